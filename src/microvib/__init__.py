@@ -1,0 +1,61 @@
+"""microvib: disturbance torque of a sun-tracking solar array, from the drive's data sheet to its lines.
+
+>>> import microvib as mv
+>>> scenario = mv.load_scenario("state-1").with_({"tracking.clock_ratio": 0.994})
+>>> motion = mv.simulate(scenario)
+>>> table = mv.lines(motion)
+>>> mv.plot(motion).savefig("state-1.png")
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+try:
+    __version__ = version("microvib")
+except PackageNotFoundError:  # run from a source tree that is not installed
+    __version__ = "0+unknown"
+
+# Loaded when first used: numerics and plotting take seconds to import, and `microvib --help` needs none of it.
+_HOME = {
+    "Scenario": "microvib.model.scenario",
+    "load_scenario": "microvib.io.scenario_file",
+    "catalog_names": "microvib.io.scenario_file",
+    "dump_scenario": "microvib.io.scenario_file",
+    "simulate": "microvib.solve.simulate",
+    "Motion": "microvib.solve.motion",
+    "coupled_modes": "microvib.model.linear",
+    "expected_lines": "microvib.model.expected",
+    "lines": "microvib.app.analysis",
+    "spectrum": "microvib.app.analysis",
+    "plot": "microvib.app.plots",
+    "MicrovibError": "microvib.errors",
+    "ScenarioError": "microvib.errors",
+    "SimulationError": "microvib.errors",
+    "SynchronismLost": "microvib.errors",
+}
+
+if TYPE_CHECKING:
+    from microvib.app.analysis import lines, spectrum
+    from microvib.app.plots import plot
+    from microvib.errors import MicrovibError, ScenarioError, SimulationError, SynchronismLost
+    from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
+    from microvib.model.expected import expected_lines
+    from microvib.model.linear import coupled_modes
+    from microvib.model.scenario import Scenario
+    from microvib.solve.motion import Motion
+    from microvib.solve.simulate import simulate
+
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'microvib' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

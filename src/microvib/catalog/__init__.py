@@ -1,0 +1,1 @@
+"""Published scenarios and tables: data, no code."""

@@ -1,0 +1,1 @@
+"""Doors to files: scenario files, the catalog, results."""

@@ -1,0 +1,141 @@
+"""Scenario files: YAML with units, the catalog's names, and the way back to text."""
+
+from __future__ import annotations
+
+import io
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from microvib.errors import ScenarioError
+from microvib.model.part import Part
+from microvib.model.scenario import Scenario, scenario_from, set_key
+from microvib.units import Quantity
+
+LARGEST_FILE = 4_000_000
+"""Bytes of the largest scenario file that is read."""
+
+
+def catalog_names() -> tuple[str, ...]:
+    """Names of the published scenarios."""
+    files = resources.files("microvib.catalog").iterdir()
+    return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".yaml") and f.name != "new.yaml"))
+
+
+def catalog_text(name: str) -> str:
+    """Text of a catalog file, with its comments; ``new`` is the commented file to start from."""
+    return (resources.files("microvib.catalog") / f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> Scenario:
+    """A scenario from a catalog name or a YAML file, with dotted keys changed on the way.
+
+    Values of ``changes`` are as in the file: text with a unit, numbers where there is no unit. Raises ScenarioError with one
+    sentence per problem.
+    """
+    name = str(source)
+    text = catalog_text(name) if name in catalog_names() else _read(Path(source))
+    data = parse_yaml(text, name)
+    for key, value in (changes or {}).items():
+        set_key(data, key, value)
+    if isinstance(data, dict) and "sources" in data and changes:
+        _own_up(data["sources"], changes)
+    return scenario_from(data, units_required=True, origin=name)
+
+
+def _own_up(sources: Any, changes: dict[str, Any]) -> None:
+    """A value that was changed no longer comes from the file's source."""
+    if isinstance(sources, dict):
+        for key in changes:
+            if not key.startswith(("source", "title")):
+                sources[key] = "set by the user"
+
+
+def _read(path: Path) -> str:
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise ScenarioError(f"{path}: is a folder; a scenario file or one of {', '.join(catalog_names())} is wanted")
+        if size > LARGEST_FILE:
+            raise ScenarioError(f"{path}: has {size / 1e6:.1f} MB; a scenario file has at most {LARGEST_FILE / 1e6:.0f} MB")
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ScenarioError(
+            f"{path}: there is no such file and no catalog scenario of this name; the catalog has {', '.join(catalog_names())}"
+        ) from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{path}: is not text in UTF-8; a scenario file is YAML") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def parse_yaml(text: str, origin: str) -> Any:
+    """YAML 1.2 data of a file's text; ScenarioError with line and column where it is none."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    if text.count("*") > 0 and any(line.lstrip().startswith(("<<:", "&")) for line in text.splitlines()):
+        raise ScenarioError(f"{origin}: YAML anchors and merges are not used in scenario files")
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise ScenarioError(f"{origin}{where}: is not YAML: {getattr(error, 'problem', None) or 'cannot be parsed'}") from None
+    except (RecursionError, ValueError) as error:
+        raise ScenarioError(f"{origin}: is not YAML that can be read: {str(error)[:200] or 'nested too deeply'}") from None
+
+
+def parse_value(text: str) -> Any:
+    """The value of ``--set KEY=VALUE``: a YAML scalar or list, text with a unit stays text."""
+    try:
+        value = parse_yaml(text, "--set")
+    except ScenarioError:
+        return text
+    return text if value is None and text.strip() not in ("null", "~", "") else value
+
+
+def scenario_data(scenario: Scenario) -> dict[str, Any]:
+    """Nested plain data of a scenario, quantities as text with units that reads back exactly."""
+    data: dict[str, Any] = _plain(scenario, None)
+    return data
+
+
+def _plain(value: Any, quantity: Quantity | None) -> Any:
+    if isinstance(value, Part):
+        fields = type(value).model_fields
+        return {name: _plain(getattr(value, name), type(value).quantity_of(name)) for name in fields}
+    if isinstance(value, (tuple, list)):
+        return [_plain(item, quantity) for item in value]
+    if isinstance(value, float) and quantity is not None:
+        return quantity.format(value) if quantity.unit else value
+    return value
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """YAML text of a scenario: complete, and the same scenario again when it is loaded."""
+    from ruamel.yaml import YAML
+
+    yaml = YAML()
+    yaml.default_flow_style = False
+    yaml.width = 4096
+    stream = io.StringIO()
+    yaml.dump(_without_empty(scenario_data(scenario)), stream)
+    return stream.getvalue()
+
+
+def _without_empty(data: Any) -> Any:
+    """Leave out optional keys that are not given; ``null`` is not allowed for all of them."""
+    if isinstance(data, dict):
+        return {key: _without_empty(value) for key, value in data.items() if value is not None}
+    if isinstance(data, list):
+        return [_without_empty(item) for item in data]
+    return data
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the scenario file, with units, ranges and meanings."""
+    schema = Scenario.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "microvib scenario"
+    return schema

@@ -1,0 +1,1 @@
+"""What is simulated: frozen, validated parameters and the formulas that belong to each. No files, no time stepping."""

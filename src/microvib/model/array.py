@@ -1,0 +1,130 @@
+"""Flexible solar array in modal coordinates (Eq. 8-16, Table 1)."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+SLACK = 1e-9  # relative; what rounding may make of sum H^2 = J
+
+
+class Mode(Part):
+    """One fixed-interface mode, mass-normalised (Eq. 14, 16)."""
+
+    frequency: Annotated[float, Quantity("Hz", "natural frequency with the interface clamped", "Omega/2pi", gt=0)]
+    damping: Annotated[float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent")]
+    participation: Annotated[float, Quantity("kg^0.5*m", "participation about the drive axis", "H")] | None = None
+    effective_inertia: Annotated[float, Quantity("kg*m^2", "effective inertia about the drive axis", "H^2", ge=0)] | None = None
+    interface_participation: tuple[float, float, float, float, float, float] | None = Field(
+        default=None, description="participation in Fx Fy Fz [kg^0.5] and Mx My Mz [kg^0.5 m] at the interface"
+    )
+
+    @model_validator(mode="after")
+    def _one_participation(self) -> Self:
+        if self.participation is not None and self.effective_inertia is not None:
+            raise ValueError("participation and effective_inertia say the same thing; give one of them")
+        return self
+
+    @property
+    def H(self) -> float | None:
+        """Participation about the drive axis [kg^0.5 m], or None where it is left to the array."""
+        if self.effective_inertia is not None:
+            return math.sqrt(self.effective_inertia)
+        return self.participation
+
+
+class Array(Part):
+    """Solar array, or its simulator, about the drive axis; no modes make it a rigid load."""
+
+    inertia: Annotated[float, Quantity("kg*m^2", "moment of inertia about the drive axis", "J", gt=0)]
+    rigid_inertia: Annotated[float, Quantity("kg*m^2", "inertia rigidly on the shaft", "J_h", ge=0)] | None = None
+    modes: tuple[Mode, ...] = Field(max_length=2000, description="fixed-interface modes; an empty list is a rigid load")
+    interface_inertia: tuple[float, float, float, float, float, float] | None = Field(
+        default=None,
+        description="rigid-body inertia coupling a rotation about the drive axis to Fx Fy Fz [kg m], Mx My Mz [kg m^2];"
+        " without it the centre of mass is on the drive axis, a principal axis",
+    )
+    drive_axis: Literal["x", "y", "z"] = Field(default="z", description="drive axis in the interface frame")
+
+    @model_validator(mode="after")
+    def _inertias_agree(self) -> Self:
+        for axis_mode, mode in enumerate(self.modes):
+            given = mode.interface_participation
+            if given is not None and mode.H is not None and not math.isclose(given[self._axis], mode.H, rel_tol=1e-6, abs_tol=1e-9):
+                raise ValueError(
+                    f"modes.{axis_mode}: interface_participation about {self.drive_axis} is {given[self._axis]:g} kg^0.5*m"
+                    f" and participation {mode.H:g} kg^0.5*m; they must be equal"
+                )
+        unknown = [k for k, mode in enumerate(self.modes) if self._given(mode) is None]
+        if unknown and (len(self.modes) > 1 or self.rigid_inertia is None):
+            raise ValueError(
+                f"modes.{unknown[0]}: participation is missing; give participation or effective_inertia of each mode, or"
+                " rigid_inertia where there is one mode"
+            )
+        if self.rigid_inertia is not None and self.rigid_inertia > self.inertia * (1 + SLACK):
+            raise ValueError(
+                f"rigid_inertia: {self.rigid_inertia:g} kg*m^2 is more than the inertia, {self.inertia:g} kg*m^2"
+            )
+        if not unknown:
+            self._check_sum()
+        return self
+
+    def _check_sum(self) -> None:
+        effective = sum((self._given(mode) or 0.0) ** 2 for mode in self.modes)
+        if effective > self.inertia * (1 + SLACK):
+            raise ValueError(
+                f"modes: effective inertias H^2 add up to {effective:g} kg*m^2, more than the inertia,"
+                f" {self.inertia:g} kg*m^2; they must not exceed it"
+            )
+        residual = self.inertia - effective
+        if self.rigid_inertia is not None and not math.isclose(self.rigid_inertia, residual, rel_tol=1e-3, abs_tol=1e-6 * self.inertia):
+            raise ValueError(
+                f"rigid_inertia: {self.rigid_inertia:g} kg*m^2 disagrees with inertia - sum H^2 = {residual:g} kg*m^2;"
+                " leave it out, or correct the modes"
+            )
+
+    @property
+    def _axis(self) -> int:
+        return 3 + "xyz".index(self.drive_axis)
+
+    def _given(self, mode: Mode) -> float | None:
+        if mode.H is None and mode.interface_participation is not None:
+            return mode.interface_participation[self._axis]
+        return mode.H
+
+    @property
+    def H(self) -> np.ndarray:
+        """Participation of each mode about the drive axis, (s,) [kg^0.5 m] (Eq. 13, 16)."""
+        given = [self._given(mode) for mode in self.modes]
+        if None in given:
+            return np.array([math.sqrt(max(self.inertia - (self.rigid_inertia or 0.0), 0.0))])
+        return np.array(given, dtype=float)
+
+    @property
+    def J_h(self) -> float:
+        """Inertia rigidly attached to the shaft, J - sum H^2 [kg m^2]."""
+        return max(self.inertia - float(np.sum(self.H**2)), 0.0)
+
+    @property
+    def Lambda(self) -> np.ndarray:
+        """Squares of the angular natural frequencies, (s,) [rad^2/s^2] (Eq. 14)."""
+        return np.array([(2.0 * math.pi * mode.frequency) ** 2 for mode in self.modes])
+
+    @property
+    def D(self) -> np.ndarray:
+        """Modal damping 2 xi Omega, (s,) [1/s] (Eq. 14)."""
+        return np.array([4.0 * math.pi * mode.damping * mode.frequency for mode in self.modes])
+
+    @property
+    def interface(self) -> np.ndarray | None:
+        """Interface participation, (6, s) [kg^0.5, kg^0.5 m]; None unless every mode gives it."""
+        rows = [mode.interface_participation for mode in self.modes]
+        if not rows or any(row is None for row in rows):
+            return None
+        return np.array(rows, dtype=float).T

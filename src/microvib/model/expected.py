@@ -1,0 +1,69 @@
+"""Which lines the physics puts into the disturbance torque, and where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
+
+Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator"]
+
+
+@dataclass(frozen=True)
+class ExpectedLine:
+    """A line that is looked for: its name, where it should be and how far to search about there [Hz]."""
+
+    name: str
+    kind: Kind
+    frequency: float
+    low: float
+    high: float
+    origin: str
+
+
+def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tuple[ExpectedLine, ...]:
+    """Lines up to ``highest`` [Hz]: array modes as seen through the drive, and all that the step clock makes.
+
+    Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the full-step rate f_d/n
+    (detent torque); the electrical period f_d/(b n); the wave generator's turns, for each transmission-error harmonic. A
+    frequency that belongs to several families carries the name of the first. None but modes where the rate changes
+    within the record or is zero.
+    """
+    lines = [*_array_lines(scenario, highest)]
+    f_d = scenario.driving_frequency
+    if not f_d:
+        return tuple(lines)
+    n, b, z = scenario.driver.microsteps, scenario.driver.beats, scenario.motor.rotor_teeth
+    families: list[tuple[str, Kind, int, list[int], str]] = [
+        ("drive", "drive", 1, list(range(1, harmonics + 1)), "microsteps"),
+        ("full_step", "full step", n, list(range(1, harmonics + 1)), "detent torque, full steps"),
+        ("electrical", "electrical", b * n, list(range(1, min(b, harmonics + 1))), "electrical period"),
+    ]
+    orders = [e.order for e in scenario.reducer.transmission_error]
+    if orders:
+        families.append(("wave_generator", "wave generator", b * n * z, orders, "transmission error"))
+    taken: set[int] = set()
+    for stem, kind, divisor, members, origin in families:
+        for k in members:
+            # In turns of the wave generator every clock line has a whole order, so that coincidence is exact.
+            order = k * (b * n * z) // divisor
+            frequency = k * f_d / divisor
+            if order in taken or frequency > highest:
+                continue
+            taken.add(order)
+            lines.append(ExpectedLine(f"{stem}_{k}", kind, frequency, frequency, frequency, f"{origin}, order {k}"))
+    return tuple(lines)
+
+
+def _array_lines(scenario: Scenario, highest: float) -> list[ExpectedLine]:
+    lines = []
+    for mode in coupled_modes(scenario):
+        if mode.fixed_frequency is None or mode.frequency > highest:
+            continue
+        # While the shaft sticks the mode is at its clamped frequency, while it slips at the coupled one.
+        low, high = sorted((mode.frequency, mode.fixed_frequency))
+        origin = f"clamped {mode.fixed_frequency:.4g} Hz, seen through the drive"
+        lines.append(ExpectedLine(mode.name, "array mode", mode.frequency, low, high, origin))
+    return lines

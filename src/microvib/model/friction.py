@@ -1,0 +1,66 @@
+"""Static Stribeck friction with slip ring, set-valued at rest (Eq. 5-7)."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+
+class SlipRing(Part):
+    """Conductive slip ring: brushes that slide on rings (Eq. 6)."""
+
+    contact_pairs: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="pairs of ring and brush, N_c")]
+    contact_force: Annotated[float, Quantity("N", "force of one contact", "p", ge=0)]
+    friction_factor: Annotated[float, Quantity("", "friction factor of the contact", "mu", ge=0)]
+    ring_radius: Annotated[float, Quantity("m", "radius of the rings", "r", ge=0, display="mm")]
+
+    @property
+    def torque(self) -> float:
+        """Friction torque N_c p mu r [N m] (Eq. 6)."""
+        return self.contact_pairs * self.contact_force * self.friction_factor * self.ring_radius
+
+
+class Friction(Part):
+    """Stribeck friction of one shaft (Eq. 5, 7)."""
+
+    coulomb: Annotated[float, Quantity("N*m", "Coulomb friction torque", "T_c", ge=0)]
+    breakaway: Annotated[float, Quantity("N*m", "breakaway (static) torque", "T_s", ge=0)]
+    stribeck_rate: Annotated[float, Quantity("rad/s", "Stribeck rate", "omega_s", gt=0, display="deg/s")]
+    stribeck_shape: Annotated[float, Quantity("", "exponent of the Stribeck curve", "delta", gt=0, le=10)] = 1.0
+    viscous: Annotated[float, Quantity("N*m*s/rad", "viscous friction", "sigma", ge=0)]
+    slip_ring: SlipRing | None = None
+
+    @model_validator(mode="after")
+    def _breakaway_not_below_coulomb(self) -> Self:
+        if self.breakaway < self.coulomb:
+            raise ValueError(
+                f"breakaway: {self.breakaway:g} N*m is below coulomb, {self.coulomb:g} N*m; it must be at least that"
+            )
+        return self
+
+    @property
+    def sliding_torque(self) -> float:
+        """Torque that does not depend on the rate: Coulomb and slip ring [N m]."""
+        return self.coulomb + (self.slip_ring.torque if self.slip_ring else 0.0)
+
+    @property
+    def stribeck_torque(self) -> float:
+        """Excess of breakaway over Coulomb torque [N m]."""
+        return self.breakaway - self.coulomb
+
+    @property
+    def breakaway_torque(self) -> float:
+        """Largest torque that can be held at rest, slip ring included [N m]."""
+        return self.sliding_torque + self.stribeck_torque
+
+    def torque(self, omega: float) -> float:
+        """Friction torque [N m] at the rate ``omega`` != 0 [rad/s] (Eq. 7); at rest it is set-valued and this is 0."""
+        if omega == 0.0:
+            return 0.0
+        stribeck = self.stribeck_torque * math.exp(-(abs(omega / self.stribeck_rate) ** self.stribeck_shape))
+        return math.copysign(self.sliding_torque + stribeck + self.viscous * abs(omega), omega)

@@ -1,0 +1,85 @@
+"""The drive linearised about tracking: what the array's modes become when they are seen through the drive.
+
+The electromagnetic spring is taken without detent torque (whose stiffness changes sign four times per electrical turn and
+averages to nothing), frictions by their viscous part, the transmission error as nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class CoupledMode:
+    """A natural frequency of drive and array together."""
+
+    name: str
+    frequency: float
+    damping: float
+    fixed_frequency: float | None
+    """Frequency with the interface clamped [Hz]; None for a resonance of the drive itself."""
+
+
+def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if rigid), eta (Eq. 16-18)."""
+    array, reducer, motor = scenario.array, scenario.reducer, scenario.motor
+    H, s = array.H, len(array.modes)
+    h, spring = reducer.ratio, motor.electromagnetic_stiffness
+    J_out = reducer.output_inertia + array.inertia
+    M, C, K = (np.zeros((2 + s, 2 + s)) for _ in range(3))
+    M[0, 0], M[1, 1] = scenario.rotor_inertia, J_out
+    M[1, 2:] = M[2:, 1] = H
+    M[2:, 2:] = np.eye(s)
+    C[0, 0], C[1, 1] = motor.friction.viscous, scenario.friction.viscous
+    C[2:, 2:] = np.diag(array.D)
+    K[0, 0] = spring
+    K[2:, 2:] = np.diag(array.Lambda)
+    if reducer.rigid:
+        # theta_m = -h theta_l (Eq. 19)
+        T = np.zeros((2 + s, 1 + s))
+        T[0, 0] = 1.0
+        T[1, 0] = -1.0 / h
+        T[2:, 1:] = np.eye(s)
+        return T.T @ M @ T, T.T @ C @ T, T.T @ K @ T
+    gear = np.array([-1.0 / h, -1.0])
+    K[:2, :2] += float(reducer.stiffness) * np.outer(gear, gear)
+    C[:2, :2] += reducer.damping * np.outer(gear, gear)
+    return M, C, K
+
+
+def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
+    """Natural frequencies of drive and array together; array modes first, named ``array_mode_1`` and so on.
+
+    A coupled mode carries the name of the array mode that holds most of its energy; what is left are resonances of the drive
+    (rotor on the electromagnetic spring, hub on the reducer), named ``drive_resonance_1`` and so on if they oscillate.
+    """
+    M, C, K = matrices(scenario)
+    n = M.shape[0]
+    state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    values, vectors = np.linalg.eig(state)
+    keep = values.imag > 1e-9 * np.abs(values)
+    values, vectors = values[keep], vectors[:n, keep]
+    s = len(scenario.array.modes)
+    share = np.zeros((s, values.size))
+    elastic = np.einsum("ik,ij,jk->k", vectors.conj(), K, vectors).real
+    for k in range(s):
+        share[k] = scenario.array.Lambda[k] * np.abs(vectors[n - s + k]) ** 2 / np.maximum(elastic, 1e-300)
+    modes: list[CoupledMode | None] = [None] * s
+    taken: set[int] = set()
+    for flat in np.argsort(share, axis=None)[::-1]:
+        k, column = divmod(int(flat), values.size)
+        if modes[k] is None and column not in taken:
+            modes[k] = _mode(f"array_mode_{k + 1}", values[column], scenario.array.modes[k].frequency)
+            taken.add(column)
+    found = [mode for mode in modes if mode is not None]
+    rest = sorted((values[c] for c in range(values.size) if c not in taken), key=abs)
+    return (*found, *(_mode(f"drive_resonance_{i + 1}", value, None) for i, value in enumerate(rest)))
+
+
+def _mode(name: str, value: complex, fixed: float | None) -> CoupledMode:
+    return CoupledMode(name, abs(value.imag) / (2.0 * math.pi), -value.real / abs(value), fixed)

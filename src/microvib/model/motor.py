@@ -1,0 +1,41 @@
+"""Hybrid stepping motor: windings, torque, rotor (Eq. 3, 4, 25)."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from microvib.model.friction import Friction
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+
+class Motor(Part):
+    """Two-phase hybrid stepping motor (Table 3)."""
+
+    rotor_teeth: Annotated[int, Field(ge=1, le=10_000, strict=True, description="number of rotor teeth, z")]
+    current: Annotated[float, Quantity("A", "amplitude of the phase currents", "I", gt=0)]
+    torque_constant: Annotated[float, Quantity("N*m/A", "motor torque constant", "K_m", gt=0)]
+    detent_torque: Annotated[float, Quantity("N*m", "amplitude of the detent torque", "K_d", ge=0)]
+    winding_resistance: Annotated[float, Quantity("ohm", "resistance of one winding", "R", gt=0)]
+    winding_inductance: Annotated[float, Quantity("H", "self-inductance of one winding", "L", gt=0, display="mH")]
+    rotor_inertia: Annotated[float, Quantity("kg*m^2", "moment of inertia of the rotor", "J_r", gt=0, display="kg*cm^2")]
+    friction: Friction = Field(description="friction on the rotor, against omega_m")
+
+    def torque(self, i_A: float, i_B: float, theta_m: float) -> float:
+        """Electromagnetic and detent torque T_e [N m] (Eq. 4); currents in A, rotor angle in rad."""
+        angle = self.rotor_teeth * theta_m
+        holding = self.torque_constant * (i_B * math.cos(angle) - i_A * math.sin(angle))
+        return holding - self.detent_torque * math.sin(4.0 * angle)
+
+    def back_emf(self, omega_m: float, theta_m: float) -> tuple[float, float]:
+        """Voltages that the turning rotor adds to phases A and B [V] (Eq. 3, signs as power balance asks)."""
+        angle = self.rotor_teeth * theta_m
+        return self.torque_constant * omega_m * math.sin(angle), -self.torque_constant * omega_m * math.cos(angle)
+
+    @property
+    def electromagnetic_stiffness(self) -> float:
+        """Stiffness of the electromagnetic spring z K_m I [N m/rad], without detent torque."""
+        return self.rotor_teeth * self.torque_constant * self.current

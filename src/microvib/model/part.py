@@ -1,0 +1,41 @@
+"""What all parameter objects share: frozen, no unknown keys, quantities declared once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+from pydantic.fields import FieldInfo
+
+from microvib.units import Quantity
+
+
+class Part(BaseModel):
+    """A frozen set of parameters; values are SI floats, or text with a unit where they are given."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    @classmethod
+    def quantity_of(cls, name: str) -> Quantity | None:
+        """Declaration of the field's physical quantity, or None where it has none."""
+        field = cls.model_fields.get(name)
+        return None if field is None else quantity_in(field)
+
+
+def quantity_in(field: FieldInfo) -> Quantity | None:
+    """The ``Quantity`` that a field declares, also inside ``Annotated[...] | None``."""
+    for item in field.metadata:
+        if isinstance(item, Quantity):
+            return item
+    return _search(field.annotation)
+
+
+def _search(annotation: Any) -> Quantity | None:
+    for item in getattr(annotation, "__metadata__", ()):
+        if isinstance(item, Quantity):
+            return item
+    for argument in getattr(annotation, "__args__", ()):
+        found = _search(argument)
+        if found is not None:
+            return found
+    return None

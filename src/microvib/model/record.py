@@ -1,0 +1,42 @@
+"""What is recorded and how finely it is solved."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+MOST_SAMPLES = 2_000_000_000
+
+
+class Record(Part):
+    """The recorded window (the paper's: 16 s at 4096 Hz, in stable operation)."""
+
+    settle: Annotated[float, Quantity("s", "time before the window", ge=0)]
+    duration: Annotated[float, Quantity("s", "length of the window", gt=0)]
+    sample_rate: Annotated[float, Quantity("Hz", "samples per second", gt=0, le=1e7)]
+
+    @model_validator(mode="after")
+    def _countable(self) -> Self:
+        samples = self.duration * self.sample_rate
+        if samples < 8:
+            raise ValueError(f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:g} samples; at least 8 are needed")
+        if samples > MOST_SAMPLES:
+            raise ValueError(f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:.3g} samples; at most {MOST_SAMPLES:.0e}")
+        return self
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in the window."""
+        return round(self.duration * self.sample_rate)
+
+
+class Solver(Part):
+    """Accuracy of the time integration; the defaults put lines within 0.1 % of their limit."""
+
+    tolerance: Annotated[float, Quantity("", "local error over the size of each state", gt=0, le=0.01)] = 2e-5
+    max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
+    refinement: Annotated[int, Field(ge=1, le=64, strict=True, description="makes every step this many times finer")] = 1

@@ -1,0 +1,59 @@
+"""Harmonic reducer: ratio, torsional compliance, transmission error (Eq. 19, and beyond the paper)."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+
+class TransmissionError(Part):
+    """One harmonic of the kinematic error, in turns of the wave generator."""
+
+    order: Annotated[int, Field(ge=1, le=1000, strict=True, description="cycles per turn of the wave generator")]
+    amplitude: Annotated[float, Quantity("rad", "amplitude at the output", ge=0, display="arcsec")]
+    phase: Annotated[float, Quantity("rad", "phase at the wave generator's zero", display="deg")] = 0.0
+
+
+class Reducer(Part):
+    """Harmonic reducer; ``stiffness: rigid`` is the paper's, which has no compliance and no loss."""
+
+    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1)]
+    wave_generator_inertia: Annotated[
+        float, Quantity("kg*m^2", "moment of inertia of the wave generator", "J_wg", ge=0, display="kg*cm^2")
+    ]
+    stiffness: Annotated[float, Quantity("N*m/rad", "torsional stiffness at the output, or rigid", "K_g", gt=0)] | Literal["rigid"]
+    damping: Annotated[float, Quantity("N*m*s/rad", "torsional damping at the output; no part if rigid", "C_g", ge=0)]
+    output_inertia: Annotated[float, Quantity("kg*m^2", "moment of inertia of flexspline and output", "J_flex", ge=0)] = 0.0
+    transmission_error: tuple[TransmissionError, ...] = Field(default=(), description="kinematic error, harmonic by harmonic")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_the_other_choice(cls, data: Any) -> Any:
+        stiffness = data.get("stiffness") if isinstance(data, dict) else None
+        if isinstance(stiffness, str) and stiffness.strip().lower() == "rigid":
+            return {**data, "stiffness": "rigid"}
+        return data
+
+    @model_validator(mode="after")
+    def _error_is_small(self) -> Self:
+        slope = sum(e.order * e.amplitude for e in self.transmission_error)
+        if slope >= 1.0 / self.ratio:
+            raise ValueError(
+                f"transmission_error: the sum of order x amplitude is {slope:g} rad; it must be below 1/ratio,"
+                f" {1.0 / self.ratio:g} rad, or the output would run backwards"
+            )
+        return self
+
+    @property
+    def rigid(self) -> bool:
+        """True for the paper's reducer, without compliance."""
+        return self.stiffness == "rigid"
+
+    def kinematic_error(self, theta_m: float) -> float:
+        """Transmission error epsilon(theta_m) [rad at the output]."""
+        return sum(e.amplitude * math.sin(e.order * theta_m + e.phase) for e in self.transmission_error)

@@ -1,0 +1,253 @@
+"""The assembly: a SADA, its load, its command and what is recorded of it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from typing import Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from microvib.errors import ScenarioError
+from microvib.model.array import Array
+from microvib.model.driver import Driver
+from microvib.model.friction import Friction
+from microvib.model.motor import Motor
+from microvib.model.part import Part
+from microvib.model.record import Record, Solver
+from microvib.model.reducer import Reducer
+from microvib.model.tracking import Tracking
+from microvib.units import Quantity
+
+
+class Scenario(Part):
+    """One drive, one array, one command, one record. Frozen; ``with_`` makes a changed copy."""
+
+    title: str = Field(default="", max_length=500, description="what is simulated, in a few words")
+    source: str = Field(default="", max_length=2000, description="where the values come from")
+    sources: dict[str, str] = Field(
+        default_factory=dict, description="source and status of single keys or groups, as dotted key: text"
+    )
+    motor: Motor
+    driver: Driver
+    reducer: Reducer
+    friction: Friction = Field(description="friction on the output shaft, against omega_l")
+    array: Array
+    tracking: Tracking
+    record: Record
+    solver: Solver = Solver()
+
+    @model_validator(mode="after")
+    def _something_to_turn(self) -> Self:
+        if not self.reducer.rigid and self.output_inertia <= 0.0:
+            raise ValueError(
+                "array: nothing is rigidly attached to the shaft (J_h and reducer.output_inertia are 0 kg*m^2); a compliant"
+                " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
+            )
+        self._check_current()
+        for key in self.sources:
+            if not any(name == key or name.startswith(key + ".") for name, _, _ in self.entries()):
+                raise ValueError(f"sources: '{key}' is no key of this scenario")
+        return self
+
+    def _check_current(self) -> None:
+        driver, motor = self.driver, self.motor
+        if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0:
+            raise ValueError("driver: proportional_gain and integral_gain are both 0; one must be greater, or no current flows")
+        needed = motor.winding_resistance * motor.current
+        if driver.supply_voltage is not None and driver.supply_voltage < needed:
+            raise ValueError(
+                f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {motor.current:g} A through"
+                f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
+            )
+
+    @property
+    def rotor_inertia(self) -> float:
+        """J_m = J_r + J_wg [kg m^2]."""
+        return self.motor.rotor_inertia + self.reducer.wave_generator_inertia
+
+    @property
+    def output_inertia(self) -> float:
+        """J_flex + J_h, all that is rigid on the output [kg m^2]."""
+        return self.reducer.output_inertia + self.array.J_h
+
+    @property
+    def rate(self) -> float | None:
+        """Rate of the array [rad/s] while it is recorded, or None where it changes."""
+        return self.tracking.constant_rate(self.record.settle, self.record.settle + self.record.duration)
+
+    @property
+    def driving_frequency(self) -> float | None:
+        """Microsteps per second f_d [Hz] while recording (Eq. 26), or None where the rate changes."""
+        rate = self.rate
+        return None if rate is None else self.driver.driving_frequency(self.motor, self.reducer.ratio * rate)
+
+    def with_(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
+        """A changed copy: dotted keys to values (SI numbers, or text with a unit), or whole groups by name.
+
+        ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError.
+        """
+        data = self.model_dump()
+        for key, value in {**(changes or {}), **groups}.items():
+            set_key(data, key, value.model_dump() if isinstance(value, Part) else value)
+        return scenario_from(data)
+
+    def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
+        """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
+        for name in type(self).model_fields:
+            if name not in ("title", "source", "sources"):
+                yield from _entries(name, getattr(self, name), type(self).quantity_of(name))
+
+    def source_of(self, key: str) -> str:
+        """Source of one key: its own, or that of the closest group above it, or the scenario's."""
+        parts = key.split(".")
+        for n in range(len(parts), 0, -1):
+            text = self.sources.get(".".join(parts[:n]))
+            if text is not None:
+                return text
+        return self.source
+
+
+def _entries(key: str, value: Any, quantity: Quantity | None) -> Iterator[tuple[str, Any, Quantity | None]]:
+    if isinstance(value, Part):
+        for name in type(value).model_fields:
+            yield from _entries(f"{key}.{name}", getattr(value, name), type(value).quantity_of(name))
+    elif isinstance(value, tuple) and value and isinstance(value[0], Part):
+        for index, item in enumerate(value):
+            yield from _entries(f"{key}.{index}", item, None)
+    else:
+        yield key, value, quantity
+
+
+def set_key(data: Any, key: str, value: Any) -> None:
+    """Set a dotted key in nested dicts and lists, in place; ScenarioError where the way to it does not exist."""
+    *path, last = key.split(".")
+    node = data
+    walked: list[str] = []
+    for part in path:
+        child = _child(node, part, walked, key)
+        if child is None:
+            child = {}
+            node[part] = child
+        elif isinstance(child, tuple):
+            child = list(child)
+            node[_index(node, part, walked, key)] = child
+        node = child
+        walked.append(part)
+    if isinstance(node, list):
+        node[_index(node, last, walked, key)] = value
+    elif isinstance(node, dict):
+        node[last] = value
+    else:
+        raise ScenarioError(f"{key}: {'.'.join(walked)} is a single value and has no key '{last}'")
+
+
+def _child(node: Any, part: str, walked: list[str], key: str) -> Any:
+    if isinstance(node, list):
+        return node[_index(node, part, walked, key)]
+    if isinstance(node, dict):
+        return node.get(part)
+    raise ScenarioError(f"{key}: {'.'.join(walked)} is a single value and has no key '{part}'")
+
+
+def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
+    if isinstance(node, dict):
+        return part
+    if not part.isdigit() or int(part) >= len(node):
+        allowed = f"0 to {len(node) - 1}" if node else "none, the list is empty"
+        raise ScenarioError(f"{key}: '{part}' is no index of {'.'.join(walked)}; allowed is {allowed}")
+    return int(part)
+
+
+def scenario_from(data: Any, *, units_required: bool = False, origin: str = "") -> Scenario:
+    """Build a scenario from nested dicts; every problem found becomes a sentence of one ScenarioError."""
+    if not isinstance(data, dict):
+        raise ScenarioError(f"{origin or 'scenario'}: a mapping of keys is wanted, such as 'motor:', not {type(data).__name__}")
+    try:
+        return Scenario.model_validate(copy.deepcopy(data), context={"units_required": units_required})
+    except ValidationError as error:
+        lines = list(dict.fromkeys(_sentence(item) for item in error.errors()))
+        if len(lines) > 8:
+            lines = [*lines[:8], f"... and {len(lines) - 8} more"]
+        raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
+
+
+_BRANCHES = ("function-plain", "function-wrap", "literal", "constrained", "tuple", "lax-or-strict")
+
+
+def _sentence(item: ErrorDetails) -> str:
+    """One validation error as a sentence: which key, what was found, what is allowed."""
+    where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
+    key = ".".join(where) or "scenario"
+    kind, found, context = item["type"], item.get("input"), item.get("ctx", {})
+    shown = repr(found) if len(repr(found)) < 60 else repr(found)[:57] + "..."
+    if kind == "extra_forbidden":
+        return f"{key}: unknown key; allowed here are {', '.join(_keys_at(where[:-1])) or 'none'}"
+    if kind == "missing":
+        return f"{key}: missing{_meaning(where)}"
+    if kind == "quantity":
+        return f"{key}: {context['text']}"
+    if kind == "value_error":
+        text = str(context.get("error", item["msg"]))
+        return f"{key}.{text}" if where and text.split(":")[0].replace(".", "").replace("_", "").isalnum() else f"{key}: {text}"
+    if kind == "literal_error":
+        return f"{key}: {shown} is not allowed; write {context.get('expected')}{_meaning(where)}"
+    if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
+        return f"{key}: {shown} is not allowed; a whole number{_range(where)} is wanted{_meaning(where)}"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return f"{key}: {shown} is not allowed; keys are wanted here: {', '.join(_keys_at(where)) or 'text to text'}"
+    if kind == "tuple_type":
+        return f"{key}: {shown} is not allowed; a list is wanted{_meaning(where)}"
+    message = item["msg"].replace("Input should", "it should")
+    return f"{key}: {shown} is not allowed; {message}"
+
+
+def _field_at(where: list[str]) -> tuple[type[Part] | None, Any]:
+    """The part class and the field that a path leads to."""
+    part: type[Part] | None = Scenario
+    field: Any = None
+    for name in where:
+        if name.isdigit():
+            continue
+        if part is None or name not in part.model_fields:
+            return None, None
+        field = part.model_fields[name]
+        part = _part_in(field.annotation)
+    return part, field
+
+
+def _part_in(annotation: Any) -> type[Part] | None:
+    if isinstance(annotation, type) and issubclass(annotation, Part):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        found = _part_in(argument)
+        if found is not None:
+            return found
+    return None
+
+
+def _keys_at(where: list[str]) -> list[str]:
+    part, _ = _field_at(where)
+    return list(part.model_fields) if part is not None else []
+
+
+def _meaning(where: list[str]) -> str:
+    parent, _ = _field_at(where[:-1])
+    _, field = _field_at(where)
+    if field is None or parent is None:
+        return ""
+    quantity = parent.quantity_of(where[-1])
+    if quantity is not None:
+        unit = f", in {quantity.display or quantity.unit}" if quantity.unit else ""
+        return f" ({quantity.meaning}{unit})"
+    return f" ({field.description})" if field.description else ""
+
+
+def _range(where: list[str]) -> str:
+    _, field = _field_at(where)
+    low = high = None
+    for rule in getattr(field, "metadata", ()):
+        low = getattr(rule, "ge", low)
+        high = getattr(rule, "le", high)
+    return "" if low is None else f" from {low} to {high}"

@@ -1,0 +1,66 @@
+"""Motion command: a rate profile of the array, and the microsteps it makes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+
+class Leg(Part):
+    """One leg of a profile: reach ``rate`` over ``ramp``, then hold it for ``hold``."""
+
+    rate: Annotated[float, Quantity("rad/s", "commanded rate of the array; negative turns back", display="deg/s")]
+    ramp: Annotated[float, Quantity("s", "time to reach the rate linearly; 0 is a jump", ge=0)] = 0.0
+    hold: Annotated[float, Quantity("s", "time at the rate; without it the leg lasts to the end", ge=0)] | None = None
+
+
+class Tracking(Part):
+    """Commanded motion of the array; ``rate`` alone is a constant rate from t = 0."""
+
+    rate: Annotated[float, Quantity("rad/s", "constant commanded rate of the array", "omega", display="deg/s")] | None = None
+    profile: tuple[Leg, ...] | None = Field(default=None, max_length=1000, description="legs of the motion, from rest")
+    clock_ratio: Annotated[float, Quantity("", "step clock over its nominal rate", gt=0, le=10)] = 1.0
+
+    @model_validator(mode="after")
+    def _one_command(self) -> Self:
+        if (self.rate is None) == (self.profile is None):
+            raise ValueError("give either rate, a constant rate of the array in deg/s, or profile, a list of legs")
+        if self.profile is not None:
+            if not self.profile:
+                raise ValueError("profile: an empty list commands nothing; give at least one leg with a rate")
+            for k, leg in enumerate(self.profile[:-1]):
+                if leg.hold is None:
+                    raise ValueError(f"profile.{k}.hold: only the last leg may leave hold out; give a time in s")
+        return self
+
+    def breakpoints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Piecewise linear rate: times [s] and rates [rad/s] of the array, (m,) each; a jump repeats its time.
+
+        The last rate lasts for ever. Rates carry the clock ratio, for the step clock scales the whole command.
+        """
+        if self.profile is None:
+            return np.array([0.0]), np.array([float(self.rate or 0.0) * self.clock_ratio])
+        times, rates, now, rate = [0.0], [0.0], 0.0, 0.0
+        for leg in self.profile:
+            now += leg.ramp
+            rate = leg.rate * self.clock_ratio
+            times.append(now)
+            rates.append(rate)
+            if leg.hold is not None:
+                now += leg.hold
+                times.append(now)
+                rates.append(rate)
+        return np.array(times), np.array(rates)
+
+    def constant_rate(self, start: float, stop: float) -> float | None:
+        """The one rate [rad/s] between two times [s], or None where the rate changes."""
+        times, rates = self.breakpoints()
+        before = int(np.searchsorted(times, start + 1e-12 * (1 + start), side="right")) - 1
+        after = int(np.searchsorted(times, stop - 1e-12 * (1 + stop), side="left"))
+        inside = rates[before : after + 1]
+        return float(inside[0]) if np.all(inside == inside[0]) else None

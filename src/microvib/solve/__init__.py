@@ -1,0 +1,1 @@
+"""From a scenario to its motion: one compiled kernel, and what prepares and collects its work."""

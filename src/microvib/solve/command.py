@@ -1,0 +1,79 @@
+"""When the microsteps come: the inverse of the commanded angle (Eq. 1, 25, 26)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+
+
+class Command:
+    """Microsteps of a scenario's rate profile, interval by interval.
+
+    k(t) = round(n theta_cmd / Delta theta) with theta_cmd = -h x the commanded angle of the array (Eq. 19): a microstep comes
+    whenever the commanded rotor angle passes an odd half of a microstep.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        times, rates = scenario.tracking.breakpoints()
+        self._times = times
+        scale = -scenario.reducer.ratio / scenario.driver.microstep(scenario.motor)
+        self._rates = rates * scale  # in microsteps per second
+        steps = np.diff(times)
+        self._counts = np.concatenate([[0.0], np.cumsum(0.5 * (self._rates[1:] + self._rates[:-1]) * steps)])
+        self._period = scenario.driver.beats * scenario.driver.microsteps
+        self._current = scenario.motor.current
+
+    def count(self, t: np.ndarray) -> np.ndarray:
+        """Commanded angle in microsteps, not rounded, at the times ``t`` [s]."""
+        leg = np.searchsorted(self._times, t, side="right") - 1
+        dt = t - self._times[leg]
+        return self._counts[leg] + dt * (self._rates[leg] + 0.5 * self._slope(leg) * dt)
+
+    def _slope(self, leg: np.ndarray) -> np.ndarray:
+        following = np.minimum(leg + 1, self._times.size - 1)
+        span = self._times[following] - self._times[leg]
+        change = self._rates[following] - self._rates[leg]
+        return np.where(span > 0.0, change / np.where(span > 0.0, span, 1.0), 0.0)
+
+    def microsteps(self, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times [s], (m,), in [start, stop), and after each i_A*, i_B* [A] and electrical angle [rad], (m, 3)."""
+        edges = np.unique(np.concatenate([[start, stop], self._times[(self._times > start) & (self._times < stop)]]))
+        times, counts = [], []
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            for lo, hi in self._monotone(a, b):
+                t, k = self._crossings(lo, hi)
+                times.append(t)
+                counts.append(k)
+        t = np.concatenate(times) if times else np.zeros(0)
+        k = np.concatenate(counts) if counts else np.zeros(0)
+        angle = 2.0 * np.pi * k / self._period
+        return t, np.column_stack([self._current * np.cos(angle), self._current * np.sin(angle), angle])
+
+    def _monotone(self, a: float, b: float) -> list[tuple[float, float]]:
+        """Split a piece of constant acceleration where its rate passes zero."""
+        leg = np.searchsorted(self._times, a, side="right") - 1
+        slope = float(self._slope(np.array([leg]))[0])
+        rate = self._rates[leg] + slope * (a - self._times[leg])
+        turn = a - rate / slope if slope != 0.0 else a
+        return [(a, turn), (turn, b)] if a < turn < b else [(a, b)]
+
+    def _crossings(self, a: float, b: float) -> tuple[np.ndarray, np.ndarray]:
+        leg = int(np.searchsorted(self._times, a, side="right")) - 1
+        slope = float(self._slope(np.array([leg]))[0])
+        dt_a, dt_b = a - self._times[leg], b - self._times[leg]
+        rate_a = self._rates[leg] + slope * dt_a
+        from_count = self._counts[leg] + dt_a * (self._rates[leg] + 0.5 * slope * dt_a)
+        to_count = self._counts[leg] + dt_b * (self._rates[leg] + 0.5 * slope * dt_b)
+        if to_count >= from_count:
+            levels = np.arange(np.ceil(from_count - 0.5), np.ceil(to_count - 0.5)) + 0.5
+            after = levels + 0.5
+        else:
+            levels = np.arange(np.floor(from_count + 0.5), np.floor(to_count + 0.5), -1.0) - 0.5
+            after = levels - 0.5
+        rise = levels - from_count
+        # root of rate_a dt + slope dt^2 / 2 = rise, in the form that does not cancel
+        root = np.sqrt(np.maximum(rate_a**2 + 2.0 * slope * rise, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dt = np.where(rise == 0.0, 0.0, 2.0 * rise / (rate_a + np.copysign(root, to_count - from_count)))
+        return np.clip(a + dt, a, b), after

@@ -1,0 +1,55 @@
+"""From the kernel's interval means to samples without aliasing.
+
+The kernel gives every channel as its mean over intervals of 1/(4 f_s), jumps included: that is a boxcar filter, exact, with
+zeros at all multiples of 4 f_s. A symmetric FIR filter then takes the band of the record, makes good the boxcar's droop,
+and every fourth value is kept. Up to 0.35 f_s a tone keeps its amplitude within 1e-4 and its phase exactly; what
+would fold into that band is 80 dB down.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+FACTOR = 4
+PASSBAND = 0.35
+"""Edge of the flat band, as a fraction of the sample rate."""
+
+HALF = 9 * FACTOR
+_BLOCK = 32
+_BETA = 7.86  # Kaiser window, 80 dB
+
+
+def _taps() -> np.ndarray:
+    """Linear-phase low-pass at f_s/2 with the inverse of the boxcar's response in its passband, by frequency sampling."""
+    grid = 4096
+    f = np.arange(grid // 2 + 1) / grid  # in cycles per internal interval; f_s / 2 is 1/8
+    response = np.where(f <= 0.5 / FACTOR, 1.0 / np.sinc(f), 0.0)
+    kernel = np.roll(np.fft.irfft(response, grid), HALF)[: 2 * HALF + 1]
+    taps: np.ndarray = kernel * np.kaiser(2 * HALF + 1, _BETA)
+    return taps / taps.sum()
+
+
+class Decimator:
+    """Streaming filter over rows (time, channel); keeps what the next block needs."""
+
+    def __init__(self) -> None:
+        taps = _taps()
+        width = (_BLOCK - 1) * FACTOR + taps.size
+        self._band = np.zeros((_BLOCK, width))
+        for k in range(_BLOCK):
+            self._band[k, k * FACTOR : k * FACTOR + taps.size] = taps
+        self._width = width
+        self._left = np.zeros((0, 0))
+        self.started = False
+
+    def push(self, rows: np.ndarray) -> np.ndarray:
+        """Samples that can be made once ``rows`` (n, channels) have come; the first belongs to input row ``HALF``."""
+        self.started = True
+        rows = np.concatenate([self._left, rows]) if self._left.size else rows
+        blocks = max((rows.shape[0] - self._width) // (_BLOCK * FACTOR) + 1, 0)
+        stride = _BLOCK * FACTOR
+        out = np.empty((blocks * _BLOCK, rows.shape[1]))
+        for k in range(blocks):
+            out[k * _BLOCK : (k + 1) * _BLOCK] = self._band @ rows[k * stride : k * stride + self._width]
+        self._left = rows[blocks * stride :].copy()
+        return out

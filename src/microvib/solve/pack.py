@@ -1,0 +1,155 @@
+"""From a scenario to the arrays that the kernel takes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from microvib.model.friction import Friction
+from microvib.model.scenario import Scenario
+from microvib.solve import kernel
+
+
+@dataclass
+class Packed:
+    """Arguments of the kernel that describe one scenario, and the state that it advances."""
+
+    p: Any
+    H: np.ndarray
+    D: np.ndarray
+    Lam: np.ndarray
+    te: np.ndarray
+    scale: np.ndarray
+    y: np.ndarray
+    stick: np.ndarray
+    clock: np.ndarray
+    counters: np.ndarray
+    energy: np.ndarray
+    scratch: np.ndarray
+
+
+def pack(scenario: Scenario) -> Packed:
+    """Parameters, error scales and the state at rest at theta = 0 with holding currents."""
+    array = scenario.array
+    H, s = array.H, len(array.modes)
+    te = np.array(
+        [
+            [e.order, e.amplitude * math.cos(e.phase), e.amplitude * math.sin(e.phase)]
+            for e in scenario.reducer.transmission_error
+        ]
+    ).reshape(-1, 3)
+    packed = Packed(
+        p=_parameters(scenario),
+        H=H,
+        D=array.D,
+        Lam=array.Lambda,
+        te=np.ascontiguousarray(te.T),
+        scale=_scale(scenario),
+        y=np.zeros(kernel.MODES + 2 * s),
+        stick=np.zeros(2),
+        clock=np.zeros(kernel.N_CLOCK),
+        counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
+        energy=np.zeros(kernel.N_POWERS),
+        scratch=np.zeros((kernel.N_SCRATCH, max(kernel.N_CHANNELS + 2 * s, kernel.MODES + 2 * s, 32))),
+    )
+    _hold(scenario, packed)
+    return packed
+
+
+def _hold(scenario: Scenario, packed: Packed) -> None:
+    """State before t = 0: at rest, phase A at its holding current, the loop in equilibrium."""
+    driver, motor = scenario.driver, scenario.motor
+    current, R = motor.current, motor.winding_resistance
+    if driver.integral_gain > 0.0:
+        packed.y[kernel.XA] = R * current / driver.integral_gain
+        packed.y[kernel.IA] = current
+    else:
+        packed.y[kernel.IA] = current * driver.proportional_gain / (driver.proportional_gain + R)
+    # The transmission error may be non-zero at theta_m = 0; the gear is relaxed there.
+    packed.y[kernel.TL] = scenario.reducer.kinematic_error(0.0)
+    packed.clock[kernel.REF_A] = current
+    packed.clock[kernel.H_NEXT] = packed.p.layer
+    kernel.start(packed.y, packed.stick, packed.p, packed.H, packed.D, packed.Lam, packed.te)
+
+
+def _friction(friction: Friction) -> tuple[float, float, float, float, float]:
+    return (
+        friction.sliding_torque,
+        friction.stribeck_torque,
+        1.0 / friction.stribeck_rate,
+        friction.stribeck_shape,
+        friction.viscous,
+    )
+
+
+def _parameters(scenario: Scenario) -> Any:
+    motor, driver, reducer, solver = scenario.motor, scenario.driver, scenario.reducer, scenario.solver
+    rotor, output = _friction(motor.friction), _friction(scenario.friction)
+    L, L_D = motor.winding_inductance, motor.winding_inductance + driver.derivative_gain
+    J_m, J_L = scenario.rotor_inertia, scenario.output_inertia
+    fast = driver.time_constant(motor)
+    if driver.integral_gain > 0.0:
+        fast = min(fast, math.sqrt(L_D / driver.integral_gain))
+    return kernel.Parameters(
+        z=float(motor.rotor_teeth),
+        K_m=motor.torque_constant,
+        K_d=motor.detent_torque,
+        R=motor.winding_resistance,
+        L=L,
+        K_P=driver.proportional_gain,
+        K_I=driver.integral_gain,
+        K_D=driver.derivative_gain,
+        U_max=math.inf if driver.supply_voltage is None else driver.supply_voltage,
+        J_m=J_m,
+        J_L=J_L,
+        J_h=scenario.array.J_h,
+        h=reducer.ratio,
+        K_g=0.0 if reducer.rigid else float(reducer.stiffness),
+        C_g=0.0 if reducer.rigid else reducer.damping,
+        rigid=reducer.rigid,
+        m_slide=rotor[0],
+        m_stribeck=rotor[1],
+        m_inv_rate=rotor[2],
+        m_shape=rotor[3],
+        m_viscous=rotor[4],
+        l_slide=output[0],
+        l_stribeck=output[1],
+        l_inv_rate=output[2],
+        l_shape=output[3],
+        l_viscous=output[4],
+        inv_L=1.0 / L,
+        inv_L_D=1.0 / L_D,
+        inv_J_m=1.0 / J_m,
+        inv_J_L=1.0 / J_L if J_L > 0.0 else 0.0,
+        inv_h=1.0 / reducer.ratio,
+        max_step=solver.max_step / solver.refinement,
+        layer=fast / 3.0 / solver.refinement,
+    )
+
+
+def _scale(scenario: Scenario) -> np.ndarray:
+    """1 / (tolerance x size) of each state; sizes are what one microstep moves.
+
+    The method has order 4 and its error estimate order 3, whose local error goes with the fourth power of the step.
+    """
+    motor, driver, array = scenario.motor, scenario.driver, scenario.array
+    step = driver.microstep(motor)
+    rotor_rate = math.sqrt(motor.electromagnetic_stiffness / scenario.rotor_inertia)
+    output_rate = rotor_rate
+    if not scenario.reducer.rigid:
+        output_rate = min(rotor_rate, math.sqrt(float(scenario.reducer.stiffness) / scenario.output_inertia))
+    angle = step / scenario.reducer.ratio
+    rate = angle * output_rate
+    integral = motor.winding_resistance * motor.current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
+    H = np.maximum(np.abs(array.H), 1e-3 * math.sqrt(array.inertia))
+    sizes = np.concatenate(
+        [
+            [motor.current, motor.current, integral, integral, step, step * rotor_rate, angle, rate],
+            np.column_stack([H * angle, H * rate]).ravel(),
+        ]
+    )
+    tolerance = scenario.solver.tolerance / scenario.solver.refinement**4
+    return 1.0 / (tolerance * sizes)
