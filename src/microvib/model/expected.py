@@ -8,7 +8,10 @@ from typing import Literal
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 
-Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator"]
+Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband"]
+
+SIDEBANDS = 2
+"""Sidebands on each side of a driving line, at full-step distance, that are looked for."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,8 @@ def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tu
     """Lines up to ``highest`` [Hz]: array modes as seen through the drive, and all that the step clock makes.
 
     Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the full-step rate f_d/n
-    (detent torque); the electrical period f_d/(b n); the wave generator's turns, for each transmission-error harmonic. A
-    frequency that belongs to several families carries the name of the first. None but modes where the rate changes
+    (detent torque); the electrical period f_d/(b n); the wave generator's turns, for each transmission-error harmonic; and
+    the sidebands that the detent torque makes about the driving lines. A frequency that belongs to several families carries the name of the first. None but modes where the rate changes
     within the record or is zero.
     """
     lines = [*_array_lines(scenario, highest)]
@@ -45,16 +48,27 @@ def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tu
     if orders:
         families.append(("wave_generator", "wave generator", b * n * z, orders, "transmission error"))
     taken: set[int] = set()
+    turn = b * n * z  # microsteps per turn of the wave generator, in which every line of the clock has a whole order
     for stem, kind, divisor, members, origin in families:
         for k in members:
-            # In turns of the wave generator every clock line has a whole order, so that coincidence is exact.
-            order = k * (b * n * z) // divisor
-            frequency = k * f_d / divisor
-            if order in taken or frequency > highest:
-                continue
-            taken.add(order)
-            lines.append(ExpectedLine(f"{stem}_{k}", kind, frequency, frequency, frequency, f"{origin}, order {k}"))
+            _add(lines, taken, f"{stem}_{k}", kind, k * turn // divisor, f_d / turn, highest, f"{origin}, order {k}")
+    if scenario.motor.detent_torque > 0.0 and n > 2 * SIDEBANDS:
+        for k in range(1, harmonics + 1):
+            for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
+                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
+                origin = f"order {k} modulated at {abs(j)} x full steps"
+                _add(lines, taken, name, "sideband", (k * n + j) * b * z, f_d / turn, highest, origin)
     return tuple(lines)
+
+
+def _add(
+    lines: list[ExpectedLine], taken: set[int], name: str, kind: Kind, order: int, base: float, highest: float, origin: str
+) -> None:
+    """Add the line of one order of the wave generator's turns, unless that order has a name already."""
+    frequency = order * base
+    if order not in taken and frequency <= highest:
+        taken.add(order)
+        lines.append(ExpectedLine(name, kind, frequency, frequency, frequency, origin))
 
 
 def _array_lines(scenario: Scenario, highest: float) -> list[ExpectedLine]:

@@ -1,23 +1,30 @@
 """Amplitude, frequency and phase of expected lines, wherever the bins fall.
 
-Lines of the step clock keep exact ratios to each other, so one clock ratio is estimated from all of them together, each
-weighted with its strength. An array mode rings down while it is recorded: it is fitted as a decaying tone. Then all
-amplitudes come from one least-squares fit, in which every line is present, under a Hann weight that keeps out
-what is not.
+Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast:
+
+* lines of the step clock keep exact ratios to each other, so one clock ratio is estimated from all of them together, each
+  weighted with what it tells;
+* an array mode rings down while it is recorded, so it is fitted as a decaying tone;
+* all amplitudes then come from one least-squares fit to the bins about the lines, in which every line is present.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals.spectrum import nearest_bin, window_values
+from microvib.signals.spectrum import window_values
 
 SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
+REACH = 6
+"""Bins on each side of a line that its fit uses."""
+FAR = 400
+"""Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
 _DETECTION = 6.0
 """A line is seen when it stands this many times above the floor about it."""
 
@@ -68,12 +75,20 @@ class LineTable:
         raise KeyError(f"no line '{name}'; there are {', '.join(line.line for line in self.lines)}")
 
     def __str__(self) -> str:
-        rows = [f"{'line':16s} {'expected Hz':>12s} {'Hz':>12s} {'N m':>12s} {'bin Hz':>10s} {'bin N m':>12s}  status"]
+        return self.text()
+
+    def text(self, shown_above: float = 0.0) -> str:
+        """The table as text; lines below the fraction ``shown_above`` of the largest are only counted."""
+        top = max((x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0)
+        shown = [x for x in self.lines if not x.amplitude_n_m < shown_above * top]
+        rows = [f"{'line':18s} {'expected Hz':>12s} {'Hz':>12s} {'N m':>12s} {'bin Hz':>10s} {'bin N m':>12s}  status"]
         rows += [
-            f"{x.line:16s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
+            f"{x.line:18s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
             f" {x.bin_amplitude_n_m:12.4e}  {x.status}"
-            for x in self.lines
+            for x in shown
         ]
+        if len(shown) < len(self.lines):
+            rows.append(f"and {len(self.lines) - len(shown)} lines below {shown_above:g} of the largest, in lines.csv")
         return "\n".join(rows)
 
 
@@ -89,17 +104,15 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
 
     ratio = _clock_ratio(clock, spectrum)
     tones = [_Tone(line, line.frequency * (ratio or 1.0), 0.0) for line in clock]
-    basis = _Basis(x.size, sample_rate)
-    basis.add(tones)
     if modes:
-        rest = _HannSpectrum(x - basis.model(basis.fit(x), range(len(tones))), sample_rate)
-        fitted = _fit_modes(modes, rest)
-        basis.add(fitted)
-        tones += fitted
-    amplitudes = basis.fit(x)
-    found = {tone.line.name: _result(tone, a, x, spectrum, duration) for tone, a in zip(tones, amplitudes, strict=True)}
+        tones += _fit_modes(modes, spectrum.without(tones, _amplitudes(tones, spectrum)))
+    amplitudes = _amplitudes(tones, spectrum)
+    bins = np.abs(np.fft.rfft(x)) * (2.0 / x.size)
+    found = {
+        tone.line.name: _result(tone, a, bins, spectrum, duration) for tone, a in zip(tones, amplitudes, strict=True)
+    }
     for line, why in refused:
-        found[line.name] = _not_estimated(line, why, x, sample_rate)
+        found[line.name] = _not_estimated(line, why, bins, duration)
     return LineTable(tuple(found[line.name] for line in expected), ratio, x.size, sample_rate)
 
 
@@ -135,10 +148,31 @@ class _HannSpectrum:
     """Hann-windowed spectrum with interpolation between bins and a local floor."""
 
     def __init__(self, x: np.ndarray, sample_rate: float) -> None:
-        self.samples = x.size
+        self._set(np.fft.rfft(x * window_values("hann", x.size)) * (4.0 / x.size), x.size, sample_rate)
+
+    def _set(self, values: np.ndarray, samples: int, sample_rate: float) -> None:
+        self.samples = samples
         self.sample_rate = sample_rate
-        self.values = np.fft.rfft(x * window_values("hann", x.size)) * (4.0 / x.size)
-        self.magnitude = np.abs(self.values)
+        self.values = values
+        self.magnitude = np.abs(values)
+
+    def shapes(self, tone: _Tone, k: np.ndarray) -> np.ndarray:
+        """Spectra at the bins ``k`` of the tone's cosine and minus sine, (m, 2) complex."""
+        duration = self.samples / self.sample_rate
+        plus = _damped_hann(tone.frequency * duration, tone.decay * duration, k, self.samples)
+        minus = _damped_hann(-tone.frequency * duration, tone.decay * duration, k, self.samples)
+        return np.column_stack([plus + minus, 1j * (plus - minus)])
+
+    def without(self, tones: Sequence[_Tone], amplitudes: np.ndarray) -> _HannSpectrum:
+        """The spectrum with some tones taken out, each from the bins where it stands out of rounding."""
+        values = self.values.copy()
+        for tone, a in zip(tones, amplitudes, strict=True):
+            centre = round(self.bins(tone.frequency))
+            band = np.arange(max(centre - FAR, 0), min(centre + FAR + 1, values.size))
+            values[band] -= self.shapes(tone, band) @ np.array([a.real, a.imag])
+        rest = copy(self)
+        rest._set(values, self.samples, self.sample_rate)
+        return rest
 
     def bins(self, frequency: float) -> float:
         """Frequency in bins."""
@@ -179,96 +213,68 @@ def _clock_ratio(clock: Sequence[ExpectedLine], spectrum: _HannSpectrum) -> floa
     return float(np.average(ratios, weights=weights))
 
 
-class _Basis:
-    """Tones as columns of one weighted least-squares problem, with a mean and a slope beside them."""
-
-    def __init__(self, samples: int, sample_rate: float) -> None:
-        self.t = np.arange(samples) / sample_rate
-        self.weight = window_values("hann", samples)
-        ramp = np.linspace(-1.0, 1.0, samples)
-        self.columns: list[np.ndarray] = [np.ones(samples), ramp]
-
-    def add(self, tones: Sequence[_Tone]) -> None:
-        for tone in tones:
-            turn = np.exp((2j * np.pi * tone.frequency - tone.decay) * self.t)
-            self.columns += [turn.real, -turn.imag]
-
-    def fit(self, x: np.ndarray) -> np.ndarray:
-        """Complex amplitudes of the tones, a with x = Re(a exp(i w t)), (m,)."""
-        A = np.column_stack(self.columns)
-        weighted = A * self.weight[:, None]
-        scale = np.sqrt(np.einsum("ij,ij->j", weighted, A))
-        normal = (weighted.T @ A) / np.outer(scale, scale)
-        solution = np.linalg.lstsq(normal, (weighted.T @ x) / scale, rcond=1e-12)[0] / scale
-        return solution[2::2] + 1j * solution[3::2]
-
-    def model(self, amplitudes: np.ndarray, which: range) -> np.ndarray:
-        """Sum of some of the tones, (n,)."""
-        total = np.zeros_like(self.t)
-        for k in which:
-            total += amplitudes[k].real * self.columns[2 + 2 * k] + amplitudes[k].imag * self.columns[3 + 2 * k]
-        return total
+def _amplitudes(tones: Sequence[_Tone], spectrum: _HannSpectrum) -> np.ndarray:
+    """Complex amplitudes a of all tones together, x = Re(a exp(i w t)), (m,); least squares over the bins about them."""
+    if not tones:
+        return np.zeros(0, dtype=complex)
+    centres = np.array([round(spectrum.bins(tone.frequency)) for tone in tones])
+    near = np.unique(centres[:, None] + np.arange(-REACH, REACH + 1))
+    near = near[(near >= 0) & (near < spectrum.values.size)]
+    shapes = np.hstack([spectrum.shapes(tone, near) for tone in tones])
+    A = np.vstack([shapes.real, shapes.imag])
+    b = np.concatenate([spectrum.values[near].real, spectrum.values[near].imag])
+    solution = np.linalg.lstsq(A, b, rcond=1e-12)[0]
+    result: np.ndarray = solution[0::2] + 1j * solution[1::2]
+    return result
 
 
 def _fit_modes(modes: Sequence[ExpectedLine], spectrum: _HannSpectrum) -> list[_Tone]:
     """Frequency and decay of each array mode, the strongest first, each taken out before the next is looked at."""
     order = sorted(modes, key=lambda line: -spectrum.peak(line.low, line.high)[1])
-    values = spectrum.values.copy()
     tones = {}
     for line in order:
         frequency, amplitude = spectrum.peak(line.low, line.high)
         if amplitude < _DETECTION * spectrum.floor(line.frequency):
             tones[line.name] = _Tone(line, line.frequency, 0.0, seen=False)
             continue
-        tones[line.name], part = _fit_decay(line, frequency, values, spectrum)
-        values -= part
+        tone = _fit_decay(line, frequency, spectrum)
+        tones[line.name] = tone
+        spectrum = spectrum.without([tone], _amplitudes([tone], spectrum))
     return [tones[line.name] for line in modes]
 
 
-def _fit_decay(
-    line: ExpectedLine, frequency: float, values: np.ndarray, spectrum: _HannSpectrum
-) -> tuple[_Tone, np.ndarray]:
-    """Damped tone that fits the bins about a peak: Gauss-Newton over frequency and decay, amplitude eliminated."""
-    N, T = spectrum.samples, spectrum.samples / spectrum.sample_rate
-    centre = spectrum.bins(frequency)
-    band = np.arange(max(int(centre) - 5, 0), min(int(centre) + 7, values.size))
+def _fit_decay(line: ExpectedLine, frequency: float, spectrum: _HannSpectrum) -> _Tone:
+    """Damped tone that fits the bins about a peak: damped Gauss-Newton over frequency and decay, amplitude eliminated."""
+    duration = spectrum.samples / spectrum.sample_rate
+    centre = round(spectrum.bins(frequency))
+    band = np.arange(max(centre - REACH, 0), min(centre + REACH + 1, spectrum.values.size))
+    b = np.concatenate([spectrum.values[band].real, spectrum.values[band].imag])
 
-    def shapes(f: float, decay: float, k: np.ndarray) -> np.ndarray:
-        """Hann spectra at the bins ``k`` of the tone's cosine and minus sine, (m, 2) complex."""
-        plus = _damped_hann(f * T, decay * T, k, N)
-        minus = _damped_hann(-f * T, decay * T, k, N)
-        return np.column_stack([plus + minus, 1j * (plus - minus)])
+    def residual(u: np.ndarray) -> np.ndarray:
+        shapes = spectrum.shapes(_Tone(line, u[0] / duration, u[1] / duration), band)
+        A = np.vstack([shapes.real, shapes.imag])
+        rest: np.ndarray = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
+        return rest
 
-    def residual(f: float, decay: float) -> tuple[np.ndarray, np.ndarray]:
-        S = shapes(f, decay, band)
-        A = np.vstack([S.real, S.imag])
-        b = np.concatenate([values[band].real, values[band].imag])
-        coefficients = np.linalg.lstsq(A, b, rcond=None)[0]
-        return b - A @ coefficients, coefficients
-
-    u = np.array([frequency * T, 0.3])  # in bins and in e-foldings over the record
-    r, _ = residual(u[0] / T, u[1] / T)
-    damping = 1e-3
+    u = np.array([frequency * duration, 0.3])  # in bins, and in e-foldings over the record
+    r, damping, nudge = residual(u), 1e-3, 1e-4
     for _ in range(60):
-        steps = np.array([1e-4, 1e-4])
-        Jac = np.column_stack([(residual(*(u + np.eye(2)[i] * steps) / T)[0] - r) / steps[i] for i in range(2)])
-        normal = Jac.T @ Jac
-        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(2), Jac.T @ r)
+        slope = np.column_stack([(residual(u + nudge * unit) - r) / nudge for unit in np.eye(2)])
+        normal = slope.T @ slope
+        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(2), slope.T @ r)
         candidate = u + np.clip(move, -0.5, 0.5)
-        candidate[1] = min(max(candidate[1], -2.0), 60.0)
-        r_new, _ = residual(*candidate / T)
-        if r_new @ r_new <= r @ r:
-            done = bool(np.max(np.abs(candidate - u)) < 1e-9)
-            u, r, damping = candidate, r_new, max(damping * 0.2, 1e-12)
-            if done:
-                break
-        else:
+        candidate[1] = np.clip(candidate[1], -2.0, 60.0)
+        r_new = residual(candidate)
+        if r_new @ r_new > r @ r:
             damping *= 8.0
             if damping > 1e8:
                 break
-    _, coefficients = residual(u[0] / T, u[1] / T)
-    part = shapes(u[0] / T, u[1] / T, np.arange(values.size)) @ coefficients
-    return _Tone(line, float(u[0] / T), float(u[1] / T)), part
+            continue
+        converged = float(np.max(np.abs(candidate - u))) < 1e-9
+        u, r, damping = candidate, r_new, max(0.2 * damping, 1e-12)
+        if converged:
+            break
+    return _Tone(line, float(u[0] / duration), float(u[1] / duration))
 
 
 def _damped_hann(cycles: float, decay: float, k: np.ndarray, samples: int) -> np.ndarray:
@@ -284,7 +290,7 @@ def _damped_hann(cycles: float, decay: float, k: np.ndarray, samples: int) -> np
     return result
 
 
-def _result(tone: _Tone, amplitude: complex, x: np.ndarray, spectrum: _HannSpectrum, duration: float) -> Line:
+def _result(tone: _Tone, amplitude: complex, bins: np.ndarray, spectrum: _HannSpectrum, duration: float) -> Line:
     fold = tone.decay * duration
     mean = -np.expm1(-fold) / fold if abs(fold) > 1e-9 else 1.0
     floor = spectrum.floor(tone.frequency)
@@ -294,7 +300,7 @@ def _result(tone: _Tone, amplitude: complex, x: np.ndarray, spectrum: _HannSpect
         status = "below the floor" if size < _DETECTION * floor else "ok"
     elif abs(fold) > 0.1:
         status = "decaying" if fold > 0.0 else "growing"
-    bin_frequency, bin_amplitude = nearest_bin(x, spectrum.sample_rate, tone.frequency)
+    bin_frequency, bin_amplitude = _nearest_bin(bins, tone.frequency, duration)
     return Line(
         line=tone.line.name,
         kind=tone.line.kind,
@@ -311,7 +317,18 @@ def _result(tone: _Tone, amplitude: complex, x: np.ndarray, spectrum: _HannSpect
     )
 
 
-def _not_estimated(line: ExpectedLine, why: str, x: np.ndarray, sample_rate: float) -> Line:
-    bin_frequency, bin_amplitude = nearest_bin(x, sample_rate, line.frequency)
+def _not_estimated(line: ExpectedLine, why: str, bins: np.ndarray, duration: float) -> Line:
+    bin_frequency, bin_amplitude = _nearest_bin(bins, line.frequency, duration)
     nan = float("nan")
-    return Line(line.name, line.kind, line.origin, float(line.frequency), nan, nan, nan, bin_frequency, bin_amplitude, nan, nan, why)
+    return Line(
+        line.name, line.kind, line.origin, float(line.frequency), nan, nan, nan, bin_frequency, bin_amplitude, nan, nan, why
+    )  # fmt: skip
+
+
+def _nearest_bin(bins: np.ndarray, frequency: float, duration: float) -> tuple[float, float]:
+    """The paper's estimator: rectangular window, bin nearest to ``frequency``; its frequency [Hz] and amplitude.
+
+    Between bins it reads up to 36 % low (picket fence), so that it depends on where the bins happen to fall.
+    """
+    k = min(round(frequency * duration), bins.size - 1)
+    return k / duration, float(bins[k])

@@ -53,11 +53,8 @@ def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rect
     return Spectrum(np.arange(X.size) * sample_rate / x.size, 2.0 * np.abs(X) / w.sum(), window, x.size, sample_rate)
 
 
-def nearest_bin(x: np.ndarray, sample_rate: float, frequency: float) -> tuple[float, float]:
-    """The paper's estimator: rectangular window, bin nearest to ``frequency``; its frequency [Hz] and amplitude.
-
-    Between bins it reads up to 36 % low (picket fence), so that it depends on where the bins happen to fall.
-    """
-    bin_number = round(frequency * x.size / sample_rate)
-    phase = np.exp(-2j * np.pi * bin_number / x.size * np.arange(x.size))
-    return bin_number * sample_rate / x.size, 2.0 * abs(complex(phase @ (x - x.mean()))) / x.size
+def tone_amplitude(x: np.ndarray, sample_rate: float, frequency: float) -> float:
+    """Amplitude of ``x`` at one frequency [Hz], Hann-windowed, wherever the bins fall; for tones apart from others."""
+    w = window_values("hann", x.size)
+    phase = np.exp(-2j * np.pi * frequency / sample_rate * np.arange(x.size))
+    return 2.0 * abs(complex(phase @ ((x - x.mean()) * w))) / float(w.sum())

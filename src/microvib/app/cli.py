@@ -1,0 +1,189 @@
+"""The command line. Commands import what they need when they run, so that help is instant."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from microvib import __version__
+from microvib.errors import MicrovibError, ScenarioError
+
+if TYPE_CHECKING:
+    from microvib.model.scenario import Scenario
+    from microvib.signals.lines import LineTable
+
+
+class _Sentences(click.Group):
+    """Turns errors meant for the user into sentences on standard error and an exit status."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except MicrovibError as error:
+            for line in str(error).splitlines():
+                click.echo(f"Error: {line}", err=True)
+            ctx.exit(1)
+        except KeyboardInterrupt:
+            click.echo("Interrupted; nothing was written.", err=True)
+            ctx.exit(130)
+        except MemoryError:
+            click.echo("Error: memory is exhausted; shorten record.duration, or use --lines-only", err=True)
+            ctx.exit(1)
+
+
+@click.group(cls=_Sentences, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="microvib")
+def main() -> None:
+    """Disturbance torque of a sun-tracking solar array: from the drive's data sheet to its lines.
+
+    Start with `microvib run state-1`, or write a file of your own with `microvib new my-drive.yaml`.
+    """
+
+
+_set_option = click.option(
+    "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a dotted key, e.g. reducer.stiffness='9000 N*m/rad'."
+)
+
+
+@main.command()
+@click.argument("scenario")
+@_set_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results [default: the scenario's name].")
+@click.option("--overwrite", is_flag=True, help="Replace a run that is in the folder already.")
+@click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
+@click.option("--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines.")
+def run(scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int) -> None:
+    """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
+    from microvib.app.running import run_scenario
+    from microvib.io.results import check_folder, free_folder
+
+    loaded = _load(scenario, settings)
+    out = out or free_folder(Path(scenario).stem)
+    check_folder(out, overwrite)
+    with _progress() as progress:
+        result = run_scenario(loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, progress=progress)
+    _print_lines(loaded, result.table)
+    i = result.invariants
+    click.echo(
+        f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
+        f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
+    )
+    click.echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
+
+
+@main.command()
+def scenarios() -> None:
+    """List the published scenarios of the catalog."""
+    from microvib.io.scenario_file import catalog_names, load_scenario
+
+    for name in catalog_names():
+        loaded = load_scenario(name)
+        mode = loaded.array.modes[0]
+        click.echo(f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode {mode.frequency:g} Hz [{loaded.source}]")
+
+
+@main.command()
+@click.argument("scenario")
+@_set_option
+def show(scenario: str, settings: tuple[str, ...]) -> None:
+    """Print SCENARIO complete, checked, with derived values."""
+    from microvib.app.running import derived
+    from microvib.io.scenario_file import dump_scenario
+
+    loaded = _load(scenario, settings)
+    click.echo(dump_scenario(loaded), nl=False)
+    click.echo("\n# Derived:")
+    for text in derived(loaded):
+        click.echo(f"#   {text}")
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def new(file: Path) -> None:
+    """Write FILE, a commented scenario to start from. Never overwrites."""
+    from microvib.errors import OutputError
+    from microvib.io.scenario_file import catalog_text
+
+    try:
+        with file.open("x", encoding="utf-8") as stream:
+            stream.write(catalog_text("new"))
+    except FileExistsError:
+        raise OutputError(f"{file}: exists already; nothing was written") from None
+    except OSError as error:
+        raise OutputError(f"{file}: cannot be written: {error.strerror}") from None
+    click.echo(f"Written: {file}. Edit it, then: microvib run {file}")
+
+
+@main.command()
+def schema() -> None:
+    """Print the JSON Schema of scenario files."""
+    from microvib.io.results import to_json
+    from microvib.io.scenario_file import json_schema
+
+    click.echo(to_json(json_schema()), nl=False)
+
+
+def _load(source: str, settings: tuple[str, ...]) -> Scenario:
+    from microvib.io.scenario_file import load_scenario, parse_value
+
+    changes = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ScenarioError(f"--set {setting}: KEY=VALUE is wanted, such as reducer.stiffness='9000 N*m/rad'")
+        changes[key.strip()] = parse_value(value)
+    return load_scenario(source, changes)
+
+
+class _progress:
+    """A progress bar on standard error where that is a terminal, and nothing otherwise."""
+
+    def __enter__(self) -> Callable[[float, float], None] | None:
+        self._bar: Any = None
+        if not sys.stderr.isatty():
+            return None
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f} s"))
+        self._bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
+        self._bar.start()
+        task = self._bar.add_task("simulating (compiles on first use)", total=None)
+        last = 0.0
+
+        def report(done: float, total: float) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last > 0.1 or done >= total:
+                last = now
+                text = "writing lines and report" if done >= total else "simulating"
+                self._bar.update(task, completed=done, total=total, description=text)
+
+        return report
+
+    def __exit__(self, *args: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _print_lines(loaded: Scenario, table: LineTable) -> None:
+    from microvib.app.paper import compare_with_paper, paper_state
+
+    click.echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
+    click.echo(table.text(shown_above=1e-3))
+    rows = compare_with_paper(loaded, table)
+    if rows:
+        click.echo("\nBeside the paper's Tables 5 and 6 (all nearest bin, rectangular window; parameters partly assumed):\n")
+        click.echo(f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s} {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}")
+        for r in rows:
+            click.echo(
+                f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
+                f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
+            )
+    elif paper_state(loaded) is not None:
+        click.echo("\nThe paper tabulates the lines of state 1 only; for the other states it gives statements.")

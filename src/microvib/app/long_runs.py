@@ -1,0 +1,102 @@
+"""Lines of a run that is too long to keep: block by block, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import Line, LineTable, estimate_lines
+from microvib.solve.decimate import PASSBAND
+from microvib.solve.motion import Invariants
+from microvib.solve.simulate import Progress, Run
+
+BLOCK_SAMPLES = 1 << 19
+"""Samples of one block: 128 s at 4096 Hz, 4 MB."""
+
+
+def lines_of_stream(
+    scenario: Scenario, harmonics: int, progress: Progress | None = None
+) -> tuple[LineTable, Invariants, dict[str, Any]]:
+    """Lines of the disturbance torque, their mean over equal blocks of the record; with one block, as ``lines`` does.
+
+    Amplitude and frequency are means over the blocks, the phase is that of the first block. The nearest-bin figure is that of the
+    whole record, summed up exactly as it streams by.
+    """
+    samples, rate = scenario.record.samples, scenario.record.sample_rate
+    expected = expected_lines(scenario, PASSBAND * rate, harmonics)
+    blocks = max(-(-samples // BLOCK_SAMPLES), 1)
+    run = Run(scenario, progress=progress, channels=("T_d",))
+    tables: list[LineTable] = []
+    bins: _Bins | None = None
+    for block in _regroup(run, samples // blocks):
+        tables.append(estimate_lines(block, rate, expected))
+        if bins is None:
+            first = tables[0]
+            bins = _Bins([x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first], samples, rate)
+        bins.add(block)
+    assert bins is not None
+    return _mean(tables, bins), run.invariants, run.solver | {"line_blocks": len(tables)}
+
+
+def _regroup(run: Run, size: int) -> Iterator[np.ndarray]:
+    """Blocks of ``size`` samples from the stream; a shorter rest joins the last block."""
+    kept: list[np.ndarray] = []
+    have = 0
+    for block in run:
+        kept.append(block["T_d"])
+        have += block["T_d"].size
+        if have >= 2 * size:
+            joined = np.concatenate(kept)
+            yield joined[:size]
+            kept, have = [joined[size:]], have - size
+    if have:
+        yield np.concatenate(kept)
+
+
+class _Bins:
+    """Nearest-bin amplitudes of the whole record, as the sums of its blocks."""
+
+    def __init__(self, frequencies: list[float], samples: int, sample_rate: float) -> None:
+        self._numbers = [round(f * samples / sample_rate) for f in frequencies]
+        self._samples, self._rate = samples, sample_rate
+        self._sums = np.zeros(len(frequencies), dtype=complex)
+        self._start = 0
+
+    def add(self, block: np.ndarray) -> None:
+        n = self._start + np.arange(block.size)
+        for k, number in enumerate(self._numbers):
+            # the angle is reduced by whole turns before it is scaled, so that it keeps its digits in a long record
+            self._sums[k] += np.exp(-2j * np.pi * (n * number % self._samples) / self._samples) @ block
+        self._start += block.size
+
+    def figures(self) -> list[tuple[float, float]]:
+        return [
+            (number * self._rate / self._samples, 2.0 * abs(total) / self._samples)
+            for number, total in zip(self._numbers, self._sums, strict=True)
+        ]
+
+
+def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
+    ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
+    lines = []
+    for k, (bin_hz, bin_amplitude) in enumerate(bins.figures()):
+        column: list[Line] = [table.lines[k] for table in tables]
+        lines.append(
+            replace(
+                column[0],
+                frequency_hz=float(np.mean([x.frequency_hz for x in column])),
+                amplitude_n_m=float(np.mean([x.amplitude_n_m for x in column])),
+                floor_n_m=float(np.mean([x.floor_n_m for x in column])),
+                decay_per_s=float(np.mean([x.decay_per_s for x in column])),
+                bin_frequency_hz=bin_hz,
+                bin_amplitude_n_m=bin_amplitude,
+            )
+        )
+    total = sum(table.samples for table in tables)
+    ratio = float(np.mean(ratios)) if ratios else None
+    return LineTable(tuple(lines), ratio, total, tables[0].sample_rate)

@@ -1,0 +1,66 @@
+"""The paper's own figures beside ours: Tables 5 and 6 for test state 1."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from microvib.io.results import read_table
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import LineTable
+
+_LINES = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """One line of Tables 5 and 6, with our nearest-bin figure, which is what the paper's estimator would read."""
+
+    line: str
+    test_hz: float
+    paper_hz: float
+    ours_hz: float
+    test_n_m: float
+    paper_n_m: float
+    ours_n_m: float
+
+    @property
+    def paper_error(self) -> float:
+        """Relative error of the paper's simulation against its test."""
+        return self.paper_n_m / self.test_n_m - 1.0
+
+    @property
+    def our_error(self) -> float:
+        """Relative error of our nearest-bin figure against the test."""
+        return self.ours_n_m / self.test_n_m - 1.0
+
+
+def paper_state(scenario: Scenario) -> int | None:
+    """Number of the paper's test state that a scenario says it is, by its title; None for others."""
+    match = re.search(r"\btest state ([1-5])\b", scenario.title)
+    return int(match.group(1)) if match else None
+
+
+def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
+    """Tables 5 and 6 beside our lines; empty unless the scenario is test state 1, the only one that the paper tabulates."""
+    if paper_state(scenario) != 1:
+        return []
+    frequencies = {row["line"]: row for row in read_table("table5_line_frequencies")}
+    rows = []
+    for row in read_table("table6_line_amplitudes"):
+        name = _LINES[row["line"]]
+        if name not in {line.line for line in table}:
+            continue
+        line, hz = table[name], frequencies[row["line"]]
+        rows.append(
+            PaperRow(
+                name,
+                float(hz["test_hz"]),
+                float(hz["simulation_hz"]),
+                line.bin_frequency_hz,
+                float(row["test_n_m"]),
+                float(row["simulation_n_m"]),
+                line.bin_amplitude_n_m,
+            )
+        )
+    return rows

@@ -1,0 +1,195 @@
+"""Figures: time history, spectrum with named lines, zoom on the array mode, torques through one full step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.app.analysis import lines as estimate
+from microvib.app.analysis import spectrum
+from microvib.signals.lines import Line, LineTable
+from microvib.solve.motion import Motion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which colour-blind people can tell apart.
+BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
+COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, "#56B4E9", GREY)
+
+
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """Figure and axes in the project's style, without a global plotting state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax in axes.flat:
+        ax.grid(True, color="#dddddd", linewidth=0.6)
+        ax.set_axisbelow(True)
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def plot(motion: Motion, table: LineTable | None = None) -> Figure:
+    """Overview of a run: history and a stretch of it, spectrum with named lines, zoom on the array mode."""
+    table = table or estimate(motion)
+    figure, axes = new_figure(12.0, 7.2, 2, 2)
+    draw_history(axes[0, 0], motion)
+    draw_stretch(axes[0, 1], motion)
+    draw_spectrum(axes[1, 0], motion, table)
+    draw_array_zoom(axes[1, 1], motion, table)
+    figure.suptitle(motion.scenario.title or "microvib run")
+    return figure
+
+
+def draw_history(ax: Axes, motion: Motion) -> None:
+    """Disturbance torque over the record (as Figure 9b, drive axis), peaks kept when points are merged."""
+    t, low, high = envelope(motion.time, motion["T_d"])
+    ax.fill_between(t, low, high, color=BLUE, linewidth=0.4, edgecolor=BLUE)
+    ax.set(xlabel="time [s]", ylabel="disturbance torque $T_d$ [N m]", title="Time history about the drive axis")
+    ax.margins(x=0)
+
+
+def envelope(t: np.ndarray, x: np.ndarray, points: int = 2000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Smallest and largest value in each of at most ``points`` groups, so that no peak is lost."""
+    size = max(t.size // points, 1)
+    n = t.size // size * size
+    groups = x[:n].reshape(-1, size)
+    return t[:n].reshape(-1, size)[:, 0], groups.min(axis=1), groups.max(axis=1)
+
+
+def draw_stretch(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
+    """A few microsteps at the start of the record, with the time that the shaft sticks shaded."""
+    n = _stretch(motion, microsteps)
+    t = (motion.time[:n] - motion.time[0]) * 1e3
+    ax.plot(t, motion["T_d"][:n], color=BLUE, linewidth=1.4, label="$T_d$")
+    if "stuck_output" in motion.channels:
+        _shade_stuck(ax, t, motion["stuck_output"][:n])
+    ax.set(xlabel="time in the record [ms]", ylabel="$T_d$ [N m]", title=f"{microsteps:g} microsteps")
+    ax.margins(x=0)
+    _headroom(ax, 0.2)
+    ax.legend(loc="upper right", fontsize=8, ncols=2)
+
+
+def _stretch(motion: Motion, microsteps: float) -> int:
+    f_d = motion.scenario.driving_frequency
+    span = microsteps / f_d if f_d else 0.1
+    return int(np.clip(span * motion.sample_rate, 8, motion.time.size))
+
+
+def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> None:
+    if np.any(stuck > 0.5):
+        top = ax.get_xaxis_transform()
+        ax.fill_between(t, 0, 1, where=stuck > 0.5, transform=top, color="#bbbbbb", alpha=0.45, linewidth=0, label="shaft sticks")
+
+
+def draw_spectrum(ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0) -> None:
+    """Amplitude spectrum to ``highest`` [Hz] with the lines named (as Figure 10)."""
+    s = spectrum(motion, window="hann")
+    highest = min(highest, motion.sample_rate / 2)
+    keep = (s.frequency <= highest) & (s.frequency > 0)
+    ax.semilogy(s.frequency[keep], np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
+    shown = [line for line in table if np.isfinite(line.amplitude_n_m) and line.frequency_hz <= highest]
+    _limits(ax, [line.amplitude_n_m for line in shown])
+    name_lines(ax, shown, highest)
+    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [N m]", title=f"Spectrum ({_made_by(s)})")
+    ax.set_xlim(0, highest)
+
+
+def _made_by(s: Any) -> str:
+    return f"{s.window} window, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
+
+
+def _limits(ax: Axes, amplitudes: Sequence[float]) -> None:
+    top = max([a for a in amplitudes if a > 0] or [1e-3])
+    ax.set_ylim(top * 1e-4, top * 12)
+
+
+def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
+    """Mark lines at their estimated amplitude and name those that stand clear of each other, the strongest first."""
+    bottom = ax.get_ylim()[0]
+    visible = [line for line in shown if line.amplitude_n_m > bottom]
+    ax.plot([x.frequency_hz for x in visible], [x.amplitude_n_m for x in visible], "o", color=RED, markersize=4)
+    placed: list[float] = []
+    for line in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
+        if any(abs(line.frequency_hz - f) < 0.035 * highest for f in placed):
+            continue
+        placed.append(line.frequency_hz)
+        ax.annotate(
+            f"{line.line}\n{line.frequency_hz:.4g} Hz",
+            (line.frequency_hz, line.amplitude_n_m),
+            xytext=(4, 4),
+            textcoords="offset points",
+            fontsize=7,
+            rotation=35,
+        )
+
+
+def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
+    """Spectrum about the array's first modes; clamped and coupled frequency marked."""
+    modes = [line for line in table if line.kind == "array mode" and np.isfinite(line.amplitude_n_m)]
+    top = 4.0 * min((line.expected_hz for line in modes), default=1.0)
+    s = spectrum(motion, window="rectangular")
+    keep = (s.frequency <= top) & (s.frequency > 0)
+    ax.plot(s.frequency[keep], s.amplitude[keep] * 1e3, color=BLUE, linewidth=1.0, marker=".", markersize=3)
+    for mode, line in zip(motion.scenario.array.modes, modes, strict=False):
+        if mode.frequency > top:
+            continue
+        ax.axvline(mode.frequency, color=GREY, linestyle=":", linewidth=1.2, label=f"clamped {mode.frequency:.4g} Hz")
+        ax.axvline(line.expected_hz, color=RED, linestyle="--", linewidth=1.2, label=f"through the drive {line.expected_hz:.4g} Hz")
+    shown = [x for x in table if x.frequency_hz <= top and x.status != "below the floor"]
+    ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
+    for line in shown:
+        ax.annotate(
+            line.line, (line.frequency_hz, line.amplitude_n_m * 1e3), xytext=(6, 2), textcoords="offset points", fontsize=8
+        )
+    title = f"Array mode ({_made_by(s)})" if modes else f"Low frequencies ({_made_by(s)})"
+    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=title)
+    ax.set_xlim(0, top)
+    _headroom(ax, 0.25)
+    ax.set_ylim(bottom=0)
+    if modes:
+        ax.legend(loc="upper right", fontsize=8)
+
+
+def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
+    """Torques through a few microsteps, less their means: which torque goes where."""
+    n = _stretch(motion, microsteps)
+    t = (motion.time[:n] - motion.time[0]) * 1e3
+    names = {"T_d": "$T_d$ on the spacecraft", "T_g": "$T_g$ gear", "T_f": "$T_f$ output friction", "T_l": "$T_l$ array"}
+    for colour, (name, label) in zip(COLOURS, names.items(), strict=False):
+        mean = motion[name].mean()
+        ax.plot(t, motion[name][:n] - mean, color=colour, linewidth=1.3, label=f"{label}, mean {mean:+.3g} N m")
+    _shade_stuck(ax, t, motion["stuck_output"][:n])
+    ax.set(xlabel="time in the record [ms]", ylabel="torque less its mean [N m]", title="Torques at the output")
+    ax.margins(x=0)
+    _headroom(ax, 0.5)
+    ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+
+
+def draw_motor_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
+    """Torques at the rotor through a few microsteps."""
+    n = _stretch(motion, microsteps)
+    t = (motion.time[:n] - motion.time[0]) * 1e3
+    gear = motion["T_g"] / motion.scenario.reducer.ratio
+    for colour, (label, x) in zip(
+        COLOURS, {"$T_e$ motor": motion["T_e"], "$T_{f,m}$ rotor friction": motion["T_f_m"], "$T_g/h$ gear": gear}.items(),
+        strict=False,
+    ):  # fmt: skip
+        ax.plot(t, x[:n] * 1e3, color=colour, linewidth=1.3, label=f"{label}, mean {x.mean() * 1e3:+.3g} mN m")
+    ax.set(xlabel="time in the record [ms]", ylabel="torque [mN m]", title="Torques at the rotor")
+    ax.margins(x=0)
+    _headroom(ax, 0.5)
+    ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+
+
+def _headroom(ax: Axes, share: float) -> None:
+    """Room above the curves for a legend or labels."""
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + share * (high - low))

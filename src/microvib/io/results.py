@@ -1,0 +1,207 @@
+"""Result folders: written whole or not at all, and never over something else."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import math
+import os
+import platform
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, fields
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from microvib.errors import OutputError
+from microvib.io.scenario_file import dump_scenario
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import Line, LineTable
+from microvib.solve.motion import CHANNELS, INTERFACE, MODAL, Motion
+
+RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.html")
+"""Files of a run's folder; only a folder that holds nothing else may be replaced."""
+
+Writer = Callable[[Path], None]
+
+
+def check_folder(out: Path, overwrite: bool = False) -> None:
+    """OutputError unless ``out`` is free: absent, empty, or with ``overwrite`` a folder that holds a run and no more."""
+    if not out.exists():
+        parent = _existing_parent(out)
+        if not parent.is_dir() or not os.access(parent, os.W_OK):
+            raise OutputError(f"{out}: cannot be made; {parent} is not a folder that can be written to")
+        return
+    if not out.is_dir():
+        raise OutputError(f"{out}: is a file; --out wants a folder")
+    content = sorted(p.name for p in out.iterdir())
+    if not content:
+        return
+    foreign = [name for name in content if name not in RUN_FILES]
+    if foreign:
+        raise OutputError(f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or new folder")
+    if not overwrite:
+        raise OutputError(f"{out}: holds a run already; nothing was written; choose another folder, or add --overwrite")
+
+
+def free_folder(stem: str) -> Path:
+    """``stem``, or ``stem-2``, ``stem-3``, ... whichever does not exist yet in the current folder."""
+    candidate, k = Path(stem), 1
+    while candidate.exists():
+        k += 1
+        candidate = Path(f"{stem}-{k}")
+    return candidate
+
+
+def _existing_parent(path: Path) -> Path:
+    parent = path.absolute().parent
+    while not parent.exists():
+        parent = parent.parent
+    return parent
+
+
+def write_folder(out: Path, files: dict[str, str | Writer], overwrite: bool = False) -> None:
+    """Write all files beside ``out`` first and put them in place together; on any failure nothing is left."""
+    check_folder(out, overwrite)
+    out = out.absolute()
+    temporary: Path | None = None
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+        for name, content in files.items():
+            if isinstance(content, str):
+                (temporary / name).write_text(content, encoding="utf-8")
+            else:
+                content(temporary / name)
+        temporary.chmod(0o755)
+        _put_in_place(temporary, out)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {error.strerror or error}; nothing was left behind") from None
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _put_in_place(temporary: Path, out: Path) -> None:
+    if not out.exists():
+        temporary.rename(out)
+        return
+    # The old run is set aside until the new one is in place, so that one of them is there whatever happens.
+    aside = Path(tempfile.mkdtemp(prefix=f".{out.name}-old-", dir=out.parent))
+    out.rename(aside / "run")
+    try:
+        temporary.rename(out)
+    except OSError:
+        (aside / "run").rename(out)
+        raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def lines_csv(table: LineTable) -> str:
+    """CSV text of a table of lines, one row each; what could not be estimated is left empty."""
+    names = ["line", "expected_hz", "frequency_hz", "amplitude_n_m", "phase_rad", "bin_frequency_hz", "bin_amplitude_n_m"]
+    names += [f.name for f in fields(Line) if f.name not in names]
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
+    writer.writeheader()
+    for line in table:
+        row = asdict(line)
+        writer.writerow({name: _cell(row[name]) for name in names})
+    return stream.getvalue()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.9g}"
+    return str(value)
+
+
+def write_motion(motion: Motion, path: Path) -> None:
+    """NetCDF 4 file of a motion (HDF5; read by xarray, MATLAB, Octave), with unit and meaning on every variable."""
+    import h5netcdf
+
+    with h5netcdf.File(path, "w") as f:
+        f.dimensions = {"time": motion.time.size}
+        if any(v.ndim == 2 for v in motion.channels.values()):
+            f.dimensions["mode"] = len(motion.scenario.array.modes)
+        f.attrs["title"] = motion.scenario.title or "microvib run"
+        f.attrs["sample_rate_hz"] = motion.sample_rate
+        f.attrs["scenario"] = dump_scenario(motion.scenario)
+        f.attrs["microvib_version"] = package_versions()["microvib"]
+        _variable(f, "time", ("time",), motion.time, "s", "time from the start of the command")
+        for name, values in motion.channels.items():
+            channel = CHANNELS.get(name) or MODAL[name]
+            dims = ("time", "mode") if values.ndim == 2 else ("time",)
+            if values.size:
+                _variable(f, name, dims, values, channel.unit, channel.meaning)
+        loads = motion.interface_loads()
+        if loads is not None:
+            for k, name in enumerate(INTERFACE):
+                _variable(f, name, ("time",), loads[:, k], "N" if k < 3 else "N*m", f"{name} on the spacecraft")
+
+
+def _variable(f: Any, name: str, dims: tuple[str, ...], values: Any, unit: str, meaning: str) -> None:
+    variable = f.create_variable(name, dims, data=values)
+    variable.attrs["units"] = unit
+    variable.attrs["long_name"] = meaning
+
+
+def package_versions() -> dict[str, str]:
+    """Versions that a result depends on."""
+    versions = {"python": platform.python_version()}
+    for name in ("microvib", "numpy", "numba", "llvmlite"):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "unknown"
+    return versions
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """SHA-256 of the complete scenario as it is written to ``scenario.yaml``."""
+    return hashlib.sha256(dump_scenario(scenario).encode()).hexdigest()
+
+
+def summary(scenario: Scenario, invariants: Any, solver: dict[str, Any], table: LineTable, **timings: float) -> dict[str, Any]:
+    """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the coupled drive."""
+    return {
+        "title": scenario.title,
+        "source": scenario.source,
+        "scenario_sha256": scenario_hash(scenario),
+        "invariants": asdict(invariants),
+        "solver": solver,
+        "clock_ratio_found": table.clock_ratio,
+        "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
+        "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
+        "versions": package_versions(),
+        "timings_s": timings,
+    }
+
+
+def to_json(data: Any) -> str:
+    """JSON text; numbers that JSON does not know become null."""
+    return json.dumps(_finite(data), indent=2, ensure_ascii=False) + "\n"
+
+
+def _finite(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_finite(value) for value in data]
+    if isinstance(data, float):
+        return float(data) if math.isfinite(data) else None
+    return data
+
+
+def read_table(name: str) -> Iterable[dict[str, str]]:
+    """Rows of one of the paper's tables in the catalog, such as ``table6_line_amplitudes``."""
+    from importlib import resources
+
+    text = (resources.files("microvib.catalog") / f"{name}.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(io.StringIO(text)))
