@@ -47,7 +47,9 @@ def convert(text: str, unit: str) -> float:
     try:
         return float(quantity.to(unit or "dimensionless").magnitude)
     except pint.DimensionalityError as error:
-        raise ValueError(f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is wanted") from error
+        raise ValueError(
+            f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is wanted"
+        ) from error
 
 
 def _has_unit(text: str) -> bool:
@@ -110,7 +112,9 @@ class Quantity:
     def _error(self, value: Any, problem: str) -> PydanticCustomError:
         shown = str(value) if len(str(value)) < 60 else str(value)[:57] + "..."
         # Braces would be taken for placeholders of the message template.
-        text = f"{shown!r} {problem} ({self.meaning})" if isinstance(value, str) else f"{shown} {problem} ({self.meaning})"
+        text = (
+            f"{shown!r} {problem} ({self.meaning})" if isinstance(value, str) else f"{shown} {problem} ({self.meaning})"
+        )
         return PydanticCustomError("quantity", "{text}", {"text": text})
 
     def format(self, value: float) -> str:
@@ -134,7 +138,9 @@ class Quantity:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         return core_schema.with_info_plain_validator_function(self.parse)
 
-    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
         result: dict[str, Any] = {"type": "string" if self.unit else ["string", "number"], "description": self.meaning}
         result["x-unit"] = self.unit
         result["x-display-unit"] = self.display or self.unit

@@ -46,7 +46,11 @@ def main() -> None:
 
 
 _set_option = click.option(
-    "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a dotted key, e.g. reducer.stiffness='9000 N*m/rad'."
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change a dotted key, e.g. reducer.stiffness='9000 N*m/rad'.",
 )
 
 
@@ -56,8 +60,12 @@ _set_option = click.option(
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results [default: the scenario's name].")
 @click.option("--overwrite", is_flag=True, help="Replace a run that is in the folder already.")
 @click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
-@click.option("--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines.")
-def run(scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int) -> None:
+@click.option(
+    "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
+)
+def run(
+    scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int
+) -> None:
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.app.running import run_scenario
     from microvib.io.results import check_folder, free_folder
@@ -66,7 +74,9 @@ def run(scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: b
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     with _progress() as progress:
-        result = run_scenario(loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, progress=progress)
+        result = run_scenario(
+            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, progress=progress
+        )
     _print_lines(loaded, result.table)
     i = result.invariants
     click.echo(
@@ -84,7 +94,9 @@ def scenarios() -> None:
     for name in catalog_names():
         loaded = load_scenario(name)
         mode = loaded.array.modes[0]
-        click.echo(f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode {mode.frequency:g} Hz [{loaded.source}]")
+        click.echo(
+            f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode {mode.frequency:g} Hz [{loaded.source}]"
+        )
 
 
 @main.command()
@@ -150,7 +162,11 @@ class _progress:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f} s"))
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
+        )
         self._bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
         self._bar.start()
         task = self._bar.add_task("simulating (compiles on first use)", total=None)
@@ -175,11 +191,15 @@ def _print_lines(loaded: Scenario, table: LineTable) -> None:
     from microvib.app.paper import compare_with_paper, paper_state
 
     click.echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
-    click.echo(table.text(shown_above=1e-3))
+    click.echo(table.text(notable=True))
     rows = compare_with_paper(loaded, table)
     if rows:
-        click.echo("\nBeside the paper's Tables 5 and 6 (all nearest bin, rectangular window; parameters partly assumed):\n")
-        click.echo(f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s} {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}")
+        click.echo(
+            "\nBeside the paper's Tables 5 and 6 (all nearest bin, rectangular window; parameters partly assumed):\n"
+        )
+        click.echo(
+            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s} {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
+        )
         for r in rows:
             click.echo(
                 f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"

@@ -37,7 +37,9 @@ def lines_of_stream(
         tables.append(estimate_lines(block, rate, expected))
         if bins is None:
             first = tables[0]
-            bins = _Bins([x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first], samples, rate)
+            bins = _Bins(
+                [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first], samples, rate
+            )
         bins.add(block)
     assert bins is not None
     return _mean(tables, bins), run.invariants, run.solver | {"line_blocks": len(tables)}

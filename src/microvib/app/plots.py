@@ -9,7 +9,7 @@ import numpy as np
 
 from microvib.app.analysis import lines as estimate
 from microvib.app.analysis import spectrum
-from microvib.signals.lines import Line, LineTable
+from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.solve.motion import Motion
 
 if TYPE_CHECKING:
@@ -86,7 +86,9 @@ def _stretch(motion: Motion, microsteps: float) -> int:
 def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> None:
     if np.any(stuck > 0.5):
         top = ax.get_xaxis_transform()
-        ax.fill_between(t, 0, 1, where=stuck > 0.5, transform=top, color="#bbbbbb", alpha=0.45, linewidth=0, label="shaft sticks")
+        ax.fill_between(
+            t, 0, 1, where=stuck > 0.5, transform=top, color="#bbbbbb", alpha=0.45, linewidth=0, label="shaft sticks"
+        )
 
 
 def draw_spectrum(ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0) -> None:
@@ -142,12 +144,22 @@ def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
         if mode.frequency > top:
             continue
         ax.axvline(mode.frequency, color=GREY, linestyle=":", linewidth=1.2, label=f"clamped {mode.frequency:.4g} Hz")
-        ax.axvline(line.expected_hz, color=RED, linestyle="--", linewidth=1.2, label=f"through the drive {line.expected_hz:.4g} Hz")
-    shown = [x for x in table if x.frequency_hz <= top and x.status != "below the floor"]
+        ax.axvline(
+            line.expected_hz,
+            color=RED,
+            linestyle="--",
+            linewidth=1.2,
+            label=f"through the drive {line.expected_hz:.4g} Hz",
+        )
+    shown = [x for x in table if x.frequency_hz <= top and x.status != FAINT]
     ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
     for line in shown:
         ax.annotate(
-            line.line, (line.frequency_hz, line.amplitude_n_m * 1e3), xytext=(6, 2), textcoords="offset points", fontsize=8
+            line.line,
+            (line.frequency_hz, line.amplitude_n_m * 1e3),
+            xytext=(6, 2),
+            textcoords="offset points",
+            fontsize=8,
         )
     title = f"Array mode ({_made_by(s)})" if modes else f"Low frequencies ({_made_by(s)})"
     ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=title)
@@ -162,7 +174,12 @@ def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     """Torques through a few microsteps, less their means: which torque goes where."""
     n = _stretch(motion, microsteps)
     t = (motion.time[:n] - motion.time[0]) * 1e3
-    names = {"T_d": "$T_d$ on the spacecraft", "T_g": "$T_g$ gear", "T_f": "$T_f$ output friction", "T_l": "$T_l$ array"}
+    names = {
+        "T_d": "$T_d$ on the spacecraft",
+        "T_g": "$T_g$ gear",
+        "T_f": "$T_f$ output friction",
+        "T_l": "$T_l$ array",
+    }
     for colour, (name, label) in zip(COLOURS, names.items(), strict=False):
         mean = motion[name].mean()
         ax.plot(t, motion[name][:n] - mean, color=colour, linewidth=1.3, label=f"{label}, mean {mean:+.3g} N m")

@@ -16,7 +16,7 @@ from microvib.io.results import package_versions, scenario_hash
 from microvib.model.linear import coupled_modes
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import Line, LineTable
+from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.signals.spectrum import tone_amplitude
 from microvib.solve.motion import Motion
 
@@ -49,7 +49,7 @@ def run_report(motion: Motion, table: LineTable) -> str:
     template = (resources.files("microvib.app") / "templates" / "report.html").read_text(encoding="utf-8")
     scenario = motion.scenario
     versions = package_versions()
-    shown, hidden = _split(table)
+    shown = table.notable()
     return Environment(autoescape=True).from_string(template).render(
         title=scenario.title or "microvib run",
         axis=scenario.array.drive_axis,
@@ -57,7 +57,7 @@ def run_report(motion: Motion, table: LineTable) -> str:
         source=scenario.source,
         facts=_facts(motion, table),
         lines=[_line_row(line) for line in shown],
-        hidden_lines=hidden,
+        hidden_lines=_left_out(table, shown),
         paper=_paper_rows(scenario, table),
         figures=_figures(motion, table),
         budget=_budget(motion, shown),
@@ -73,7 +73,9 @@ def run_report(motion: Motion, table: LineTable) -> str:
 
 def _command(scenario: Scenario) -> str:
     rate, record = scenario.rate, scenario.record
-    what = "with a rate that changes in the record" if rate is None else f"at {math.degrees(rate):.6g} deg/s of the array"
+    what = (
+        "with a rate that changes in the record" if rate is None else f"at {math.degrees(rate):.6g} deg/s of the array"
+    )
     return f"Recorded for {record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s, {what}."
 
 
@@ -82,29 +84,24 @@ def _facts(motion: Motion, table: LineTable) -> list[dict[str, str]]:
     facts = [{"value": f"{1e3 * np.abs(motion['T_d']).max():.4g} mN m", "label": "largest disturbance torque"}]
     facts.append({"value": f"{1e3 * motion['T_d'].std():.4g} mN m", "label": "RMS about the mean"})
     for line in sorted(seen, key=lambda x: -x.amplitude_n_m)[:3]:
-        facts.append({"value": f"{1e3 * line.amplitude_n_m:.4g} mN m", "label": f"{line.line} at {line.frequency_hz:.5g} Hz"})
+        facts.append(
+            {"value": f"{1e3 * line.amplitude_n_m:.4g} mN m", "label": f"{line.line} at {line.frequency_hz:.5g} Hz"}
+        )
     if "stuck_output" in motion.channels:
         facts.append({"value": f"{100 * motion['stuck_output'].mean():.3g} %", "label": "of the time the shaft sticks"})
     return facts
 
 
-def _split(table: LineTable) -> tuple[list[Line], str]:
-    """Lines that are shown, and a sentence on those that are left to the CSV file."""
-    top = max((line.amplitude_n_m for line in table if np.isfinite(line.amplitude_n_m)), default=0.0)
-    shown, small, faint = [], [], []
-    for line in table:
-        if line.status == "below the floor":
-            faint.append(line.line)
-        elif np.isfinite(line.amplitude_n_m) and line.amplitude_n_m < 1e-3 * top:
-            small.append(line.line)
-        else:
-            shown.append(line)
+def _left_out(table: LineTable, shown: tuple[Line, ...]) -> str:
+    """A sentence on the lines that are left to the CSV file."""
+    faint = [line.line for line in table if line.status == FAINT]
+    small = [line.line for line in table if line not in shown and line.status != FAINT]
     parts = []
     if small:
-        parts.append(f"Below a thousandth of the largest line, see lines.csv: {', '.join(small)}.")
+        parts.append(f"Small ones, in lines.csv only: {', '.join(small)}.")
     if faint:
         parts.append(f"Looked for and not found above the floor: {', '.join(faint)}.")
-    return shown, " ".join(parts)
+    return " ".join(parts)
 
 
 def _number(value: float, digits: int = 4, scale: float = 1.0) -> str:
@@ -165,7 +162,7 @@ def picture(figure: Figure) -> str:
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
 
 
-def _budget(motion: Motion, shown: list[Line]) -> dict[str, Any]:
+def _budget(motion: Motion, shown: tuple[Line, ...]) -> dict[str, Any]:
     main = sorted((x for x in shown if np.isfinite(x.amplitude_n_m)), key=lambda x: -x.amplitude_n_m)[:5]
     main.sort(key=lambda x: x.frequency_hz)
     rows = []

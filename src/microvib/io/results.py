@@ -44,7 +44,9 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
         return
     foreign = [name for name in content if name not in RUN_FILES]
     if foreign:
-        raise OutputError(f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or new folder")
+        raise OutputError(
+            f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or new folder"
+        )
     if not overwrite:
         raise OutputError(f"{out}: holds a run already; nothing was written; choose another folder, or add --overwrite")
 
@@ -105,7 +107,15 @@ def _put_in_place(temporary: Path, out: Path) -> None:
 
 def lines_csv(table: LineTable) -> str:
     """CSV text of a table of lines, one row each; what could not be estimated is left empty."""
-    names = ["line", "expected_hz", "frequency_hz", "amplitude_n_m", "phase_rad", "bin_frequency_hz", "bin_amplitude_n_m"]
+    names = [
+        "line",
+        "expected_hz",
+        "frequency_hz",
+        "amplitude_n_m",
+        "phase_rad",
+        "bin_frequency_hz",
+        "bin_amplitude_n_m",
+    ]
     names += [f.name for f in fields(Line) if f.name not in names]
     stream = io.StringIO()
     writer = csv.DictWriter(stream, names, lineterminator="\n")
@@ -168,7 +178,9 @@ def scenario_hash(scenario: Scenario) -> str:
     return hashlib.sha256(dump_scenario(scenario).encode()).hexdigest()
 
 
-def summary(scenario: Scenario, invariants: Any, solver: dict[str, Any], table: LineTable, **timings: float) -> dict[str, Any]:
+def summary(
+    scenario: Scenario, invariants: Any, solver: dict[str, Any], table: LineTable, **timings: float
+) -> dict[str, Any]:
     """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the coupled drive."""
     return {
         "title": scenario.title,

@@ -55,9 +55,13 @@ def _read(path: Path) -> str:
     try:
         size = path.stat().st_size
         if path.is_dir():
-            raise ScenarioError(f"{path}: is a folder; a scenario file or one of {', '.join(catalog_names())} is wanted")
+            raise ScenarioError(
+                f"{path}: is a folder; a scenario file or one of {', '.join(catalog_names())} is wanted"
+            )
         if size > LARGEST_FILE:
-            raise ScenarioError(f"{path}: has {size / 1e6:.1f} MB; a scenario file has at most {LARGEST_FILE / 1e6:.0f} MB")
+            raise ScenarioError(
+                f"{path}: has {size / 1e6:.1f} MB; a scenario file has at most {LARGEST_FILE / 1e6:.0f} MB"
+            )
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ScenarioError(
@@ -81,9 +85,13 @@ def parse_yaml(text: str, origin: str) -> Any:
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise ScenarioError(f"{origin}{where}: is not YAML: {getattr(error, 'problem', None) or 'cannot be parsed'}") from None
+        raise ScenarioError(
+            f"{origin}{where}: is not YAML: {getattr(error, 'problem', None) or 'cannot be parsed'}"
+        ) from None
     except (RecursionError, ValueError) as error:
-        raise ScenarioError(f"{origin}: is not YAML that can be read: {str(error)[:200] or 'nested too deeply'}") from None
+        raise ScenarioError(
+            f"{origin}: is not YAML that can be read: {str(error)[:200] or 'nested too deeply'}"
+        ) from None
 
 
 def parse_value(text: str) -> Any:

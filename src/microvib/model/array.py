@@ -20,7 +20,9 @@ class Mode(Part):
     frequency: Annotated[float, Quantity("Hz", "natural frequency with the interface clamped", "Omega/2pi", gt=0)]
     damping: Annotated[float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent")]
     participation: Annotated[float, Quantity("kg^0.5*m", "participation about the drive axis", "H")] | None = None
-    effective_inertia: Annotated[float, Quantity("kg*m^2", "effective inertia about the drive axis", "H^2", ge=0)] | None = None
+    effective_inertia: (
+        Annotated[float, Quantity("kg*m^2", "effective inertia about the drive axis", "H^2", ge=0)] | None
+    ) = None
     interface_participation: tuple[float, float, float, float, float, float] | None = Field(
         default=None, description="participation in Fx Fy Fz [kg^0.5] and Mx My Mz [kg^0.5 m] at the interface"
     )
@@ -56,7 +58,11 @@ class Array(Part):
     def _inertias_agree(self) -> Self:
         for axis_mode, mode in enumerate(self.modes):
             given = mode.interface_participation
-            if given is not None and mode.H is not None and not math.isclose(given[self._axis], mode.H, rel_tol=1e-6, abs_tol=1e-9):
+            if (
+                given is not None
+                and mode.H is not None
+                and not math.isclose(given[self._axis], mode.H, rel_tol=1e-6, abs_tol=1e-9)
+            ):
                 raise ValueError(
                     f"modes.{axis_mode}: interface_participation about {self.drive_axis} is {given[self._axis]:g} kg^0.5*m"
                     f" and participation {mode.H:g} kg^0.5*m; they must be equal"
@@ -83,7 +89,9 @@ class Array(Part):
                 f" {self.inertia:g} kg*m^2; they must not exceed it"
             )
         residual = self.inertia - effective
-        if self.rigid_inertia is not None and not math.isclose(self.rigid_inertia, residual, rel_tol=1e-3, abs_tol=1e-6 * self.inertia):
+        if self.rigid_inertia is not None and not math.isclose(
+            self.rigid_inertia, residual, rel_tol=1e-3, abs_tol=1e-6 * self.inertia
+        ):
             raise ValueError(
                 f"rigid_inertia: {self.rigid_inertia:g} kg*m^2 disagrees with inertia - sum H^2 = {residual:g} kg*m^2;"
                 " leave it out, or correct the modes"

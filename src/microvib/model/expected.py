@@ -40,8 +40,8 @@ def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tu
         return tuple(lines)
     n, b, z = scenario.driver.microsteps, scenario.driver.beats, scenario.motor.rotor_teeth
     families: list[tuple[str, Kind, int, list[int], str]] = [
-        ("drive", "drive", 1, list(range(1, harmonics + 1)), "microsteps"),
-        ("full_step", "full step", n, list(range(1, harmonics + 1)), "detent torque, full steps"),
+        ("drive", "drive", 1, list(range(1, harmonics + 1)), "microstep"),
+        ("full_step", "full step", n, list(range(1, harmonics + 1)), "full step"),
         ("electrical", "electrical", b * n, list(range(1, min(b, harmonics + 1))), "electrical period"),
     ]
     orders = [e.order for e in scenario.reducer.transmission_error]
@@ -56,13 +56,20 @@ def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tu
         for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
                 name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
-                origin = f"order {k} modulated at {abs(j)} x full steps"
+                origin = f"drive_{k} {j:+d} full step"
                 _add(lines, taken, name, "sideband", (k * n + j) * b * z, f_d / turn, highest, origin)
     return tuple(lines)
 
 
 def _add(
-    lines: list[ExpectedLine], taken: set[int], name: str, kind: Kind, order: int, base: float, highest: float, origin: str
+    lines: list[ExpectedLine],
+    taken: set[int],
+    name: str,
+    kind: Kind,
+    order: int,
+    base: float,
+    highest: float,
+    origin: str,
 ) -> None:
     """Add the line of one order of the wave generator's turns, unless that order has a name already."""
     frequency = order * base

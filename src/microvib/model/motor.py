@@ -21,7 +21,9 @@ class Motor(Part):
     detent_torque: Annotated[float, Quantity("N*m", "amplitude of the detent torque", "K_d", ge=0)]
     winding_resistance: Annotated[float, Quantity("ohm", "resistance of one winding", "R", gt=0)]
     winding_inductance: Annotated[float, Quantity("H", "self-inductance of one winding", "L", gt=0, display="mH")]
-    rotor_inertia: Annotated[float, Quantity("kg*m^2", "moment of inertia of the rotor", "J_r", gt=0, display="kg*cm^2")]
+    rotor_inertia: Annotated[
+        float, Quantity("kg*m^2", "moment of inertia of the rotor", "J_r", gt=0, display="kg*cm^2")
+    ]
     friction: Friction = Field(description="friction on the rotor, against omega_m")
 
     def torque(self, i_A: float, i_B: float, theta_m: float) -> float:

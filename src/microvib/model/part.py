@@ -13,7 +13,7 @@ from microvib.units import Quantity
 class Part(BaseModel):
     """A frozen set of parameters; values are SI floats, or text with a unit where they are given."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     @classmethod
     def quantity_of(cls, name: str) -> Quantity | None:

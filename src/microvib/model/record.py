@@ -23,9 +23,13 @@ class Record(Part):
     def _countable(self) -> Self:
         samples = self.duration * self.sample_rate
         if samples < 8:
-            raise ValueError(f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:g} samples; at least 8 are needed")
+            raise ValueError(
+                f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:g} samples; at least 8 are needed"
+            )
         if samples > MOST_SAMPLES:
-            raise ValueError(f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:.3g} samples; at most {MOST_SAMPLES:.0e}")
+            raise ValueError(
+                f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:.3g} samples; at most {MOST_SAMPLES:.0e}"
+            )
         return self
 
     @property
@@ -39,4 +43,6 @@ class Solver(Part):
 
     tolerance: Annotated[float, Quantity("", "local error over the size of each state", gt=0, le=0.01)] = 2e-5
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
-    refinement: Annotated[int, Field(ge=1, le=64, strict=True, description="makes every step this many times finer")] = 1
+    refinement: Annotated[
+        int, Field(ge=1, le=64, strict=True, description="makes every step this many times finer")
+    ] = 1

@@ -26,10 +26,17 @@ class Reducer(Part):
     wave_generator_inertia: Annotated[
         float, Quantity("kg*m^2", "moment of inertia of the wave generator", "J_wg", ge=0, display="kg*cm^2")
     ]
-    stiffness: Annotated[float, Quantity("N*m/rad", "torsional stiffness at the output, or rigid", "K_g", gt=0)] | Literal["rigid"]
+    stiffness: (
+        Annotated[float, Quantity("N*m/rad", "torsional stiffness at the output, or rigid", "K_g", gt=0)]
+        | Literal["rigid"]
+    )
     damping: Annotated[float, Quantity("N*m*s/rad", "torsional damping at the output; no part if rigid", "C_g", ge=0)]
-    output_inertia: Annotated[float, Quantity("kg*m^2", "moment of inertia of flexspline and output", "J_flex", ge=0)] = 0.0
-    transmission_error: tuple[TransmissionError, ...] = Field(default=(), description="kinematic error, harmonic by harmonic")
+    output_inertia: Annotated[
+        float, Quantity("kg*m^2", "moment of inertia of flexspline and output", "J_flex", ge=0)
+    ] = 0.0
+    transmission_error: tuple[TransmissionError, ...] = Field(
+        default=(), description="kinematic error, harmonic by harmonic"
+    )
 
     @model_validator(mode="before")
     @classmethod

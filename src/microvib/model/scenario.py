@@ -54,7 +54,9 @@ class Scenario(Part):
     def _check_current(self) -> None:
         driver, motor = self.driver, self.motor
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0:
-            raise ValueError("driver: proportional_gain and integral_gain are both 0; one must be greater, or no current flows")
+            raise ValueError(
+                "driver: proportional_gain and integral_gain are both 0; one must be greater, or no current flows"
+            )
         needed = motor.winding_resistance * motor.current
         if driver.supply_voltage is not None and driver.supply_voltage < needed:
             raise ValueError(
@@ -163,11 +165,17 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
 def scenario_from(data: Any, *, units_required: bool = False, origin: str = "") -> Scenario:
     """Build a scenario from nested dicts; every problem found becomes a sentence of one ScenarioError."""
     if not isinstance(data, dict):
-        raise ScenarioError(f"{origin or 'scenario'}: a mapping of keys is wanted, such as 'motor:', not {type(data).__name__}")
+        raise ScenarioError(
+            f"{origin or 'scenario'}: a mapping of keys is wanted, such as 'motor:', not {type(data).__name__}"
+        )
     try:
         return Scenario.model_validate(copy.deepcopy(data), context={"units_required": units_required})
     except ValidationError as error:
-        lines = list(dict.fromkeys(_sentence(item) for item in error.errors()))
+        items = error.errors()
+        # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
+        quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
+        items = [item for item in items if item["type"] != "literal_error" or item["loc"][:-1] not in quantities]
+        lines = list(dict.fromkeys(_sentence(item) for item in items))
         if len(lines) > 8:
             lines = [*lines[:8], f"... and {len(lines) - 8} more"]
         raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
@@ -190,7 +198,13 @@ def _sentence(item: ErrorDetails) -> str:
         return f"{key}: {context['text']}"
     if kind == "value_error":
         text = str(context.get("error", item["msg"]))
-        return f"{key}.{text}" if where and text.split(":")[0].replace(".", "").replace("_", "").isalnum() else f"{key}: {text}"
+        if not where:
+            return text
+        return (
+            f"{key}.{text}"
+            if where and text.split(":")[0].replace(".", "").replace("_", "").isalnum()
+            else f"{key}: {text}"
+        )
     if kind == "literal_error":
         return f"{key}: {shown} is not allowed; write {context.get('expected')}{_meaning(where)}"
     if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):

@@ -22,7 +22,9 @@ class Leg(Part):
 class Tracking(Part):
     """Commanded motion of the array; ``rate`` alone is a constant rate from t = 0."""
 
-    rate: Annotated[float, Quantity("rad/s", "constant commanded rate of the array", "omega", display="deg/s")] | None = None
+    rate: (
+        Annotated[float, Quantity("rad/s", "constant commanded rate of the array", "omega", display="deg/s")] | None
+    ) = None
     profile: tuple[Leg, ...] | None = Field(default=None, max_length=1000, description="legs of the motion, from rest")
     clock_ratio: Annotated[float, Quantity("", "step clock over its nominal rate", gt=0, le=10)] = 1.0
 

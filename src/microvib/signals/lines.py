@@ -23,6 +23,10 @@ SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
 REACH = 6
 """Bins on each side of a line that its fit uses."""
+MOST_FOR_CLOCK = 12
+"""Lines, the strongest, that the clock ratio is estimated from."""
+FAINT = "below the floor"
+"""Status of a line that was looked for and not found."""
 FAR = 400
 """Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
 _DETECTION = 6.0
@@ -77,18 +81,27 @@ class LineTable:
     def __str__(self) -> str:
         return self.text()
 
-    def text(self, shown_above: float = 0.0) -> str:
-        """The table as text; lines below the fraction ``shown_above`` of the largest are only counted."""
+    def notable(self) -> tuple[Line, ...]:
+        """Lines worth a row in a report: without those below the floor or a thousandth of the largest, sidebands 2 %."""
         top = max((x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0)
-        shown = [x for x in self.lines if not x.amplitude_n_m < shown_above * top]
-        rows = [f"{'line':18s} {'expected Hz':>12s} {'Hz':>12s} {'N m':>12s} {'bin Hz':>10s} {'bin N m':>12s}  status"]
+
+        def is_notable(x: Line) -> bool:
+            least = 0.02 if x.kind == "sideband" else 1e-3
+            return x.status != FAINT and not x.amplitude_n_m < least * top
+
+        return tuple(x for x in self.lines if is_notable(x))
+
+    def text(self, notable: bool = False) -> str:
+        """The table as text, whole or only what is notable."""
+        shown = self.notable() if notable else self.lines
+        rows = [f"{'line':16s} {'expected Hz':>12s} {'Hz':>12s} {'N m':>12s} {'bin Hz':>10s} {'bin N m':>12s}  status"]
         rows += [
-            f"{x.line:18s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
+            f"{x.line:16s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
             f" {x.bin_amplitude_n_m:12.4e}  {x.status}"
             for x in shown
         ]
         if len(shown) < len(self.lines):
-            rows.append(f"and {len(self.lines) - len(shown)} lines below {shown_above:g} of the largest, in lines.csv")
+            rows.append(f"and {len(self.lines) - len(shown)} small ones in lines.csv")
         return "\n".join(rows)
 
 
@@ -163,6 +176,19 @@ class _HannSpectrum:
         minus = _damped_hann(-tone.frequency * duration, tone.decay * duration, k, self.samples)
         return np.column_stack([plus + minus, 1j * (plus - minus)])
 
+    def near(self, frequencies: Sequence[float]) -> np.ndarray:
+        """Bins within reach of any of the ``frequencies``."""
+        centres = np.array([round(self.bins(f)) for f in frequencies])
+        bins = np.unique(centres[:, None] + np.arange(-REACH, REACH + 1))
+        return bins[(bins >= 0) & (bins < self.values.size)]
+
+    def equations(self, tones: Sequence[_Tone], k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Real least-squares equations at the bins ``k``: cosine and minus sine of each tone, and a constant."""
+        constant = _damped_hann(0.0, 0.0, k, self.samples)[:, None]
+        shapes = np.hstack([*(self.shapes(tone, k) for tone in tones), constant])
+        values = self.values[k]
+        return np.vstack([shapes.real, shapes.imag]), np.concatenate([values.real, values.imag])
+
     def without(self, tones: Sequence[_Tone], amplitudes: np.ndarray) -> _HannSpectrum:
         """The spectrum with some tones taken out, each from the bins where it stands out of rounding."""
         values = self.values.copy()
@@ -200,32 +226,51 @@ class _HannSpectrum:
 
 
 def _clock_ratio(clock: Sequence[ExpectedLine], spectrum: _HannSpectrum) -> float | None:
-    """Clock ratio from all lines of the clock that stand out, weighted by their information."""
-    weights, ratios = [], []
-    for line in clock:
-        frequency, amplitude = spectrum.peak(line.low, line.high)
-        floor = spectrum.floor(line.frequency)
-        if amplitude > _DETECTION * max(floor, 1e-300):
-            ratios.append(frequency / line.frequency)
-            weights.append((line.frequency * amplitude / max(floor, 1e-12 * amplitude)) ** 2)
-    if not ratios:
+    """Clock ratio that explains the lines of the clock best, all together; None where none of them stands out.
+
+    The strongest line gives the start; then Gauss-Newton on the joint fit, which weights each line with what it tells.
+    """
+    peaks = [(line, *spectrum.peak(line.low, line.high)) for line in clock]
+    seen = [item for item in peaks if item[2] > _DETECTION * max(spectrum.floor(item[0].frequency), 1e-300)]
+    if not seen:
         return None
-    return float(np.average(ratios, weights=weights))
+    seen.sort(key=lambda item: -item[2])
+    strongest, frequency, _ = seen[0]
+    lines = [line for line, _, _ in seen[:MOST_FOR_CLOCK]]
+    near = spectrum.near([line.frequency for line in lines])
+
+    def residual(ratio: float) -> np.ndarray:
+        tones = [_Tone(line, line.frequency * ratio, 0.0) for line in lines]
+        A, b = spectrum.equations(tones, near)
+        rest: np.ndarray = b - A @ _least_squares(A, b)
+        return rest
+
+    ratio, bin_ratio = frequency / strongest.frequency, 1.0 / max(spectrum.bins(line.frequency) for line in lines)
+    r = residual(ratio)
+    for _ in range(12):
+        slope = (residual(ratio + 1e-4 * bin_ratio) - r) / (1e-4 * bin_ratio)
+        move = float(np.clip(-(slope @ r) / max(float(slope @ slope), 1e-300), -0.2 * bin_ratio, 0.2 * bin_ratio))
+        r_new = residual(ratio + move)
+        if r_new @ r_new > r @ r:
+            break
+        ratio, r = ratio + move, r_new
+        if abs(move) < 1e-9 * bin_ratio:
+            break
+    return ratio
 
 
 def _amplitudes(tones: Sequence[_Tone], spectrum: _HannSpectrum) -> np.ndarray:
     """Complex amplitudes a of all tones together, x = Re(a exp(i w t)), (m,); least squares over the bins about them."""
     if not tones:
         return np.zeros(0, dtype=complex)
-    centres = np.array([round(spectrum.bins(tone.frequency)) for tone in tones])
-    near = np.unique(centres[:, None] + np.arange(-REACH, REACH + 1))
-    near = near[(near >= 0) & (near < spectrum.values.size)]
-    shapes = np.hstack([spectrum.shapes(tone, near) for tone in tones])
-    A = np.vstack([shapes.real, shapes.imag])
-    b = np.concatenate([spectrum.values[near].real, spectrum.values[near].imag])
-    solution = np.linalg.lstsq(A, b, rcond=1e-12)[0]
-    result: np.ndarray = solution[0::2] + 1j * solution[1::2]
+    solution = _least_squares(*spectrum.equations(tones, spectrum.near([tone.frequency for tone in tones])))
+    result: np.ndarray = solution[0:-1:2] + 1j * solution[1:-1:2]
     return result
+
+
+def _least_squares(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    solution: np.ndarray = np.linalg.lstsq(A, b, rcond=1e-12)[0]
+    return solution
 
 
 def _fit_modes(modes: Sequence[ExpectedLine], spectrum: _HannSpectrum) -> list[_Tone]:
@@ -246,14 +291,11 @@ def _fit_modes(modes: Sequence[ExpectedLine], spectrum: _HannSpectrum) -> list[_
 def _fit_decay(line: ExpectedLine, frequency: float, spectrum: _HannSpectrum) -> _Tone:
     """Damped tone that fits the bins about a peak: damped Gauss-Newton over frequency and decay, amplitude eliminated."""
     duration = spectrum.samples / spectrum.sample_rate
-    centre = round(spectrum.bins(frequency))
-    band = np.arange(max(centre - REACH, 0), min(centre + REACH + 1, spectrum.values.size))
-    b = np.concatenate([spectrum.values[band].real, spectrum.values[band].imag])
+    band = spectrum.near([frequency])
 
     def residual(u: np.ndarray) -> np.ndarray:
-        shapes = spectrum.shapes(_Tone(line, u[0] / duration, u[1] / duration), band)
-        A = np.vstack([shapes.real, shapes.imag])
-        rest: np.ndarray = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
+        A, b = spectrum.equations([_Tone(line, u[0] / duration, u[1] / duration)], band)
+        rest: np.ndarray = b - A @ _least_squares(A, b)
         return rest
 
     u = np.array([frequency * duration, 0.3])  # in bins, and in e-foldings over the record
@@ -297,7 +339,7 @@ def _result(tone: _Tone, amplitude: complex, bins: np.ndarray, spectrum: _HannSp
     size = abs(amplitude) * float(mean)
     status = "ok"
     if not tone.seen or size < _DETECTION * floor:
-        status = "below the floor" if size < _DETECTION * floor else "ok"
+        status = FAINT if size < _DETECTION * floor else "ok"
     elif abs(fold) > 0.1:
         status = "decaying" if fold > 0.0 else "growing"
     bin_frequency, bin_amplitude = _nearest_bin(bins, tone.frequency, duration)

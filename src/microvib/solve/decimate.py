@@ -2,8 +2,10 @@
 
 The kernel gives every channel as its mean over intervals of 1/(4 f_s), jumps included: that is a boxcar filter, exact, with
 zeros at all multiples of 4 f_s. A symmetric FIR filter then takes the band of the record, makes good the boxcar's droop,
-and every fourth value is kept. Up to 0.35 f_s a tone keeps its amplitude within 1e-4 and its phase exactly; what
-would fold into that band is 80 dB down.
+and every fourth value is kept. Up to 0.35 f_s a tone keeps its amplitude within 1e-4 and its phase exactly. What would fold
+into that band is 80 dB down, but for the neighbourhoods of the multiples of 4 f_s: there the boxcar alone holds it back, by
+20 dB at 0.35 f_s from the multiple and ever more towards it. The torques themselves are small there: of a
+jump of height a, f_d times a second, an order k line has a / (pi k).
 """
 
 from __future__ import annotations

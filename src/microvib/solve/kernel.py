@@ -69,6 +69,7 @@ class Parameters(NamedTuple):
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
 
+
 IA, IB, XA, XB, TM, WM, TL, WL, MODES = range(9)
 
 # --- channels of a sample; the modal coordinates and their rates follow ----------------------------------------------
@@ -557,7 +558,9 @@ def start(y, stick, p, H, D, Lam, te):
 
 
 @njit(inline="always", **COMPILE)
-def _record(t, h, y, y1, dense, clock, stick, p, H, D, Lam, te, energy, sampling, rows, partial, cursor, work, f, q, chan):
+def _record(
+    t, h, y, y1, dense, clock, stick, p, H, D, Lam, te, energy, sampling, rows, partial, cursor, work, f, q, chan
+):
     """Integrate all channels over the step; close every sample interval that ends inside it.
 
     A sample is the mean over its interval, by Gauss quadrature on each piece of it: two points, or one where a piece is
@@ -604,7 +607,32 @@ def _record(t, h, y, y1, dense, clock, stick, p, H, D, Lam, te, energy, sampling
 
 
 @njit(**COMPILE)
-def _shorten_to_event(event, h, e_hi, y, y1, K, dense, work, f0, q, clock, stick, p, H, D, Lam, te, jac, lu, kappa, inv_delta, scale, f, counters):
+def _shorten_to_event(
+    event,
+    h,
+    e_hi,
+    y,
+    y1,
+    K,
+    dense,
+    work,
+    f0,
+    q,
+    clock,
+    stick,
+    p,
+    H,
+    D,
+    Lam,
+    te,
+    jac,
+    lu,
+    kappa,
+    inv_delta,
+    scale,
+    f,
+    counters,
+):
     """Repeat the step with the length at which the margin ``event`` is just spent; return that length.
 
     The first trial comes from the continuous extension, the others from the Illinois variant of false position on the
@@ -653,7 +681,27 @@ def _shorten_to_event(event, h, e_hi, y, y1, K, dense, work, f0, q, clock, stick
 
 
 @njit(**COMPILE)
-def advance(t_stop, y, stick, clock, counters, steps_t, steps_ref, p, H, D, Lam, te, scale, energy, sampling, rows, partial, cursor, scratch):
+def advance(
+    t_stop,
+    y,
+    stick,
+    clock,
+    counters,
+    steps_t,
+    steps_ref,
+    p,
+    H,
+    D,
+    Lam,
+    te,
+    scale,
+    energy,
+    sampling,
+    rows,
+    partial,
+    cursor,
+    scratch,
+):
     """Advance the drive to ``t_stop``; everything but the parameters is updated in place.
 
     ``steps_t`` (n,) are the times of the microsteps before ``t_stop``, ``steps_ref`` (n, 3) the references i_A*, i_B* and
@@ -726,7 +774,29 @@ def advance(t_stop, y, stick, clock, counters, steps_t, steps_ref, p, H, D, Lam,
                 if after[1 - event] >= 0.0:
                     break
 
-        _record(t, h, y, y1, dense, clock, stick, p, H, D, Lam, te, energy, sampling, rows, partial, cursor, work, f, q, chan)
+        _record(
+            t,
+            h,
+            y,
+            y1,
+            dense,
+            clock,
+            stick,
+            p,
+            H,
+            D,
+            Lam,
+            te,
+            energy,
+            sampling,
+            rows,
+            partial,
+            cursor,
+            work,
+            f,
+            q,
+            chan,
+        )
         counters[N_STEPS] += 1
         stalled = stalled + 1 if h < 1e-12 * max(1.0, t) else 0
         t = target if h == left else t + h

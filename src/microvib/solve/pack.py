@@ -143,7 +143,9 @@ def _scale(scenario: Scenario) -> np.ndarray:
         output_rate = min(rotor_rate, math.sqrt(float(scenario.reducer.stiffness) / scenario.output_inertia))
     angle = step / scenario.reducer.ratio
     rate = angle * output_rate
-    integral = motor.winding_resistance * motor.current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
+    integral = (
+        motor.winding_resistance * motor.current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
+    )
     H = np.maximum(np.abs(array.H), 1e-3 * math.sqrt(array.inertia))
     sizes = np.concatenate(
         [

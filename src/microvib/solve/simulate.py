@@ -22,7 +22,9 @@ CHUNK_TIME = 1.0
 CHUNK_ROWS = 16_384
 
 
-def simulate(scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None) -> Motion:
+def simulate(
+    scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None
+) -> Motion:
     """Motion of ``scenario`` over its record, sampled without aliasing.
 
     ``progress(done, total)`` is called with simulated seconds. ``channels`` keeps only the named ones (of
@@ -101,7 +103,9 @@ class Run:
                 yield self._name(samples)
         self._finish(before, momentum_before, end, clock_time.perf_counter() - begun)
 
-    def _advance(self, stop: float, end: float, sampling: tuple[float, float], rows: Any, partial: Any, cursor: Any) -> float:
+    def _advance(
+        self, stop: float, end: float, sampling: tuple[float, float], rows: Any, partial: Any, cursor: Any
+    ) -> float:
         q: Packed = self._packed
         steps_t, steps_ref = self._command.microsteps(q.clock[kernel.T_NOW], stop)
         status = kernel.advance(
@@ -197,4 +201,3 @@ class Run:
 def _row_names() -> tuple[str, ...]:
     """Names of the kernel's channels; its powers come out as energies."""
     return tuple(name.replace("P_", "E_") for name in kernel.CHANNELS)
-

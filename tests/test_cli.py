@@ -1,0 +1,187 @@
+"""The command line as a user meets it: files that appear whole, sentences instead of tracebacks."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.errors import OutputError
+from microvib.io.results import RUN_FILES, write_folder
+
+SHORT = ["--set", "record.settle=1 s", "--set", "record.duration=4 s"]
+
+
+def microvib(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "microvib", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> tuple[Path, str]:
+    """A short run of state 1 and what it printed."""
+    where = tmp_path_factory.mktemp("runs")
+    done = microvib("run", "state-1", *SHORT, "--set", "tracking.clock_ratio=0.994", "--out", "first", cwd=where)
+    assert done.returncode == 0, done.stderr
+    return where / "first", done.stdout
+
+
+def rows(folder: Path) -> dict[str, dict[str, str]]:
+    with (folder / "lines.csv").open() as stream:
+        return {row["line"]: row for row in csv.DictReader(stream)}
+
+
+def test_a_run_writes_its_five_files(finished):
+    folder, printed = finished
+    assert sorted(p.name for p in folder.iterdir()) == sorted(RUN_FILES)
+    assert "drive_1" in printed
+    assert "Tables 5 and 6" in printed
+
+
+def test_lines_csv_has_the_promised_columns_and_lines(finished):
+    table = rows(finished[0])
+    assert {"array_mode_1", "drive_1", "drive_2", "drive_3", "full_step_1"} <= set(table)
+    columns = "line expected_hz frequency_hz amplitude_n_m phase_rad bin_frequency_hz bin_amplitude_n_m".split()
+    assert list(table["drive_1"])[:7] == columns
+    assert float(table["drive_1"]["expected_hz"]) == pytest.approx(53.0133, abs=1e-4)
+
+
+def test_motion_file_opens_with_units(finished):
+    import xarray as xr
+
+    with xr.open_dataset(finished[0] / "motion.nc", engine="h5netcdf") as data:
+        assert data.sizes == {"time": 16384, "mode": 1}
+        assert data["T_d"].attrs["units"] == "N*m"
+        assert float(np.abs(data["T_d"] - data["T_d_force"]).max()) < 1e-14
+        assert float(data["time"][0]) == 1.0
+
+
+def test_summary_says_how_far_to_trust(finished):
+    summary = json.loads((finished[0] / "summary.json").read_text())
+    assert summary["invariants"]["torque_forms"] < 1e-12
+    assert summary["invariants"]["energy"] < 1e-4
+    assert summary["versions"]["numba"]
+    assert summary["solver"]["steps"] > 0
+
+
+def test_report_is_self_contained(finished):
+    page = (finished[0] / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 4
+    assert "http://" not in page
+    assert "https://" not in page
+    for text in ("array_mode_1", "Torque budget", "assumed", "reducer", "N m/rad"):
+        assert text in page
+
+
+def test_written_scenario_runs_to_the_same_result(finished, tmp_path):
+    done = microvib("run", str(finished[0] / "scenario.yaml"), "--out", str(tmp_path / "again"), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "again" / "lines.csv").read_text() == (finished[0] / "lines.csv").read_text()
+
+
+def test_lines_only_gives_the_same_lines(finished, tmp_path):
+    done = microvib("run", str(finished[0] / "scenario.yaml"), "--lines-only", "--out", "lean", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in (tmp_path / "lean").iterdir()) == ["lines.csv", "scenario.yaml", "summary.json"]
+    assert (tmp_path / "lean" / "lines.csv").read_text() == (finished[0] / "lines.csv").read_text()
+
+
+def test_without_out_a_new_folder_is_found_each_time(tmp_path):
+    for name in ("state-1", "state-1-2"):
+        done = microvib("run", "state-1", *SHORT, "--lines-only", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert (tmp_path / name / "lines.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["run", "state-9"], "no such file and no catalog scenario"),
+        (["run", "state-1", "--set", "motor.current"], "KEY=VALUE is wanted"),
+        (["run", "state-1", "--set", "driver.microsteps=0"], "driver.microsteps: 0 is not allowed"),
+        (["run", "state-1", "--set", "motor.rotor_inertia=-1 kg*m^2"], "must be greater than 0 kg*m^2"),
+        (["run", "state-1", "--set", "nonsense.key=1"], "nonsense: unknown key"),
+        (["run", "state-1", "--set", "tracking.rate=400 deg/s"], "loss of synchronism at t ="),
+        (["run", "state-1", "--out", "taken"], "holds other content (thesis.txt)"),
+        (["run", "state-1", "--out", "taken/thesis.txt"], "is a file"),
+        (["show", "taken"], "is a folder"),
+        (["new", "taken/thesis.txt"], "exists already"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_a_status(arguments, sentence, tmp_path):
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "thesis.txt").write_text("ten years of work")
+    done = microvib(*arguments, cwd=tmp_path)
+    assert done.returncode == 1
+    assert sentence in done.stderr
+    assert done.stderr.count("Error:") == 1
+    assert "Traceback" not in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["taken"]
+    assert (tmp_path / "taken" / "thesis.txt").read_text() == "ten years of work"
+
+
+def test_an_old_run_is_replaced_only_on_request(tmp_path):
+    arguments = ["run", "state-1", *SHORT, "--lines-only", "--out", "run"]
+    assert microvib(*arguments, cwd=tmp_path).returncode == 0
+    again = microvib(*arguments, cwd=tmp_path)
+    assert again.returncode == 1
+    assert "holds a run already" in again.stderr
+    assert microvib(*arguments, "--overwrite", cwd=tmp_path).returncode == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_failed_write_leaves_nothing_behind(tmp_path):
+    def disk_full(path: Path) -> None:
+        path.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OutputError, match="No space left on device; nothing was left behind"):
+        write_folder(tmp_path / "run", {"lines.csv": "a", "motion.nc": disk_full})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_overwrite_keeps_the_old_run(tmp_path):
+    def disk_full(path: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_folder(tmp_path / "run", {"lines.csv": "old"})
+    with pytest.raises(OutputError):
+        write_folder(tmp_path / "run", {"lines.csv": "new", "motion.nc": disk_full}, overwrite=True)
+    assert (tmp_path / "run" / "lines.csv").read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_to(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(OutputError, match="cannot be made"):
+        write_folder(tmp_path / "run", {"lines.csv": "a"})
+
+
+def test_new_show_scenarios_schema(tmp_path):
+    assert microvib("new", "drive.yaml", cwd=tmp_path).returncode == 0
+    shown = microvib("show", "drive.yaml", cwd=tmp_path)
+    assert "driving frequency f_d 53.3333 Hz" in shown.stdout
+    assert "state-5" in microvib("scenarios", cwd=tmp_path).stdout
+    assert json.loads(microvib("schema", cwd=tmp_path).stdout)["title"] == "microvib scenario"
+
+
+def test_help_does_not_import_numerics(tmp_path):
+    code = "import sys; sys.argv = ['microvib', '--help']\nfrom microvib.app.cli import main\ntry: main()\nexcept SystemExit: pass\nprint(sorted(m for m in ('numpy', 'numba', 'scipy', 'xarray', 'matplotlib', 'pint', 'pydantic') if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_five_lines_of_a_notebook(motion_1):
+    table = mv.lines(motion_1)
+    assert table["drive_1"].bin_frequency_hz == 53.0
+    assert mv.spectrum(motion_1).resolution == 0.0625
+    assert len(mv.plot(motion_1, table).axes) == 4
+    assert motion_1.dataset["T_d"].attrs["units"] == "N*m"

@@ -1,0 +1,108 @@
+"""One short test for each equation that is computed; the ledger in docs/paper.md lists them all."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from microvib.model.friction import Friction, SlipRing
+from microvib.model.sas import spring_rate_times_arm_squared, torsion_frequency
+from microvib.solve.command import Command
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_eq_1_reference_currents(state_1):
+    driver, motor = state_1.driver, state_1.motor
+    assert driver.reference_currents(motor, 0) == (0.6, 0.0)
+    # a quarter of an electrical turn is one full step of a four-beat motor
+    i_A, i_B = driver.reference_currents(motor, 16)
+    assert i_A == pytest.approx(0.0, abs=1e-15)
+    assert i_B == pytest.approx(0.6)
+
+
+def test_eq_1_microsteps_come_at_the_driving_frequency_of_eq_26(state_1):
+    times, reference = Command(state_1).microsteps(0.0, 1.0)
+    assert np.diff(times) == pytest.approx(1 / state_1.driving_frequency)
+    assert times[0] == pytest.approx(0.5 / state_1.driving_frequency)
+    # a positive rate of the array turns the rotor backwards (Eq. 19)
+    assert reference[0, 2] == pytest.approx(-2 * math.pi / 64)
+
+
+def test_eq_3_back_emf_balances_the_power_of_eq_4(state_1):
+    motor = state_1.motor.model_copy(update={"detent_torque": 0.0})
+    i_A, i_B, theta_m, omega_m = 0.4, -0.3, 0.123, 0.7
+    e_A, e_B = motor.back_emf(omega_m, theta_m)
+    electrical = -(e_A * i_A + e_B * i_B)
+    assert electrical == pytest.approx(motor.torque(i_A, i_B, theta_m) * omega_m)
+
+
+def test_eq_4_stiffness_about_equilibrium(state_1):
+    motor, d = state_1.motor.model_copy(update={"detent_torque": 0.0}), 1e-6
+    stiffness = -(motor.torque(0.6, 0.0, d) - motor.torque(0.6, 0.0, -d)) / (2 * d)
+    assert stiffness == pytest.approx(motor.electromagnetic_stiffness) == pytest.approx(9.0)
+
+
+def test_eq_5_and_7_friction(state_1):
+    friction = state_1.friction
+    fast = 100 * friction.stribeck_rate
+    assert friction.torque(fast) == pytest.approx(0.0246 + 0.544_925 + 0.0255 * fast, abs=1e-6)
+    assert friction.torque(-fast) == -friction.torque(fast)
+    assert friction.torque(1e-12) == pytest.approx(friction.breakaway_torque, rel=1e-6)
+    assert friction.torque(friction.stribeck_rate) == pytest.approx(0.0246 + 0.0216 / math.e + 0.544_925, abs=3e-6)
+
+
+def test_eq_6_slip_ring():
+    ring = SlipRing(contact_pairs=320, contact_force=0.042, friction_factor=1.53, ring_radius=0.0265)
+    assert ring.torque == pytest.approx(0.54492, abs=1e-5)
+
+
+def test_friction_without_slip_ring_is_eq_5():
+    friction = Friction(coulomb=1.0, breakaway=1.0, stribeck_rate=1.0, viscous=2.0)
+    assert friction.torque(3.0) == 7.0
+
+
+def test_eq_14_lambda_and_damping(state_1):
+    omega = 2 * math.pi * 1.19
+    assert state_1.array.Lambda == pytest.approx([omega**2])
+    assert state_1.array.D == pytest.approx([2 * 0.01 * omega])
+
+
+def test_eq_16_effective_inertia(state_1):
+    array = state_1.array
+    assert array.J_h + float(np.sum(array.H**2)) == pytest.approx(array.inertia)
+
+
+def test_eq_17_effective_inertia_is_positive(state_1):
+    from microvib.model.linear import matrices
+
+    M, _, _ = matrices(state_1.with_({"reducer.stiffness": "rigid"}))
+    # in theta_m; h² M is J_flex + J + h² J_m at the output
+    assert 100**2 * M[0, 0] == pytest.approx(8.18 + 100**2 * 0.252e-4)
+
+
+def test_eq_24_with_the_factor_that_gives_hertz():
+    assert spring_rate_times_arm_squared(1.19, 8.18) == pytest.approx(57.2, abs=0.05)
+    assert torsion_frequency(635.0, 0.30, 8.18) == pytest.approx(1.19, abs=2e-3)
+
+
+def test_eq_25_full_step(state_1):
+    assert math.degrees(state_1.driver.full_step(state_1.motor)) == pytest.approx(1.8)
+
+
+def test_eq_26_driving_frequency(state_1):
+    assert state_1.driving_frequency == pytest.approx(53.3333, abs=1e-4)
+
+
+def test_the_ledger_has_a_row_for_each_equation_and_each_row_a_module():
+    rows = re.findall(r"^\| (\d+) \| (.+?) \| (.+?) \| (.+?) \|$", (ROOT / "docs/paper.md").read_text(), re.MULTILINE)
+    assert [int(number) for number, *_ in rows] == list(range(1, 27))
+    for number, _, modules, verdict in rows:
+        for module in re.findall(r"`(.+?)`", modules):
+            path = ROOT / "src/microvib" / module
+            assert path.is_file(), module
+            if not verdict.startswith("not used"):
+                mentioned = {int(n) for first, last in re.findall(r"(\d+)(?:-(\d+))?", " ".join(re.findall(r"Eq\. ([\d, -]+)", path.read_text()))) for n in range(int(first), int(last or first) + 1)}  # fmt: skip
+                assert int(number) in mentioned, f"Eq. {number} is not named in {module}"

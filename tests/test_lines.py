@@ -1,0 +1,110 @@
+"""Line estimation on made signals, whose truth is known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from microvib.model.expected import ExpectedLine
+from microvib.signals.lines import estimate_lines
+from microvib.signals.spectrum import amplitude_spectrum, tone_amplitude
+
+RATE, SAMPLES = 4096.0, 65536
+T = np.arange(SAMPLES) / RATE
+
+
+def expect(name: str, frequency: float, kind: str = "drive", width: float = 0.0) -> ExpectedLine:
+    return ExpectedLine(name, kind, frequency, frequency - width, frequency + width, "made")
+
+
+@settings(max_examples=25, deadline=None)
+@given(offset=st.floats(-0.5, 0.5), phase=st.floats(-3.1, 3.1), seed=st.integers(0, 2**31))
+def test_amplitude_wherever_the_tone_falls_between_bins_at_40_db(offset, phase, seed):
+    f = (848 + offset) / 16
+    noise = np.random.default_rng(seed).normal(0.0, 0.04 / np.sqrt(2) / 100, SAMPLES)
+    x = 0.04 * np.cos(2 * np.pi * f * T + phase) + noise
+    line = estimate_lines(x, RATE, [expect("drive_1", f)])["drive_1"]
+    assert line.amplitude_n_m == pytest.approx(0.04, rel=1e-3)
+    assert line.frequency_hz == pytest.approx(f, abs=2e-4)
+    assert np.exp(1j * line.phase_rad) == pytest.approx(np.exp(1j * phase), abs=5e-3)
+
+
+def test_picket_fence_of_the_nearest_bin():
+    f = 848.5 / 16
+    line = estimate_lines(np.cos(2 * np.pi * f * T), RATE, [expect("drive_1", f)])["drive_1"]
+    assert line.bin_amplitude_n_m == pytest.approx(2 / np.pi, rel=1e-3)
+    assert line.amplitude_n_m == pytest.approx(1.0, rel=1e-6)
+
+
+def test_nearest_bin_of_a_tone_on_a_bin_is_its_amplitude():
+    line = estimate_lines(0.3 * np.cos(2 * np.pi * 53.0 * T + 1) + 5, RATE, [expect("drive_1", 53.0)])["drive_1"]
+    assert line.bin_frequency_hz == 53.0
+    assert line.bin_amplitude_n_m == pytest.approx(0.3)
+
+
+def test_one_clock_ratio_from_all_harmonics():
+    lines = [expect(f"drive_{k}", 160 / 3 * k) for k in (1, 2, 3)]
+    ratio = 1 + 4e-4
+    x = sum(0.02 / k * np.cos(2 * np.pi * 160 / 3 * k * ratio * T + k) for k in (1, 2, 3))
+    table = estimate_lines(x, RATE, lines)
+    assert table.clock_ratio == pytest.approx(ratio, abs=1e-7)
+    for k, line in enumerate(table, 1):
+        assert line.amplitude_n_m == pytest.approx(0.02 / k, rel=1e-4)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.02, 0.07, 0.3])
+@pytest.mark.parametrize("f", [0.22, 1.19, 1.157])
+def test_a_decaying_mode_beside_the_lines(f, sigma):
+    x = 0.005 * np.exp(-sigma * T) * np.cos(2 * np.pi * f * T + 0.4) + 0.005 * np.cos(2 * np.pi * 3.3133 * T)
+    x = x + 0.05 * np.cos(2 * np.pi * 53.0133 * T)
+    lines = [
+        expect("array_mode_1", f * 0.99, "array mode", 0.03),
+        expect("full_step_1", 3.3133),
+        expect("drive_1", 53.0133),
+    ]
+    line = estimate_lines(x, RATE, lines)["array_mode_1"]
+    assert line.frequency_hz == pytest.approx(f, rel=1e-4)
+    assert line.decay_per_s == pytest.approx(sigma, abs=1e-4)
+    mean = 0.005 * (1 - np.exp(-16 * sigma)) / (16 * sigma) if sigma else 0.005
+    assert line.amplitude_n_m == pytest.approx(mean, rel=1e-3)
+
+
+def test_neighbours_do_not_disturb_each_other():
+    fs = [3.0, 3.0 + 3 / 16, 3.0 + 6.5 / 16]
+    x = sum(a * np.cos(2 * np.pi * f * T + a) for a, f in zip((1.0, 0.01, 0.3), fs, strict=True))
+    table = estimate_lines(x, RATE, [expect(f"l{k}", f) for k, f in enumerate(fs)])
+    assert [line.amplitude_n_m for line in table] == pytest.approx([1.0, 0.01, 0.3], rel=2e-3)
+
+
+def test_what_cannot_be_told_apart_is_said():
+    table = estimate_lines(np.cos(2 * np.pi * 3 * T), RATE, [expect("a", 3.0), expect("b", 3.05), expect("c", 0.05)])
+    assert table["b"].status == "not separable from a; a record of 50 s could"
+    assert table["c"].status == "not resolved: needs a record of 50 s"
+    assert np.isnan(table["b"].amplitude_n_m)
+
+
+def test_a_line_that_is_not_there_is_below_the_floor():
+    x = np.cos(2 * np.pi * 53 * T) + np.random.default_rng(1).normal(0, 0.01, SAMPLES)
+    table = estimate_lines(x, RATE, [expect("drive_1", 53.0), expect("drive_2", 106.0)])
+    assert table["drive_1"].status == "ok"
+    assert table["drive_2"].status == "below the floor"
+
+
+def test_silence_gives_zeros_and_no_warnings():
+    table = estimate_lines(
+        np.zeros(4096), RATE, [expect("drive_1", 53.0), expect("array_mode_1", 4.0, "array mode", 0.1)]
+    )
+    assert [line.amplitude_n_m for line in table] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("window", ["rectangular", "hann"])
+def test_amplitude_spectrum_reads_a_tone_on_a_bin(window):
+    s = amplitude_spectrum(2.5 * np.cos(2 * np.pi * 53 * T), RATE, window)
+    assert s.frequency[848] == 53.0
+    assert s.amplitude[848] == pytest.approx(2.5)
+    assert "0-to-peak" in str(s)
+    assert s.resolution == 0.0625
+
+
+def test_tone_amplitude_between_bins():
+    assert tone_amplitude(np.cos(2 * np.pi * 53.03 * T), RATE, 53.03) == pytest.approx(1.0, rel=1e-6)

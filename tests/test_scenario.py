@@ -1,0 +1,232 @@
+"""Scenario files: what they say, how they are changed, and what is refused with which sentence."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import microvib as mv
+from microvib.io.scenario_file import json_schema, load_scenario, parse_value
+
+EXAMPLE = """
+motor: {rotor_teeth: 50, current: 0.6 A, torque_constant: 0.3 N*m/A, detent_torque: 0.01 N*m, winding_resistance: 6 ohm,
+  winding_inductance: 13 mH, rotor_inertia: 0.2 kg*cm^2,
+  friction: {coulomb: 0 N*m, breakaway: 0 N*m, stribeck_rate: 0.003 deg/s, viscous: 0.0255 N*m*s/rad}}
+driver: {beats: 4, microsteps: 16, proportional_gain: 500 V/A, integral_gain: 6000 V/(A*s), supply_voltage: null}
+reducer: {ratio: 100, wave_generator_inertia: 0.052 kg*cm^2, stiffness: 8400 N*m/rad, damping: 5 N*m*s/rad}
+friction: {coulomb: 0.02 N*m, breakaway: 0.04 N*m, stribeck_rate: 0.003 deg/s, viscous: 0.0255 N*m*s/rad}
+array: {inertia: 8.18 kg*m^2, rigid_inertia: 0.13 kg*m^2, modes: [{frequency: 1.19 Hz, damping: 1 percent}]}
+tracking: {rate: 0.06 deg/s}
+record: {settle: 30 s, duration: 16 s, sample_rate: 4096 Hz}
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "drive.yaml"
+    path.write_text(EXAMPLE)
+    return path
+
+
+def test_catalog_has_the_five_states():
+    assert mv.catalog_names() == tuple(f"state-{n}" for n in range(1, 6))
+
+
+@pytest.mark.parametrize(("state", "frequency", "inertia"), [(1, 1.19, 8.18), (2, 1.39, 8.18), (3, 1.59, 8.18), (4, 1.19, 15.69), (5, 1.19, 22.99)])  # fmt: skip
+def test_table_2_states(state, frequency, inertia):
+    array = load_scenario(f"state-{state}").array
+    assert array.modes[0].frequency == frequency
+    assert array.inertia == inertia
+
+
+def test_si_inside(file):
+    scenario = load_scenario(file)
+    assert scenario.motor.rotor_inertia == pytest.approx(2e-5)
+    assert scenario.motor.winding_inductance == pytest.approx(13e-3)
+    assert scenario.tracking.rate == pytest.approx(math.radians(0.06))
+    assert scenario.array.modes[0].damping == pytest.approx(0.01)
+    assert scenario.rotor_inertia == pytest.approx(0.252e-4)
+
+
+@pytest.mark.parametrize("name", [f"state-{n}" for n in range(1, 6)])
+def test_a_dumped_scenario_is_the_same_scenario(name, tmp_path):
+    scenario = load_scenario(name)
+    path = tmp_path / "again.yaml"
+    path.write_text(mv.dump_scenario(scenario))
+    assert load_scenario(path) == scenario
+
+
+def test_profile_and_transmission_error_survive_a_dump(tmp_path, file):
+    changes = {
+        "tracking": {"profile": [{"rate": "0.1 deg/s", "ramp": "2 s", "hold": "3 s"}, {"rate": "-0.1 deg/s"}]},
+        "reducer.transmission_error": [{"order": 2, "amplitude": "20 arcsec", "phase": "30 deg"}],
+        "reducer.stiffness": "rigid",
+    }
+    scenario = load_scenario(file, changes)
+    path = tmp_path / "again.yaml"
+    path.write_text(mv.dump_scenario(scenario))
+    assert load_scenario(path) == scenario
+
+
+@pytest.mark.parametrize(
+    ("setting", "read"),
+    [
+        ("reducer.stiffness=9000 N*m/rad", lambda s: s.reducer.stiffness == 9000.0),
+        ("reducer.stiffness=rigid", lambda s: s.reducer.rigid),
+        ("array.modes.0.frequency=1.3 Hz", lambda s: s.array.modes[0].frequency == 1.3),
+        ("tracking.clock_ratio=0.994", lambda s: s.tracking.clock_ratio == 0.994),
+        ("driver.supply_voltage=24 V", lambda s: s.driver.supply_voltage == 24.0),
+        ("driver.supply_voltage=null", lambda s: s.driver.supply_voltage is None),
+        ("friction.slip_ring=null", lambda s: s.friction.slip_ring is None),
+        ("driver.microsteps=64", lambda s: s.driver.microsteps == 64),
+    ],
+)
+def test_set(setting, read):
+    key, _, value = setting.partition("=")
+    assert read(load_scenario("state-1", {key: parse_value(value)}))
+
+
+def test_what_is_set_is_no_longer_said_to_come_from_the_paper():
+    scenario = load_scenario("state-1", {"motor.current": "0.7 A"})
+    assert scenario.source_of("motor.current") == "set by the user"
+    assert "9076" in scenario.source_of("motor.torque_constant")
+
+
+def test_scenarios_are_frozen(state_1):
+    with pytest.raises(Exception, match="frozen"):
+        state_1.motor.current = 1.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "sentence"),
+    [
+        ("motor.rotor_inertia", "-0.2 kg*cm^2", "motor.rotor_inertia: '-0.2 kg*cm^2' is not allowed; it must be greater than 0 kg*m^2"),
+        ("motor.rotor_inertia", "0.2 kg", "motor.rotor_inertia: '0.2 kg' has the wrong dimension"),
+        ("motor.rotor_inertia", 0.2, "motor.rotor_inertia: 0.2 needs a unit, such as '0.2 kg*cm^2'"),
+        ("motor.rotor_inertia", float("nan"), "motor.rotor_inertia: nan is not finite"),
+        ("motor.curent", "0.6 A", "motor.curent: unknown key; allowed here are rotor_teeth, current"),
+        ("driver.microsteps", 0, "driver.microsteps: 0 is not allowed; a whole number from 1 to 65536 is wanted"),
+        ("driver.microsteps", "many", "driver.microsteps: 'many' is not allowed; a whole number"),
+        ("reducer.stiffness", "soft", "reducer.stiffness: 'soft'"),
+        ("reducer.stiffness", "-1 N*m/rad", "reducer.stiffness: '-1 N*m/rad' is not allowed; it must be greater than 0 N*m/rad"),
+        ("array.rigid_inertia", "9 kg*m^2", "array.rigid_inertia: 9 kg*m^2 is more than the inertia, 8.18 kg*m^2"),
+        ("array.modes.0.effective_inertia", "9 kg*m^2", "array.modes: effective inertias H^2 add up to 9 kg*m^2, more than the inertia"),
+        ("array.modes.0.damping", "200 percent", "array.modes.0.damping: '200 percent' is not allowed"),
+        ("array.modes.3.damping", "1 percent", "array.modes.3.damping: '3' is no index of array.modes; allowed is 0 to 0"),
+        ("friction.breakaway", "0.001 N*m", "friction.breakaway: 0.001 N*m is below coulomb"),
+        ("tracking.profile", [{"rate": "1 deg/s"}], "tracking: give either rate"),
+        ("record.duration", "0.001 s", "record.duration: 0.001 s at 4096 Hz is 4.096 samples; at least 8 are needed"),
+        ("record.sample_rate", "7 rad/s", "record.sample_rate: '7 rad/s' mixes angles and cycles"),
+        ("driver.supply_voltage", "2 V", "driver: supply_voltage 2 V cannot drive 0.6 A through 6 ohm; it must be at least 3.6 V"),
+        ("motor.current.value", "1 A", "motor.current.value: motor.current is a single value"),
+        ("array.modes", "none", "array.modes: 'none' is not allowed; a list is wanted"),
+        ("sources", {"motor.curent": "data sheet"}, "sources: 'motor.curent' is no key of this scenario"),
+    ],
+)  # fmt: skip
+def test_bad_values_are_one_clear_sentence(key, value, sentence):
+    with pytest.raises(mv.ScenarioError) as caught:
+        load_scenario("state-1", {key: value})
+    assert f"state-1: {sentence}" in str(caught.value) or str(caught.value).startswith(sentence)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_key_is_named(file):
+    file.write_text(EXAMPLE.replace("current: 0.6 A, ", ""))
+    with pytest.raises(mv.ScenarioError, match=r"motor.current: missing \(amplitude of the phase currents, in A\)"):
+        load_scenario(file)
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"\xff\xfe\x00", "is not text in UTF-8"),
+        (b"motor: [unclosed", "is not YAML"),
+        (b"", "a mapping of keys is wanted"),
+        (b"- 1\n- 2\n", "a mapping of keys is wanted"),
+        (b"motor: 5\n", "motor: 5 is not allowed; keys are wanted here"),
+        (b"motor: {a: 1, a: 2}\n", "is not YAML"),
+        (b"#" * 5_000_000, "has 5.0 MB"),
+        (b"[" * 100_000, "is not YAML"),
+    ],
+)
+def test_bad_files_are_one_clear_sentence(tmp_path, content, complaint):
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(content)
+    with pytest.raises(mv.ScenarioError, match=complaint):
+        load_scenario(path)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(mv.ScenarioError, match="no such file and no catalog scenario of this name"):
+        load_scenario(tmp_path / "nothing.yaml")
+    with pytest.raises(mv.ScenarioError, match="is a folder"):
+        load_scenario(tmp_path)
+
+
+def _json_like():
+    leaf = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12)
+    return st.recursive(
+        leaf, lambda x: st.lists(x, max_size=3) | st.dictionaries(st.text(max_size=6), x, max_size=3), max_leaves=8
+    )
+
+
+KEYS = [key for key, _, _ in load_scenario("state-1").entries()]
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    key=st.sampled_from([*KEYS, "motor", "array.modes", "array.modes.0", "tracking.profile", "sources", "solver"]),
+    value=_json_like(),
+)
+def test_any_value_gives_a_scenario_or_a_sentence(key, value):
+    try:
+        scenario = load_scenario("state-1", {key: value})
+    except mv.ScenarioError as error:
+        assert str(error).strip()
+    else:
+        assert load_scenario_text(mv.dump_scenario(scenario)) == scenario
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.text(max_size=200))
+def test_any_text_gives_a_scenario_or_a_sentence(text):
+    with pytest.raises(mv.ScenarioError):
+        load_scenario_text(text)
+
+
+def load_scenario_text(text: str) -> mv.Scenario:
+    from microvib.io.scenario_file import parse_yaml
+    from microvib.model.scenario import scenario_from
+
+    return scenario_from(parse_yaml(text, "text"), units_required=True)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    inertia=st.floats(0.01, 1e4),
+    share=st.floats(0.0, 0.99),
+    frequency=st.floats(0.01, 500.0),
+    damping=st.floats(0.0, 0.5),
+    stiffness=st.floats(1.0, 1e9),
+)
+def test_effective_inertias_never_exceed_the_inertia(inertia, share, frequency, damping, stiffness):
+    changes = {
+        "array.inertia": f"{inertia!r} kg*m^2",
+        "array.rigid_inertia": f"{inertia * (1 - share)!r} kg*m^2",
+        "array.modes.0.frequency": f"{frequency!r} Hz",
+        "array.modes.0.damping": damping,
+        "reducer.stiffness": f"{stiffness!r} N*m/rad",
+    }
+    scenario = load_scenario("state-1", changes)
+    assert float((scenario.array.H**2).sum()) <= inertia * (1 + 1e-9)
+    assert all(mode.frequency > 0 for mode in mv.coupled_modes(scenario))
+
+
+def test_schema_names_every_key(state_1):
+    text = str(json_schema())
+    for key, _, quantity in state_1.entries():
+        assert f"'{key.split('.')[-1]}'" in text or key.split(".")[-1].isdigit()
+        if quantity is not None and quantity.unit:
+            assert f"'x-unit': '{quantity.unit}'" in text
