@@ -48,7 +48,15 @@ def test_a_run_writes_its_five_files(finished):
 def test_lines_csv_has_the_promised_columns_and_lines(finished):
     table = rows(finished[0])
     assert {"array_mode_1", "drive_1", "drive_2", "drive_3", "full_step_1"} <= set(table)
-    columns = "line expected_hz frequency_hz amplitude_n_m phase_rad bin_frequency_hz bin_amplitude_n_m".split()
+    columns = [
+        "line",
+        "expected_hz",
+        "frequency_hz",
+        "amplitude_n_m",
+        "phase_rad",
+        "bin_frequency_hz",
+        "bin_amplitude_n_m",
+    ]
     assert list(table["drive_1"])[:7] == columns
     assert float(table["drive_1"]["expected_hz"]) == pytest.approx(53.0133, abs=1e-4)
 

@@ -8,7 +8,7 @@ import pytest
 import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import pack
+from microvib.solve.pack import no_samples, pack
 
 SMOOTH = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.0}
 NO_ROTOR_LOSS = {"motor.friction.viscous": 0.0}
@@ -42,27 +42,20 @@ def scenario_with(*changes):
 
 def advance(scenario, q, stop):
     """Bring the packed state ``q`` to ``stop`` [s]."""
-    width = kernel.N_CHANNELS + 2 * q.H.size
-    steps_t, steps_ref = Command(scenario).microsteps(q.clock[kernel.T_NOW], stop)
-    status = kernel.advance(
-        stop, q.y, q.stick, q.clock, q.counters, steps_t, steps_ref, q.p, q.H, q.D, q.Lam, q.te, q.scale, q.energy,
-        np.array([1e9, 1.0]), np.zeros((0, width)), np.zeros(width), np.zeros(2, dtype=np.int64), q.scratch,
-    )  # fmt: skip
-    assert status == kernel.OK
+    steps_t, steps_ref = Command(scenario).microsteps(q.state.clock[kernel.NOW], stop)
+    assert q.advance(stop, no_samples(q.channels), steps_t, steps_ref) == kernel.OK
 
 
 def channels(q):
-    out = np.zeros(kernel.N_CHANNELS + 2 * q.H.size)
-    kernel.snapshot(q.y, q.stick, q.clock, q.p, q.H, q.D, q.Lam, q.te, q.scratch, out)
-    return dict(zip(kernel.CHANNELS, out, strict=False))
+    return dict(zip(kernel.CHANNELS, q.snapshot(), strict=False))
 
 
 def released(changes, index, offset):
     """A drive that holds still but for one state."""
     scenario = scenario_with({"tracking.rate": 0.0, "solver.tolerance": 1e-12}, changes)
     q = pack(scenario)
-    q.y[index] += offset
-    kernel.start(q.y, q.stick, q.p, q.H, q.D, q.Lam, q.te)
+    q.state.y[index] += offset
+    kernel.start(q.state, q.drive)
     return scenario, q
 
 
@@ -82,7 +75,7 @@ def test_rotor_and_rigid_load_swing_on_the_electromagnetic_spring(detent, inerti
     dt, theta = 4e-3, []
     for k in range(1, 200):
         advance(scenario, q, k * dt)
-        theta.append(q.y[kernel.TM])
+        theta.append(q.state.y[kernel.TM])
     found = pole(np.array(theta[5:]), dt)
     # J_m + J/h^2 on z K_m I + 4 z K_d, where I is what a proportional loop reaches; windings add their back-EMF.
     J, K_m, R_loop, L = 2.52e-5 + inertia / 1e4, 0.3, 506.0, 0.013
@@ -101,8 +94,8 @@ def test_array_mode_decays_at_its_clamped_frequency_behind_a_stuck_shaft(stiffne
     eta, shaft = [], set()
     for stop in t:
         advance(scenario, q, stop)
-        eta.append(q.y[kernel.MODES])
-        shaft |= {q.y[kernel.TL], q.y[kernel.WL]}
+        eta.append(q.state.y[kernel.MODES])
+        shaft |= {q.state.y[kernel.TL], q.state.y[kernel.WL]}
     omega, xi = 2 * math.pi * 1.19, 0.01
     exact = omega * complex(-xi, math.sqrt(1 - xi**2))
     found = pole(np.array(eta), 0.05)
@@ -146,13 +139,13 @@ def test_wound_up_shaft_breaks_away_above_the_breakaway_torque_only(way, share, 
     held_rotor = {"motor.friction.coulomb": 1.0, "motor.friction.breakaway": 1.0}
     windup = way * share * LIMIT / 8400.0
     scenario, q = released(held_rotor, kernel.TL, windup)
-    q.scale[:] *= 1e-7  # of no account here
+    q.drive.scale[:] *= 1e-7  # of no account here
     advance(scenario, q, 60.0)
-    assert (q.y[kernel.TL] == windup) == holds
+    assert (q.state.y[kernel.TL] == windup) == holds
     if holds:
-        assert q.y[kernel.WL] == 0.0
+        assert q.state.y[kernel.WL] == 0.0
     else:
-        assert way * q.y[kernel.TL] < way * windup  # it went the way it was pushed
+        assert way * q.state.y[kernel.TL] < way * windup  # it went the way it was pushed
 
 
 @pytest.mark.parametrize(
@@ -174,22 +167,22 @@ def test_tracking_breaks_away_at_the_breakaway_torque(changes, limit):
         return q
 
     slips, sticks = 0.2, 0.0
-    assert at(slips).counters[kernel.N_BREAKAWAY] > 0
+    assert at(slips).state.counters[kernel.BREAKAWAYS] > 0
     while slips - sticks > 1e-12:
         middle = 0.5 * (slips + sticks)
-        if at(middle).counters[kernel.N_BREAKAWAY]:
+        if at(middle).state.counters[kernel.BREAKAWAYS]:
             slips = middle
         else:
             sticks = middle
     q = at(sticks)
     c = channels(q)
-    assert (q.y[kernel.TL], q.y[kernel.WL]) == (0.0, 0.0)
+    assert (q.state.y[kernel.TL], q.state.y[kernel.WL]) == (0.0, 0.0)
     held = abs(c["T_f"]) + (100 * abs(c["T_f_m"]) if scenario.reducer.rigid else 0.0)
     assert held <= limit * (1 + 1e-12)
     # After a microstep the torque on the rigid reducer rises by 1e5 N m/s: 1e-7 of the limit in what is left of time.
     assert held == pytest.approx(limit, rel=3e-7)
     # and an instant later friction has fallen
-    assert at(slips + 1e-3).y[kernel.WL] != 0.0
+    assert at(slips + 1e-3).state.y[kernel.WL] != 0.0
 
 
 COMBINATIONS = pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The motion command: rates, ramps, stops and reversals become microsteps at the right times."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,7 +21,7 @@ def test_microsteps_follow_the_rounded_command(legs, pieces):
     scenario = mv.load_scenario("state-1").with_(tracking={"profile": legs})
     command = Command(scenario)
     edges = np.linspace(0.0, 8.0, pieces + 1)
-    parts = [command.microsteps(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [command.microsteps(a, b) for a, b in pairwise(edges)]
     times = np.concatenate([t for t, _ in parts])
     counts = np.concatenate([r[:, 2] for _, r in parts]) * 64 / (2 * np.pi)
     assert np.all(np.diff(times) >= 0)

@@ -1,11 +1,13 @@
 """Measured order of the time integration: no friction, no microsteps, every step equally long."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import microvib as mv
 from microvib.solve import kernel
-from microvib.solve.pack import pack
+from microvib.solve.pack import no_samples, pack
 
 SMOOTH = {
     "sources": {},
@@ -51,26 +53,21 @@ STOPS = np.arange(1, 9) * 2.0**-8
 def histories(changes, step):
     """Weighted states, and energies and impulse, at STOPS after a start off equilibrium, in steps of ``step``."""
     q = pack(mv.load_scenario("state-1").with_({**SMOOTH, **changes}))
-    weights = q.scale.copy()
+    weights = q.drive.scale.copy()
     # An error weight of zero accepts every step, and max_step is then the step.
-    q.scale[:] = 0.0
-    q.clock[kernel.H_NEXT] = step
-    q.y[kernel.TM] += 3e-3
-    q.y[kernel.IA] -= 0.05
-    q.y[kernel.IB] += 0.05
-    p = q.p._replace(max_step=step)
-    width = kernel.N_CHANNELS + 2 * q.H.size
-    sampling = np.array([1e9, 1.0])  # no samples
+    q.drive.scale[:] = 0.0
+    q = replace(q, drive=q.drive._replace(max_step=step))
+    q.state.clock[kernel.NEXT_STEP] = step
+    q.state.y[kernel.TM] += 3e-3
+    q.state.y[kernel.IA] -= 0.05
+    q.state.y[kernel.IB] += 0.05
+    nothing = no_samples(q.channels)
     states, sums = [], []
     for stop in STOPS:
-        status = kernel.advance(
-            stop, q.y, q.stick, q.clock, q.counters, np.zeros(0), np.zeros((0, 3)), p, q.H, q.D, q.Lam, q.te, q.scale,
-            q.energy, sampling, np.zeros((0, width)), np.zeros(width), np.zeros(2, dtype=np.int64), q.scratch,
-        )  # fmt: skip
-        assert status == kernel.OK
-        states.append(q.y * weights)
-        sums.append([*q.energy, q.clock[kernel.IMPULSE]])
-    assert q.counters[kernel.N_STEPS] == round(STOPS[-1] / step)
+        assert q.advance(stop, nothing, np.zeros(0), np.zeros((0, 3))) == kernel.OK
+        states.append(q.state.y * weights)
+        sums.append([*q.state.energy, q.state.clock[kernel.IMPULSE]])
+    assert q.state.counters[kernel.STEPS] == round(STOPS[-1] / step)
     return np.array(states), np.array(sums)
 
 

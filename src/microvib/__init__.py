@@ -48,7 +48,24 @@ if TYPE_CHECKING:
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate
 
-__all__ = ["__version__", *_HOME]
+__all__ = [
+    "MicrovibError",
+    "Motion",
+    "Scenario",
+    "ScenarioError",
+    "SimulationError",
+    "SynchronismLost",
+    "__version__",
+    "catalog_names",
+    "coupled_modes",
+    "dump_scenario",
+    "expected_lines",
+    "lines",
+    "load_scenario",
+    "plot",
+    "simulate",
+    "spectrum",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -15,7 +15,7 @@ from sksundae.cvode import CVODE
 import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import pack
+from microvib.solve.pack import no_samples, pack
 
 SMOOTH = {
     "sources": {},
@@ -214,19 +214,15 @@ def radau(rates, t, y, times):
 def kernel_rows(scenario, times):
     """The same rows from the kernel, which is stopped at ``times``."""
     q, command = pack(scenario), Command(scenario)
-    width = kernel.N_CHANNELS + 2 * q.H.size
+    width = q.channels
     names = ["i_A", "i_B", "theta_m", "omega_m", "theta_l", "omega_l", "T_d"]
     picks = [*(kernel.CHANNELS.index(name) for name in names), *range(kernel.N_CHANNELS, width)]
-    rows, out = [], np.zeros(width)
-    none, partial, cursor = np.zeros((0, width)), np.zeros(width), np.zeros(2, dtype=np.int64)
+    rows = []
+    none = no_samples(width)
     for stop in times:
-        steps_t, steps_ref = command.microsteps(q.clock[kernel.T_NOW], stop)
-        status = kernel.advance(
-            stop, q.y, q.stick, q.clock, q.counters, steps_t, steps_ref, q.p, q.H, q.D, q.Lam, q.te, q.scale,
-            q.energy, np.array([1e9, 1.0]), none, partial, cursor, q.scratch,
-        )  # fmt: skip
-        assert status == kernel.OK
-        kernel.snapshot(q.y, q.stick, q.clock, q.p, q.H, q.D, q.Lam, q.te, q.scratch, out)
+        steps_t, steps_ref = command.microsteps(q.state.clock[kernel.NOW], stop)
+        assert q.advance(stop, none, steps_t, steps_ref) == kernel.OK
+        out = q.snapshot()
         rows.append(out[picks])
     return np.array(rows)
 

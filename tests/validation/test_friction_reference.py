@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import pack
+from microvib.solve.pack import no_samples, pack
 
 ON_ROTOR = {"motor.friction.coulomb": 0.002, "motor.friction.breakaway": 0.004, "motor.friction.stribeck_rate": 0.05}
 NO_OUTPUT = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.0}
@@ -207,20 +207,16 @@ class Automaton:
 def kernel_rows(scenario, times):
     """NAMES, then which of rotor and output stick, from the kernel stopped at ``times``; and its counters."""
     q, command = pack(scenario), Command(scenario)
-    width = kernel.N_CHANNELS + 2 * q.H.size
+    width = q.channels
     picks = [kernel.CHANNELS.index(name) for name in (*NAMES, "stuck_rotor", "stuck_output")]
-    rows, out = [], np.zeros(width)
-    none, partial, cursor = np.zeros((0, width)), np.zeros(width), np.zeros(2, dtype=np.int64)
+    rows = []
+    none = no_samples(width)
     for stop in times:
-        steps_t, steps_ref = command.microsteps(q.clock[kernel.T_NOW], stop)
-        status = kernel.advance(
-            stop, q.y, q.stick, q.clock, q.counters, steps_t, steps_ref, q.p, q.H, q.D, q.Lam, q.te, q.scale,
-            q.energy, np.array([1e9, 1.0]), none, partial, cursor, q.scratch,
-        )  # fmt: skip
-        assert status == kernel.OK
-        kernel.snapshot(q.y, q.stick, q.clock, q.p, q.H, q.D, q.Lam, q.te, q.scratch, out)
+        steps_t, steps_ref = command.microsteps(q.state.clock[kernel.NOW], stop)
+        assert q.advance(stop, none, steps_t, steps_ref) == kernel.OK
+        out = q.snapshot()
         rows.append(out[picks])
-    return np.array(rows), q.counters
+    return np.array(rows), q.state.counters
 
 
 def scenario_of(case, tolerance=2e-5):
@@ -267,7 +263,7 @@ def test_sticks_begin_and_end_with_the_automatons(case, tolerance, apart):
         before, after = found[2 * k, len(NAMES) + which], found[2 * k + 1, len(NAMES) + which]
         assert (before, after) == (1 - sticks, sticks), f"{t:.7f} s"
     # and there are no others
-    assert counters[kernel.N_BREAKAWAY] == sum(not sticks for _, _, sticks in automaton.changes)
+    assert counters[kernel.BREAKAWAYS] == sum(not sticks for _, _, sticks in automaton.changes)
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -198,7 +198,8 @@ def _print_lines(loaded: Scenario, table: LineTable) -> None:
             "\nBeside the paper's Tables 5 and 6 (all nearest bin, rectangular window; parameters partly assumed):\n"
         )
         click.echo(
-            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s} {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
+            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
+            f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
         )
         for r in rows:
             click.echo(

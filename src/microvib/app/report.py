@@ -32,7 +32,7 @@ _BUDGET = {
     "T_l": "T_l load of the array",
 }
 _INVARIANTS = {
-    "torque_forms": "largest difference of momentum form and force form of T_d, over the largest T_d (algebra; rounding is expected)",
+    "torque_forms": "largest difference of momentum form and force form of T_d, over the largest T_d (algebra: rounding)",
     "momentum": "|change of angular momentum + integral of T_d dt| over the array's momentum at its top rate",
     "energy": "|energy in - stored - dissipated| over the electrical energy put in",
     "energy_mechanical": "the same over the energy beyond Joule heat, which is the sharper figure",

@@ -36,19 +36,20 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     name = str(source)
     text = catalog_text(name) if name in catalog_names() else _read(Path(source))
     data = parse_yaml(text, name)
-    for key, value in (changes or {}).items():
+    if not changes or not isinstance(data, dict):
+        return scenario_from(data, units_required=True, origin=name)
+    before = scenario_from(data, units_required=True, origin=name) if "sources" in data else None
+    for key, value in changes.items():
         set_key(data, key, value)
-    if isinstance(data, dict) and "sources" in data and changes:
-        _own_up(data["sources"], changes)
-    return scenario_from(data, units_required=True, origin=name)
+    after = scenario_from(
+        {**data, "sources": data.get("sources") if "sources" in changes else {}}, units_required=True, origin=name
+    )
+    return after if before is None or "sources" in changes else after.with_sources(before.sources | _own_up(changes))
 
 
-def _own_up(sources: Any, changes: dict[str, Any]) -> None:
+def _own_up(changes: dict[str, Any]) -> dict[str, str]:
     """A value that was changed no longer comes from the file's source."""
-    if isinstance(sources, dict):
-        for key in changes:
-            if not key.startswith(("source", "title")):
-                sources[key] = "set by the user"
+    return {key: "set by the user" for key in changes if key.split(".")[0] not in ("source", "sources", "title")}
 
 
 def _read(path: Path) -> str:

@@ -31,8 +31,8 @@ def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tu
 
     Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the full-step rate f_d/n
     (detent torque); the electrical period f_d/(b n); the wave generator's turns, for each transmission-error harmonic; and
-    the sidebands that the detent torque makes about the driving lines. A frequency that belongs to several families carries the name of the first. None but modes where the rate changes
-    within the record or is zero.
+    the sidebands that the detent torque makes about the driving lines. A frequency that belongs to several families carries
+    the name of the first. Where the rate changes within the record, or is zero, there are modes only.
     """
     lines = [*_array_lines(scenario, highest)]
     f_d = scenario.driving_frequency

@@ -47,7 +47,7 @@ class Scenario(Part):
             )
         self._check_current()
         for key in self.sources:
-            if not any(name == key or name.startswith(key + ".") for name, _, _ in self.entries()):
+            if not self._has(key):
                 raise ValueError(f"sources: '{key}' is no key of this scenario")
         return self
 
@@ -93,7 +93,14 @@ class Scenario(Part):
         data = self.model_dump()
         for key, value in {**(changes or {}), **groups}.items():
             set_key(data, key, value.model_dump() if isinstance(value, Part) else value)
-        return scenario_from(data)
+        return scenario_from({**data, "sources": {}}).with_sources(data["sources"])
+
+    def with_sources(self, sources: dict[str, str]) -> Scenario:
+        """A copy with the sources of those keys that it has; the others are dropped."""
+        return self.model_copy(update={"sources": {key: text for key, text in sources.items() if self._has(key)}})
+
+    def _has(self, key: str) -> bool:
+        return any(name == key or name.startswith(key + ".") for name, _, _ in self.entries())
 
     def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
         """Every parameter as (dotted key, value, declaration or None), in the order of the file."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from microvib.model.scenario import Scenario
@@ -28,7 +30,8 @@ class Command:
         """Commanded angle in microsteps, not rounded, at the times ``t`` [s]."""
         leg = np.searchsorted(self._times, t, side="right") - 1
         dt = t - self._times[leg]
-        return self._counts[leg] + dt * (self._rates[leg] + 0.5 * self._slope(leg) * dt)
+        result: np.ndarray = self._counts[leg] + dt * (self._rates[leg] + 0.5 * self._slope(leg) * dt)
+        return result
 
     def _slope(self, leg: np.ndarray) -> np.ndarray:
         following = np.minimum(leg + 1, self._times.size - 1)
@@ -40,7 +43,7 @@ class Command:
         """Times [s], (m,), in [start, stop), and after each i_A*, i_B* [A] and electrical angle [rad], (m, 3)."""
         edges = np.unique(np.concatenate([[start, stop], self._times[(self._times > start) & (self._times < stop)]]))
         times, counts = [], []
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges.tolist()):
             for lo, hi in self._monotone(a, b):
                 t, k = self._crossings(lo, hi)
                 times.append(t)
@@ -52,9 +55,9 @@ class Command:
 
     def _monotone(self, a: float, b: float) -> list[tuple[float, float]]:
         """Split a piece of constant acceleration where its rate passes zero."""
-        leg = np.searchsorted(self._times, a, side="right") - 1
+        leg = int(np.searchsorted(self._times, a, side="right")) - 1
         slope = float(self._slope(np.array([leg]))[0])
-        rate = self._rates[leg] + slope * (a - self._times[leg])
+        rate = float(self._rates[leg] + slope * (a - self._times[leg]))
         turn = a - rate / slope if slope != 0.0 else a
         return [(a, turn), (turn, b)] if a < turn < b else [(a, b)]
 

@@ -42,11 +42,9 @@ class Decimator:
             self._band[k, k * FACTOR : k * FACTOR + taps.size] = taps
         self._width = width
         self._left = np.zeros((0, 0))
-        self.started = False
 
     def push(self, rows: np.ndarray) -> np.ndarray:
         """Samples that can be made once ``rows`` (n, channels) have come; the first belongs to input row ``HALF``."""
-        self.started = True
         rows = np.concatenate([self._left, rows]) if self._left.size else rows
         blocks = max((rows.shape[0] - self._width) // (_BLOCK * FACTOR) + 1, 0)
         stride = _BLOCK * FACTOR

@@ -13,66 +13,71 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 
 
-@dataclass
+@dataclass(frozen=True)
 class Packed:
-    """Arguments of the kernel that describe one scenario, and the state that it advances."""
+    """One scenario as the kernel takes it: its parameters, its state (updated in place) and scratch."""
 
-    p: Any
-    H: np.ndarray
-    D: np.ndarray
-    Lam: np.ndarray
-    te: np.ndarray
-    scale: np.ndarray
-    y: np.ndarray
-    stick: np.ndarray
-    clock: np.ndarray
-    counters: np.ndarray
-    energy: np.ndarray
+    drive: Any
+    state: Any
     scratch: np.ndarray
+
+    def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
+        """Advance to the time ``stop`` [s]; see ``kernel.advance``."""
+        return int(kernel.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
+
+    def snapshot(self) -> np.ndarray:
+        """All channels of the present state, (channels,)."""
+        out = np.zeros(self.channels)
+        kernel.snapshot(self.state, self.drive, self.scratch, out)
+        return out
+
+    @property
+    def channels(self) -> int:
+        """Number of channels of a sample, modal ones included."""
+        return kernel.N_CHANNELS + 2 * int(self.drive.H.size)
+
+    @property
+    def momentum(self) -> float:
+        """Angular momentum L of all that moves [N m s]."""
+        y, p = self.state.y, self.drive
+        return float(p.J_m * y[kernel.WM] + p.J_L * y[kernel.WL] + p.H @ y[kernel.MODES + 1 :: 2])
+
+
+def no_samples(channels: int) -> Any:
+    """Samples for a stretch in which nothing is recorded."""
+    return kernel.Samples(math.inf, 1.0, np.zeros((0, channels)), np.zeros(channels), np.zeros(2, dtype=np.int64))
 
 
 def pack(scenario: Scenario) -> Packed:
-    """Parameters, error scales and the state at rest at theta = 0 with holding currents."""
-    array = scenario.array
-    H, s = array.H, len(array.modes)
-    te = np.array(
-        [
-            [e.order, e.amplitude * math.cos(e.phase), e.amplitude * math.sin(e.phase)]
-            for e in scenario.reducer.transmission_error
-        ]
-    ).reshape(-1, 3)
-    packed = Packed(
-        p=_parameters(scenario),
-        H=H,
-        D=array.D,
-        Lam=array.Lambda,
-        te=np.ascontiguousarray(te.T),
-        scale=_scale(scenario),
-        y=np.zeros(kernel.MODES + 2 * s),
+    """Parameters, and the state at rest at theta = 0 with holding currents."""
+    size = kernel.MODES + 2 * len(scenario.array.modes)
+    state = kernel.State(
+        y=np.zeros(size),
         stick=np.zeros(2),
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
-        scratch=np.zeros((kernel.N_SCRATCH, max(kernel.N_CHANNELS + 2 * s, kernel.MODES + 2 * s, 32))),
     )
+    width = max(kernel.N_CHANNELS + size, 32)
+    packed = Packed(_drive(scenario), state, np.zeros((kernel.SCRATCH_ROWS, width)))
     _hold(scenario, packed)
     return packed
 
 
 def _hold(scenario: Scenario, packed: Packed) -> None:
     """State before t = 0: at rest, phase A at its holding current, the loop in equilibrium."""
-    driver, motor = scenario.driver, scenario.motor
+    driver, motor, state = scenario.driver, scenario.motor, packed.state
     current, R = motor.current, motor.winding_resistance
     if driver.integral_gain > 0.0:
-        packed.y[kernel.XA] = R * current / driver.integral_gain
-        packed.y[kernel.IA] = current
+        state.y[kernel.XA] = R * current / driver.integral_gain
+        state.y[kernel.IA] = current
     else:
-        packed.y[kernel.IA] = current * driver.proportional_gain / (driver.proportional_gain + R)
+        state.y[kernel.IA] = current * driver.proportional_gain / (driver.proportional_gain + R)
     # The transmission error may be non-zero at theta_m = 0; the gear is relaxed there.
-    packed.y[kernel.TL] = scenario.reducer.kinematic_error(0.0)
-    packed.clock[kernel.REF_A] = current
-    packed.clock[kernel.H_NEXT] = packed.p.layer
-    kernel.start(packed.y, packed.stick, packed.p, packed.H, packed.D, packed.Lam, packed.te)
+    state.y[kernel.TL] = scenario.reducer.kinematic_error(0.0)
+    state.clock[kernel.REF_A] = current
+    state.clock[kernel.NEXT_STEP] = packed.drive.layer
+    kernel.start(state, packed.drive)
 
 
 def _friction(friction: Friction) -> tuple[float, float, float, float, float]:
@@ -85,7 +90,7 @@ def _friction(friction: Friction) -> tuple[float, float, float, float, float]:
     )
 
 
-def _parameters(scenario: Scenario) -> Any:
+def _drive(scenario: Scenario) -> Any:
     motor, driver, reducer, solver = scenario.motor, scenario.driver, scenario.reducer, scenario.solver
     rotor, output = _friction(motor.friction), _friction(scenario.friction)
     L, L_D = motor.winding_inductance, motor.winding_inductance + driver.derivative_gain
@@ -93,7 +98,7 @@ def _parameters(scenario: Scenario) -> Any:
     fast = driver.time_constant(motor)
     if driver.integral_gain > 0.0:
         fast = min(fast, math.sqrt(L_D / driver.integral_gain))
-    return kernel.Parameters(
+    return kernel.Drive(
         z=float(motor.rotor_teeth),
         K_m=motor.torque_constant,
         K_d=motor.detent_torque,
@@ -106,7 +111,6 @@ def _parameters(scenario: Scenario) -> Any:
         J_m=J_m,
         J_L=J_L,
         J_h=scenario.array.J_h,
-        h=reducer.ratio,
         K_g=0.0 if reducer.rigid else float(reducer.stiffness),
         C_g=0.0 if reducer.rigid else reducer.damping,
         rigid=reducer.rigid,
@@ -127,7 +131,20 @@ def _parameters(scenario: Scenario) -> Any:
         inv_h=1.0 / reducer.ratio,
         max_step=solver.max_step / solver.refinement,
         layer=fast / 3.0 / solver.refinement,
+        H=scenario.array.H,
+        D=scenario.array.D,
+        Lam=scenario.array.Lambda,
+        te=_transmission_error(scenario),
+        scale=_scale(scenario),
     )
+
+
+def _transmission_error(scenario: Scenario) -> np.ndarray:
+    rows = [
+        [e.order, e.amplitude * math.cos(e.phase), e.amplitude * math.sin(e.phase)]
+        for e in scenario.reducer.transmission_error
+    ]
+    return np.ascontiguousarray(np.array(rows, dtype=float).reshape(-1, 3).T)
 
 
 def _scale(scenario: Scenario) -> np.ndarray:

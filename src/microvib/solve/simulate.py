@@ -14,7 +14,7 @@ from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.decimate import FACTOR, HALF, PASSBAND, Decimator
 from microvib.solve.motion import Invariants, Motion
-from microvib.solve.pack import Packed, pack
+from microvib.solve.pack import pack
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 1.0
@@ -70,49 +70,42 @@ class Run:
             lead, first = lead - 1, first + width
         total_rows = lead + 1 + (record.samples - 1) * FACTOR + HALF
         end = first + total_rows * width
-        before = self._snapshot()
-        momentum_before = self._momentum()
-
-        n_chan = kernel.N_CHANNELS + 2 * packed.H.size
-        rows, partial, cursor = np.zeros((0, n_chan)), np.zeros(n_chan), np.zeros(2, dtype=np.int64)
+        before, momentum_before = packed.snapshot(), packed.momentum
+        n_chan = packed.channels
+        samples = kernel.Samples(first, width, np.zeros((0, n_chan)), np.zeros(n_chan), np.zeros(2, dtype=np.int64))
         t = 0.0
         while t < first:
-            t = self._advance(min(t + CHUNK_TIME, first), end, (first, width), rows, partial, cursor)
+            t = self._advance(min(t + CHUNK_TIME, first), end, samples)
         decimator = Decimator()
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         per_chunk = int(np.clip(CHUNK_TIME / width, 512, CHUNK_ROWS))
         buffer = np.zeros((per_chunk, n_chan))
-        done_rows = made = 0
+        done = made = 0
         while made < record.samples:
-            count = min(per_chunk, total_rows - done_rows)
+            count = min(per_chunk, total_rows - done)
             if count > 0:
                 rows = buffer[:count]
-                cursor[:] = 0, done_rows
-                self._advance(first + (done_rows + count) * width, end, (first, width), rows, partial, cursor)
-                if cursor[0] < count:  # the last interval ended a rounding error late
-                    rows[cursor[0] :] = partial / width
-                    partial[:] = 0.0
-                done_rows += count
+                samples = samples._replace(rows=rows)
+                samples.cursor[:] = 0, done
+                self._advance(first + (done + count) * width, end, samples)
+                if samples.cursor[0] < count:  # the last interval ended a rounding error late
+                    rows[samples.cursor[0] :] = samples.partial / width
+                    samples.partial[:] = 0.0
+                if done == 0:
+                    rows = np.concatenate([np.repeat(rows[:1], HALF - lead, axis=0), rows])
+                done += count
             else:  # pad the filter's last block
                 rows = np.repeat(rows[-1:], per_chunk, axis=0)
-            if made == 0 and not decimator.started:
-                rows = np.concatenate([np.repeat(rows[:1], HALF - lead, axis=0), rows])
-            samples = decimator.push(rows)[: record.samples - made]
-            made += samples.shape[0]
-            if samples.shape[0]:
-                yield self._name(samples)
+            block = decimator.push(rows)[: record.samples - made]
+            made += block.shape[0]
+            if block.shape[0]:
+                yield self._name(block)
         self._finish(before, momentum_before, end, clock_time.perf_counter() - begun)
 
-    def _advance(
-        self, stop: float, end: float, sampling: tuple[float, float], rows: Any, partial: Any, cursor: Any
-    ) -> float:
-        q: Packed = self._packed
-        steps_t, steps_ref = self._command.microsteps(q.clock[kernel.T_NOW], stop)
-        status = kernel.advance(
-            stop, q.y, q.stick, q.clock, q.counters, steps_t, steps_ref, q.p, q.H, q.D, q.Lam, q.te, q.scale,
-            q.energy, np.array(sampling), rows, partial, cursor, q.scratch,
-        )  # fmt: skip
-        now = float(q.clock[kernel.T_NOW])
+    def _advance(self, stop: float, end: float, samples: Any) -> float:
+        clock = self._packed.state.clock
+        status = self._packed.advance(stop, samples, *self._command.microsteps(float(clock[kernel.NOW]), stop))
+        now = float(clock[kernel.NOW])
         if status == kernel.LOST_SYNCHRONISM:
             raise SynchronismLost(self._lost(now), now)
         if status != kernel.OK:
@@ -135,59 +128,47 @@ class Run:
         )
 
     def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
-        s = self._packed.H.size
+        s = self._packed.drive.H.size
         block = {name: samples[:, k] for k, name in enumerate(_row_names())}
         block["eta"] = samples[:, kernel.N_CHANNELS : kernel.N_CHANNELS + s]
         block["eta_rate"] = samples[:, kernel.N_CHANNELS + s :]
         keep = self._wanted or tuple(block)
         return {name: np.ascontiguousarray(block[name]) for name in keep}
 
-    def _snapshot(self) -> np.ndarray:
-        q = self._packed
-        out = np.zeros(kernel.N_CHANNELS + 2 * q.H.size)
-        kernel.snapshot(q.y, q.stick, q.clock, q.p, q.H, q.D, q.Lam, q.te, q.scratch, out)
-        return out
-
-    def _momentum(self) -> float:
-        """Angular momentum of all that moves, L [N m s]."""
-        q = self._packed
-        modal = float(q.H @ q.y[kernel.MODES + 1 :: 2])
-        return float(q.p.J_m * q.y[kernel.WM] + q.p.J_L * q.y[kernel.WL] + modal)
-
     def _finish(self, before: np.ndarray, momentum_before: float, end: float, seconds: float) -> None:
-        q = self._packed
-        stored_channels = [kernel.C_KINETIC, kernel.C_MAGNETIC, kernel.C_ELASTIC]
-        stored = float(np.sum((self._snapshot() - before)[stored_channels]))
-        energy_in, joule, friction, damping = (float(e) for e in q.energy)
+        p, state = self._packed.drive, self._packed.state
+        change = self._packed.snapshot() - before
+        stored = float(np.sum(change[kernel.ENERGIES : kernel.POWERS]))
+        energy_in, joule, friction, damping = (float(e) for e in state.energy)
         dissipated = joule + friction + damping
         residual = abs(energy_in - stored - dissipated)
-        passed = abs(energy_in - joule) + friction + damping
+        passed = max(abs(energy_in - joule) + friction + damping, 1e-9 * energy_in)  # nothing passes a drive that holds
         _, rates = self.scenario.tracking.breakpoints()
         top = float(np.max(np.abs(rates))) or 1e-6
-        momentum_scale = top * (self.scenario.array.inertia + q.p.J_m * q.p.h)
-        torque = float(q.clock[kernel.MAX_TORQUE])
+        momentum_scale = top * (self.scenario.array.inertia + p.J_m / p.inv_h)
+        torque = float(state.clock[kernel.LARGEST])
         self.invariants = Invariants(
-            torque_forms=float(q.clock[kernel.MAX_MISMATCH]) / torque if torque > 0.0 else 0.0,
-            momentum=abs(self._momentum() - momentum_before + float(q.clock[kernel.IMPULSE])) / momentum_scale,
+            torque_forms=float(state.clock[kernel.MISMATCH]) / torque if torque > 0.0 else 0.0,
+            momentum=abs(self._packed.momentum - momentum_before + state.clock[kernel.IMPULSE]) / momentum_scale,
             energy=residual / energy_in if energy_in > 0.0 else 0.0,
             energy_mechanical=residual / passed if passed > 0.0 else 0.0,
             energy_in=energy_in,
             energy_dissipated=dissipated,
             energy_stored=stored,
         )
-        count = q.counters
+        count = state.counters
         settings = self.scenario.solver
         self.solver = {
             "method": "RODAS4, order 4(3), with located friction events",
             "tolerance": settings.tolerance,
             "max_step_s": settings.max_step,
             "refinement": settings.refinement,
-            "steps": int(count[kernel.N_STEPS]),
-            "rejected_steps": int(count[kernel.N_REJECTED]),
-            "event_location_steps": int(count[kernel.N_EVENT_STEPS]),
-            "microsteps": int(count[kernel.N_MICROSTEPS]),
-            "sticks": int(count[kernel.N_STICK]),
-            "breakaways": int(count[kernel.N_BREAKAWAY]),
+            "steps": int(count[kernel.STEPS]),
+            "rejected_steps": int(count[kernel.REJECTED]),
+            "event_location_steps": int(count[kernel.EVENT_STEPS]),
+            "microsteps": int(count[kernel.MICROSTEPS]),
+            "sticks": int(count[kernel.STICKS]),
+            "breakaways": int(count[kernel.BREAKAWAYS]),
             "sampling": (
                 f"interval means at {FACTOR} x the sample rate, then a linear-phase filter, flat within 1e-4 to"
                 f" {PASSBAND} x the sample rate"
