@@ -119,7 +119,10 @@ def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
     visible = [line for line in shown if line.amplitude_n_m > bottom]
     ax.plot([x.frequency_hz for x in visible], [x.amplitude_n_m for x in visible], "o", color=RED, markersize=4)
     placed: list[float] = []
+    top = max((line.amplitude_n_m for line in visible), default=0.0)
     for line in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
+        if line.amplitude_n_m < 1e-3 * top:
+            continue
         if any(abs(line.frequency_hz - f) < 0.035 * highest for f in placed):
             continue
         placed.append(line.frequency_hz)
