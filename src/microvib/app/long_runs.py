@@ -42,7 +42,7 @@ def lines_of_stream(
             )
         bins.add(block)
     assert bins is not None
-    return _mean(tables, bins), run.invariants, run.solver | {"line_blocks": len(tables)}
+    return tables[0] if len(tables) == 1 else _mean(tables, bins), run.invariants, run.solver | {"line_blocks": len(tables)}
 
 
 def _regroup(run: Run, size: int) -> Iterator[np.ndarray]:

@@ -33,7 +33,7 @@ _BUDGET = {
 }
 _INVARIANTS = {
     "torque_forms": "largest difference of momentum form and force form of T_d, over the largest T_d (algebra: rounding)",
-    "momentum": "|change of angular momentum + integral of T_d dt| over the array's momentum at its top rate",
+    "momentum": "mean torque that the change of angular momentum does not account for, over the largest T_d",
     "energy": "|energy in - stored - dissipated| over the electrical energy put in",
     "energy_mechanical": "the same over the energy beyond Joule heat, which is the sharper figure",
     "energy_in": "electrical energy put in [J]",

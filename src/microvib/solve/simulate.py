@@ -136,20 +136,18 @@ class Run:
         return {name: np.ascontiguousarray(block[name]) for name in keep}
 
     def _finish(self, before: np.ndarray, momentum_before: float, end: float, seconds: float) -> None:
-        p, state = self._packed.drive, self._packed.state
+        state = self._packed.state
         change = self._packed.snapshot() - before
         stored = float(np.sum(change[kernel.ENERGIES : kernel.POWERS]))
         energy_in, joule, friction, damping = (float(e) for e in state.energy)
         dissipated = joule + friction + damping
         residual = abs(energy_in - stored - dissipated)
         passed = max(abs(energy_in - joule) + friction + damping, 1e-9 * energy_in)  # nothing passes a drive that holds
-        _, rates = self.scenario.tracking.breakpoints()
-        top = float(np.max(np.abs(rates))) or 1e-6
-        momentum_scale = top * (self.scenario.array.inertia + p.J_m / p.inv_h)
+        unbalanced = float(abs(self._packed.momentum - momentum_before + state.clock[kernel.IMPULSE]))
         torque = float(state.clock[kernel.LARGEST])
         self.invariants = Invariants(
             torque_forms=float(state.clock[kernel.MISMATCH]) / torque if torque > 0.0 else 0.0,
-            momentum=abs(self._packed.momentum - momentum_before + state.clock[kernel.IMPULSE]) / momentum_scale,
+            momentum=unbalanced / (torque * end) if torque > 0.0 else 0.0,
             energy=residual / energy_in if energy_in > 0.0 else 0.0,
             energy_mechanical=residual / passed if passed > 0.0 else 0.0,
             energy_in=energy_in,

@@ -1,0 +1,68 @@
+"""The examples run, and give the figures that they gave when they were written."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+import microvib as mv
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+# mN m, `python examples/states.py`; the catalog's assumed values, no calibration
+PINNED = {
+    1: {"array_mode_1": 4.601, "drive_1": 54.219, "drive_2": 9.551, "drive_3": 12.356, "full_step_1": 4.798},
+    2: {"array_mode_1": 3.634, "drive_1": 53.847, "drive_2": 10.109, "drive_3": 12.605, "full_step_1": 6.973},
+    3: {"array_mode_1": 2.831, "drive_1": 53.411, "drive_2": 10.756, "drive_3": 12.884, "full_step_1": 9.640},
+    4: {"array_mode_1": 10.074, "drive_1": 53.200, "drive_2": 10.925, "drive_3": 12.869, "full_step_1": 9.273},
+    5: {"array_mode_1": 16.481, "drive_1": 52.191, "drive_2": 12.211, "drive_3": 13.280, "full_step_1": 13.173},
+}
+
+
+def load(name: str):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_states_side_by_side(tmp_path, capsys):
+    example = load("states")
+    states = example.run_states()
+    for state, pinned in PINNED.items():
+        amplitudes = {name: 1e3 * a for name, a in states[state][1].items()}
+        assert amplitudes == pytest.approx(pinned, rel=2e-3)
+    example.print_table(states)
+    example.draw(states, str(tmp_path / "states.png"))
+    assert (tmp_path / "states.png").stat().st_size > 20_000
+    assert "state 5" in capsys.readouterr().out
+
+
+def test_notebook(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    load("notebook")
+    assert (tmp_path / "notebook.png").is_file()
+    assert "drive_1" in capsys.readouterr().out
+
+
+def test_ten_modes_of_table_1_and_sixty_modes_run():
+    from microvib.io.results import read_table
+
+    table = [
+        {
+            "frequency": float(r["frequency_hz"]),
+            "damping": 0.005,
+            "effective_inertia": float(r["effective_inertia_kg_m2"]),
+        }
+        for r in read_table("table1_array_modes")
+    ]
+    short = {"record.settle": 2.0, "record.duration": 4.0, "array.rigid_inertia": None, "array.inertia": 7.70}
+    ten = mv.simulate(mv.load_scenario("state-1").with_({**short, "array.modes": table}))
+    assert ten["eta"].shape == (16384, 10)
+    assert ten.scenario.array.J_h == pytest.approx(7.70 - sum(mode["effective_inertia"] for mode in table))
+    more = [*table, *({"frequency": 12.0 + 2.0 * k, "damping": 0.005, "effective_inertia": 1e-4} for k in range(50))]
+    sixty = mv.simulate(mv.load_scenario("state-1").with_({**short, "array.modes": more, "array.inertia": 7.71}))
+    assert sixty["eta"].shape == (16384, 60)
+    assert sixty.invariants.torque_forms < 1e-11
+    assert sixty.invariants.energy < 1e-4
+    assert mv.lines(sixty)["drive_1"].amplitude_n_m > 0

@@ -1,0 +1,122 @@
+"""Six components, long runs, profiles: what a motion carries."""
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.app import long_runs
+from microvib.app.analysis import lines
+from microvib.solve.simulate import Run
+
+SHORT = {"record.settle": 1.0, "record.duration": 4.0}
+
+
+def test_six_component_loads(state_1):
+    H = state_1.array.H[0]
+    participation = (0.5, -0.2, 0.0, 0.1, 0.3, H)
+    coupling = (0.4, 0.0, 0.0, 0.02, -0.01, 8.18)
+    changes = {"array.modes.0.interface_participation": participation, "array.interface_inertia": coupling}
+    motion = mv.simulate(state_1.with_({**SHORT, **changes}))
+    loads = motion.interface_loads()
+    array = motion.scenario.array
+    # acceleration of the mode by differences, against what the loads are made of
+    eta_acceleration = np.gradient(motion["eta_rate"][:, 0], 1 / 4096)
+    expected = -(np.outer(eta_acceleration, participation) + np.outer(motion["alpha_l"], coupling))
+    scale = np.abs(loads).max(axis=0)
+    slow = np.convolve(loads[:, 0] - expected[:, 0], np.ones(64) / 64, mode="valid")
+    assert np.abs(slow).max() < 2e-2 * scale[0]
+    assert loads[:, 5] == pytest.approx(motion["T_d"])
+    # about the drive axis T_d is the array's share and the rotor's
+    array_share = -(
+        array.J_h * motion["alpha_l"]
+        + array.H[0] * (motion["eta_rate"][:, 0] * -array.D[0] - motion["eta"][:, 0] * array.Lambda[0])
+    )
+    assert array_share == pytest.approx(-motion["T_l"], abs=1e-12)
+    assert set(motion.dataset.data_vars) >= {"Fx", "Fy", "Fz", "Mx", "My", "Mz"}
+
+
+def test_no_six_components_without_participation(state_1):
+    assert mv.simulate(state_1.with_(SHORT)).interface_loads() is None
+
+
+def test_drive_axis_chooses_the_component(state_1):
+    changes = {"array.modes.0.interface_participation": (0, 0, 0, state_1.array.H[0], 0, 0), "array.drive_axis": "x"}
+    motion = mv.simulate(state_1.with_({**SHORT, **changes}))
+    assert motion.interface_loads()[:, 3] == pytest.approx(motion["T_d"])
+
+
+def test_a_record_that_starts_with_the_motion(state_1):
+    motion = mv.simulate(state_1.with_({"record.settle": 0.0, "record.duration": 1.0}))
+    assert motion.time[0] == 0.0
+    assert motion["T_d"].shape == (4096,)
+    assert abs(motion["T_d"][:30]).max() < 1e-3  # the first microstep comes after 9.4 ms; the filter reaches 2 ms ahead
+
+
+def test_start_track_stop_and_reverse(state_1):
+    legs = [
+        {"rate": "0.06 deg/s", "ramp": "0.5 s", "hold": "1 s"},
+        {"rate": "0 deg/s", "hold": "1 s"},
+        {"rate": "-0.06 deg/s"},
+    ]
+    motion = mv.simulate(state_1.with_({"record.settle": 0.0, "record.duration": 4.0, "tracking": {"profile": legs}}))
+    angle = motion["theta_l"]
+    at = lambda t: angle[int(t * 4096)]  # noqa: E731
+    rate = np.radians(0.06)
+    assert at(1.5) == pytest.approx(rate * 1.25, abs=1.2e-4)  # friction winds the gear up by 7e-5 rad
+    assert at(2.45) == pytest.approx(at(2.0), abs=2e-5)
+    assert motion["stuck_output"][int(2.3 * 4096)] == pytest.approx(1.0)
+    assert at(3.9) == pytest.approx(at(2.4) - rate * 1.4, abs=2e-4)
+    kinds = {line.kind for line in mv.lines(motion)}
+    assert kinds == {"array mode"}  # the rate changes in the record: the clock has no lines
+
+
+def test_negative_rate_mirrors(state_1):
+    forward = mv.simulate(state_1.with_(SHORT))
+    backward = mv.simulate(state_1.with_({**SHORT, "tracking.rate": "-0.06 deg/s"}))
+    assert backward["T_d"] == pytest.approx(-forward["T_d"], abs=1e-9)
+
+
+def test_loss_of_synchronism_has_a_time(state_1):
+    with pytest.raises(mv.SynchronismLost, match="loss of synchronism at t =") as caught:
+        mv.simulate(state_1.with_({"tracking.rate": "300 deg/s"}))
+    assert 0.0 < caught.value.time < 1.0
+
+
+def test_progress_is_reported_and_interrupts_pass(state_1):
+    seen = []
+
+    def stop_half_way(done: float, total: float) -> None:
+        seen.append(done / total)
+        if done > 2.0:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mv.simulate(state_1.with_(SHORT), progress=stop_half_way)
+    assert seen == sorted(seen)
+
+
+def test_only_the_channels_that_are_asked_for(state_1):
+    motion = mv.simulate(state_1.with_(SHORT), channels=("T_d",))
+    assert list(motion.channels) == ["T_d"]
+    with pytest.raises(mv.SimulationError, match="channel 'T_x' does not exist"):
+        mv.simulate(state_1.with_(SHORT), channels=("T_x",))
+
+
+def test_lines_of_a_stream_are_those_of_the_motion(state_1, monkeypatch):
+    scenario = state_1.with_({"record.settle": 2.0, "record.duration": 24.0})
+    whole = lines(mv.simulate(scenario))
+    table, invariants, _ = long_runs.lines_of_stream(scenario, 8)
+    assert table == whole
+    monkeypatch.setattr(long_runs, "BLOCK_SAMPLES", 1 << 15)
+    blocks, _, solver = long_runs.lines_of_stream(scenario, 8)
+    assert solver["line_blocks"] == 3
+    assert blocks["drive_1"].amplitude_n_m == pytest.approx(whole["drive_1"].amplitude_n_m, rel=1e-3)
+    assert blocks["drive_1"].bin_amplitude_n_m == pytest.approx(whole["drive_1"].bin_amplitude_n_m, rel=1e-9)
+    assert invariants.energy < 1e-4
+
+
+def test_a_long_stream_keeps_no_history(state_1):
+    run = Run(state_1.with_({"record.settle": 0.0, "record.duration": 60.0}), channels=("T_d",))
+    sizes = [block["T_d"].size for block in run]
+    assert max(sizes) < 5000
+    assert sum(sizes) == 60 * 4096
