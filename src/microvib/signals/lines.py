@@ -140,10 +140,13 @@ class _Tone:
 def _sort_out(
     expected: Sequence[ExpectedLine], duration: float
 ) -> tuple[list[ExpectedLine], list[tuple[ExpectedLine, str]]]:
-    """Lines that the record can resolve, and the others with the reason."""
+    """Lines that the record can resolve, and the others with the reason.
+
+    Lines of the clock go before array modes: they last, while a mode rings down.
+    """
     wanted: list[ExpectedLine] = []
     refused: list[tuple[ExpectedLine, str]] = []
-    for line in expected:
+    for line in sorted(expected, key=lambda line: line.kind == "array mode"):
         if line.frequency * duration < SEPARATION:
             refused.append((line, f"not resolved: needs a record of {SEPARATION / line.frequency:.3g} s"))
             continue
