@@ -25,6 +25,7 @@ REACH = 6
 """Bins on each side of a line that its fit uses."""
 MOST_FOR_CLOCK = 12
 """Lines, the strongest, that the clock ratio is estimated from."""
+_RANK = {"array mode": 1, "electrical": 2}
 FAINT = "below the floor"
 """Status of a line that was looked for and not found."""
 FAR = 400
@@ -142,11 +143,12 @@ def _sort_out(
 ) -> tuple[list[ExpectedLine], list[tuple[ExpectedLine, str]]]:
     """Lines that the record can resolve, and the others with the reason.
 
-    Lines of the clock go before array modes: they last, while a mode rings down.
+    Lines of the clock go before array modes, for they last, while a mode rings down; but those of the electrical period
+    go last, for equal phases make none.
     """
     wanted: list[ExpectedLine] = []
     refused: list[tuple[ExpectedLine, str]] = []
-    for line in sorted(expected, key=lambda line: line.kind == "array mode"):
+    for line in sorted(expected, key=lambda line: _RANK.get(line.kind, 0)):
         if line.frequency * duration < SEPARATION:
             refused.append((line, f"not resolved: needs a record of {SEPARATION / line.frequency:.3g} s"))
             continue
