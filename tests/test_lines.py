@@ -108,3 +108,37 @@ def test_amplitude_spectrum_reads_a_tone_on_a_bin(window):
 
 def test_tone_amplitude_between_bins():
     assert tone_amplitude(np.cos(2 * np.pi * 53.03 * T), RATE, 53.03) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_stated_uncertainties_cover_the_truth():
+    lines = [
+        expect("array_mode_1", 1.15, "array mode", 0.03),
+        expect("full_step_1", 10 / 3),
+        *(expect(f"drive_{k}", 160 / 3 * k) for k in (1, 2, 3)),
+    ]
+    ratio, sigma = 1.0003, 0.07
+    tones = {
+        "full_step_1": (0.005, 10 / 3),
+        "drive_1": (0.04, 160 / 3),
+        "drive_2": (0.01, 320 / 3),
+        "drive_3": (0.002, 160.0),
+    }
+    clean = 0.005 * np.exp(-sigma * T) * np.cos(2 * np.pi * 1.156 * T + 0.3)
+    for amplitude, f in tones.values():
+        clean = clean + amplitude * np.cos(2 * np.pi * f * ratio * T + f)
+    mean = 0.005 * (1 - np.exp(-16 * sigma)) / (16 * sigma)
+    truths = {"array_mode_1": (mean, 1.156, 0.3)} | {n: (a, f * ratio, f) for n, (a, f) in tones.items()}
+    random = np.random.default_rng(5)
+    scores = []
+    for _ in range(120):
+        table = estimate_lines(clean + random.normal(0.0, 0.02, SAMPLES), RATE, lines)
+        scores.append((table.clock_ratio - ratio) / table.clock_ratio_uncertainty)
+        for name, (amplitude, f, phase) in truths.items():
+            line = table[name]
+            scores.append((line.amplitude_n_m - amplitude) / line.amplitude_uncertainty_n_m)
+            scores.append((line.frequency_hz - f) / line.frequency_uncertainty_hz)
+            scores.append(np.angle(np.exp(1j * (line.phase_rad - phase))) / line.phase_uncertainty_rad)
+    scores = np.abs(np.array(scores))
+    # of 1920 scores, many of them correlated
+    assert 0.92 < np.mean(scores < 1.96) < 0.975
+    assert 0.62 < np.mean(scores < 1.0) < 0.75

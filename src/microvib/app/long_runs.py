@@ -42,7 +42,11 @@ def lines_of_stream(
             )
         bins.add(block)
     assert bins is not None
-    return tables[0] if len(tables) == 1 else _mean(tables, bins), run.invariants, run.solver | {"line_blocks": len(tables)}
+    return (
+        tables[0] if len(tables) == 1 else _mean(tables, bins),
+        run.invariants,
+        run.solver | {"line_blocks": len(tables)},
+    )
 
 
 def _regroup(run: Run, size: int) -> Iterator[np.ndarray]:
@@ -93,6 +97,8 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
                 column[0],
                 frequency_hz=float(np.mean([x.frequency_hz for x in column])),
                 amplitude_n_m=float(np.mean([x.amplitude_n_m for x in column])),
+                frequency_uncertainty_hz=_of_mean([x.frequency_uncertainty_hz for x in column]),
+                amplitude_uncertainty_n_m=_of_mean([x.amplitude_uncertainty_n_m for x in column]),
                 floor_n_m=float(np.mean([x.floor_n_m for x in column])),
                 decay_per_s=float(np.mean([x.decay_per_s for x in column])),
                 bin_frequency_hz=bin_hz,
@@ -101,4 +107,11 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
         )
     total = sum(table.samples for table in tables)
     ratio = float(np.mean(ratios)) if ratios else None
-    return LineTable(tuple(lines), ratio, total, tables[0].sample_rate)
+    spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
+    ratio_spread = _of_mean(spreads) if spreads else None
+    return LineTable(tuple(lines), ratio, ratio_spread, total, tables[0].sample_rate)
+
+
+def _of_mean(spreads: list[float]) -> float:
+    """Standard uncertainty of a mean of independent values."""
+    return float(np.sqrt(np.sum(np.square(spreads)))) / len(spreads)
