@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from microvib.model.linear import coupled_modes
@@ -26,15 +26,23 @@ class ExpectedLine:
     origin: str
 
 
-def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tuple[ExpectedLine, ...]:
+def expected_lines(
+    scenario: Scenario, highest: float, harmonics: int = 8, clock_tolerance: float = 0.0, mode_tolerance: float = 0.0
+) -> tuple[ExpectedLine, ...]:
     """Lines up to ``highest`` [Hz]: array modes as seen through the drive, and all that the step clock makes.
 
     Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the full-step rate f_d/n
     (detent torque); the electrical period f_d/(b n); the wave generator's turns, for each transmission-error harmonic; and
     the sidebands that the detent torque makes about the driving lines. A frequency that belongs to several families carries
     the name of the first. Where the rate changes within the record, or is zero, there are modes only.
+
+    ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
+    simulation, whose clock is known, a per cent for a test.
     """
-    lines = [*_array_lines(scenario, highest)]
+    lines = [
+        replace(line, low=line.low * (1.0 - mode_tolerance), high=line.high * (1.0 + mode_tolerance))
+        for line in _array_lines(scenario, highest)
+    ]
     f_d = scenario.driving_frequency
     if not f_d:
         return tuple(lines)
@@ -58,7 +66,11 @@ def expected_lines(scenario: Scenario, highest: float, harmonics: int = 8) -> tu
                 name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
                 origin = f"drive_{k} {j:+d} full step"
                 _add(lines, taken, name, "sideband", (k * n + j) * b * z, f_d / turn, highest, origin)
-    return tuple(lines)
+    low, high = 1.0 - clock_tolerance, 1.0 + clock_tolerance
+    return tuple(
+        line if line.kind == "array mode" else replace(line, low=low * line.frequency, high=high * line.frequency)
+        for line in lines
+    )
 
 
 def _add(

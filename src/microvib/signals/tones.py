@@ -117,16 +117,15 @@ class HannSpectrum:
 def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
     """Clock ratio that explains the lines of the clock best, all together; None where none of them stands out.
 
-    The strongest line gives the start; then Gauss-Newton on the joint fit, which weights each line with what it tells.
+    One line gives the start; then Gauss-Newton on the joint fit, which weights each line with what it tells.
     """
-    peaks = [(line, *spectrum.peak(line.low, line.high)) for line in clock]
-    seen = [item for item in peaks if item[2] > DETECTION * max(spectrum.floor(item[0].frequency), 1e-300)]
-    if not seen:
+    start = _first_ratio(clock, spectrum)
+    if start is None:
         return None
-    seen.sort(key=lambda item: -item[2])
-    strongest, frequency, _ = seen[0]
-    lines = [line for line, _, _ in seen[:MOST_FOR_CLOCK]]
-    near = spectrum.near([line.frequency for line in lines])
+    peaks = [(line, spectrum.peak(line.frequency * start, line.frequency * start)[1]) for line in clock]
+    seen = [(line, a) for line, a in peaks if a > DETECTION * max(spectrum.floor(line.frequency * start), 1e-300)]
+    lines = [line for line, _ in sorted(seen, key=lambda item: -item[1])[:MOST_FOR_CLOCK]]
+    near = spectrum.near([line.frequency * start for line in lines])
 
     def residual(ratio: float) -> np.ndarray:
         tones = [Tone(line, line.frequency * ratio, 0.0) for line in lines]
@@ -134,7 +133,7 @@ def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) 
         rest: np.ndarray = b - A @ _least_squares(A, b)
         return rest
 
-    ratio, bin_ratio = frequency / strongest.frequency, 1.0 / max(spectrum.bins(line.frequency) for line in lines)
+    ratio, bin_ratio = start, 1.0 / max(spectrum.bins(line.frequency) for line in lines)
     r = residual(ratio)
     for _ in range(12):
         slope = (residual(ratio + 1e-4 * bin_ratio) - r) / (1e-4 * bin_ratio)
@@ -146,6 +145,17 @@ def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) 
         if abs(move) < 1e-9 * bin_ratio:
             break
     return ratio
+
+
+def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
+    """Clock ratio that one line tells: the strongest of the first driving lines, whose search bands hold no other line."""
+    candidates = [line for line in clock if line.kind == "drive"][:3] or list(clock)
+    peaks = [(line, *spectrum.peak(line.low, line.high)) for line in candidates]
+    seen = [item for item in peaks if item[2] > DETECTION * max(spectrum.floor(item[1]), 1e-300)]
+    if not seen:
+        return None
+    line, frequency, _ = max(seen, key=lambda item: item[2])
+    return frequency / line.frequency
 
 
 def estimate_amplitudes(tones: Sequence[Tone], spectrum: HannSpectrum) -> np.ndarray:
