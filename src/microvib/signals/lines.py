@@ -57,6 +57,7 @@ class Line:
     """Median amplitude of the bins about the line."""
     decay_per_s: float
     """Decay rate sigma of the tone, exp(-sigma t); 0 for a line of the step clock."""
+    decay_uncertainty_per_s: float
     status: str
 
 
@@ -187,6 +188,7 @@ def _result(
         bin_amplitude_n_m=bin_amplitude,
         floor_n_m=floor,
         decay_per_s=tone.decay,
+        decay_uncertainty_per_s=float(spread.decay[k]),
         status=status,
     )
 
@@ -209,6 +211,7 @@ def _not_estimated(line: ExpectedLine, why: str, bins: np.ndarray, duration: flo
         bin_amplitude_n_m=bin_amplitude,
         floor_n_m=nan,
         decay_per_s=nan,
+        decay_uncertainty_per_s=nan,
         status=why,
     )
 

@@ -1,0 +1,156 @@
+"""Evidence: lines that were measured, with their uncertainties, from recordings or from tables."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from microvib.errors import MicrovibError
+from microvib.io.recordings import READERS, read_recording
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.recording import check
+from microvib.signals.tones import DETECTION
+
+PASSBAND = 0.35
+CLOCK_TOLERANCE = 0.01
+MODE_TOLERANCE = 0.1
+PAPER_TABLE = "paper"
+"""Name of the evidence that the paper prints: Tables 5 and 6, test column."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One measured figure of one line.
+
+    ``form`` is amplitude or nearest_bin [N m], frequency [Hz], decay [1/s], or phase [rad] (of a driving line against the
+    first, k phi_1 - phi_k, which no choice of time zero changes).
+    """
+
+    line: str
+    form: str
+    value: float
+    uncertainty: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Observations of one test, and the record in which they were made."""
+
+    name: str
+    observations: tuple[Observation, ...]
+    clock_ratio: float | None
+    duration: float
+    sample_rate: float
+
+
+def read_evidence(source: str, scenario: Scenario, channel: str = "Mz") -> Evidence:
+    """Evidence from a recording (its drive-axis torque in ``channel``), from a table of lines (CSV) or from the paper's tables."""
+    if source == PAPER_TABLE:
+        return paper_evidence()
+    path = Path(source)
+    if path.suffix.lower() == ".csv" and _is_line_table(path):
+        return _from_table(path, scenario)
+    if path.suffix.lower() in READERS:
+        recording = read_recording(path)
+        check(recording, channel, shortest=2.0)
+        table = lines_of_recording(recording[channel], recording.sample_rate, scenario)
+        return Evidence(source, observations(table), table.clock_ratio, recording.duration, recording.sample_rate)
+    raise MicrovibError(
+        f"{source}: is no evidence; wanted is a recording ({', '.join(READERS)}), a table of lines (.csv) or '{PAPER_TABLE}'"
+    )
+
+
+def lines_of_recording(x, sample_rate: float, scenario: Scenario) -> LineTable:  # type: ignore[no-untyped-def]
+    """Lines of a measured torque ``x`` (n,) [N m]: the scenario says which, the clock is searched within a per cent.
+
+    A record at another rate than the scenario's is looked at in the same way; lines above 0.35 of its rate are not looked for.
+    """
+    expected = expected_lines(
+        scenario, PASSBAND * sample_rate, clock_tolerance=CLOCK_TOLERANCE, mode_tolerance=MODE_TOLERANCE
+    )
+    return estimate_lines(x, sample_rate, expected)
+
+
+def observations(table: LineTable) -> tuple[Observation, ...]:
+    """What a table tells of lines that stand out: amplitudes, phases of driving lines, frequency and decay of modes."""
+    found = []
+    first = next((line for line in table if line.line == "drive_1" and line.status == "ok"), None)
+    for line in table:
+        if line.status not in ("ok", "decaying", "growing") or line.amplitude_n_m < 2 * DETECTION * line.floor_n_m:
+            continue
+        found.append(Observation(line.line, "amplitude", line.amplitude_n_m, line.amplitude_uncertainty_n_m))
+        if line.kind == "array mode":
+            found.append(Observation(line.line, "frequency", line.frequency_hz, line.frequency_uncertainty_hz))
+            found.append(Observation(line.line, "decay", line.decay_per_s, line.decay_uncertainty_per_s))
+        elif line.kind == "drive" and first is not None and line.line != "drive_1":
+            order = int(line.line.split("_")[1])
+            spread = math.hypot(order * first.phase_uncertainty_rad, line.phase_uncertainty_rad)
+            found.append(Observation(line.line, "phase", order * first.phase_rad - line.phase_rad, spread))
+    return tuple(found)
+
+
+def predicted(table: LineTable, wanted: Observation) -> float:
+    """What a table of simulated lines says for one observation; nan where it does not have it."""
+    by_name = {line.line: line for line in table}
+    line = by_name.get(wanted.line)
+    if line is None:
+        return math.nan
+    if wanted.form == "phase":
+        return int(wanted.line.split("_")[1]) * by_name["drive_1"].phase_rad - line.phase_rad
+    figures: dict[str, float] = {
+        "amplitude": line.amplitude_n_m,
+        "nearest_bin": line.bin_amplitude_n_m,
+        "frequency": line.frequency_hz,
+        "decay": line.decay_per_s,
+    }
+    return figures[wanted.form]
+
+
+def paper_evidence() -> Evidence:
+    """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their frequencies."""
+    from microvib.io.results import read_table
+
+    names = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
+    found = []
+    for row in read_table("table6_line_amplitudes"):
+        digits = row["test_n_m"]
+        value = float(digits)
+        rounding = 0.5 * 10.0 ** -len(digits.split(".")[1]) / math.sqrt(3.0)
+        found.append(Observation(names[row["line"]], "nearest_bin", value, rounding))
+    return Evidence("Appl. Sci. 2021, 11, 9076, Table 6 (test)", tuple(found), 0.994, 16.0, 4096.0)
+
+
+def _is_line_table(path: Path) -> bool:
+    try:
+        with path.open(encoding="utf-8") as stream:
+            return stream.readline().split(",")[0].strip() == "line"
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _from_table(path: Path, scenario: Scenario) -> Evidence:
+    """A ``lines.csv``; without uncertainties one per cent is taken."""
+    found = []
+    ratio = None
+    with path.open(encoding="utf-8", newline="") as stream:
+        for number, row in enumerate(csv.DictReader(stream), 2):
+            for column, form in (("amplitude_n_m", "amplitude"), ("bin_amplitude_n_m", "nearest_bin")):
+                text = (row.get(column) or "").strip()
+                if not text:
+                    continue
+                try:
+                    value, spread = float(text), float(row.get("amplitude_uncertainty_n_m") or "nan")
+                except ValueError:
+                    raise MicrovibError(f"{path}, row {number}: {column} '{text}' is no number") from None
+                if value > 0.0:
+                    found.append(Observation(row["line"], form, value, spread if spread > 0.0 else 0.01 * value))
+                break
+            if row["line"] == "drive_1" and row.get("frequency_hz") and scenario.driving_frequency:
+                ratio = float(row["frequency_hz"]) / scenario.driving_frequency
+    if not found:
+        raise MicrovibError(f"{path}: has no line with amplitude_n_m or bin_amplitude_n_m")
+    return Evidence(str(path), tuple(found), ratio, scenario.record.duration, scenario.record.sample_rate)

@@ -1,0 +1,346 @@
+"""Identification: parameters of the drive from measured lines, with what they are worth.
+
+Global start (a Sobol sequence over the ranges), local finish (trust-region least squares from the best starts), both on the
+lines of complete simulations with converged steps. Parameters that are positive are fitted by their logarithm. The clock is not
+fitted: the evidence tells it directly.
+
+A calibration is not a prediction: parameters that are fitted to some lines say nothing new about these lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microvib.errors import MicrovibError, SimulationError
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import LineTable, estimate_lines
+from microvib.solve.simulate import simulate
+from microvib.studies.evidence import PASSBAND, Evidence, Observation, predicted
+from microvib.units import convert
+
+MODEL_FLOOR = 0.004
+"""Relative accuracy of model and instrument chain that no observation is trusted beyond: filters, steps, window."""
+PHASE_FLOOR = 0.01
+_NOWHERE = 30.0
+"""Residual of a line that a simulation does not have."""
+
+Progress = Callable[[str, int, float, dict[str, float]], None]
+"""stage, simulations so far, cost of the best, its parameters"""
+
+
+@dataclass(frozen=True)
+class FitKey:
+    """A parameter that is fitted, by its dotted key, within a range in SI units."""
+
+    key: str
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def logarithmic(self) -> bool:
+        """Positive ranges are fitted by their logarithm."""
+        return self.low > 0.0
+
+    def to_unit(self, value: float) -> float:
+        """Value to 0 ... 1 over the range."""
+        if self.logarithmic:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    def from_unit(self, u: float) -> float:
+        """0 ... 1 to a value."""
+        if self.logarithmic:
+            return self.low * math.exp(u * math.log(self.high / self.low))
+        return self.low + u * (self.high - self.low)
+
+    def slope(self, value: float) -> float:
+        """Derivative of the value by its place in the range."""
+        return value * math.log(self.high / self.low) if self.logarithmic else self.high - self.low
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identified parameter."""
+
+    key: str
+    unit: str
+    estimate: float
+    standard_error: float
+    low: float
+    high: float
+    identifiable: bool
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of an identification."""
+
+    estimates: tuple[Estimate, ...]
+    correlation: np.ndarray
+    sensitivities: dict[str, tuple[float, ...]]
+    """Relative change of each observed figure for a relative change of each parameter (d ln figure / d ln parameter)."""
+    before: tuple[tuple[Evidence, LineTable], ...]
+    after: tuple[tuple[Evidence, LineTable], ...]
+    scenario: Scenario
+    cost: float
+    observations: int
+    simulations: int
+    seed: int
+    interrupted: bool
+
+
+def parse_fit(scenario: Scenario, text: str) -> FitKey:
+    """``KEY`` or ``KEY=LOW:HIGH`` with units; without a range a factor of four each way, ten per cent for a frequency."""
+    key, _, span = text.partition("=")
+    key = key.strip()
+    entries = {name: (value, quantity) for name, value, quantity in scenario.entries()}
+    if key not in entries:
+        raise MicrovibError(f"--fit {key}: is no key of the scenario; allowed are {', '.join(_fittable(scenario))}")
+    value, quantity = entries[key]
+    if quantity is None or not isinstance(value, float):
+        raise MicrovibError(f"--fit {key}: is {value!r}, not a number; start it from a number with --set {key}=...")
+    if span:
+        first, colon, last = span.partition(":")
+        try:
+            limits = [convert(part, quantity.unit) if quantity.unit else float(part) for part in (first, last)]
+        except ValueError as error:
+            raise MicrovibError(f"--fit {text}: {error}; write KEY=LOW:HIGH with units ({quantity.unit})") from None
+        if not colon or not limits[0] < limits[1]:
+            raise MicrovibError(
+                f"--fit {text}: LOW must be below HIGH; write KEY=LOW:HIGH with units ({quantity.unit})"
+            )
+        return FitKey(key, limits[0], limits[1], quantity.unit)
+    if value <= 0.0:
+        raise MicrovibError(f"--fit {key}: starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}")
+    factor = 1.1 if key.endswith("frequency") else 4.0
+    high = value * factor if quantity.le is None else min(value * factor, quantity.le)
+    return FitKey(key, value / factor, high, quantity.unit)
+
+
+def _fittable(scenario: Scenario) -> list[str]:
+    return [name for name, value, quantity in scenario.entries() if quantity is not None and isinstance(value, float)]
+
+
+def identify(
+    scenario: Scenario,
+    evidence: Sequence[tuple[Evidence, dict[str, object]]],
+    keys: Sequence[FitKey],
+    *,
+    seed: int = 1,
+    starts: int = 96,
+    finishes: int = 3,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit ``keys`` of ``scenario`` to all the evidence at once.
+
+    Each evidence comes with the changes of the scenario that make its test (another state, another rate). Interrupting (Ctrl-C)
+    ends the search and returns what was best so far. Same seed, same result.
+    """
+    problem = _Problem(scenario, evidence, keys, progress)
+    if len(problem.weights) < len(keys):
+        raise MicrovibError(f"{len(keys)} parameters cannot come from {len(problem.weights)} observations")
+    interrupted = False
+    try:
+        problem.stage = "global"
+        for u in problem.best_of(_sobol(len(keys), starts, seed), finishes):
+            problem.stage = "local"
+            problem.finish(u)
+    except KeyboardInterrupt:
+        interrupted = True
+    if problem.best_u is None:
+        raise MicrovibError("interrupted before the first simulation was through; nothing was identified")
+    return problem.result(seed, interrupted)
+
+
+def _sobol(dimensions: int, count: int, seed: int) -> np.ndarray:
+    from scipy.stats import qmc
+
+    points = qmc.Sobol(dimensions, seed=seed).random_base2(max(math.ceil(math.log2(count)), 1))
+    return np.vstack([np.full(dimensions, np.nan), points[: count - 1]])
+
+
+class _Problem:
+    """Residuals of all observations as a function of the parameters' places in their ranges."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        evidence: Sequence[tuple[Evidence, dict[str, object]]],
+        keys: Sequence[FitKey],
+        progress: Progress | None,
+    ) -> None:
+        self.scenario, self.keys = scenario, list(keys)
+        self.tests = [(one, _as_tested(scenario, one, changes)) for one, changes in evidence]
+        self.weights = [_weight(o) for one, _ in self.tests for o in one.observations]
+        self.progress = progress or (lambda *_: None)
+        self.stage = "global"
+        self.simulations = 0
+        self.best_u: np.ndarray | None = None
+        self.best_cost = math.inf
+
+    def changes(self, u: np.ndarray) -> dict[str, object]:
+        return {key.key: key.from_unit(float(x)) for key, x in zip(self.keys, u, strict=True)}
+
+    def tables(self, u: np.ndarray | None) -> list[LineTable]:
+        """Lines of every test at the parameters ``u``, or at the scenario's own where ``u`` is None."""
+        changed = [(one, test if u is None else test.with_(self.changes(u))) for one, test in self.tests]
+        return [_lines(test, one) for one, test in changed]
+
+    def residuals(self, u: np.ndarray) -> np.ndarray:
+        """Weighted differences of all observations, (n,)."""
+        try:
+            tables = self.tables(np.clip(u, 0.0, 1.0))
+        except (SimulationError, MicrovibError):  # out of what the model can do: as bad as can be, but finite
+            return np.full(len(self.weights), _NOWHERE)
+        finally:
+            self.simulations += len(self.tests)
+        pairs = [
+            (o, predicted(table, o))
+            for (one, _), table in zip(self.tests, tables, strict=True)
+            for o in one.observations
+        ]
+        r = np.array([_difference(o, p) / w for (o, p), w in zip(pairs, self.weights, strict=True)])
+        cost = float(_soft(r) @ _soft(r))
+        if cost < self.best_cost:
+            self.best_cost, self.best_u = cost, np.clip(u, 0.0, 1.0)
+        best = self.changes(self.best_u) if self.best_u is not None else {}
+        self.progress(self.stage, self.simulations, self.best_cost, best)  # type: ignore[arg-type]
+        return r
+
+    def best_of(self, points: np.ndarray, count: int) -> list[np.ndarray]:
+        """The ``count`` best of ``points``; the first stands for the scenario's own values."""
+        own = {name: value for name, value, _ in self.scenario.entries()}
+        points = points.copy()
+        points[0] = [np.clip(key.to_unit(max(float(own[key.key]), 1e-12)), 0.0, 1.0) for key in self.keys]
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            costs = [float(_soft(r) @ _soft(r)) for r in pool.map(self.residuals, points)]
+        return [points[k] for k in np.argsort(costs, kind="stable")[:count]]
+
+    def finish(self, u: np.ndarray) -> None:
+        """Trust-region least squares from ``u``; steps of the differences are large against the solver's noise."""
+        from scipy.optimize import least_squares
+
+        inside = np.clip(u, 1e-3, 1.0 - 1e-3)
+        least_squares(
+            lambda v: _soft(self.residuals(v)), inside, bounds=(0.0, 1.0), diff_step=2e-3, x_scale=0.1, xtol=1e-5, ftol=1e-6,
+            max_nfev=25,
+        )  # fmt: skip
+
+    def result(self, seed: int, interrupted: bool) -> Fit:
+        u = self.best_u
+        assert u is not None
+        r = self.residuals(u)
+        J = self.jacobian(u, r)
+        n, m = J.shape
+        scatter = max(float(r @ r) / max(n - m, 1), 1.0)
+        covariance = np.linalg.pinv(J.T @ J, rcond=1e-12) * scatter
+        spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        correlation = covariance / np.outer(np.maximum(spread, 1e-300), np.maximum(spread, 1e-300))
+        estimates = [self.estimate(k, u, spread, correlation) for k in range(m)]
+        found = [(one, o) for one, _ in self.tests for o in one.observations]
+        relative = self.relative(J, u)
+        sensitivities = {
+            f"{o.line} {o.form}" + (f" [{one.name}]" if len(self.tests) > 1 else ""): tuple(row)
+            for (one, o), row in zip(found, relative, strict=True)
+        }
+        names = ", ".join(one.name for one, _ in self.tests)
+        fitted = self.scenario.with_(self.changes(u))
+        sources = dict(self.scenario.sources) | {
+            e.key: f"identified from {names}: {e.estimate:.6g} ± {e.standard_error:.2g} {e.unit}".rstrip()
+            for e in estimates
+        }
+        before, after = self.tables(None), self.tables(u)
+        return Fit(
+            tuple(estimates), correlation, sensitivities,
+            tuple(zip((one for one, _ in self.tests), before, strict=True)),
+            tuple(zip((one for one, _ in self.tests), after, strict=True)),
+            fitted.with_sources(sources), float(r @ r), n, self.simulations, seed, interrupted,
+        )  # fmt: skip
+
+    def jacobian(self, u: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Central differences where the range allows, one-sided at its ends, (n, m)."""
+        step = 2e-3
+        columns = []
+        for k in range(len(self.keys)):
+            up, down = u.copy(), u.copy()
+            up[k], down[k] = min(u[k] + step, 1.0), max(u[k] - step, 0.0)
+            columns.append((self.residuals(up) - self.residuals(down)) / (up[k] - down[k]))
+        return np.column_stack(columns)
+
+    def relative(self, J: np.ndarray, u: np.ndarray) -> np.ndarray:
+        values = np.array([key.from_unit(float(x)) for key, x in zip(self.keys, u, strict=True)])
+        slopes = np.array([key.slope(v) for key, v in zip(self.keys, values, strict=True)])
+        result: np.ndarray = J * np.array(self.weights)[:, None] * (values / slopes)[None, :]
+        return result
+
+    def estimate(self, k: int, u: np.ndarray, spread: np.ndarray, correlation: np.ndarray) -> Estimate:
+        key = self.keys[k]
+        value = key.from_unit(float(u[k]))
+        error = abs(key.slope(value)) * float(spread[k])
+        others = np.abs(np.delete(correlation[k], k))
+        partner = int(np.argmax(np.abs(correlation[k]) - np.eye(len(u))[k])) if others.size else k
+        if u[k] < 1e-3 or u[k] > 1.0 - 1e-3:
+            verdict, good = "at the end of its range", False
+        elif error > 0.2 * abs(value):
+            verdict, good = "not identifiable: the evidence hardly changes with it", False
+        elif others.size and float(others.max()) > 0.995:
+            verdict, good = f"not identifiable apart from {self.keys[partner].key}", False
+        else:
+            verdict, good = "identifiable", True
+        return Estimate(key.key, key.unit, value, error, key.low, key.high, good, verdict)
+
+
+def _as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object]) -> Scenario:
+    test = scenario.with_(changes) if changes else scenario
+    record = {"record.duration": evidence.duration, "record.sample_rate": evidence.sample_rate}
+    if evidence.clock_ratio is not None:
+        record["tracking.clock_ratio"] = test.tracking.clock_ratio * evidence.clock_ratio
+    return test.with_(record)
+
+
+def _lines(test: Scenario, evidence: Evidence) -> LineTable:
+    motion = simulate(test, channels=("T_d",))
+    wanted = {o.line for o in evidence.observations} | {"drive_1"}
+    expected = [
+        line
+        for line in expected_lines(test, PASSBAND * motion.sample_rate)
+        if line.name in wanted or line.kind == "array mode"
+    ]
+    return estimate_lines(motion["T_d"], motion.sample_rate, [replace(line) for line in expected])
+
+
+def _weight(o: Observation) -> float:
+    """Standard deviation that the difference of one observation is measured by: its own, and the model's floor."""
+    if o.form in ("amplitude", "nearest_bin"):
+        return math.hypot(o.uncertainty / o.value, MODEL_FLOOR)
+    if o.form == "frequency":
+        return math.hypot(o.uncertainty / o.value, 2e-4)
+    if o.form == "decay":
+        return math.hypot(o.uncertainty / max(abs(o.value), 1e-6), 0.01)
+    return math.hypot(o.uncertainty, PHASE_FLOOR)
+
+
+def _difference(o: Observation, value: float) -> float:
+    """Logarithm of the ratio of amplitudes, relative difference of frequency and decay, difference of phases."""
+    if not math.isfinite(value):
+        return _NOWHERE * _weight(o)
+    if o.form in ("amplitude", "nearest_bin"):
+        return math.log(max(value, 1e-12) / o.value)
+    if o.form == "phase":
+        return math.remainder(value - o.value, 2.0 * math.pi)
+    return (value - o.value) / max(abs(o.value), 1e-6)
+
+
+def _soft(r: np.ndarray) -> np.ndarray:
+    """Large residuals count by their square root, so that a start far off still shows the way."""
+    size = np.abs(r)
+    result: np.ndarray = np.sign(r) * np.where(size < 5.0, size, np.sqrt(np.maximum(10.0 * size - 25.0, 0.0)))
+    return result
