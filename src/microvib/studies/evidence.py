@@ -100,7 +100,8 @@ def predicted(table: LineTable, wanted: Observation) -> float:
     if line is None:
         return math.nan
     if wanted.form == "phase":
-        return int(wanted.line.split("_")[1]) * by_name["drive_1"].phase_rad - line.phase_rad
+        order = int(wanted.line.split("_")[1])
+        return float(order * by_name["drive_1"].phase_rad - line.phase_rad)
     figures: dict[str, float] = {
         "amplitude": line.amplitude_n_m,
         "nearest_bin": line.bin_amplitude_n_m,
@@ -121,6 +122,8 @@ def paper_evidence() -> Evidence:
         value = float(digits)
         rounding = 0.5 * 10.0 ** -len(digits.split(".")[1]) / math.sqrt(3.0)
         found.append(Observation(names[row["line"]], "nearest_bin", value, rounding))
+    # The natural line's bin, 1.1875 Hz: its frequency is known to the width of a bin.
+    found.append(Observation("array_mode_1", "frequency", 1.1875, 0.0625 / math.sqrt(12.0)))
     return Evidence("Appl. Sci. 2021, 11, 9076, Table 6 (test)", tuple(found), 0.994, 16.0, 4096.0)
 
 

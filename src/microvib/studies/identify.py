@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.errors import MicrovibError, SimulationError
+from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import LineTable, estimate_lines
@@ -27,6 +27,8 @@ from microvib.units import convert
 MODEL_FLOOR = 0.004
 """Relative accuracy of model and instrument chain that no observation is trusted beyond: filters, steps, window."""
 PHASE_FLOOR = 0.01
+PRIOR = 0.1
+"""Weight of the wish to stay near the start, per width of a range: it decides only where the evidence says nothing."""
 _NOWHERE = 30.0
 """Residual of a line that a simulation does not have."""
 
@@ -145,8 +147,8 @@ def identify(
     ends the search and returns what was best so far. Same seed, same result.
     """
     problem = _Problem(scenario, evidence, keys, progress)
-    if len(problem.weights) < len(keys):
-        raise MicrovibError(f"{len(keys)} parameters cannot come from {len(problem.weights)} observations")
+    if not problem.weights:
+        raise MicrovibError("the evidence has no observation that stands out of its floor")
     interrupted = False
     try:
         problem.stage = "global"
@@ -183,6 +185,8 @@ class _Problem:
         self.progress = progress or (lambda *_: None)
         self.stage = "global"
         self.simulations = 0
+        own = {name: value for name, value, _ in scenario.entries()}
+        self.start = np.array([np.clip(key.to_unit(max(float(own[key.key]), 1e-12)), 0.0, 1.0) for key in self.keys])
         self.best_u: np.ndarray | None = None
         self.best_cost = math.inf
 
@@ -195,11 +199,12 @@ class _Problem:
         return [_lines(test, one) for one, test in changed]
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
-        """Weighted differences of all observations, (n,)."""
+        """Weighted differences of all observations, and the prior's of all parameters, (n + m,)."""
+        prior = PRIOR * (u - self.start)
         try:
             tables = self.tables(np.clip(u, 0.0, 1.0))
-        except (SimulationError, MicrovibError):  # out of what the model can do: as bad as can be, but finite
-            return np.full(len(self.weights), _NOWHERE)
+        except MicrovibError:  # out of what the model can do: as bad as can be, but finite
+            return np.concatenate([np.full(len(self.weights), _NOWHERE), prior])
         finally:
             self.simulations += len(self.tests)
         pairs = [
@@ -207,7 +212,8 @@ class _Problem:
             for (one, _), table in zip(self.tests, tables, strict=True)
             for o in one.observations
         ]
-        r = np.array([_difference(o, p) / w for (o, p), w in zip(pairs, self.weights, strict=True)])
+        differences = [_difference(o, p) / w for (o, p), w in zip(pairs, self.weights, strict=True)]
+        r = np.concatenate([differences, prior])
         cost = float(_soft(r) @ _soft(r))
         if cost < self.best_cost:
             self.best_cost, self.best_u = cost, np.clip(u, 0.0, 1.0)
@@ -217,9 +223,8 @@ class _Problem:
 
     def best_of(self, points: np.ndarray, count: int) -> list[np.ndarray]:
         """The ``count`` best of ``points``; the first stands for the scenario's own values."""
-        own = {name: value for name, value, _ in self.scenario.entries()}
         points = points.copy()
-        points[0] = [np.clip(key.to_unit(max(float(own[key.key]), 1e-12)), 0.0, 1.0) for key in self.keys]
+        points[0] = self.start
         with ThreadPoolExecutor(max_workers=2) as pool:
             costs = [float(_soft(r) @ _soft(r)) for r in pool.map(self.residuals, points)]
         return [points[k] for k in np.argsort(costs, kind="stable")[:count]]
@@ -239,14 +244,14 @@ class _Problem:
         assert u is not None
         r = self.residuals(u)
         J = self.jacobian(u, r)
-        n, m = J.shape
-        scatter = max(float(r @ r) / max(n - m, 1), 1.0)
+        n, m = len(self.weights), len(self.keys)
+        scatter = max(float(r[:n] @ r[:n]) / max(n - m, 1), 1.0)
         covariance = np.linalg.pinv(J.T @ J, rcond=1e-12) * scatter
         spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         correlation = covariance / np.outer(np.maximum(spread, 1e-300), np.maximum(spread, 1e-300))
         estimates = [self.estimate(k, u, spread, correlation) for k in range(m)]
         found = [(one, o) for one, _ in self.tests for o in one.observations]
-        relative = self.relative(J, u)
+        relative = self.relative(J[:n], u)
         sensitivities = {
             f"{o.line} {o.form}" + (f" [{one.name}]" if len(self.tests) > 1 else ""): tuple(row)
             for (one, o), row in zip(found, relative, strict=True)
@@ -262,7 +267,7 @@ class _Problem:
             tuple(estimates), correlation, sensitivities,
             tuple(zip((one for one, _ in self.tests), before, strict=True)),
             tuple(zip((one for one, _ in self.tests), after, strict=True)),
-            fitted.with_sources(sources), float(r @ r), n, self.simulations, seed, interrupted,
+            fitted.with_sources(sources), float(r[:n] @ r[:n]), n, self.simulations, seed, interrupted,
         )  # fmt: skip
 
     def jacobian(self, u: np.ndarray, r: np.ndarray) -> np.ndarray:

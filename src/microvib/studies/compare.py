@@ -1,0 +1,207 @@
+"""Comparison of any two: scenario, run folder, recording, table of lines, or the paper's own tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.io.recordings import READERS, read_recording
+from microvib.io.results import read_table
+from microvib.io.scenario_file import catalog_names, load_scenario
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.recording import check
+from microvib.solve.simulate import Progress, simulate
+from microvib.studies.evidence import PASSBAND, lines_of_recording
+
+PAPER = ("paper-test", "paper-simulation")
+"""Names for the test and the simulation columns of Tables 5 and 6."""
+
+
+COLUMNS = (
+    "line", "a_frequency_hz", "b_frequency_hz", "a_amplitude_n_m", "b_amplitude_n_m", "difference_n_m", "relative_error",
+    "significance", "a_bin_frequency_hz", "b_bin_frequency_hz", "a_bin_amplitude_n_m", "b_bin_amplitude_n_m", "bin_relative_error",
+)  # fmt: skip
+"""Columns of ``compare.csv``."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What one side says of one line; nan where it says nothing."""
+
+    frequency: float = math.nan
+    amplitude: float = math.nan
+    uncertainty: float = math.nan
+    bin_frequency: float = math.nan
+    bin_amplitude: float = math.nan
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of a comparison: its lines, and its samples where it has any."""
+
+    name: str
+    kind: str
+    lines: dict[str, Figures]
+    clock_ratio: float | None = None
+    """Step clock over nominal."""
+    torque: np.ndarray | None = None
+    sample_rate: float = math.nan
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of both sides."""
+
+    line: str
+    a: Figures
+    b: Figures
+
+    @property
+    def error(self) -> float:
+        """Relative difference of the amplitudes, b over a, wherever the bins fall."""
+        return self.b.amplitude / self.a.amplitude - 1.0
+
+    @property
+    def bin_error(self) -> float:
+        """The same of the paper's nearest-bin amplitudes."""
+        return self.b.bin_amplitude / self.a.bin_amplitude - 1.0
+
+    @property
+    def significance(self) -> float:
+        """Difference of the amplitudes over its standard uncertainty."""
+        return abs(self.b.amplitude - self.a.amplitude) / math.hypot(self.a.uncertainty, self.b.uncertainty)
+
+
+def compare(
+    a: str, b: str, *, scenario: str = "state-1", channel: str = "Mz", progress: Progress | None = None
+) -> tuple[Side, Side, list[Row]]:
+    """Both sides and the lines that at least one of them has.
+
+    Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
+    look for in recordings where neither side is a scenario.
+    """
+    guide = (
+        next((load_scenario(x) for x in (a, b) if _is_scenario(x)), None)
+        or _folder_scenario(a, b)
+        or load_scenario(scenario)
+    )
+    sides: dict[str, Side] = {}
+    for source in sorted((a, b), key=_is_scenario):
+        other = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
+        sides[source] = _side(source, guide, channel, other, progress)
+    first, second = sides[a], sides[b]
+    names = [*first.lines, *(name for name in second.lines if name not in first.lines)]
+    return (
+        first,
+        second,
+        [Row(name, first.lines.get(name, Figures()), second.lines.get(name, Figures())) for name in names],
+    )
+
+
+def _is_scenario(source: str) -> bool:
+    return source in catalog_names() or source.endswith((".yaml", ".yml"))
+
+
+def _folder_scenario(*sources: str) -> Scenario | None:
+    for source in sources:
+        path = Path(source) / "scenario.yaml"
+        if path.is_file():
+            return load_scenario(path)
+    return None
+
+
+def _side(source: str, guide: Scenario, channel: str, clock: float | None, progress: Progress | None) -> Side:
+    path = Path(source)
+    if source in PAPER:
+        return _paper(source)
+    if _is_scenario(source):
+        return _simulated(source, load_scenario(source), clock, progress)
+    if path.is_dir():
+        return _folder(path)
+    if path.suffix.lower() == ".csv" and path.is_file() and path.read_bytes()[:5] == b"line,":
+        return Side(source, "table", _read_lines(path))
+    if path.suffix.lower() in READERS:
+        recording = read_recording(path)
+        check(recording, channel, shortest=2.0)
+        table = lines_of_recording(recording[channel], recording.sample_rate, guide)
+        ratio = None if table.clock_ratio is None else table.clock_ratio * guide.tracking.clock_ratio
+        return Side(source, "recording", _figures(table), ratio, recording[channel], recording.sample_rate)
+    raise MicrovibError(
+        f"{source}: cannot be compared; wanted is a scenario, a run folder, a recording ({', '.join(READERS)}),"
+        f" a table of lines (.csv) or one of {', '.join(PAPER)}"
+    )
+
+
+def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Progress | None) -> Side:
+    if clock is not None:
+        scenario = scenario.with_({"tracking.clock_ratio": clock})
+    motion = simulate(scenario, channels=("T_d",), progress=progress)
+    table = estimate_lines(motion["T_d"], motion.sample_rate, expected_lines(scenario, PASSBAND * motion.sample_rate))
+    title = f"{name} at clock {clock:.6f}" if clock is not None else name
+    return Side(title, "simulation", _figures(table), scenario.tracking.clock_ratio, motion["T_d"], motion.sample_rate)
+
+
+def _folder(path: Path) -> Side:
+    if not (path / "lines.csv").is_file():
+        raise MicrovibError(f"{path}: is no run folder; it has no lines.csv")
+    torque, rate = None, math.nan
+    if (path / "motion.nc").is_file():
+        recording = read_recording(path / "motion.nc")
+        torque, rate = recording["Mz"], recording.sample_rate
+    ratio = load_scenario(path / "scenario.yaml").tracking.clock_ratio if (path / "scenario.yaml").is_file() else None
+    return Side(str(path), "run", _read_lines(path / "lines.csv"), ratio, torque, rate)
+
+
+def _figures(table: LineTable) -> dict[str, Figures]:
+    return {
+        x.line: Figures(
+            x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m
+        )
+        for x in table
+    }
+
+
+def _read_lines(path: Path) -> dict[str, Figures]:
+    columns = ("frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m", "bin_frequency_hz", "bin_amplitude_n_m")
+    found = {}
+    with path.open(encoding="utf-8", newline="") as stream:
+        for number, row in enumerate(csv.DictReader(stream), 2):
+            try:
+                found[row["line"]] = Figures(*(float(row.get(column) or "nan") for column in columns))
+            except ValueError as error:
+                raise MicrovibError(f"{path}, row {number}: {error}") from None
+    return found
+
+
+def _paper(source: str) -> Side:
+    column = "test" if source == "paper-test" else "simulation"
+    names = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
+    hz = {row["line"]: float(row[f"{column}_hz"]) for row in read_table("table5_line_frequencies")}
+    found = {
+        names[row["line"]]: Figures(bin_frequency=hz[row["line"]], bin_amplitude=float(row[f"{column}_n_m"]))
+        for row in read_table("table6_line_amplitudes")
+    }
+    return Side(source, "paper", found)
+
+
+def rows_csv(rows: list[Row]) -> str:
+    """CSV text of a comparison."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        a, b = row.a, row.b
+        values = (
+            a.frequency, b.frequency, a.amplitude, b.amplitude, b.amplitude - a.amplitude, row.error, row.significance,
+            a.bin_frequency, b.bin_frequency, a.bin_amplitude, b.bin_amplitude, row.bin_error,
+        )  # fmt: skip
+        writer.writerow([row.line, *("" if math.isnan(v) else f"{v:.9g}" for v in values)])
+    return stream.getvalue()
