@@ -87,6 +87,99 @@ def run(
 
 
 @main.command()
+@click.argument("a")
+@click.argument("b")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+@click.option("--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque.")
+@click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in two recordings.")
+def compare(a: str, b: str, out: Path | None, overwrite: bool, channel: str, scenario: str) -> None:
+    """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
+    from microvib.app.studies import comparison_text, write_comparison
+    from microvib.io.results import check_folder
+    from microvib.studies.compare import compare as run_comparison
+
+    if out is not None:
+        check_folder(out, overwrite)
+    with _progress() as progress:
+        first, second, rows = run_comparison(a, b, scenario=scenario, channel=channel, progress=progress)
+    click.echo(comparison_text(first, second, rows))
+    if out is not None:
+        files = write_comparison(out, first, second, rows, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.command()
+@click.argument("scenario")
+@click.argument("evidence", nargs=-1, required=True)
+@click.option(
+    "--fit",
+    "keys",
+    multiple=True,
+    required=True,
+    metavar="KEY[=LOW:HIGH]",
+    help="A parameter to identify, with its range.",
+)
+@_set_option
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for fit, scenario and report [default: print only]."
+)
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+@click.option("--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque.")
+@click.option(
+    "--starts", default=96, show_default=True, type=click.IntRange(2, 100_000), help="Points of the global search."
+)
+@click.option(
+    "--seed", default=1, show_default=True, help="Seed of the global search; the same seed gives the same result."
+)
+def identify(
+    scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
+    overwrite: bool, channel: str, starts: int, seed: int,
+) -> None:  # fmt: skip
+    """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
+
+    Several tests at once, each with its own state: FILE@KEY=VALUE@KEY=VALUE, e.g. b.uff@array.inertia='15.69 kg*m^2'.
+    """
+    from microvib.app.studies import fit_text, write_fit
+    from microvib.io.results import check_folder
+    from microvib.io.scenario_file import parse_value
+    from microvib.studies.evidence import read_evidence
+    from microvib.studies.identify import identify as run_identification
+    from microvib.studies.identify import parse_fit
+
+    if out is not None:
+        check_folder(out, overwrite)
+    loaded = _load(scenario, settings)
+    fit_keys = [parse_fit(loaded, key) for key in keys]
+    tests = []
+    for item in evidence:
+        source, *changes = item.split("@")
+        changed = {key: parse_value(value) for key, _, value in (change.partition("=") for change in changes)}
+        tests.append((read_evidence(source, loaded.with_(changed) if changed else loaded, channel), changed))
+    fit = run_identification(loaded, tests, fit_keys, seed=seed, starts=starts, progress=_best_so_far())
+    click.echo(fit_text(fit))
+    if out is not None:
+        files = write_fit(out, fit, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None:
+    """Every two seconds a line on standard error with the best fit so far, where that is a terminal."""
+    if not sys.stderr.isatty():
+        return None
+    last = 0.0
+
+    def report(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
+        nonlocal last
+        if time.monotonic() - last > 2.0:
+            last = time.monotonic()
+            values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
+            click.echo(f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}", err=True)
+
+    return report
+
+
+@main.command()
 def scenarios() -> None:
     """List the published scenarios of the catalog."""
     from microvib.io.scenario_file import catalog_names, load_scenario

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -213,3 +213,36 @@ def _headroom(ax: Axes, share: float) -> None:
     """Room above the curves for a legend or labels."""
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + share * (high - low))
+
+
+def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float = 200.0) -> None:
+    """Amplitude spectra of several torques over each other (as Figures 11, 12, 16); the first is drawn widest."""
+    from microvib.signals.spectrum import amplitude_spectrum
+
+    widths = np.linspace(2.6, 0.9, max(len(sides), 2))
+    for (name, torque, rate), colour, width in zip(sides, COLOURS, widths, strict=False):
+        s = amplitude_spectrum(torque, rate, "hann")
+        keep = (s.frequency > 0) & (s.frequency <= highest)
+        ax.semilogy(s.frequency[keep], np.maximum(s.amplitude[keep], 1e-9), color=colour, linewidth=width, label=name)
+    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [N m]", title=f"to {highest:g} Hz (hann window)")
+    ax.set_xlim(0, highest)
+    ax.set_ylim(bottom=1e-6)
+    _headroom_log(ax)
+    ax.legend(loc="upper right", fontsize=8)
+
+
+def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[float]]) -> None:
+    """Amplitudes [N m] of the same lines on several sides, as points beside each other."""
+    x = np.arange(len(names))
+    for k, (label, values) in enumerate(groups.items()):
+        offset = (k - 0.5 * (len(groups) - 1)) * 0.16
+        ax.semilogy(x + offset, values, "osD^v"[k % 5], color=COLOURS[k % len(COLOURS)], markersize=7, label=label)
+    ax.set_xticks(x, names, rotation=20, ha="right", fontsize=8)
+    ax.set_ylabel("amplitude, 0-to-peak [N m]")
+    _headroom_log(ax)
+    ax.legend(loc="upper right", fontsize=8)
+
+
+def _headroom_log(ax: Axes) -> None:
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high * (high / low) ** 0.25)

@@ -44,13 +44,11 @@ _INVARIANTS = {
 
 def run_report(motion: Motion, table: LineTable) -> str:
     """HTML text of the report on one run."""
-    from jinja2 import Environment
-
-    template = (resources.files("microvib.app") / "templates" / "report.html").read_text(encoding="utf-8")
     scenario = motion.scenario
     versions = package_versions()
     shown = table.notable()
-    return Environment(autoescape=True).from_string(template).render(
+    return render(
+        "report.html",
         title=scenario.title or "microvib run",
         axis=scenario.array.drive_axis,
         command=_command(scenario),
@@ -69,6 +67,17 @@ def run_report(motion: Motion, table: LineTable) -> str:
         versions=list(versions.items()),
         hash=scenario_hash(scenario),
     )  # fmt: skip
+
+
+def render(template: str, **values: Any) -> str:
+    """A template of this package, filled in, with the common style."""
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+    folder = resources.files("microvib.app") / "templates"
+    text = (folder / template).read_text(encoding="utf-8")
+    style = Markup((folder / "style.css").read_text(encoding="utf-8"))
+    return Environment(autoescape=True).from_string(text).render(style=style, **values)
 
 
 def _command(scenario: Scenario) -> str:

@@ -30,8 +30,12 @@ RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.
 Writer = Callable[[Path], None]
 
 
+STUDY_FILES = ("compare.csv", "fit.json", "validation.csv", "sensitivities.csv")
+"""Further files of the folders of studies."""
+
+
 def check_folder(out: Path, overwrite: bool = False) -> None:
-    """OutputError unless ``out`` is free: absent, empty, or with ``overwrite`` a folder that holds a run and no more."""
+    """OutputError unless ``out`` is free: absent, empty, or with ``overwrite`` a folder that holds results and no more."""
     if not out.exists():
         parent = _existing_parent(out)
         if not parent.is_dir() or not os.access(parent, os.W_OK):
@@ -42,13 +46,15 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
     content = sorted(p.name for p in out.iterdir())
     if not content:
         return
-    foreign = [name for name in content if name not in RUN_FILES]
+    foreign = [name for name in content if name not in (*RUN_FILES, *STUDY_FILES)]
     if foreign:
         raise OutputError(
             f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or new folder"
         )
     if not overwrite:
-        raise OutputError(f"{out}: holds a run already; nothing was written; choose another folder, or add --overwrite")
+        raise OutputError(
+            f"{out}: holds results already; nothing was written; choose another folder, or add --overwrite"
+        )
 
 
 def free_folder(stem: str) -> Path:
