@@ -11,7 +11,6 @@ from microvib.app import plots
 from microvib.app.report import picture, render
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
-from microvib.signals.lines import LineTable
 from microvib.studies.compare import Row, Side, rows_csv
 from microvib.studies.evidence import Evidence, predicted
 from microvib.studies.identify import Fit
@@ -154,7 +153,7 @@ def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
 
 
 def _of_one(
-    evidence: Evidence, before: LineTable, after: LineTable, several: bool
+    evidence: Evidence, before: Simulated, after: Simulated, several: bool
 ) -> list[tuple[str, float, float, float]]:
     mark = f" [{evidence.name}]" if several else ""
     return [

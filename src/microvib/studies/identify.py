@@ -12,16 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.lines import estimate_lines
+from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.simulate import simulate
-from microvib.studies.evidence import PASSBAND, Evidence, Observation, predicted
+from microvib.studies.evidence import PASSBAND, Evidence, Observation, Simulated, predicted
 from microvib.units import convert
 
 MODEL_FLOOR = 0.004
@@ -89,8 +90,8 @@ class Fit:
     correlation: np.ndarray
     sensitivities: dict[str, tuple[float, ...]]
     """Relative change of each observed figure for a relative change of each parameter (d ln figure / d ln parameter)."""
-    before: tuple[tuple[Evidence, LineTable], ...]
-    after: tuple[tuple[Evidence, LineTable], ...]
+    before: tuple[tuple[Evidence, Simulated], ...]
+    after: tuple[tuple[Evidence, Simulated], ...]
     scenario: Scenario
     cost: float
     observations: int
@@ -193,7 +194,7 @@ class _Problem:
     def changes(self, u: np.ndarray) -> dict[str, object]:
         return {key.key: key.from_unit(float(x)) for key, x in zip(self.keys, u, strict=True)}
 
-    def tables(self, u: np.ndarray | None) -> list[LineTable]:
+    def tables(self, u: np.ndarray | None) -> list[Simulated]:
         """Lines of every test at the parameters ``u``, or at the scenario's own where ``u`` is None."""
         changed = [(one, test if u is None else test.with_(self.changes(u))) for one, test in self.tests]
         return [_lines(test, one) for one, test in changed]
@@ -236,7 +237,7 @@ class _Problem:
         inside = np.clip(u, 1e-3, 1.0 - 1e-3)
         least_squares(
             lambda v: _soft(self.residuals(v)), inside, bounds=(0.0, 1.0), diff_step=2e-3, x_scale=0.1, xtol=1e-5, ftol=1e-6,
-            max_nfev=25,
+            max_nfev=60,
         )  # fmt: skip
 
     def result(self, seed: int, interrupted: bool) -> Fit:
@@ -311,7 +312,7 @@ def _as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object
     return test.with_(record)
 
 
-def _lines(test: Scenario, evidence: Evidence) -> LineTable:
+def _lines(test: Scenario, evidence: Evidence) -> Simulated:
     motion = simulate(test, channels=("T_d",))
     wanted = {o.line for o in evidence.observations} | {"drive_1"}
     expected = [
@@ -319,7 +320,10 @@ def _lines(test: Scenario, evidence: Evidence) -> LineTable:
         for line in expected_lines(test, PASSBAND * motion.sample_rate)
         if line.name in wanted or line.kind == "array mode"
     ]
-    return estimate_lines(motion["T_d"], motion.sample_rate, [replace(line) for line in expected])
+    spectrum = amplitude_spectrum(motion["T_d"], motion.sample_rate)
+    return Simulated(
+        estimate_lines(motion["T_d"], motion.sample_rate, expected), spectrum.amplitude, spectrum.resolution
+    )
 
 
 def _weight(o: Observation) -> float:
