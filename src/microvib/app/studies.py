@@ -12,7 +12,7 @@ from microvib.app.report import picture, render
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
 from microvib.studies.compare import Row, Side, rows_csv
-from microvib.studies.evidence import Evidence, predicted
+from microvib.studies.evidence import Evidence, Simulated, predicted
 from microvib.studies.identify import Fit
 
 CALIBRATED = "Calibrated, not predicted: these figures were fitted to."
