@@ -140,7 +140,7 @@ def test_an_old_run_is_replaced_only_on_request(tmp_path):
     assert microvib(*arguments, cwd=tmp_path).returncode == 0
     again = microvib(*arguments, cwd=tmp_path)
     assert again.returncode == 1
-    assert "holds a run already" in again.stderr
+    assert "holds results already" in again.stderr
     assert microvib(*arguments, "--overwrite", cwd=tmp_path).returncode == 0
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 

@@ -120,3 +120,38 @@ def test_a_long_stream_keeps_no_history(state_1):
     sizes = [block["T_d"].size for block in run]
     assert max(sizes) < 5000
     assert sum(sizes) == 60 * 4096
+
+
+def test_subharmonics_of_stick_and_slip_are_listed_though_not_expected(state_1):
+    friction = {"friction.coulomb": 0.1, "friction.breakaway": 0.5, "friction.stribeck_rate": 1e-3}
+    record = {"record.settle": 60.0, "record.duration": 24.0, "record.sample_rate": 1024.0}
+    scenario = state_1.with_({**friction, **record, "reducer.damping": 0.5, "motor.detent_torque": 0.0})
+    table = mv.lines(mv.simulate(scenario))
+    unexpected = {line.origin: line.amplitude_n_m for line in table if line.kind == "unexplained"}
+    # this drive repeats itself only every five microsteps
+    assert unexpected["not expected; 6/5 of the driving frequency"] == pytest.approx(0.0554, rel=0.02)
+    assert unexpected["not expected; 3/5 of the driving frequency"] == pytest.approx(0.0429, rel=0.02)
+
+
+def test_a_mode_that_cannot_be_seen_is_not_found_on_a_line_of_the_clock(state_1):
+    modes = [
+        {"frequency": 1.19, "damping": 0.01, "effective_inertia": 8.0},
+        *({"frequency": f, "damping": 0.01, "participation": 0.0} for f in (43.3, 63.35, 66.7)),
+    ]
+    scenario = state_1.with_({**SHORT, "record.duration": 16.0, "array.modes": modes, "array.rigid_inertia": None})
+    table = mv.lines(mv.simulate(scenario))
+    for k in (2, 3, 4):
+        assert table[f"array_mode_{k}"].status not in ("ok", "decaying", "growing")
+    assert table["array_mode_1"].status == "decaying"
+
+
+def test_no_microstep_is_lost_where_the_command_is_cut_into_pieces(state_1):
+    from microvib.solve.command import Command
+
+    # 20.1 microsteps per second: some fall on whole seconds to rounding
+    rate = 20.1 * state_1.driver.microstep(state_1.motor) / 100
+    command = Command(state_1.with_({"tracking.rate": rate}))
+    counts = np.concatenate([command.microsteps(t, t + 1.0)[1][:, 2] for t in range(46)]) * 64 / (2 * np.pi)
+    assert np.diff(counts) == pytest.approx(-1.0)
+    for t in range(46):
+        assert np.all(command.microsteps(t, t + 1.0)[0] < t + 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -12,6 +13,9 @@ import click
 
 from microvib import __version__
 from microvib.errors import MicrovibError, ScenarioError
+
+# The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario

@@ -15,6 +15,7 @@ from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Invariants
 from microvib.solve.simulate import Progress, Run
 
+SEEN = ("ok", "decaying", "growing")
 BLOCK_SAMPLES = 1 << 19
 """Samples of one block: 128 s at 4096 Hz, 4 MB."""
 
@@ -24,8 +25,10 @@ def lines_of_stream(
 ) -> tuple[LineTable, Invariants, dict[str, Any]]:
     """Lines of the disturbance torque, their mean over equal blocks of the record; with one block, as ``lines`` does.
 
-    Amplitude and frequency are means over the blocks, the phase is that of the first block. The nearest-bin figure is that of the
-    whole record, summed up exactly as it streams by.
+    The amplitude is the mean over the blocks; frequency and decay are means weighted with amplitude squared over the blocks in
+    which the line is seen; phase and its uncertainty are those of the first block, the status that of the loudest. The
+    nearest-bin figure is that of the whole record, summed up exactly as it streams by. Unexpected lines are those of the
+    first block.
     """
     samples, rate = scenario.record.samples, scenario.record.sample_rate
     expected = expected_lines(scenario, PASSBAND * rate, harmonics)
@@ -82,7 +85,10 @@ class _Bins:
 
     def figures(self) -> list[tuple[float, float]]:
         return [
-            (number * self._rate / self._samples, 2.0 * abs(total) / self._samples)
+            (
+                number * self._rate / self._samples,
+                2.0 * abs(total) / self._samples if number else 0.0,
+            )  # bin 0: mean taken out
             for number, total in zip(self._numbers, self._sums, strict=True)
         ]
 
@@ -91,16 +97,22 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
     ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     lines = []
     for k, (bin_hz, bin_amplitude) in enumerate(bins.figures()):
-        column: list[Line] = [table.lines[k] for table in tables]
+        column: list[Line] = [_row(table, tables[0].lines[k].line) for table in tables]
+        # A mode that has died away says nothing of its frequency: blocks count by the square of what they show.
+        weights = np.array([x.amplitude_n_m**2 if x.status in SEEN else 0.0 for x in column])
+        if not np.any(weights > 0.0):
+            weights = np.ones(len(column))
+        loudest = column[int(np.argmax(weights))]
         lines.append(
             replace(
                 column[0],
-                frequency_hz=float(np.mean([x.frequency_hz for x in column])),
+                status=loudest.status,
+                frequency_hz=float(np.average([x.frequency_hz for x in column], weights=weights)),
                 amplitude_n_m=float(np.mean([x.amplitude_n_m for x in column])),
                 frequency_uncertainty_hz=_of_mean([x.frequency_uncertainty_hz for x in column]),
                 amplitude_uncertainty_n_m=_of_mean([x.amplitude_uncertainty_n_m for x in column]),
                 floor_n_m=float(np.mean([x.floor_n_m for x in column])),
-                decay_per_s=float(np.mean([x.decay_per_s for x in column])),
+                decay_per_s=float(np.average([x.decay_per_s for x in column], weights=weights)),
                 bin_frequency_hz=bin_hz,
                 bin_amplitude_n_m=bin_amplitude,
             )
@@ -110,6 +122,15 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
     ratio_spread = _of_mean(spreads) if spreads else None
     return LineTable(tuple(lines), ratio, ratio_spread, total, tables[0].sample_rate)
+
+
+def _row(table: LineTable, name: str) -> Line:
+    """The line of that name; where an unexpected one is missing in a block, an empty row."""
+    for line in table.lines:
+        if line.line == name:
+            return line
+    empty: Line = replace(table.lines[0], line=name, status="not seen", amplitude_n_m=0.0)
+    return empty
 
 
 def _of_mean(spreads: list[float]) -> float:

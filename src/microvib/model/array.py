@@ -61,12 +61,24 @@ class Array(Part):
             if (
                 given is not None
                 and mode.H is not None
-                and not math.isclose(given[self._axis], mode.H, rel_tol=1e-6, abs_tol=1e-9)
+                and not math.isclose(abs(given[self._axis]), abs(mode.H), rel_tol=1e-6, abs_tol=1e-9)
             ):
                 raise ValueError(
                     f"modes.{axis_mode}: interface_participation about {self.drive_axis} is {given[self._axis]:g} kg^0.5*m"
                     f" and participation {mode.H:g} kg^0.5*m; they must be equal"
                 )
+        rows = [mode.interface_participation is not None for mode in self.modes]
+        if any(rows) and not all(rows):
+            raise ValueError(
+                f"modes.{rows.index(False)}.interface_participation: missing; give it for all modes, or for none"
+            )
+        if self.interface_inertia is not None and not math.isclose(
+            self.interface_inertia[self._axis], self.inertia, rel_tol=1e-3
+        ):
+            raise ValueError(
+                f"interface_inertia: {self.interface_inertia[self._axis]:g} kg*m^2 about {self.drive_axis} disagrees with"
+                f" inertia, {self.inertia:g} kg*m^2; they must be equal"
+            )
         unknown = [k for k, mode in enumerate(self.modes) if self._given(mode) is None]
         if unknown and (len(self.modes) > 1 or self.rigid_inertia is None):
             raise ValueError(
@@ -102,7 +114,7 @@ class Array(Part):
         return 3 + "xyz".index(self.drive_axis)
 
     def _given(self, mode: Mode) -> float | None:
-        if mode.H is None and mode.interface_participation is not None:
+        if mode.interface_participation is not None:
             return mode.interface_participation[self._axis]
         return mode.H
 

@@ -39,7 +39,7 @@ class Record(Part):
 
 
 class Solver(Part):
-    """Accuracy of the time integration; the defaults put lines within 0.1 % of their limit."""
+    """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it."""
 
     tolerance: Annotated[float, Quantity("", "local error over the size of each state", gt=0, le=0.01)] = 2e-5
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3

@@ -40,9 +40,10 @@ class Scenario(Part):
 
     @model_validator(mode="after")
     def _something_to_turn(self) -> Self:
-        if not self.reducer.rigid and self.output_inertia <= 0.0:
+        if not self.reducer.rigid and self.output_inertia < 1e-6 * self.array.inertia:
             raise ValueError(
-                "array: nothing is rigidly attached to the shaft (J_h and reducer.output_inertia are 0 kg*m^2); a compliant"
+                "array: hardly anything is rigidly attached to the shaft (J_h and reducer.output_inertia add up to"
+                f" {self.output_inertia:.3g} kg*m^2, under a millionth of the inertia); a compliant"
                 " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
             )
         self._check_current()
@@ -56,6 +57,10 @@ class Scenario(Part):
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0:
             raise ValueError(
                 "driver: proportional_gain and integral_gain are both 0; one must be greater, or no current flows"
+            )
+        if driver.proportional_gain == 0.0 and driver.supply_voltage is not None:
+            raise ValueError(
+                "driver: proportional_gain is 0 with a supply_voltage; it must be greater, for its anti-windup needs it"
             )
         needed = motor.winding_resistance * motor.current
         if driver.supply_voltage is not None and driver.supply_voltage < needed:

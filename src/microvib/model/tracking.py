@@ -43,7 +43,7 @@ class Tracking(Part):
     def breakpoints(self) -> tuple[np.ndarray, np.ndarray]:
         """Piecewise linear rate: times [s] and rates [rad/s] of the array, (m,) each; a jump repeats its time.
 
-        The last rate lasts for ever. Rates carry the clock ratio, for the step clock scales the whole command.
+        The last rate lasts for ever. Rates carry the clock ratio; the legs are timed by the computer that commands them.
         """
         if self.profile is None:
             return np.array([0.0]), np.array([float(self.rate or 0.0) * self.clock_ratio])

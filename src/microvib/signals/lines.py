@@ -29,6 +29,9 @@ from microvib.signals.tones import (
 SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
 _RANK = {"array mode": 1, "electrical": 2}
+MOST_UNEXPLAINED = 12
+PASSBAND = 0.35
+"""Part of the sample rate up to which unexpected lines are looked for."""
 FAINT = "below the floor"
 """Status of a line that was looked for and not found."""
 
@@ -126,15 +129,84 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
     tones = [Tone(line, line.frequency * (ratio or 1.0), 0.0) for line in clock]
     if modes:
         tones += fit_modes(modes, spectrum.without(tones, estimate_amplitudes(tones, spectrum)))
+    tones, mistaken = _without_mistaken(tones, ratio, duration)
+    refused += mistaken
     amplitudes = estimate_amplitudes(tones, spectrum)
-    spread = uncertainties(tones, amplitudes, ratio, spectrum)
+    rest = spectrum.without(tones, amplitudes)
+    spread = uncertainties(tones, amplitudes, ratio, spectrum, rest)
     bins = np.abs(np.fft.rfft(x)) * (2.0 / x.size)
-    found = {tone.line.name: _result(k, tone, amplitudes[k], spread, bins, spectrum) for k, tone in enumerate(tones)}
+    found = {tone.line.name: _result(k, tone, amplitudes[k], spread, bins, rest) for k, tone in enumerate(tones)}
     for line, why in refused:
         found[line.name] = _not_estimated(line, why, bins, duration)
-    return LineTable(
-        tuple(found[line.name] for line in expected), ratio, spread.clock_ratio if ratio else None, x.size, sample_rate
-    )
+    rows = [found[line.name] for line in expected]
+    rows += _unexplained(rest, rows, clock, ratio, bins)
+    return LineTable(tuple(rows), ratio, spread.clock_ratio if ratio else None, x.size, sample_rate)
+
+
+def _without_mistaken(
+    tones: Sequence[Tone], ratio: float | None, duration: float
+) -> tuple[list[Tone], list[tuple[ExpectedLine, str]]]:
+    """Take out array modes that are really steady lines of the clock: on a multiple of the full-step rate, not decaying."""
+    base = next((tone.frequency for tone in tones if tone.line.name == "full_step_1"), None)
+    if ratio is None or base is None or base * duration < 2 * SEPARATION:
+        return list(tones), []
+    kept: list[Tone] = []
+    mistaken = []
+    for tone in tones:
+        order = round(tone.frequency / base)
+        steady = abs(tone.decay) * duration < 0.05
+        if (
+            tone.line.kind == "array mode"
+            and tone.seen
+            and steady
+            and abs(tone.frequency - order * base) * duration < 0.5
+        ):
+            mistaken.append((tone.line, f"not separable from order {order} of the full step"))
+        else:
+            kept.append(tone)
+    return kept, mistaken
+
+
+def _unexplained(
+    rest: HannSpectrum, rows: Sequence[Line], clock: Sequence[ExpectedLine], ratio: float | None, bins: np.ndarray
+) -> list[Line]:
+    """Lines that stand in what is left, from a hundredth of the largest line; with their place among the clock's orders.
+
+    Such are further full-step orders, and subharmonics: stick and slip may repeat only after several microsteps.
+    """
+    duration = rest.samples / rest.sample_rate
+    top = max((row.amplitude_n_m for row in rows if np.isfinite(row.amplitude_n_m)), default=0.0)
+    drive = next((line.frequency * (ratio or 1.0) for line in clock if line.name == "drive_1"), None)
+    found: list[Line] = []
+    if drive is None:  # without a steady clock there is nothing that a line could be unexpected against
+        return found
+    highest = int(PASSBAND * rest.samples)
+    magnitude = rest.magnitude[:highest].copy()
+    magnitude[: int(SEPARATION) + 1] = 0.0
+    while len(found) < MOST_UNEXPLAINED and magnitude.size > 8:
+        k = int(np.argmax(magnitude))
+        low, high = max(k - 1, 0) / duration, (k + 1) / duration
+        if magnitude[k] < max(0.01 * top, 1e-12) or magnitude[k] < DETECTION * rest.floor(k / duration):
+            break
+        magnitude[max(k - 4, 0) : k + 5] = 0.0
+        frequency, _ = rest.peak(low, high, margin=0.0)
+        line = ExpectedLine(
+            f"unexplained_{len(found) + 1}", "unexplained", frequency, low, high, _place(frequency, drive, duration)
+        )
+        tone = Tone(line, frequency, 0.0)
+        spread = uncertainties([tone], amplitude := estimate_amplitudes([tone], rest), None, rest, rest)
+        found.append(_result(0, tone, amplitude[0], spread, bins, rest))
+    return found
+
+
+def _place(frequency: float, drive: float | None, duration: float) -> str:
+    """Where a line stands among the orders of the driving frequency, as the simplest fraction."""
+    if drive:
+        for q in (*range(1, 9), 16, 32, 64):
+            p = round(frequency * q / drive)
+            if p > 0 and abs(frequency - p * drive / q) * duration < 0.3:
+                return f"not expected; {p}/{q} of the driving frequency" if q > 1 else f"not expected; drive order {p}"
+    return "not expected"
 
 
 def _sort_out(
@@ -161,15 +233,15 @@ def _sort_out(
     return wanted, refused
 
 
-def _result(
-    k: int, tone: Tone, amplitude: complex, spread: Uncertainty, bins: np.ndarray, spectrum: HannSpectrum
-) -> Line:
-    duration = spectrum.samples / spectrum.sample_rate
-    floor = spectrum.floor(tone.frequency)
+def _result(k: int, tone: Tone, amplitude: complex, spread: Uncertainty, bins: np.ndarray, rest: HannSpectrum) -> Line:
+    duration = rest.samples / rest.sample_rate
+    floor = rest.floor(tone.frequency)
     size = mean_over_record(tone, amplitude, duration)
     status = "ok"
     if size < DETECTION * floor:
         status = FAINT
+    elif tone.limited:
+        status = "at a limit of its fit"
     elif tone.seen and abs(tone.decay) * duration > 0.1:
         status = "decaying" if tone.decay > 0.0 else "growing"
     bin_frequency, bin_amplitude = _nearest_bin(bins, tone.frequency, duration)

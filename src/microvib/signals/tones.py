@@ -33,6 +33,8 @@ class Tone:
     frequency: float
     decay: float
     seen: bool = True
+    limited: bool = False
+    """The fit ended at the end of the band or of the decay rates that it may take."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,9 @@ class HannSpectrum:
     def near(self, frequencies: Sequence[float]) -> np.ndarray:
         """Bins within reach of any of the ``frequencies``."""
         centres = np.array([round(self.bins(f)) for f in frequencies])
-        bins = np.unique(centres[:, None] + np.arange(-REACH, REACH + 1))
-        return bins[(bins >= 0) & (bins < self.values.size)]
+        bins: np.ndarray = np.unique(centres[:, None] + np.arange(-REACH, REACH + 1))
+        inside: np.ndarray = bins[(bins >= 0) & (bins < self.values.size)]
+        return inside
 
     def equations(self, tones: Sequence[Tone], k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Real least-squares equations at the bins ``k``: cosine and minus sine of each tone, and a constant."""
@@ -168,8 +171,17 @@ def estimate_amplitudes(tones: Sequence[Tone], spectrum: HannSpectrum) -> np.nda
 
 
 def _least_squares(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    solution: np.ndarray = np.linalg.lstsq(A, b, rcond=1e-12)[0]
+    """Least squares by scaled normal equations: tones that can be told apart are well conditioned, and SVD is slow."""
+    scale = _column_norms(A)
+    scaled = A / scale
+    solution: np.ndarray = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ b, rcond=1e-12)[0] / scale
     return solution
+
+
+def _column_norms(A: np.ndarray) -> np.ndarray:
+    norms: np.ndarray = np.sqrt(np.einsum("ij,ij->j", A, A))
+    norms[norms == 0.0] = 1.0
+    return norms
 
 
 def fit_modes(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> list[Tone]:
@@ -197,14 +209,18 @@ def _fit_decay(line: ExpectedLine, frequency: float, spectrum: HannSpectrum) -> 
         rest: np.ndarray = b - A @ _least_squares(A, b)
         return rest
 
-    u = np.array([frequency * duration, 0.3])  # in bins, and in e-foldings over the record
+    # in bins, and in e-foldings over the record
+    u = np.array([frequency * duration, 0.3])
+    lowest = np.array([max(line.low * duration - 2.0, 0.5), -8.0])
+    highest = np.array([line.high * duration + 2.0, 60.0])
+    u = np.clip(u, lowest, highest)
     r, damping, nudge = residual(u), 1e-3, 1e-4
     for _ in range(60):
         slope = np.column_stack([(residual(u + nudge * unit) - r) / nudge for unit in np.eye(2)])
         normal = slope.T @ slope
         move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(2), slope.T @ r)
-        candidate = u + np.clip(move, -0.5, 0.5)
-        candidate[1] = np.clip(candidate[1], -2.0, 60.0)
+        reach = np.array([0.5, max(0.5, 0.3 * abs(u[1]))])
+        candidate = np.clip(u + np.clip(move, -reach, reach), lowest, highest)
         r_new = residual(candidate)
         if r_new @ r_new > r @ r:
             damping *= 8.0
@@ -215,7 +231,8 @@ def _fit_decay(line: ExpectedLine, frequency: float, spectrum: HannSpectrum) -> 
         u, r, damping = candidate, r_new, max(0.2 * damping, 1e-12)
         if converged:
             break
-    return Tone(line, float(u[0] / duration), float(u[1] / duration))
+    limited = bool(np.any(u <= lowest) or np.any(u >= highest))
+    return Tone(line, float(u[0] / duration), float(u[1] / duration), limited=limited)
 
 
 def _damped_hann(cycles: float, decay: float, k: np.ndarray, samples: int) -> np.ndarray:
@@ -232,12 +249,13 @@ def _damped_hann(cycles: float, decay: float, k: np.ndarray, samples: int) -> np
 
 
 def uncertainties(
-    tones: Sequence[Tone], amplitudes: np.ndarray, ratio: float | None, spectrum: HannSpectrum
+    tones: Sequence[Tone], amplitudes: np.ndarray, ratio: float | None, spectrum: HannSpectrum, rest: HannSpectrum
 ) -> Uncertainty:
     """Standard uncertainties of all that was fitted, jointly: amplitudes, phases, clock ratio, frequency and decay of modes.
 
-    Noise is taken as Gaussian, with the local floor about each line as its size and the correlation between neighbouring bins
-    that a Hann window makes. Amplitudes of decaying tones are their means over the record.
+    Noise is taken as Gaussian, with the local floor of ``rest`` (the spectrum without the tones) as its size and the
+    correlation between neighbouring bins that a Hann window makes. Amplitudes of decaying tones are their means over the
+    record.
     """
     m = len(tones)
     if m == 0:
@@ -251,7 +269,7 @@ def uncertainties(
     if ratio is not None:
         extra.append(_ratio_slope(tones, amplitudes, ratio, near, spectrum))
     J = np.column_stack([A, *extra]) if extra else A
-    covariance = _sandwich(J, near, _noise(tones, near, spectrum))
+    covariance = _sandwich(J, near, _noise(tones, near, rest))
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
     amplitude, phase, frequency, decay = (np.zeros(m) for _ in range(4))
@@ -335,9 +353,9 @@ def _noise(tones: Sequence[Tone], near: np.ndarray, spectrum: HannSpectrum) -> n
 
 def _sandwich(J: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Covariance of the least-squares solution under noise that a Hann window has correlated from bin to bin."""
-    scale = np.sqrt(np.einsum("ij,ij->j", J, J))
-    scale[scale == 0.0] = 1.0
-    inverse = np.linalg.pinv(J / scale, rcond=1e-10)
+    scale = _column_norms(J)
+    scaled = J / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ scaled.T
     m = near.size
     correlated = np.zeros((inverse.shape[0], inverse.shape[0]))
     for lag, correlation in ((0, 1.0), (1, -2.0 / 3.0), (2, 1.0 / 6.0)):

@@ -79,4 +79,5 @@ class Command:
         root = np.sqrt(np.maximum(rate_a**2 + 2.0 * slope * rise, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
             dt = np.where(rise == 0.0, 0.0, 2.0 * rise / (rate_a + np.copysign(root, to_count - from_count)))
-        return np.clip(a + dt, a, b), after
+        # A crossing just before b may round to b, which belongs to the next interval: it stays in this one.
+        return np.clip(a + dt, a, np.nextafter(b, a)), after

@@ -1,49 +1,69 @@
 """From the kernel's interval means to samples without aliasing.
 
-The kernel gives every channel as its mean over intervals of 1/(4 f_s), jumps included: that is a boxcar filter, exact, with
-zeros at all multiples of 4 f_s. A symmetric FIR filter then takes the band of the record, makes good the boxcar's droop,
-and every fourth value is kept. Up to 0.35 f_s a tone keeps its amplitude within 1e-4 and its phase exactly. What would fold
-into that band is 80 dB down, but for the neighbourhoods of the multiples of 4 f_s: there the boxcar alone holds it back, by
-20 dB at 0.35 f_s from the multiple and ever more towards it. The torques themselves are small there: of a
-jump of height a, f_d times a second, an order k line has a / (pi k).
+The kernel gives every channel as its mean over intervals of 1/(m f_s), jumps included: that is a boxcar filter, exact, with
+zeros at all multiples of the inner rate m f_s. A symmetric FIR filter then takes the band of the record, makes good the
+boxcar's droop, and every m-th value is kept. Up to 0.35 f_s a tone keeps its amplitude within 1e-4 and its phase exactly.
+What would fold into that band is 80 dB down, but for the neighbourhoods of the multiples of m f_s: there the boxcar alone
+holds it back, by 20 log10(m / 0.35) dB or more. m is at least 4 and such that the inner rate is at least a hundred
+times the driving frequency, where the torques have become small: of a jump of height a, f_d times a second, an order k
+line has a / (pi k).
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from microvib.solve.kernel import filter_and_decimate
 
-FACTOR = 4
+LEAST_FACTOR = 4
+STEP_ORDERS = 100
+"""Inner rate over driving frequency, at least."""
+FASTEST = 65_536.0
+"""Inner rate [Hz] above which a high driving frequency no longer raises it."""
 PASSBAND = 0.35
 """Edge of the flat band, as a fraction of the sample rate."""
 
-HALF = 9 * FACTOR
+LOBES = 9
+"""Half length of the filter in samples of the record."""
 _BETA = 7.86  # Kaiser window, 80 dB
 
 
-def _taps() -> np.ndarray:
+def inner_factor(sample_rate: float, driving_frequency: float) -> int:
+    """Inner intervals per sample, m."""
+    wanted = min(STEP_ORDERS * driving_frequency, FASTEST)
+    return max(LEAST_FACTOR, math.ceil(wanted / sample_rate))
+
+
+def half_length(factor: int) -> int:
+    """Inner intervals on each side of a sample that its filter takes."""
+    return LOBES * factor
+
+
+def _taps(factor: int) -> np.ndarray:
     """Linear-phase low-pass at f_s/2 with the inverse of the boxcar's response in its passband, by frequency sampling."""
-    grid = 4096
-    f = np.arange(grid // 2 + 1) / grid  # in cycles per internal interval; f_s / 2 is 1/8
-    response = np.where(f <= 0.5 / FACTOR, 1.0 / np.sinc(f), 0.0)
-    kernel = np.roll(np.fft.irfft(response, grid), HALF)[: 2 * HALF + 1]
-    taps: np.ndarray = kernel * np.kaiser(2 * HALF + 1, _BETA)
+    grid, half = 1024 * factor, half_length(factor)
+    f = np.arange(grid // 2 + 1) / grid  # in cycles per inner interval
+    response = np.where(f <= 0.5 / factor, 1.0 / np.sinc(f), 0.0)
+    kernel = np.roll(np.fft.irfft(response, grid), half)[: 2 * half + 1]
+    taps: np.ndarray = kernel * np.kaiser(2 * half + 1, _BETA)
     return taps / taps.sum()
 
 
 class Decimator:
     """Streaming filter over rows (time, channel); keeps what the next block needs."""
 
-    def __init__(self) -> None:
-        self._taps = _taps()
+    def __init__(self, factor: int = LEAST_FACTOR) -> None:
+        self._factor = factor
+        self._taps = _taps(factor)
         self._left = np.zeros((0, 0))
 
     def push(self, rows: np.ndarray) -> np.ndarray:
-        """Samples that can be made once ``rows`` (n, channels) have come; the first belongs to input row ``HALF``."""
+        """Samples that ``rows`` (n, channels) complete; the first belongs to input row ``half_length(factor)``."""
         rows = np.concatenate([self._left, rows]) if self._left.size else rows
-        out = np.empty((max((rows.shape[0] - self._taps.size) // FACTOR + 1, 0), rows.shape[1]))
+        out = np.empty((max((rows.shape[0] - self._taps.size) // self._factor + 1, 0), rows.shape[1]))
         # Compiled, not a matrix product: threads of BLAS collapse where other processes keep the cores busy.
-        filter_and_decimate(rows, self._taps, FACTOR, out)
-        self._left = rows[out.shape[0] * FACTOR :].copy()
+        filter_and_decimate(rows, self._taps, self._factor, out)
+        self._left = rows[out.shape[0] * self._factor :].copy()
         return out

@@ -102,7 +102,10 @@ class Motion:
         """
         array = self.scenario.array
         P = array.interface
-        if P is None or "eta" not in self.channels:
+        needed = {"alpha_l", "eta", "eta_rate", "T_d"} <= set(self.channels)
+        if not array.modes and array.interface_inertia is not None:
+            P = np.zeros((6, 0))
+        if P is None or not needed:
             return None
         alpha = self.channels["alpha_l"]
         w_rate = -(self.channels["eta_rate"] * array.D + self.channels["eta"] * array.Lambda)

@@ -12,14 +12,15 @@ from microvib.errors import SimulationError, SynchronismLost
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.decimate import FACTOR, HALF, PASSBAND, Decimator
+from microvib.solve.decimate import PASSBAND, Decimator, half_length, inner_factor
 from microvib.solve.motion import Invariants, Motion
 from microvib.solve.pack import pack
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 1.0
 """Simulated seconds between two reports of progress; also bounds the memory of a long run."""
-CHUNK_ROWS = 16_384
+CHUNK_BYTES = 32_000_000
+"""Memory of one chunk's rows, at most."""
 
 
 def simulate(
@@ -59,16 +60,20 @@ class Run:
         self._wanted = channels
         self._packed = pack(scenario)
         self._command = Command(scenario)
+        fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
+        top = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
+        self._factor = inner_factor(scenario.record.sample_rate, top)
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         begun = clock_time.perf_counter()
         record, packed = self.scenario.record, self._packed
-        width = 1.0 / (FACTOR * record.sample_rate)
-        lead = min(HALF, int(record.settle / width))  # rows before the first sample, as many as there are
+        factor, half = self._factor, half_length(self._factor)
+        width = 1.0 / (factor * record.sample_rate)
+        lead = min(half, int(record.settle / width))  # rows before the first sample, as many as there are
         first = record.settle - (lead + 0.5) * width
         if first < 0.0:
             lead, first = lead - 1, first + width
-        total_rows = lead + 1 + (record.samples - 1) * FACTOR + HALF
+        total_rows = lead + 1 + (record.samples - 1) * factor + half
         end = first + total_rows * width
         before, momentum_before = packed.snapshot(), packed.momentum
         n_chan = packed.channels
@@ -76,9 +81,9 @@ class Run:
         t = 0.0
         while t < first:
             t = self._advance(min(t + CHUNK_TIME, first), end, samples)
-        decimator = Decimator()
+        decimator = Decimator(factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
-        per_chunk = int(np.clip(CHUNK_TIME / width, 512, CHUNK_ROWS))
+        per_chunk = int(np.clip(CHUNK_TIME / width, 512, CHUNK_BYTES // (8 * n_chan)))
         buffer = np.zeros((per_chunk, n_chan))
         done = made = 0
         while made < record.samples:
@@ -92,7 +97,7 @@ class Run:
                     rows[samples.cursor[0] :] = samples.partial / width
                     samples.partial[:] = 0.0
                 if done == 0:
-                    rows = np.concatenate([np.repeat(rows[:1], HALF - lead, axis=0), rows])
+                    rows = np.concatenate([np.repeat(rows[:1], half - lead, axis=0), rows])
                 done += count
             else:  # pad the filter's last block
                 rows = np.repeat(rows[-1:], per_chunk, axis=0)
@@ -168,7 +173,7 @@ class Run:
             "sticks": int(count[kernel.STICKS]),
             "breakaways": int(count[kernel.BREAKAWAYS]),
             "sampling": (
-                f"interval means at {FACTOR} x the sample rate, then a linear-phase filter, flat within 1e-4 to"
+                f"interval means at {self._factor} x the sample rate, then a linear-phase filter, flat within 1e-4 to"
                 f" {PASSBAND} x the sample rate"
             ),
             "simulated_s": end,

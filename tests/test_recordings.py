@@ -1,0 +1,174 @@
+"""Recordings: read and written in every format, prepared, and refused for what is wrong with them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from microvib.errors import OutputError
+from microvib.io.recordings import read_recording, write_recording
+from microvib.signals.recording import COMPONENTS, Recording, RecordingError, check, regular_rate
+
+RATE = 4096.0
+T = np.arange(4096) / RATE
+
+
+def made(**changes) -> Recording:
+    noise = np.random.default_rng(0).normal(0, 1e-3, (6, T.size))
+    channels = {name: noise[k] + 0.1 * (k + 1) * np.cos(2 * np.pi * 53 * T) for k, name in enumerate(COMPONENTS)}
+    units = {name: "N" if name.startswith("F") else "N*m" for name in COMPONENTS}
+    return Recording(channels | changes, RATE, units, "made")
+
+
+@pytest.mark.parametrize("ending", ["uff", "mat", "csv"])
+def test_what_is_written_is_read(tmp_path, ending):
+    path = tmp_path / f"test.{ending}"
+    write_recording(made(), path)
+    back = read_recording(path)
+    assert back.sample_rate == RATE
+    for name in COMPONENTS:
+        assert back[name] == pytest.approx(made()[name], abs=1e-11)
+    with pytest.raises(OutputError, match="exists already"):
+        write_recording(made(), path)
+
+
+def test_ascii_uff(tmp_path):
+    import pyuff
+
+    path = tmp_path / "binary.uff"
+    write_recording(made(), path)
+    sets = pyuff.UFF(str(path)).read_sets()
+    for s in sets:
+        s["binary"] = 0
+    pyuff.UFF(str(tmp_path / "ascii.uff")).write_sets(sets, mode="add")
+    back = read_recording(tmp_path / "ascii.uff")
+    assert back["Mz"] == pytest.approx(made()["Mz"], rel=1e-9, abs=1e-9)
+
+
+def test_matlab_7_3(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "new.mat", "w") as f:
+        f["Mz"] = made()["Mz"][None, :]
+        f["fs"] = np.array([[RATE]])
+    assert read_recording(tmp_path / "new.mat")["Mz"] == pytest.approx(made()["Mz"])
+
+
+def test_tdms(tmp_path):
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(str(tmp_path / "test.tdms")) as writer:
+        properties = {"wf_increment": 1 / RATE, "unit_string": "mNm"}
+        writer.write_segment([ChannelObject("table", "Mz", 1e3 * made()["Mz"], properties=properties)])
+    back = read_recording(tmp_path / "test.tdms")
+    assert back.sample_rate == RATE
+    assert back["Mz"] == pytest.approx(made()["Mz"])  # mN m became N m
+
+
+def test_csv_with_decimal_comma_and_unit_row(tmp_path):
+    rows = [
+        "time;Mz",
+        "s;mNm",
+        *(f"{t:.8f};{1e3 * x:.6f}".replace(".", ",") for t, x in zip(T, made()["Mz"], strict=True)),
+    ]
+    (tmp_path / "german.csv").write_text("\n".join(rows))
+    back = read_recording(tmp_path / "german.csv")
+    assert back.sample_rate == pytest.approx(RATE, rel=1e-6)
+    assert back["Mz"] == pytest.approx(made()["Mz"], abs=1e-8)
+
+
+def test_our_own_motion(tmp_path, motion_1):
+    from microvib.io.results import write_motion
+
+    write_motion(motion_1, tmp_path / "motion.nc")
+    back = read_recording(tmp_path / "motion.nc")
+    assert back.sample_rate == 4096.0
+    assert back["Mz"] == pytest.approx(motion_1["T_d"])
+
+
+def test_axis_map_and_cross_talk():
+    mixing = np.eye(6) + 0.02 * np.random.default_rng(1).normal(size=(6, 6))
+    loads = np.array([made()[name] for name in COMPONENTS])
+    readings = made(**dict(zip(COMPONENTS, mixing @ loads, strict=True)))
+    assert readings.without_cross_talk(mixing)["My"] == pytest.approx(made()["My"])
+    turned = made().mapped({"Mz": "-Mx", "Mx": "Mz"})
+    assert turned["Mz"] == pytest.approx(-made()["Mx"])
+    assert "channels" in turned.notes[0]
+
+
+def test_trim_detrend_decimate():
+    drift = made(Mz=made()["Mz"] + 3.0 + 2.0 * T).detrended(1)
+    assert abs(drift["Mz"].mean()) < 1e-12
+    assert made().trimmed(0.25, 0.75).samples == 2048
+    slow = made().decimated(8)
+    assert slow.sample_rate == 512.0
+    middle = slice(50, -50)
+    expected = 0.6 * np.cos(2 * np.pi * 53 * np.arange(512) / 512.0)
+    assert slow["Mz"][middle] == pytest.approx(expected[middle], abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (
+            lambda x: np.where(np.arange(x.size) == 7, np.nan, x),
+            "has 1 samples that are no numbers, the first at 0.001709 s",
+        ),
+        (lambda x: np.clip(x, -0.3, 0.3), "is clipped"),
+        (lambda x: np.concatenate([x[:1000], np.full(50, x[1000]), x[1050:]]), "repeats one value for"),
+        (lambda x: np.zeros_like(x), "is constant"),
+    ],
+)
+def test_bad_channels_are_named_as_what_they_are(change, complaint):
+    with pytest.raises(RecordingError, match=complaint):
+        check(made(Mz=change(made()["Mz"])), "Mz")
+
+
+def test_good_channels_pass_and_short_ones_do_not():
+    check(made(), "Mz")
+    with pytest.raises(RecordingError, match=r"lasts 1 s; the lines asked for need 16 s"):
+        check(made(), "Mz", shortest=16.0)
+    with pytest.raises(RecordingError, match="there is no channel 'Mq'; there are Fx"):
+        check(made(), "Mq")
+
+
+def test_units_of_another_kind_are_refused():
+    with pytest.raises(RecordingError, match=r"channel Mz is in 'N', but N\*m"):
+        Recording({"Mz": T}, RATE, {"Mz": "N"}, "made").in_si()
+    with pytest.raises(RecordingError, match="channel Fx is in 'lbf'; allowed are N, kN"):
+        Recording({"Fx": T}, RATE, {"Fx": "lbf"}, "made").in_si()
+    assert Recording({"Fx": T}, RATE, {"Fx": "kN"}, "made").in_si()["Fx"] == pytest.approx(1e3 * T)
+
+
+def test_time_axes():
+    assert regular_rate(np.round(T, 9), "made")[0] == 4096.0
+    with pytest.raises(RecordingError, match="about 3 samples are missing, the first at"):
+        regular_rate(np.delete(T, [100, 101, 102]), "made")
+    with pytest.raises(RecordingError, match="wanders"):
+        regular_rate(T + 1e-4 * np.sin(7 * T), "made")
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.uff", b"no uff"), ("a.mat", b"MATLAB 5.0 broken"), ("a.tdms", b"TDSm?"), ("a.nc", b"\x89HDF"), ("a.csv", b"Mz\n1\n2\n"), ("a.wav", b"RIFF")])  # fmt: skip
+def test_broken_files_are_one_sentence(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=str(path)):
+        read_recording(path)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_recording(tmp_path / "nothing.uff")
+
+
+def test_a_truncated_uff_is_refused(tmp_path):
+    write_recording(made(), tmp_path / "whole.uff")
+    whole = (tmp_path / "whole.uff").read_bytes()
+    Path(tmp_path / "half.uff").write_bytes(whole[: int(0.55 * len(whole))])
+    with pytest.raises(RecordingError, match=r"truncated|differ in length"):
+        read_recording(tmp_path / "half.uff")
+
+
+def test_without_time_axis_a_rate_is_asked_for(tmp_path):
+    scipy.io.savemat(tmp_path / "bare.mat", {"Mz": made()["Mz"]})
+    with pytest.raises(RecordingError, match="give the sample rate in Hz"):
+        read_recording(tmp_path / "bare.mat")
+    assert read_recording(tmp_path / "bare.mat", sample_rate=100.0).sample_rate == 100.0
