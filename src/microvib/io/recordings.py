@@ -60,6 +60,10 @@ def _library(name: str, package: str) -> Any:
 
 def _read_uff(path: Path, sample_rate: float | None) -> Recording:
     pyuff = _library("pyuff", "pyuff")
+    with path.open("rb") as stream:
+        stream.seek(max(path.stat().st_size - 200, 0))
+        if not stream.read().rstrip().endswith(b"-1"):  # each dataset ends so; the library drops one that does not
+            raise RecordingError(f"{path}: is truncated, or no UFF; its last dataset does not end with -1")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sets = pyuff.UFF(str(path)).read_sets()

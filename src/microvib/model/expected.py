@@ -8,7 +8,7 @@ from typing import Literal
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 
-Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "unexplained"]
+Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
 
 SIDEBANDS = 2
 """Sidebands on each side of a driving line, at full-step distance, that are looked for."""

@@ -29,7 +29,7 @@ from microvib.signals.tones import (
 SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
 _RANK = {"array mode": 1, "electrical": 2}
-MOST_UNEXPLAINED = 12
+MOST_OTHERS = 12
 PASSBAND = 0.35
 """Part of the sample rate up to which unexpected lines are looked for."""
 FAINT = "below the floor"
@@ -139,7 +139,7 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
     for line, why in refused:
         found[line.name] = _not_estimated(line, why, bins, duration)
     rows = [found[line.name] for line in expected]
-    rows += _unexplained(rest, rows, clock, ratio, bins)
+    rows += _others(rest, rows, clock, ratio, bins)
     return LineTable(tuple(rows), ratio, spread.clock_ratio if ratio else None, x.size, sample_rate)
 
 
@@ -167,10 +167,10 @@ def _without_mistaken(
     return kept, mistaken
 
 
-def _unexplained(
+def _others(
     rest: HannSpectrum, rows: Sequence[Line], clock: Sequence[ExpectedLine], ratio: float | None, bins: np.ndarray
 ) -> list[Line]:
-    """Lines that stand in what is left, from a hundredth of the largest line; with their place among the clock's orders.
+    """Lines that stand in what is left, from a hundredth of the largest; with their place among the clock's orders.
 
     Such are further full-step orders, and subharmonics: stick and slip may repeat only after several microsteps.
     """
@@ -183,7 +183,7 @@ def _unexplained(
     highest = int(PASSBAND * rest.samples)
     magnitude = rest.magnitude[:highest].copy()
     magnitude[: int(SEPARATION) + 1] = 0.0
-    while len(found) < MOST_UNEXPLAINED and magnitude.size > 8:
+    while len(found) < MOST_OTHERS and magnitude.size > 8:
         k = int(np.argmax(magnitude))
         low, high = max(k - 1, 0) / duration, (k + 1) / duration
         if magnitude[k] < max(0.01 * top, 1e-12) or magnitude[k] < DETECTION * rest.floor(k / duration):
@@ -191,7 +191,7 @@ def _unexplained(
         magnitude[max(k - 4, 0) : k + 5] = 0.0
         frequency, _ = rest.peak(low, high, margin=0.0)
         line = ExpectedLine(
-            f"unexplained_{len(found) + 1}", "unexplained", frequency, low, high, _place(frequency, drive, duration)
+            f"other_{len(found) + 1}", "other", frequency, low, high, _place(frequency, drive, duration)
         )
         tone = Tone(line, frequency, 0.0)
         spread = uncertainties([tone], amplitude := estimate_amplitudes([tone], rest), None, rest, rest)
@@ -205,8 +205,8 @@ def _place(frequency: float, drive: float | None, duration: float) -> str:
         for q in (*range(1, 9), 16, 32, 64):
             p = round(frequency * q / drive)
             if p > 0 and abs(frequency - p * drive / q) * duration < 0.3:
-                return f"not expected; {p}/{q} of the driving frequency" if q > 1 else f"not expected; drive order {p}"
-    return "not expected"
+                return f"{p}/{q} of the driving frequency" if q > 1 else f"order {p} of the driving frequency"
+    return "no simple order of the driving frequency"
 
 
 def _sort_out(

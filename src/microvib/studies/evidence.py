@@ -62,7 +62,8 @@ def read_evidence(source: str, scenario: Scenario, channel: str = "Mz") -> Evide
         recording = read_recording(path)
         check(recording, channel, shortest=2.0)
         table = lines_of_recording(recording[channel], recording.sample_rate, scenario)
-        return Evidence(source, observations(table), table.clock_ratio, recording.duration, recording.sample_rate)
+        found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, recording.duration))
+        return Evidence(source, found, table.clock_ratio, recording.duration, recording.sample_rate)
     raise MicrovibError(
         f"{source}: is no evidence; wanted is a recording ({', '.join(READERS)}), a table of lines (.csv) or '{PAPER_TABLE}'"
     )
@@ -84,7 +85,9 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
     found = []
     first = next((line for line in table if line.line == "drive_1" and line.status == "ok"), None)
     for line in table:
-        if line.status not in ("ok", "decaying", "growing") or line.amplitude_n_m < 2 * DETECTION * line.floor_n_m:
+        if line.kind == "other" or line.status not in ("ok", "decaying", "growing"):
+            continue
+        if line.amplitude_n_m < 2 * DETECTION * line.floor_n_m:
             continue
         found.append(Observation(line.line, "amplitude", line.amplitude_n_m, line.amplitude_uncertainty_n_m))
         if line.kind == "array mode":
@@ -126,6 +129,11 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
         "decay": line.decay_per_s,
     }
     return figures[wanted.form]
+
+
+def _near_mains(frequency: float, duration: float) -> bool:
+    """Whether pick-up of 50 or 60 Hz mains, or of one of its first harmonics, may stand in a line."""
+    return any(abs(frequency - m * mains) * duration < 5.0 for mains in (50.0, 60.0) for m in range(1, 7))
 
 
 def paper_evidence() -> Evidence:
