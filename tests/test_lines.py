@@ -43,7 +43,7 @@ def test_nearest_bin_of_a_tone_on_a_bin_is_its_amplitude():
 
 
 def test_one_clock_ratio_from_all_harmonics():
-    lines = [expect(f"drive_{k}", 160 / 3 * k) for k in (1, 2, 3)]
+    lines = [expect(f"drive_{k}", 160 / 3 * k, width=0.16 * k) for k in (1, 2, 3)]
     ratio = 1 + 4e-4
     x = sum(0.02 / k * np.cos(2 * np.pi * 160 / 3 * k * ratio * T + k) for k in (1, 2, 3))
     table = estimate_lines(x, RATE, lines)

@@ -148,6 +148,7 @@ def test_a_missing_key_is_named(file):
         (b"motor: 5\n", "motor: 5 is not allowed; keys are wanted here"),
         (b"motor: {a: 1, a: 2}\n", "is not YAML"),
         (b"#" * 5_000_000, "has 5.0 MB"),
+        (b"motor: &m {current: 1 A}\nreducer: *m\n", "anchors and aliases"),
         (b"[" * 100_000, "is not YAML"),
     ],
 )

@@ -16,6 +16,9 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
 _ANGLE = re.compile(r"\b(rad|radian|deg|degree|rpm|rps|turn|revolution|arcsec|arcmin|mrad|urad)s?\b")
+_QUANTITY = re.compile(
+    r"\s*(?P<number>[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))\s*(?P<unit>[A-Za-zµΩ°%][A-Za-z0-9µΩ°%*/^.() -]*)?$"
+)
 _HERTZ = re.compile(r"\b[kMGmu]?(Hz|hertz)\b")
 
 
@@ -32,13 +35,17 @@ def convert(text: str, unit: str) -> float:
 
     if len(text) > 200:
         raise ValueError("is too long for a quantity")
-    try:
-        quantity = _registry().Quantity(text)
-        magnitude = float(quantity.magnitude)
-    except Exception as error:  # pint raises many kinds, down to tokenizer errors, for text that is no quantity
-        raise ValueError(f"is not a quantity; write a number and a unit, such as '1 {unit}'") from error
-    if math.isfinite(magnitude) and quantity.unitless and unit != "" and not _has_unit(text):
+    match = _QUANTITY.match(text)
+    if match is None:
+        comma = "; write a decimal point, not a comma" if "," in text else ""
+        raise ValueError(f"is not a quantity; write one number and a unit, such as '1 {unit}'" + comma)
+    number, written = float(match["number"]), (match["unit"] or "").strip()
+    if not written and unit:
         raise ValueError(f"needs a unit, such as '{text.strip()} {unit}'")
+    try:
+        quantity = _registry().Quantity(number, _registry().parse_units(written))
+    except Exception as error:  # pint raises many kinds, down to tokenizer errors, for text that is no unit
+        raise ValueError(f"has an unknown unit, '{written}'; write it such as '{unit or 'percent'}'") from error
     wants_hertz = "Hz" in unit
     if wants_hertz and _ANGLE.search(text):
         raise ValueError(f"mixes angles and cycles: a frequency is wanted here, in {unit}")
@@ -50,10 +57,6 @@ def convert(text: str, unit: str) -> float:
         raise ValueError(
             f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is wanted"
         ) from error
-
-
-def _has_unit(text: str) -> bool:
-    return re.search(r"[A-Za-z%°]", re.sub(r"[0-9.][eE][+-]?[0-9]", "", text)) is not None
 
 
 @dataclass(frozen=True)

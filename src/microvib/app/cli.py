@@ -218,12 +218,16 @@ def new(file: Path) -> None:
     from microvib.errors import OutputError
     from microvib.io.scenario_file import catalog_text
 
+    made = False
     try:
         with file.open("x", encoding="utf-8") as stream:
+            made = True
             stream.write(catalog_text("new"))
     except FileExistsError:
         raise OutputError(f"{file}: exists already; nothing was written") from None
     except OSError as error:
+        if made:
+            file.unlink(missing_ok=True)
         raise OutputError(f"{file}: cannot be written: {error.strerror}") from None
     click.echo(f"Written: {file}. Edit it, then: microvib run {file}")
 
@@ -289,6 +293,8 @@ def _print_lines(loaded: Scenario, table: LineTable) -> None:
 
     click.echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
     click.echo(table.text(notable=True))
+    if not any(line.status in ("ok", "decaying", "growing") for line in table):
+        click.echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
     rows = compare_with_paper(loaded, table)
     if rows:
         click.echo(
@@ -303,5 +309,5 @@ def _print_lines(loaded: Scenario, table: LineTable) -> None:
                 f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
                 f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
             )
-    elif paper_state(loaded) is not None:
+    elif paper_state(loaded) not in (None, 1):
         click.echo("\nThe paper tabulates the lines of state 1 only; for the other states it gives statements.")

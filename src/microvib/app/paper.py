@@ -43,13 +43,14 @@ def paper_state(scenario: Scenario) -> int | None:
 
 def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
     """Tables 5 and 6 beside our lines; empty unless the scenario is test state 1, the only one that the paper tabulates."""
-    if paper_state(scenario) != 1:
+    f_d = scenario.driving_frequency
+    if paper_state(scenario) != 1 or f_d is None or not 50.0 < f_d < 56.0:
         return []
     frequencies = {row["line"]: row for row in read_table("table5_line_frequencies")}
     rows = []
     for row in read_table("table6_line_amplitudes"):
         name = _LINES[row["line"]]
-        if name not in {line.line for line in table}:
+        if name not in {line.line for line in table} or not table[name].amplitude_n_m > 0.0:
             continue
         line, hz = table[name], frequencies[row["line"]]
         rows.append(

@@ -143,7 +143,7 @@ def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
     s = spectrum(motion, window="rectangular")
     keep = (s.frequency <= top) & (s.frequency > 0)
     ax.plot(s.frequency[keep], s.amplitude[keep] * 1e3, color=BLUE, linewidth=1.0, marker=".", markersize=3)
-    for mode, line in zip(motion.scenario.array.modes, modes, strict=False):
+    for mode, line in list(zip(motion.scenario.array.modes, modes, strict=False))[:3]:
         if mode.frequency > top:
             continue
         ax.axvline(mode.frequency, color=GREY, linestyle=":", linewidth=1.2, label=f"clamped {mode.frequency:.4g} Hz")

@@ -62,7 +62,7 @@ def run_report(motion: Motion, table: LineTable) -> str:
         modes=_modes(scenario),
         parameters=_parameters(scenario),
         invariants=_invariant_rows(motion),
-        solver=list(motion.solver.items()),
+        solver=[(k, f"{v:.4g}" if isinstance(v, float) else v) for k, v in motion.solver.items()],
         version=versions.pop("microvib"),
         versions=list(versions.items()),
         hash=scenario_hash(scenario),

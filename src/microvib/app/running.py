@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from microvib.app.analysis import lines
-from microvib.io.results import lines_csv, summary, to_json, write_folder, write_motion
+from microvib.errors import ScenarioError
+from microvib.io.results import check_room, lines_csv, summary, to_json, write_folder, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import LineTable
-from microvib.solve.motion import Invariants
+from microvib.solve.motion import CHANNELS, Invariants
 from microvib.solve.simulate import Progress, simulate
 
 
@@ -39,6 +41,8 @@ def run_scenario(
 ) -> RunResult:
     """Simulate and write the run's folder; nothing is written unless all of it can be."""
     begun = time.perf_counter()
+    if not lines_only:
+        _check_size(scenario, out)
     if lines_only:
         from microvib.app.long_runs import lines_of_stream
 
@@ -56,6 +60,21 @@ def run_scenario(
     files["summary.json"] = to_json(summary(scenario, invariants, solver, table, **timings))
     write_folder(out, files, overwrite)
     return RunResult(table, invariants, solver, tuple(files))
+
+
+def _check_size(scenario: Scenario, out: Path) -> None:
+    """Refuse a record that cannot be held in memory or written, before it is simulated."""
+    size = 8.0 * scenario.record.samples * (len(CHANNELS) + 1 + 2 * len(scenario.array.modes))
+    try:
+        available = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):  # not known on this system
+        available = math.inf
+    if 3.0 * size > available:
+        raise ScenarioError(
+            f"record: {scenario.record.samples:.3g} samples need about {3 * size / 1e9:.3g} GB of memory and"
+            f" {available / 1e9:.3g} GB are free; shorten record.duration, lower record.sample_rate, or use --lines-only"
+        )
+    check_room(out, 1.02 * size + 2e6)
 
 
 def derived(scenario: Scenario) -> list[str]:

@@ -36,17 +36,21 @@ STUDY_FILES = ("compare.csv", "fit.json", "validation.csv", "sensitivities.csv")
 
 def check_folder(out: Path, overwrite: bool = False) -> None:
     """OutputError unless ``out`` is free: absent, empty, or with ``overwrite`` a folder that holds results and no more."""
-    if not out.exists():
+    try:
+        exists = out.exists()
         parent = _existing_parent(out)
-        if not parent.is_dir() or not os.access(parent, os.W_OK):
-            raise OutputError(f"{out}: cannot be made; {parent} is not a folder that can be written to")
+        with tempfile.TemporaryDirectory(prefix=".microvib-", dir=out if out.is_dir() else parent):
+            pass  # it can be written to
+    except OSError as error:
+        raise OutputError(f"{str(out)[:200]}: cannot be made or written to: {error.strerror or error}") from None
+    if not exists:
         return
     if not out.is_dir():
         raise OutputError(f"{out}: is a file; --out wants a folder")
     content = sorted(p.name for p in out.iterdir())
     if not content:
         return
-    foreign = [name for name in content if name not in (*RUN_FILES, *STUDY_FILES)]
+    foreign = [name for name in content if name not in (*RUN_FILES, *STUDY_FILES) or not (out / name).is_file()]
     if foreign:
         raise OutputError(
             f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or new folder"
@@ -73,23 +77,41 @@ def _existing_parent(path: Path) -> Path:
     return parent
 
 
+def check_room(out: Path, size: float) -> None:
+    """OutputError where the disk of ``out`` has no room for ``size`` bytes."""
+    free = shutil.disk_usage(_existing_parent(out) if not out.is_dir() else out).free
+    if size > free:
+        raise OutputError(
+            f"{out}: needs about {size / 1e6:.0f} MB, but the disk has {free / 1e6:.0f} MB free; shorten record.duration, lower"
+            " record.sample_rate, or use --lines-only"
+        )
+
+
 def write_folder(out: Path, files: dict[str, str | Writer], overwrite: bool = False) -> None:
     """Write all files beside ``out`` first and put them in place together; on any failure nothing is left."""
     check_folder(out, overwrite)
-    out = out.absolute()
+    out = out.resolve()  # where a link leads, not the link
     temporary: Path | None = None
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+        # An empty folder that is there may be a mount: it is filled, not replaced.
+        fill = out.is_dir() and not any(out.iterdir())
+        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out if fill else out.parent))
         for name, content in files.items():
             if isinstance(content, str):
                 (temporary / name).write_text(content, encoding="utf-8")
             else:
                 content(temporary / name)
         temporary.chmod(0o755)
-        _put_in_place(temporary, out)
+        if fill:
+            for name in files:
+                os.replace(temporary / name, out / name)
+        else:
+            _put_in_place(temporary, out)
     except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {error.strerror or error}; nothing was left behind") from None
+        # HDF5 tells a full disk in its own words, without an error number
+        reason = error.strerror or "No space left on device, or the file system failed"
+        raise OutputError(f"{out}: cannot be written: {reason}; nothing was left behind") from None
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
@@ -104,7 +126,7 @@ def _put_in_place(temporary: Path, out: Path) -> None:
     out.rename(aside / "run")
     try:
         temporary.rename(out)
-    except OSError:
+    except BaseException:  # an interrupt, too, must not cost the old run
         (aside / "run").rename(out)
         raise
     finally:

@@ -12,7 +12,7 @@ from microvib.model.part import Part
 from microvib.model.scenario import Scenario, scenario_from, set_key
 from microvib.units import Quantity
 
-LARGEST_FILE = 4_000_000
+LARGEST_FILE = 1_000_000
 """Bytes of the largest scenario file that is read."""
 
 
@@ -59,6 +59,8 @@ def _read(path: Path) -> str:
             raise ScenarioError(
                 f"{path}: is a folder; a scenario file or one of {', '.join(catalog_names())} is wanted"
             )
+        if not path.is_file():
+            raise ScenarioError(f"{path}: is no regular file")
         if size > LARGEST_FILE:
             raise ScenarioError(
                 f"{path}: has {size / 1e6:.1f} MB; a scenario file has at most {LARGEST_FILE / 1e6:.0f} MB"
@@ -79,9 +81,11 @@ def parse_yaml(text: str, origin: str) -> Any:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    if text.count("*") > 0 and any(line.lstrip().startswith(("<<:", "&")) for line in text.splitlines()):
-        raise ScenarioError(f"{origin}: YAML anchors and merges are not used in scenario files")
     try:
+        if "&" in text and any(getattr(event, "anchor", None) for event in YAML(typ="safe", pure=True).parse(text)):
+            raise ScenarioError(
+                f"{origin}: YAML anchors and aliases (&, *) are not used in scenario files; write values out"
+            )
         return YAML(typ="safe", pure=True).load(text)
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -90,9 +94,8 @@ def parse_yaml(text: str, origin: str) -> Any:
             f"{origin}{where}: is not YAML: {getattr(error, 'problem', None) or 'cannot be parsed'}"
         ) from None
     except (RecursionError, ValueError) as error:
-        raise ScenarioError(
-            f"{origin}: is not YAML that can be read: {str(error)[:200] or 'nested too deeply'}"
-        ) from None
+        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)[:200]
+        raise ScenarioError(f"{origin}: is not YAML that can be read: {reason}") from None
 
 
 def parse_value(text: str) -> Any:

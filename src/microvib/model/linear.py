@@ -55,8 +55,9 @@ def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     """Natural frequencies of drive and array together; array modes first, named ``array_mode_1`` and so on.
 
-    A coupled mode carries the name of the array mode that holds most of its energy; what is left are resonances of the drive
-    (rotor on the electromagnetic spring, hub on the reducer), named ``drive_resonance_1`` and so on if they oscillate.
+    What holds least of its energy in the array are resonances of the drive (rotor on the electromagnetic spring, hub on the
+    reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
+    of their frequencies.
     """
     M, C, K = matrices(scenario)
     n = M.shape[0]
@@ -65,20 +66,19 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:n, keep]
     s = len(scenario.array.modes)
-    share = np.zeros((s, values.size))
     elastic = np.einsum("ik,ij,jk->k", vectors.conj(), K, vectors).real
-    for k in range(s):
-        share[k] = scenario.array.Lambda[k] * np.abs(vectors[n - s + k]) ** 2 / np.maximum(elastic, 1e-300)
-    modes: list[CoupledMode | None] = [None] * s
-    taken: set[int] = set()
-    for flat in np.argsort(share, axis=None)[::-1]:
-        k, column = divmod(int(flat), values.size)
-        if modes[k] is None and column not in taken:
-            modes[k] = _mode(f"array_mode_{k + 1}", values[column], scenario.array.modes[k].frequency)
-            taken.add(column)
-    found = [mode for mode in modes if mode is not None]
-    rest = sorted((values[c] for c in range(values.size) if c not in taken), key=abs)
-    return (*found, *(_mode(f"drive_resonance_{i + 1}", value, None) for i, value in enumerate(rest)))
+    share = np.einsum("i,ik->k", scenario.array.Lambda, np.abs(vectors[n - s :]) ** 2) / np.maximum(elastic, 1e-300)
+    # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as the array's modes do.
+    by_share = np.argsort(-share, kind="stable")
+    array_columns = sorted(by_share[:s], key=lambda c: abs(values[c]))
+    order = np.argsort(scenario.array.Lambda, kind="stable")
+    modes = {
+        int(k): _mode(f"array_mode_{k + 1}", values[c], scenario.array.modes[int(k)].frequency)
+        for k, c in zip(order, array_columns, strict=False)
+    }
+    rest = sorted((values[c] for c in by_share[s:]), key=abs)
+    drive = [_mode(f"drive_resonance_{i + 1}", value, None) for i, value in enumerate(rest)]
+    return (*(modes[k] for k in sorted(modes)), *drive)
 
 
 def _mode(name: str, value: complex, fixed: float | None) -> CoupledMode:

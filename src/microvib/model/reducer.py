@@ -22,7 +22,7 @@ class TransmissionError(Part):
 class Reducer(Part):
     """Harmonic reducer; ``stiffness: rigid`` is the paper's, which has no compliance and no loss."""
 
-    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1)]
+    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1, le=1e5)]
     wave_generator_inertia: Annotated[
         float, Quantity("kg*m^2", "moment of inertia of the wave generator", "J_wg", ge=0, display="kg*cm^2")
     ]

@@ -92,11 +92,12 @@ class LineTable:
         return self.text()
 
     def notable(self) -> tuple[Line, ...]:
-        """Lines worth a row in a report: without those below the floor or a thousandth of the largest, sidebands 2 %."""
+        """Lines worth a row in a report: without those below the floor, those below a thousandth of the largest, and
+        sidebands and other lines below a twentieth."""
         top = max((x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0)
 
         def is_notable(x: Line) -> bool:
-            least = 0.02 if x.kind == "sideband" else 1e-3
+            least = 0.05 if x.kind in ("sideband", "other") else 1e-3
             return x.status != FAINT and not x.amplitude_n_m < least * top
 
         return tuple(x for x in self.lines if is_notable(x))

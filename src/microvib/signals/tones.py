@@ -152,12 +152,17 @@ def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) 
 
 def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
     """Clock ratio that one line tells: the strongest of the first driving lines, whose search bands hold no other line."""
-    candidates = [line for line in clock if line.kind == "drive"][:3] or list(clock)
+    candidates = [line for line in clock if line.kind == "drive"][:3] or [
+        line for line in clock if line.kind == "full step" and line.high > line.low
+    ]  # a clock that is known is not looked for in these slow lines
     peaks = [(line, *spectrum.peak(line.low, line.high)) for line in candidates]
     seen = [item for item in peaks if item[2] > DETECTION * max(spectrum.floor(item[1]), 1e-300)]
     if not seen:
         return None
-    line, frequency, _ = max(seen, key=lambda item: item[2])
+    line, frequency, _ = max(seen, key=lambda item: item[1] * item[2])
+    slack = 0.7 * spectrum.sample_rate / spectrum.samples
+    if not line.low - slack <= frequency <= line.high + slack:  # that peak is another line's
+        return None
     return frequency / line.frequency
 
 
