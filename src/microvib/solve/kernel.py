@@ -46,7 +46,7 @@ N_POWERS = N_CHANNELS - POWERS
 OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
 # entries of State.counters and State.clock
 STEPS, REJECTED, MICROSTEPS, STICKS, BREAKAWAYS, EVENT_STEPS, N_COUNTERS = range(7)
-NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, N_CLOCK = range(9)
+NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, N_CLOCK = range(10)
 # rows of the scratch array before K, and of K and the rest
 SCRATCH_ROWS = 18
 
@@ -598,15 +598,14 @@ def _end_at_first_event(h, x, p, w):
 
 
 @njit(**INLINE)
-def _record(h, x, p, w, out):
-    """Integrate all channels over the step; close every sample interval that ends inside it.
+def _record(h, end, x, p, w, out):
+    """Integrate all channels over the step to ``end``; close every sample interval that ends inside it.
 
     A sample is the mean over its interval, by Gauss quadrature on each piece of it: two points, or one where a piece is
     less than a tenth of a step. Pieces end at steps and steps end at events, so jumps are averaged exactly, not sampled.
     """
     clock, cursor, channels = x.clock, out.cursor, w.channels
     t = a = clock[NOW]
-    end = t + h
     while a < end:
         recording = cursor[0] < out.rows.shape[0]
         inside = recording and a >= out.first
@@ -625,12 +624,14 @@ def _record(h, x, p, w, out):
             clock[MISMATCH] = max(clock[MISMATCH], math.fabs(channels[T_D] - channels[T_D_FORCE]))
             clock[LARGEST] = max(clock[LARGEST], math.fabs(channels[T_D]))
             if inside:
+                clock[WEIGHT] += weight
                 for j in range(channels.size):
                     out.partial[j] += weight * channels[j]
         if reaches and inside:
             for j in range(channels.size):
-                out.rows[cursor[0], j] = out.partial[j] / out.width
+                out.rows[cursor[0], j] = out.partial[j] / clock[WEIGHT]  # not the width: late in a run it is rounded
                 out.partial[j] = 0.0
+            clock[WEIGHT] = 0.0
             for j in range(N_POWERS):  # energies, as they stand at the middle of the interval
                 out.rows[cursor[0], POWERS + j] = x.energy[j] - 0.5 * out.width * out.rows[cursor[0], POWERS + j]
             cursor[0] += 1
@@ -695,10 +696,12 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
             return STEP_TOO_SMALL if h == -1.0 else NOT_FINITE
         _dense(w)
         h, event = _end_at_first_event(h, x, p, w)
-        _record(h, x, p, w, out)
+        # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
+        end = target if h == left else clock[NOW] + h
+        _record(h, end, x, p, w, out)
         x.counters[STEPS] += 1
         stalled = stalled + 1 if h < 1e-12 * max(1.0, clock[NOW]) else 0
-        clock[NOW] = target if h == left else clock[NOW] + h
+        clock[NOW] = end
         for j in range(n):
             x.y[j] = w.y1[j]
         if event >= 0:

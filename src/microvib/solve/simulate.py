@@ -93,9 +93,7 @@ class Run:
                 samples = samples._replace(rows=rows)
                 samples.cursor[:] = 0, done
                 self._advance(first + (done + count) * width, end, samples)
-                if samples.cursor[0] < count:  # the last interval ended a rounding error late
-                    rows[samples.cursor[0] :] = samples.partial / width
-                    samples.partial[:] = 0.0
+                assert samples.cursor[0] == count
                 if done == 0:
                     rows = np.concatenate([np.repeat(rows[:1], half - lead, axis=0), rows])
                 done += count
