@@ -610,8 +610,8 @@ def _record(h, end, x, p, w, out):
         recording = cursor[0] < out.rows.shape[0]
         inside = recording and a >= out.first
         boundary = out.first + (cursor[0] + cursor[1] + 1) * out.width if inside else out.first
-        reaches = recording and boundary <= end
-        b = boundary if reaches else end
+        reaches = recording and boundary <= end + 1e-6 * out.width  # the last digits of two sums may differ
+        b = min(boundary, end) if reaches else end
         nodes = 1 if b - a < 0.1 * h else 2
         weight = (b - a) / nodes
         for node in range(nodes):
