@@ -47,8 +47,9 @@ def _taps(factor: int) -> np.ndarray:
     f = np.arange(grid // 2 + 1) / grid  # in cycles per inner interval
     response = np.where(f <= 0.5 / factor, 1.0 / np.sinc(f), 0.0)
     kernel = np.roll(np.fft.irfft(response, grid), half)[: 2 * half + 1]
-    taps: np.ndarray = kernel * np.kaiser(2 * half + 1, _BETA)
-    return taps / taps.sum()
+    taps = kernel * np.kaiser(2 * half + 1, _BETA)
+    normalised: np.ndarray = taps / taps.sum()
+    return normalised
 
 
 class Decimator:
