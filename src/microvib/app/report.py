@@ -92,7 +92,7 @@ def _facts(motion: Motion, table: LineTable) -> list[dict[str, str]]:
     seen = [line for line in table if line.status in ("ok", "decaying", "growing")]
     facts = [{"value": f"{1e3 * np.abs(motion['T_d']).max():.4g} mN m", "label": "largest disturbance torque"}]
     facts.append({"value": f"{1e3 * motion['T_d'].std():.4g} mN m", "label": "RMS about the mean"})
-    for line in sorted(seen, key=lambda x: -x.amplitude_n_m)[:3]:
+    for line in sorted(seen, key=lambda x: -x.amplitude_n_m)[:2]:
         facts.append(
             {"value": f"{1e3 * line.amplitude_n_m:.4g} mN m", "label": f"{line.line} at {line.frequency_hz:.5g} Hz"}
         )
@@ -104,10 +104,10 @@ def _facts(motion: Motion, table: LineTable) -> list[dict[str, str]]:
 def _left_out(table: LineTable, shown: tuple[Line, ...]) -> str:
     """A sentence on the lines that are left to the CSV file."""
     faint = [line.line for line in table if line.status == FAINT]
-    small = [line.line for line in table if line not in shown and line.status != FAINT]
+    small = [line for line in table if line not in shown and line.status != FAINT]
     parts = []
     if small:
-        parts.append(f"Small ones, in lines.csv only: {', '.join(small)}.")
+        parts.append(f"{len(small)} small ones are in lines.csv only.")
     if faint:
         parts.append(f"Looked for and not found above the floor: {', '.join(faint)}.")
     return " ".join(parts)
