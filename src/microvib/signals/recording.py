@@ -118,15 +118,9 @@ class Recording:
         channels = {name: resample_poly(x, 1, factor, window=("kaiser", 8.0)) for name, x in self.channels.items()}
         return self.noted(f"decimated by {factor}", channels=channels, sample_rate=self.sample_rate / factor)
 
-    def background_amplitude(self, background: Recording, name: str, frequency: float) -> float:
-        """Amplitude that a recording of the background has at ``frequency`` [Hz] in channel ``name``."""
-        from microvib.signals.spectrum import tone_amplitude
 
-        return tone_amplitude(background[name], background.sample_rate, frequency)
-
-
-def check(recording: Recording, name: str, shortest: float = 0.0) -> tuple[str, ...]:
-    """Refuse a channel that cannot be analysed; return warnings about one that can.
+def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
+    """Refuse a channel that cannot be analysed.
 
     RecordingError where it has NaN, is constant, clipped, has runs of repeated samples (drop-outs) or is shorter than
     ``shortest`` [s].
@@ -152,7 +146,6 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> tuple[str, 
     dropped = _longest_run(np.diff(x) == 0.0)
     if dropped >= 8:
         raise RecordingError(f"{where} repeats one value for {dropped + 1} samples; samples were dropped and held")
-    return ()
 
 
 def _clipped(x: np.ndarray) -> int:
