@@ -5,11 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from microvib.io.results import read_table
+from microvib.io.results import PAPER_LINES, read_table
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import LineTable
-
-_LINES = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
     frequencies = {row["line"]: row for row in read_table("table5_line_frequencies")}
     rows = []
     for row in read_table("table6_line_amplitudes"):
-        name = _LINES[row["line"]]
+        name = PAPER_LINES[row["line"]]
         if name not in {line.line for line in table} or not table[name].amplitude_n_m > 0.0:
             continue
         line, hz = table[name], frequencies[row["line"]]

@@ -239,6 +239,10 @@ def _finite(data: Any) -> Any:
     return data
 
 
+PAPER_LINES = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
+"""Our names of the lines of Tables 5 and 6."""
+
+
 def read_table(name: str) -> Iterable[dict[str, str]]:
     """Rows of one of the paper's tables in the catalog, such as ``table6_line_amplitudes``."""
     from importlib import resources

@@ -12,14 +12,14 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, read_recording
-from microvib.io.results import read_table
+from microvib.io.results import PAPER_LINES, read_table
 from microvib.io.scenario_file import catalog_names, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.lines import PASSBAND, LineTable, estimate_lines
 from microvib.signals.recording import check
 from microvib.solve.simulate import Progress, simulate
-from microvib.studies.evidence import PASSBAND, lines_of_recording
+from microvib.studies.evidence import lines_of_recording
 
 PAPER = ("paper-test", "paper-simulation")
 """Names for the test and the simulation columns of Tables 5 and 6."""
@@ -183,10 +183,9 @@ def _read_lines(path: Path) -> dict[str, Figures]:
 
 def _paper(source: str) -> Side:
     column = "test" if source == "paper-test" else "simulation"
-    names = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
     hz = {row["line"]: float(row[f"{column}_hz"]) for row in read_table("table5_line_frequencies")}
     found = {
-        names[row["line"]]: Figures(bin_frequency=hz[row["line"]], bin_amplitude=float(row[f"{column}_n_m"]))
+        PAPER_LINES[row["line"]]: Figures(bin_frequency=hz[row["line"]], bin_amplitude=float(row[f"{column}_n_m"]))
         for row in read_table("table6_line_amplitudes")
     }
     return Side(source, "paper", found)

@@ -13,11 +13,10 @@ from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, read_recording
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.lines import PASSBAND, LineTable, estimate_lines
 from microvib.signals.recording import check
 from microvib.signals.tones import DETECTION
 
-PASSBAND = 0.35
 CLOCK_TOLERANCE = 0.01
 MODE_TOLERANCE = 0.1
 PAPER_TABLE = "paper"
@@ -138,16 +137,15 @@ def _near_mains(frequency: float, duration: float) -> bool:
 
 def paper_evidence() -> Evidence:
     """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their frequencies."""
-    from microvib.io.results import read_table
+    from microvib.io.results import PAPER_LINES, read_table
 
-    names = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
     bins = {row["line"]: float(row["test_hz"]) for row in read_table("table5_line_frequencies")}
     found = []
     for row in read_table("table6_line_amplitudes"):
         digits = row["test_n_m"]
         value = float(digits)
         rounding = 0.5 * 10.0 ** -len(digits.split(".")[1]) / math.sqrt(3.0)
-        found.append(Observation(names[row["line"]], "nearest_bin", value, rounding, bins[row["line"]]))
+        found.append(Observation(PAPER_LINES[row["line"]], "nearest_bin", value, rounding, bins[row["line"]]))
     # The natural line's bin, 1.1875 Hz: its frequency lies within half a bin of that, which is put at three sigma.
     found.append(Observation("array_mode_1", "frequency", 1.1875, 0.03125 / 3.0))
     return Evidence("Appl. Sci. 2021, 11, 9076, Table 6 (test)", tuple(found), 0.994, 16.0, 4096.0)

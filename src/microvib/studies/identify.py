@@ -19,10 +19,10 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import estimate_lines
+from microvib.signals.lines import PASSBAND, estimate_lines
 from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.simulate import simulate
-from microvib.studies.evidence import PASSBAND, Evidence, Observation, Simulated, predicted
+from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
 from microvib.units import convert
 
 MODEL_FLOOR = 0.004
