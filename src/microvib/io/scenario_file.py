@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import io
+import math
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from microvib.errors import ScenarioError
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario, scenario_from, set_key
-from microvib.units import Quantity
+from microvib.units import Quantity, convert
+
+if TYPE_CHECKING:
+    from microvib.model.modal import ModalModel
 
 LARGEST_FILE = 1_000_000
 """Bytes of the largest scenario file that is read."""
@@ -34,17 +41,74 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     sentence per problem.
     """
     name = str(source)
-    text = catalog_text(name) if name in catalog_names() else _read(Path(source))
+    published = name in catalog_names()
+    text = catalog_text(name) if published else _read(Path(source))
     data = parse_yaml(text, name)
+    if isinstance(data, dict):
+        data = with_array(data, Path() if published else Path(source).parent, name)
     if not changes or not isinstance(data, dict):
         return scenario_from(data, units_required=True, origin=name)
     before = scenario_from(data, units_required=True, origin=name) if "sources" in data else None
+    if any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes):
+        data["array"] = {}  # another array, not a changed one
     for key, value in changes.items():
         set_key(data, key, value)
+    data = with_array(data, Path(), name)
     after = scenario_from(
         {**data, "sources": data.get("sources") if "sources" in changes else {}}, units_required=True, origin=name
     )
     return after if before is None or "sources" in changes else after.with_sources(before.sources | _own_up(changes))
+
+
+ARRAY_ORIGINS = ("from",)
+"""Keys of ``array`` that name where its modes come from, instead of the modes themselves."""
+
+
+def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
+    """Scenario data with ``array: {from: FILE}`` replaced by the modes of that file (relative to ``folder``).
+
+    ``modes: N`` keeps the first N of them, ``damping`` replaces their damping ratios. Raises ScenarioError.
+    """
+    group = data.get("array")
+    if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
+        return data
+    from microvib.io.modal_table import read_modes
+
+    unknown = [key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping")]
+    if unknown:
+        raise ScenarioError(
+            f"{origin}: array.{unknown[0]}: does not go with array.from, which brings the modes; allowed beside it are modes"
+            " (how many) and damping"
+        )
+    model = read_modes(folder / str(group["from"]))
+    array = _plain(_damped(model.first(_count(group, model.frequency.size, origin)), group, origin).array(), None)
+    sources = {**(data.get("sources") or {}), "array": f"{group['from']}"}
+    sources = {key: text for key, text in sources.items() if not key.startswith("array.")}
+    return {**data, "array": _without_empty(array), "sources": sources}
+
+
+def _count(group: dict[str, Any], available: int, origin: str) -> int:
+    count = group.get("modes", available)
+    if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= available:
+        raise ScenarioError(
+            f"{origin}: array.modes: {count!r} is not allowed; a whole number from 0 to {available} is wanted"
+        )
+    return count
+
+
+def _damped(model: ModalModel, group: dict[str, Any], origin: str) -> ModalModel:
+    if "damping" not in group:
+        return model
+    given = group["damping"]
+    try:
+        xi = convert(given, "") if isinstance(given, str) else float(given)
+    except (TypeError, ValueError):
+        xi = math.nan
+    if not 0.0 <= xi <= 0.99:
+        raise ScenarioError(
+            f"{origin}: array.damping: {given!r} is not allowed; a damping ratio from 0 to 99 percent is wanted"
+        )
+    return replace(model, damping=np.full(model.frequency.size, xi))
 
 
 def _own_up(changes: dict[str, Any]) -> dict[str, str]:

@@ -1,0 +1,109 @@
+"""A modal model of an array, from whatever finite elements: frequencies, damping, participation, rigid-body mass (Table 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.model.array import SLACK, Array, Mode
+
+DIRECTIONS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+"""Order of the six components: forces along, then torques about the axes of the interface frame."""
+
+
+class ModalError(MicrovibError):
+    """A modal model that cannot be right, or cannot be used; says why."""
+
+
+@dataclass(frozen=True)
+class ModalModel:
+    """Fixed-interface modes, mass-normalised, seen from the interface point."""
+
+    frequency: np.ndarray
+    """Natural frequencies with the interface clamped [Hz], (s,), ascending."""
+    damping: np.ndarray
+    """Modal damping ratios, (s,)."""
+    participation: np.ndarray
+    """Participation in the six directions [kg^0.5, kg^0.5 m], (6, s) (Eq. 13)."""
+    mass: np.ndarray
+    """Rigid-body mass matrix at the interface point [kg, kg m, kg m^2], (6, 6)."""
+    drive_axis: str = "z"
+    """Axis of the interface frame about which the drive turns: x, y or z."""
+    title: str = ""
+    notes: tuple[str, ...] = ()
+    """What checks and assumptions are to be known, in words."""
+
+    def __post_init__(self) -> None:
+        s = self.frequency.size
+        if self.damping.shape != (s,) or self.participation.shape != (6, s) or self.mass.shape != (6, 6):
+            raise ModalError(f"{self.title}: {s} modes need damping (s,), participation (6, s) and mass (6, 6)")
+        if self.drive_axis not in ("x", "y", "z"):
+            raise ModalError(f"{self.title}: drive axis '{self.drive_axis}' is not known; allowed are x, y and z")
+
+    @property
+    def axis(self) -> int:
+        """Row of the torque about the drive axis."""
+        return 3 + "xyz".index(self.drive_axis)
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia J about the drive axis [kg m^2]."""
+        return float(self.mass[self.axis, self.axis])
+
+    @property
+    def spatial(self) -> bool:
+        """Whether more is known than the motion about the drive axis."""
+        return bool(np.any(np.delete(np.diag(self.mass), self.axis) > 0.0))
+
+    @property
+    def effective(self) -> np.ndarray:
+        """Effective mass and inertia of each mode in the six directions [kg, kg m^2], (6, s): H_i^2."""
+        return self.participation**2
+
+    @property
+    def fraction(self) -> np.ndarray:
+        """Effective mass over rigid-body mass, (6, s) (Table 1); nan in a direction without mass."""
+        total = np.diag(self.mass)[:, None]
+        fraction: np.ndarray = np.divide(
+            self.effective, total, out=np.full(self.effective.shape, np.nan), where=total > 0.0
+        )
+        return fraction
+
+    @property
+    def J_h(self) -> float:
+        """What is in no mode, J - sum H^2 about the drive axis [kg m^2]: rigid on the shaft."""
+        return self.inertia - float(self.effective[self.axis].sum())
+
+    def first(self, count: int) -> ModalModel:
+        """The same with its first ``count`` modes."""
+        return ModalModel(
+            self.frequency[:count], self.damping[:count], self.participation[:, :count], self.mass, self.drive_axis,
+            self.title, self.notes,
+        )  # fmt: skip
+
+    def array(self) -> Array:
+        """The array of a scenario; ModalError where the modes hold more inertia than there is."""
+        if self.J_h < -SLACK * self.inertia:
+            raise ModalError(
+                f"{self.title}: effective inertias about {self.drive_axis} add up to"
+                f" {self.inertia - self.J_h:.6g} kg*m^2, more than the inertia, {self.inertia:.6g} kg*m^2"
+            )
+        if not self.spatial:
+            modes = [
+                Mode(frequency=float(f), damping=float(xi), participation=float(H))
+                for f, xi, H in zip(self.frequency, self.damping, self.participation[self.axis], strict=True)
+            ]
+            return Array(inertia=self.inertia, modes=tuple(modes), drive_axis=self.drive_axis)
+        modes = [
+            Mode(frequency=float(f), damping=float(xi), interface_participation=tuple(float(v) for v in row))
+            for f, xi, row in zip(self.frequency, self.damping, self.participation.T, strict=True)
+        ]
+        coupling = tuple(float(v) for v in self.mass[:, self.axis])
+        return Array(
+            inertia=self.inertia,
+            modes=tuple(modes),
+            interface_inertia=coupling,
+            drive_axis=self.drive_axis,
+        )
