@@ -1,15 +1,26 @@
-"""Amplitude spectra, one-sided, zero-to-peak, with what they were made by."""
+"""Spectra, one-sided, each with what it was made by: amplitude, density, cumulative, waterfall, bands."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from microvib.errors import MicrovibError
 
-Window = Literal["rectangular", "hann"]
+Window = Literal["rectangular", "hann", "flat-top"]
+
+# Terms of the cosine sums; flat-top as in ISO 18431-2, whose scallop loss is 0.01 dB.
+_COSINES: dict[str, tuple[float, ...]] = {
+    "rectangular": (1.0,),
+    "hann": (1.0, -1.0),
+    "flat-top": (1.0, -1.933, 1.286, -0.388, 0.0322),
+}
+
+
+class SpectrumError(MicrovibError):
+    """A spectrum that cannot be had from these samples; says which setting, and what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -31,19 +42,111 @@ class Spectrum:
         return self.sample_rate / self.samples
 
     def __str__(self) -> str:
-        return (
-            f"amplitude spectrum, one-sided, 0-to-peak; {self.window} window, {self.samples} samples at"
-            f" {self.sample_rate:g} Hz, {self.samples / self.sample_rate:g} s, resolution {self.resolution:g} Hz, no averaging"
-        )
+        return f"amplitude spectrum, one-sided, 0-to-peak; {_made_by(self.window, self.samples, self.sample_rate, 1)}"
+
+
+@dataclass(frozen=True)
+class Density:
+    """One-sided power spectral density (Welch): its integral over frequency is the mean square."""
+
+    frequency: np.ndarray
+    """Bins [Hz], (m,)."""
+    density: np.ndarray
+    """Unit of the signal squared per Hz, (m,)."""
+    window: Window
+    segment: int
+    """Samples of one segment."""
+    averages: int
+    overlap: float
+    sample_rate: float
+    """Samples per second [Hz]."""
+
+    @property
+    def resolution(self) -> float:
+        """Distance of the bins [Hz]."""
+        return self.sample_rate / self.segment
+
+    @property
+    def cumulative_rms(self) -> np.ndarray:
+        """RMS of all that lies up to each bin, (m,): the root of the integral of the density from 0 Hz."""
+        square: np.ndarray = np.sqrt(np.cumsum(self.density) * self.resolution)
+        return square
+
+    def band_rms(self, low: float, high: float) -> float:
+        """RMS between two frequencies [Hz]; a bin that is cut counts with its part. SpectrumError if low is not below high."""
+        if not 0.0 <= low < high:
+            raise SpectrumError(
+                f"band {low:g} to {high:g} Hz: its lower end must be at least 0 Hz and below its upper end"
+            )
+        edges = np.concatenate([[0.0], self.frequency + 0.5 * self.resolution])
+        square = np.concatenate([[0.0], np.cumsum(self.density) * self.resolution])
+        below, above = np.interp([low, high], edges, square)
+        return float(np.sqrt(above - below))
+
+    def third_octaves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centre frequencies [Hz] and RMS of the 1/3-octave bands (base ten, IEC 61260-1) that the resolution can tell apart.
+
+        A band counts from two bins wide up to half the sample rate.
+        """
+        first = int(np.ceil(10.0 * np.log10(2.0 * self.resolution / (10**0.05 - 10**-0.05))))
+        last = int(np.floor(10.0 * np.log10(0.5 * self.sample_rate / 10**0.05)))
+        centre = 10.0 ** (np.arange(first, last + 1) / 10.0)
+        return centre, np.array([self.band_rms(f * 10**-0.05, f * 10**0.05) for f in centre])
+
+    def less(self, background: Density) -> Density:
+        """The density that is not in ``background``: powers subtracted, at least 0; for a background that is independent."""
+        if background.frequency.shape != self.frequency.shape or background.sample_rate != self.sample_rate:
+            raise SpectrumError("the background's density needs the same sample rate and segment as the recording's")
+        rest = np.maximum(self.density - background.density, 0.0)
+        return Density(self.frequency, rest, self.window, self.segment, self.averages, self.overlap, self.sample_rate)
+
+    def __str__(self) -> str:
+        made = _made_by(self.window, self.segment, self.sample_rate, self.averages, self.overlap)
+        return f"power spectral density (Welch), one-sided; {made}"
+
+
+@dataclass(frozen=True)
+class Waterfall:
+    """Amplitude spectra, one-sided and zero-to-peak, of successive stretches."""
+
+    time: np.ndarray
+    """Middles of the stretches from the first sample [s], (t,)."""
+    frequency: np.ndarray
+    """Bins [Hz], (m,)."""
+    amplitude: np.ndarray
+    """Amplitudes in the unit of the signal, (t, m)."""
+    window: Window
+    segment: int
+    overlap: float
+    sample_rate: float
+    """Samples per second [Hz]."""
+
+    @property
+    def resolution(self) -> float:
+        """Distance of the bins [Hz]."""
+        return self.sample_rate / self.segment
+
+    def __str__(self) -> str:
+        made = _made_by(self.window, self.segment, self.sample_rate, 1, self.overlap)
+        return f"waterfall of {self.time.size} amplitude spectra, one-sided, 0-to-peak; each {made}"
+
+
+def _made_by(window: str, samples: int, rate: float, averages: int, overlap: float = 0.0) -> str:
+    overlapping = f", overlap {100 * overlap:g} %" if overlap else ""
+    averaging = f"{averages} averages" if averages > 1 else "no averaging"
+    return (
+        f"{window} window, {samples} samples at {rate:g} Hz, {samples / rate:g} s, resolution {rate / samples:g} Hz,"
+        f" {averaging}{overlapping}"
+    )
 
 
 def window_values(name: Window, samples: int) -> np.ndarray:
-    """Window of ``samples`` points (periodic), (n,)."""
-    if name == "rectangular":
-        return np.ones(samples)
-    if name == "hann":
-        return 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(samples) / samples)
-    raise MicrovibError(f"window: '{name}' is not known; allowed are rectangular and hann")
+    """Window of ``samples`` points (periodic), (n,), of mean 1 but for rounding."""
+    if name not in _COSINES:
+        raise SpectrumError(f"window: '{name}' is not known; allowed are {', '.join(get_args(Window))}")
+    phase = 2.0 * np.pi * np.arange(samples) / samples
+    values: np.ndarray = sum((a * np.cos(k * phase) for k, a in enumerate(_COSINES[name])), start=np.zeros(samples))
+    return values
 
 
 def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rectangular") -> Spectrum:
@@ -51,6 +154,59 @@ def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rect
     w = window_values(window, x.size)
     X = np.fft.rfft((x - x.mean()) * w)
     return Spectrum(np.arange(X.size) * sample_rate / x.size, 2.0 * np.abs(X) / w.sum(), window, x.size, sample_rate)
+
+
+def power_spectral_density(
+    x: np.ndarray, sample_rate: float, resolution: float | None = None, window: Window = "hann", overlap: float = 0.5
+) -> Density:
+    """Power spectral density of ``x`` (n,) by Welch's method, the mean of each segment taken out.
+
+    ``resolution`` [Hz] is the distance of the bins; without it an eighth of the record makes a segment. SpectrumError where the
+    record is too short for it.
+    """
+    from scipy.signal import welch
+
+    segment = _segment(x.size, sample_rate, resolution)
+    lap = _overlap(overlap, segment)
+    frequency, density = welch(
+        x, sample_rate, window_values(window, segment), segment, lap, detrend="constant", scaling="density"
+    )
+    averages = 1 + (x.size - segment) // (segment - lap)
+    return Density(frequency, density, window, segment, averages, lap / segment, sample_rate)
+
+
+def waterfall(
+    x: np.ndarray, sample_rate: float, resolution: float | None = None, window: Window = "hann", overlap: float = 0.5
+) -> Waterfall:
+    """Amplitude spectra of overlapping stretches of ``x`` (n,), each ``1 / resolution`` long and free of its mean."""
+    segment = _segment(x.size, sample_rate, resolution)
+    lap = _overlap(overlap, segment)
+    starts = np.arange(0, x.size - segment + 1, segment - lap)
+    spectra = [amplitude_spectrum(x[k : k + segment], sample_rate, window) for k in starts]
+    middle = (starts + 0.5 * segment) / sample_rate
+    amplitude = np.array([s.amplitude for s in spectra])
+    return Waterfall(middle, spectra[0].frequency, amplitude, window, segment, lap / segment, sample_rate)
+
+
+def _segment(samples: int, sample_rate: float, resolution: float | None) -> int:
+    if resolution is None:
+        return max(samples // 8, min(samples, 8))
+    if not 0.0 < resolution <= sample_rate / 8:
+        raise SpectrumError(
+            f"resolution: {resolution:g} Hz is not allowed; it must be greater than 0 and at most {sample_rate / 8:g} Hz"
+        )
+    segment = round(sample_rate / resolution)
+    if segment > samples:
+        raise SpectrumError(
+            f"resolution: {resolution:g} Hz needs a record of {1 / resolution:.4g} s; it has {samples / sample_rate:.4g} s"
+        )
+    return segment
+
+
+def _overlap(overlap: float, segment: int) -> int:
+    if not 0.0 <= overlap <= 0.95:
+        raise SpectrumError(f"overlap: {overlap:g} is not allowed; it must be from 0 to 0.95 of a segment")
+    return int(overlap * segment)
 
 
 def tone_amplitude(x: np.ndarray, sample_rate: float, frequency: float) -> float:

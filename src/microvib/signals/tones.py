@@ -52,7 +52,7 @@ class HannSpectrum:
     """Hann-windowed spectrum with interpolation between bins and a local floor."""
 
     def __init__(self, x: np.ndarray, sample_rate: float) -> None:
-        self._set(np.fft.rfft(x * window_values("hann", x.size)) * (4.0 / x.size), x.size, sample_rate)
+        self._set(np.fft.rfft(x * window_values("hann", x.size)) * (2.0 / x.size), x.size, sample_rate)
 
     def _set(self, values: np.ndarray, samples: int, sample_rate: float) -> None:
         self.samples = samples
