@@ -20,6 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.signals.lines import LineTable
+    from microvib.signals.preparation import Preparation
 
 
 class _Sentences(click.Group):
@@ -90,14 +91,28 @@ def run(
     click.echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
 
 
+_prepare_option = click.option(
+    "--prepare",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="How to prepare recordings: a YAML file with units, channels, cross_talk, axes, trimming, background.",
+)
+_channel_option = click.option(
+    "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
+)
+
+
 @main.command()
 @click.argument("a")
 @click.argument("b")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
 @click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
-@click.option("--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque.")
+@_channel_option
+@_prepare_option
 @click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in two recordings.")
-def compare(a: str, b: str, out: Path | None, overwrite: bool, channel: str, scenario: str) -> None:
+def compare(
+    a: str, b: str, out: Path | None, overwrite: bool, channel: str, prepare: Path | None, scenario: str
+) -> None:
     """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
     from microvib.app.studies import comparison_text, write_comparison
     from microvib.io.results import check_folder
@@ -106,11 +121,72 @@ def compare(a: str, b: str, out: Path | None, overwrite: bool, channel: str, sce
     if out is not None:
         check_folder(out, overwrite)
     with _progress() as progress:
-        first, second, rows = run_comparison(a, b, scenario=scenario, channel=channel, progress=progress)
+        first, second, rows = run_comparison(
+            a, b, scenario=scenario, channel=channel, preparation=_preparation(prepare), progress=progress
+        )
     click.echo(comparison_text(first, second, rows))
     if out is not None:
         files = write_comparison(out, first, second, rows, overwrite)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.command()
+@click.argument("source")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and report [default: print only].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+@_channel_option
+@_prepare_option
+@click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in a recording.")
+@click.option(
+    "--window",
+    type=click.Choice(["rectangular", "hann", "flat-top"]),
+    default="hann",
+    show_default=True,
+    help="Window.",
+)
+@click.option(
+    "--resolution", metavar="HZ", help="Bins of density and waterfall, such as '0.5 Hz' [default: 8 / record]."
+)
+@click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="RMS of a band, such as '0.5:5 Hz'.")
+def analyse(
+    source: str, out: Path | None, overwrite: bool, channel: str, prepare: Path | None, scenario: str, window: Any,
+    resolution: str | None, bands: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Lines with uncertainties and spectra of SOURCE: a scenario, a run folder or a recording."""
+    from microvib.app.analyses import analysis_text, write_analysis
+    from microvib.io.results import check_folder
+    from microvib.studies.analyse import analyse as run_analysis
+
+    if out is not None:
+        check_folder(out, overwrite)
+    with _progress() as progress:
+        analysis = run_analysis(
+            source, scenario=scenario, channel=channel, preparation=_preparation(prepare), window=window,
+            resolution=None if resolution is None else _hertz("--resolution", resolution),
+            bands=[_band(text) for text in bands], progress=progress,
+        )  # fmt: skip
+    click.echo(analysis_text(analysis))
+    if out is not None:
+        files = write_analysis(out, analysis, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+def _hertz(option: str, text: str) -> float:
+    from microvib.units import convert
+
+    try:
+        return convert(text, "Hz")
+    except ValueError as error:
+        raise MicrovibError(f"{option}: '{text}' {error}") from None
+
+
+def _band(text: str) -> tuple[float, float]:
+    """``0.5:5 Hz`` as two frequencies [Hz]; the lower end may leave its unit to the upper."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise MicrovibError(f"--band: '{text}' is no band; write LOW:HIGH, such as '0.5:5 Hz'")
+    unit = high.lstrip(" +0123456789.eE")
+    return _hertz("--band", low if low.strip().strip("0123456789.+eE-") else f"{low} {unit}"), _hertz("--band", high)
 
 
 @main.command()
@@ -129,7 +205,8 @@ def compare(a: str, b: str, out: Path | None, overwrite: bool, channel: str, sce
     "--out", type=click.Path(path_type=Path), help="Folder for fit, scenario and report [default: print only]."
 )
 @click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
-@click.option("--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque.")
+@_channel_option
+@_prepare_option
 @click.option(
     "--starts", default=96, show_default=True, type=click.IntRange(2, 100_000), help="Points of the global search."
 )
@@ -138,7 +215,7 @@ def compare(a: str, b: str, out: Path | None, overwrite: bool, channel: str, sce
 )
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
-    overwrite: bool, channel: str, starts: int, seed: int,
+    overwrite: bool, channel: str, prepare: Path | None, starts: int, seed: int,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
@@ -155,16 +232,25 @@ def identify(
         check_folder(out, overwrite)
     loaded = _load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
+    preparation = _preparation(prepare)
     tests = []
     for item in evidence:
         source, *changes = item.split("@")
         changed = {key: parse_value(value) for key, _, value in (change.partition("=") for change in changes)}
-        tests.append((read_evidence(source, loaded.with_(changed) if changed else loaded, channel), changed))
+        tests.append(
+            (read_evidence(source, loaded.with_(changed) if changed else loaded, channel, preparation), changed)
+        )
     fit = run_identification(loaded, tests, fit_keys, seed=seed, starts=starts, progress=_best_so_far())
     click.echo(fit_text(fit))
     if out is not None:
         files = write_fit(out, fit, overwrite)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+def _preparation(file: Path | None) -> Preparation | None:
+    from microvib.io.recordings import load_preparation
+
+    return None if file is None else load_preparation(file)
 
 
 def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None:

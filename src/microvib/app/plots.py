@@ -10,6 +10,7 @@ import numpy as np
 from microvib.app.analysis import lines as estimate
 from microvib.app.analysis import spectrum
 from microvib.signals.lines import FAINT, Line, LineTable
+from microvib.signals.spectrum import Density, Spectrum, Waterfall
 from microvib.solve.motion import Motion
 
 if TYPE_CHECKING:
@@ -92,19 +93,23 @@ def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> None:
 
 
 def draw_spectrum(ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0) -> None:
-    """Amplitude spectrum to ``highest`` [Hz] with the lines named (as Figure 10)."""
-    s = spectrum(motion, window="hann")
-    highest = min(highest, motion.sample_rate / 2)
+    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10)."""
+    draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table)
+
+
+def draw_amplitudes(ax: Axes, s: Spectrum, unit: str, highest: float, table: LineTable | None = None) -> None:
+    """An amplitude spectrum to ``highest`` [Hz], four decades of it, with the lines of ``table`` named."""
+    highest = min(highest, s.sample_rate / 2)
     keep = (s.frequency <= highest) & (s.frequency > 0)
     ax.semilogy(s.frequency[keep], np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
-    shown = [line for line in table if np.isfinite(line.amplitude_n_m) and line.frequency_hz <= highest]
-    _limits(ax, [line.amplitude_n_m for line in shown])
+    shown = [x for x in table or () if np.isfinite(x.amplitude_n_m) and x.frequency_hz <= highest]
+    _limits(ax, [x.amplitude_n_m for x in shown] or [float(s.amplitude[keep].max())])
     name_lines(ax, shown, highest)
-    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [N m]", title=f"Spectrum ({_made_by(s)})")
+    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [{unit}]", title=f"Spectrum ({_made_by(s)})")
     ax.set_xlim(0, highest)
 
 
-def _made_by(s: Any) -> str:
+def _made_by(s: Spectrum) -> str:
     return f"{s.window} window, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
 
 
@@ -116,7 +121,7 @@ def _limits(ax: Axes, amplitudes: Sequence[float]) -> None:
 def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
     """Mark lines at their estimated amplitude and name those that stand clear of each other, the strongest first."""
     bottom = ax.get_ylim()[0]
-    visible = [line for line in shown if line.amplitude_n_m > bottom]
+    visible = [line for line in shown if line.amplitude_n_m > bottom and line.status != FAINT]
     ax.plot([x.frequency_hz for x in visible], [x.amplitude_n_m for x in visible], "o", color=RED, markersize=4)
     placed: list[float] = []
     top = max((line.amplitude_n_m for line in visible), default=0.0)
@@ -229,6 +234,41 @@ def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highe
     ax.set_ylim(bottom=1e-6)
     _headroom_log(ax)
     ax.legend(loc="upper right", fontsize=8)
+
+
+def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:
+    """Power spectral density, and on a second axis the cumulative RMS."""
+    keep = (density.frequency > 0) & (density.frequency <= highest)
+    f = density.frequency[keep]
+    ax.semilogy(f, np.maximum(density.density[keep], 1e-24), color=BLUE, linewidth=0.9)
+    ax.set(xlabel="frequency [Hz]", ylabel=f"power spectral density [({unit})²/Hz]", xlim=(0, highest))
+    ax.yaxis.label.set_color(BLUE)
+    right = ax.twinx()
+    right.plot(f, density.cumulative_rms[keep], color=RED, linewidth=1.6)
+    right.set_ylabel(f"cumulative RMS from 0 Hz [{unit}]", color=RED)
+    right.set_ylim(bottom=0)
+    right.spines["top"].set_visible(False)
+
+
+def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
+    """Amplitude over time and frequency, colour in decades below the largest."""
+    from matplotlib.colors import LogNorm
+
+    keep = (w.frequency > 0) & (w.frequency <= highest)
+    top = float(w.amplitude[:, keep].max())
+    values = np.maximum(w.amplitude[:, keep], 1e-4 * top)
+    mesh = ax.pcolormesh(
+        w.frequency[keep],
+        w.time,
+        values,
+        norm=LogNorm(1e-4 * top, top),
+        cmap="viridis",
+        shading="nearest",
+        rasterized=True,
+    )
+    ax.figure.colorbar(mesh, ax=ax, label=f"amplitude, 0-to-peak [{unit}]")
+    ax.set(xlabel="frequency [Hz]", ylabel="time in the record [s]")
+    ax.grid(False)
 
 
 def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[float]]) -> None:

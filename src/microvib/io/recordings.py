@@ -7,6 +7,7 @@ import os
 import tempfile
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import OutputError
+from microvib.io.scenario_file import parse_yaml, read_text
+from microvib.model.part import part_from
+from microvib.signals.preparation import Preparation
 from microvib.signals.recording import COMPONENTS, Recording, RecordingError, regular_rate, snapped_rate
 
 LARGEST = 2_000_000_000
@@ -49,6 +53,41 @@ def read_recording(path: Path | str, sample_rate: float | None = None) -> Record
     if len(set(sizes.values())) > 1:
         raise RecordingError(f"{path}: its channels differ in length: {sizes}")
     return recording.in_si()
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A recording that was prepared, and the background of its table where there is one."""
+
+    recording: Recording
+    background: Recording | None = None
+
+
+def load_preparation(path: Path | str) -> Preparation:
+    """How to prepare recordings, from a YAML file; its background is found relative to the file. ScenarioError if it is wrong."""
+    path = Path(path)
+    data = parse_yaml(read_text(path, "a file of preparation"), str(path))
+    preparation = part_from(Preparation, data if data is not None else {}, units_required=True, origin=str(path))
+    if preparation.background is None:
+        return preparation
+    return preparation.model_copy(update={"background": str(path.parent / preparation.background)})
+
+
+def read_prepared(path: Path | str, preparation: Preparation | None = None) -> Prepared:
+    """A recording, and its background, after the steps of ``preparation``; RecordingError says what does not go."""
+    if preparation is None:
+        return Prepared(read_recording(path))
+    recording = preparation.apply(read_recording(path, preparation.sample_rate))
+    if preparation.background is None:
+        return Prepared(recording)
+    whole = preparation.model_copy(update={"start": None, "stop": None})
+    background = whole.apply(read_recording(preparation.background, preparation.sample_rate))
+    if background.sample_rate != recording.sample_rate:
+        raise RecordingError(
+            f"{background.title}: was sampled at {background.sample_rate:g} Hz and the recording at"
+            f" {recording.sample_rate:g} Hz; a background needs the recording's sample rate"
+        )
+    return Prepared(recording, background)
 
 
 def _library(name: str, package: str) -> Any:

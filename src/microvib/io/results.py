@@ -30,7 +30,9 @@ RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.
 Writer = Callable[[Path], None]
 
 
-STUDY_FILES = ("compare.csv", "fit.json", "validation.csv", "sensitivities.csv")
+STUDY_FILES = (
+    "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv",
+)  # fmt: skip
 """Further files of the folders of studies."""
 
 
@@ -131,6 +133,12 @@ def _put_in_place(temporary: Path, out: Path) -> None:
         raise
     finally:
         shutil.rmtree(aside, ignore_errors=True)
+
+
+def columns_csv(columns: dict[str, Iterable[float]]) -> str:
+    """CSV text of columns of equal length."""
+    rows = zip(*columns.values(), strict=True)
+    return "\n".join([",".join(columns), *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n"
 
 
 def lines_csv(table: LineTable) -> str:

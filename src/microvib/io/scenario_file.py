@@ -117,25 +117,28 @@ def _own_up(changes: dict[str, Any]) -> dict[str, str]:
 
 
 def _read(path: Path) -> str:
+    if path.name == str(path) and not path.suffix and not path.exists():
+        raise ScenarioError(
+            f"{path}: there is no such file and no catalog scenario of this name; the catalog has {', '.join(catalog_names())}"
+        )
+    return read_text(path, f"a scenario file or one of {', '.join(catalog_names())}")
+
+
+def read_text(path: Path, wanted: str) -> str:
+    """Text of a YAML file of the user's; ScenarioError where it cannot be one. ``wanted`` says what it should be."""
     try:
         size = path.stat().st_size
         if path.is_dir():
-            raise ScenarioError(
-                f"{path}: is a folder; a scenario file or one of {', '.join(catalog_names())} is wanted"
-            )
+            raise ScenarioError(f"{path}: is a folder; {wanted} is wanted")
         if not path.is_file():
             raise ScenarioError(f"{path}: is no regular file")
         if size > LARGEST_FILE:
-            raise ScenarioError(
-                f"{path}: has {size / 1e6:.1f} MB; a scenario file has at most {LARGEST_FILE / 1e6:.0f} MB"
-            )
+            raise ScenarioError(f"{path}: has {size / 1e6:.1f} MB; such a file has at most {LARGEST_FILE / 1e6:.0f} MB")
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ScenarioError(
-            f"{path}: there is no such file and no catalog scenario of this name; the catalog has {', '.join(catalog_names())}"
-        ) from None
+        raise ScenarioError(f"{path}: there is no such file; {wanted} is wanted") from None
     except UnicodeDecodeError:
-        raise ScenarioError(f"{path}: is not text in UTF-8; a scenario file is YAML") from None
+        raise ScenarioError(f"{path}: is not text in UTF-8; a YAML file is wanted") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror or error}") from None
 

@@ -9,11 +9,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
+from microvib.signals.spectrum import tone_amplitude
 from microvib.signals.tones import (
     DETECTION,
     HannSpectrum,
@@ -62,6 +63,8 @@ class Line:
     """Decay rate sigma of the tone, exp(-sigma t); 0 for a line of the step clock."""
     decay_uncertainty_per_s: float
     status: str
+    background_n_m: float = float("nan")
+    """Amplitude of the background recording at this frequency; nan without one."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,24 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
     rows = [found[line.name] for line in expected]
     rows += _others(rest, rows, clock, ratio, bins)
     return LineTable(tuple(rows), ratio, spread.clock_ratio if ratio else None, x.size, sample_rate)
+
+
+def with_background(table: LineTable, background: np.ndarray) -> LineTable:
+    """Lines with what the table reads at their frequencies while nothing runs, ``background`` (m,) at the same sample rate.
+
+    The phase between the two is unknown, so nothing is subtracted: half of the background's square goes into the variance of the
+    line's amplitude, and a line that does not exceed the background is named so.
+    """
+    rows = []
+    for line in table:
+        if not np.isfinite(line.amplitude_n_m):
+            rows.append(line)
+            continue
+        there = tone_amplitude(background, table.sample_rate, line.frequency_hz)
+        spread = float(np.hypot(line.amplitude_uncertainty_n_m, there / np.sqrt(2.0)))
+        status = "in the background" if line.amplitude_n_m < 2.0 * there else line.status
+        rows.append(replace(line, background_n_m=there, amplitude_uncertainty_n_m=spread, status=status))
+    return replace(table, lines=tuple(rows))
 
 
 def _without_mistaken(

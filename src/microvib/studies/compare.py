@@ -17,9 +17,9 @@ from microvib.io.scenario_file import catalog_names, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import PASSBAND, LineTable, estimate_lines
-from microvib.signals.recording import check
+from microvib.signals.preparation import Preparation
 from microvib.solve.simulate import Progress, simulate
-from microvib.studies.evidence import lines_of_recording
+from microvib.studies.evidence import measured_lines
 
 PAPER = ("paper-test", "paper-simulation")
 """Names for the test and the simulation columns of Tables 5 and 6."""
@@ -81,12 +81,18 @@ class Row:
 
 
 def compare(
-    a: str, b: str, *, scenario: str = "state-1", channel: str = "Mz", progress: Progress | None = None
+    a: str,
+    b: str,
+    *,
+    scenario: str = "state-1",
+    channel: str = "Mz",
+    preparation: Preparation | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Side, Side, list[Row]]:
     """Both sides and the lines that at least one of them has.
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
-    look for in recordings where neither side is a scenario.
+    look for in recordings where neither side is a scenario; ``preparation`` is applied to recordings.
     """
     guide = (
         next((load_scenario(x) for x in (a, b) if _is_scenario(x)), None)
@@ -96,7 +102,7 @@ def compare(
     sides: dict[str, Side] = {}
     for source in sorted((a, b), key=_is_scenario):
         other = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
-        sides[source] = _side(source, guide, channel, other, progress)
+        sides[source] = _side(source, guide, channel, preparation, other, progress)
     first, second = sides[a], sides[b]
     names = [*first.lines, *(name for name in second.lines if name not in first.lines)]
     return (
@@ -118,7 +124,14 @@ def _folder_scenario(*sources: str) -> Scenario | None:
     return None
 
 
-def _side(source: str, guide: Scenario, channel: str, clock: float | None, progress: Progress | None) -> Side:
+def _side(
+    source: str,
+    guide: Scenario,
+    channel: str,
+    preparation: Preparation | None,
+    clock: float | None,
+    progress: Progress | None,
+) -> Side:
     path = Path(source)
     if source in PAPER:
         return _paper(source)
@@ -129,9 +142,8 @@ def _side(source: str, guide: Scenario, channel: str, clock: float | None, progr
     if path.suffix.lower() == ".csv" and path.is_file() and path.read_bytes()[:5] == b"line,":
         return Side(source, "table", _read_lines(path))
     if path.suffix.lower() in READERS:
-        recording = read_recording(path)
-        check(recording, channel, shortest=2.0)
-        table = lines_of_recording(recording[channel], recording.sample_rate, guide)
+        prepared, table = measured_lines(path, guide, channel, preparation)
+        recording = prepared.recording
         ratio = None if table.clock_ratio is None else table.clock_ratio * guide.tracking.clock_ratio
         return Side(source, "recording", _figures(table), ratio, recording[channel], recording.sample_rate)
     raise MicrovibError(

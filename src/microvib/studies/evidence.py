@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.recordings import READERS, read_recording
+from microvib.io.recordings import READERS, Prepared, read_prepared
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, LineTable, estimate_lines
+from microvib.signals.lines import PASSBAND, LineTable, estimate_lines, with_background
+from microvib.signals.preparation import Preparation
 from microvib.signals.recording import check
 from microvib.signals.tones import DETECTION
 
@@ -50,7 +51,9 @@ class Evidence:
     sample_rate: float
 
 
-def read_evidence(source: str, scenario: Scenario, channel: str = "Mz") -> Evidence:
+def read_evidence(
+    source: str, scenario: Scenario, channel: str = "Mz", preparation: Preparation | None = None
+) -> Evidence:
     """Evidence from a recording (its drive-axis torque in ``channel``), from a table of lines (CSV) or from the paper's tables."""
     if source == PAPER_TABLE:
         return paper_evidence()
@@ -58,9 +61,8 @@ def read_evidence(source: str, scenario: Scenario, channel: str = "Mz") -> Evide
     if path.suffix.lower() == ".csv" and _is_line_table(path):
         return _from_table(path, scenario)
     if path.suffix.lower() in READERS:
-        recording = read_recording(path)
-        check(recording, channel, shortest=2.0)
-        table = lines_of_recording(recording[channel], recording.sample_rate, scenario)
+        prepared, table = measured_lines(path, scenario, channel, preparation)
+        recording = prepared.recording
         found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, recording.duration))
         return Evidence(source, found, table.clock_ratio, recording.duration, recording.sample_rate)
     raise MicrovibError(
@@ -68,7 +70,21 @@ def read_evidence(source: str, scenario: Scenario, channel: str = "Mz") -> Evide
     )
 
 
-def lines_of_recording(x, sample_rate: float, scenario: Scenario) -> LineTable:  # type: ignore[no-untyped-def]
+def measured_lines(
+    path: Path, scenario: Scenario, channel: str = "Mz", preparation: Preparation | None = None
+) -> tuple[Prepared, LineTable]:
+    """A recording as ``preparation`` has it, and the lines in its ``channel``, its background accounted for."""
+    prepared = read_prepared(path, preparation)
+    recording, background = prepared.recording, prepared.background
+    check(recording, channel, shortest=2.0)
+    table = lines_of_recording(recording[channel], recording.sample_rate, scenario)
+    if background is not None:
+        check(background, channel, shortest=2.0)
+        table = with_background(table, background[channel])
+    return prepared, table
+
+
+def lines_of_recording(x: np.ndarray, sample_rate: float, scenario: Scenario) -> LineTable:
     """Lines of a measured torque ``x`` (n,) [N m]: the scenario says which, the clock is searched within a per cent.
 
     A record at another rate than the scenario's is looked at in the same way; lines above 0.35 of its rate are not looked for.

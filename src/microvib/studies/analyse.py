@@ -1,0 +1,120 @@
+"""All that one torque tells: lines, amplitude spectrum, density, cumulative RMS, waterfall, bands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.io.recordings import READERS, read_prepared, read_recording
+from microvib.io.scenario_file import catalog_names, load_scenario
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import PASSBAND, LineTable, estimate_lines
+from microvib.signals.preparation import Preparation
+from microvib.signals.recording import Recording, check
+from microvib.signals.spectrum import (
+    Density,
+    Spectrum,
+    Waterfall,
+    Window,
+    amplitude_spectrum,
+    power_spectral_density,
+    waterfall,
+)
+from microvib.solve.simulate import Progress, simulate
+from microvib.studies.evidence import measured_lines
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """One channel of one source, seen in every way."""
+
+    name: str
+    channel: str
+    unit: str
+    recording: Recording
+    table: LineTable | None
+    """Lines of the drive-axis torque; None for another channel."""
+    spectrum: Spectrum
+    density: Density
+    """Power spectral density; the background's is subtracted where there is one."""
+    waterfall: Waterfall
+    bands: tuple[tuple[float, float, float], ...]
+    """Lower and upper end [Hz] of the bands asked for, and their RMS."""
+
+
+def analyse(
+    source: str,
+    *,
+    scenario: str = "state-1",
+    channel: str = "Mz",
+    preparation: Preparation | None = None,
+    window: Window = "hann",
+    resolution: float | None = None,
+    bands: Sequence[tuple[float, float]] = (),
+    progress: Progress | None = None,
+) -> Analysis:
+    """Lines and spectra of a scenario, a run folder or a recording.
+
+    ``scenario`` says which lines to look for in a recording. ``resolution`` [Hz] is that of density and waterfall.
+    MicrovibError where the source cannot be read or is too short.
+    """
+    recording, background, table = _source(source, load_scenario(scenario), channel, preparation, progress)
+    x, rate = recording[channel], recording.sample_rate
+    density = power_spectral_density(x, rate, resolution, window)
+    if background is not None:
+        density = density.less(power_spectral_density(background[channel], rate, density.resolution, window))
+    return Analysis(
+        name=source,
+        channel=channel,
+        unit="N" if channel.startswith("F") else "N m",
+        recording=recording,
+        table=table,
+        spectrum=amplitude_spectrum(x, rate, window),
+        density=density,
+        waterfall=waterfall(x, rate, resolution, window),
+        bands=tuple((low, high, density.band_rms(low, high)) for low, high in bands),
+    )
+
+
+def _source(
+    source: str, guide: Scenario, channel: str, preparation: Preparation | None, progress: Progress | None
+) -> tuple[Recording, Recording | None, LineTable | None]:
+    path = Path(source)
+    if source in catalog_names() or path.suffix.lower() in (".yaml", ".yml"):
+        recording, guide = _simulated(source, load_scenario(source), progress)
+        return recording, None, _lines(recording, channel, guide)
+    if path.is_dir():
+        if not (path / "motion.nc").is_file():
+            raise MicrovibError(f"{path}: is no run folder with a motion; it has no motion.nc")
+        if (path / "scenario.yaml").is_file():
+            guide = load_scenario(path / "scenario.yaml")
+        recording = read_recording(path / "motion.nc")
+        return recording, None, _lines(recording, channel, guide)
+    if path.suffix.lower() not in READERS:
+        raise MicrovibError(
+            f"{source}: cannot be analysed; wanted is a scenario, a run folder or a recording ({', '.join(READERS)})"
+        )
+    if channel == "M" + guide.array.drive_axis:
+        prepared, table = measured_lines(path, guide, channel, preparation)
+        return prepared.recording, prepared.background, table
+    prepared = read_prepared(path, preparation)
+    check(prepared.recording, channel)
+    return prepared.recording, prepared.background, None
+
+
+def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> tuple[Recording, Scenario]:
+    motion = simulate(scenario, channels=("T_d",), progress=progress)
+    axis = "M" + scenario.array.drive_axis
+    return Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name), scenario
+
+
+def _lines(recording: Recording, channel: str, guide: Scenario) -> LineTable | None:
+    x: np.ndarray = recording[channel]
+    if channel != "M" + guide.array.drive_axis:
+        return None
+    return estimate_lines(x, recording.sample_rate, expected_lines(guide, PASSBAND * recording.sample_rate))
