@@ -171,6 +171,31 @@ def analyse(
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 
+@main.command()
+@click.argument("scenario")
+@_set_option
+@click.option("--bench", default="force-table", show_default=True, help="Bench: a catalog name or a YAML file.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Recording to write: .uff, .mat or .csv."
+)
+@click.option("--seed", default=1, show_default=True, help="Seed of the noise; the same seed gives the same recording.")
+def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
+    """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
+    from microvib.io.recordings import check_output, write_recording
+    from microvib.io.scenario_file import load_bench
+    from microvib.studies.measure import measure as run_bench
+
+    check_output(output)
+    with _progress() as progress:
+        recording = run_bench(_load(scenario, settings), load_bench(bench), seed=seed, progress=progress)
+    write_recording(recording, output)
+    for name, x in recording.channels.items():
+        click.echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
+    for note in recording.notes:
+        click.echo(note)
+    click.echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
+
+
 def _hertz(option: str, text: str) -> float:
     from microvib.units import convert
 

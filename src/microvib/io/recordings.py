@@ -242,14 +242,21 @@ READERS: dict[str, Callable[[Path, float | None], Recording]] = {
 }
 
 
+def check_output(path: Path) -> None:
+    """RecordingError where a recording cannot be written to ``path``: kind not known, or a file there already."""
+    if path.suffix.lower() not in WRITERS:
+        raise RecordingError(f"{path}: '{path.suffix}' is not known; recordings are written to {', '.join(WRITERS)}")
+    if path.exists():
+        raise OutputError(f"{path}: exists already; nothing was written")
+    if not path.absolute().parent.is_dir():
+        raise OutputError(f"{path}: cannot be written: there is no folder {path.parent}")
+
+
 def write_recording(recording: Recording, path: Path | str) -> None:
     """Write UFF 58 (binary), MATLAB v5 or CSV, by the file's ending; whole or not at all, and never over a file."""
     path = Path(path)
-    writer = {".uff": _write_uff, ".mat": _write_mat, ".csv": _write_csv}.get(path.suffix.lower())
-    if writer is None:
-        raise RecordingError(f"{path}: '{path.suffix}' is not known; recordings are written to .uff, .mat, .csv")
-    if path.exists():
-        raise OutputError(f"{path}: exists already; nothing was written")
+    check_output(path)
+    writer = WRITERS[path.suffix.lower()]
     temporary = None
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.absolute().parent)
@@ -297,3 +304,6 @@ def _write_csv(recording: Recording, path: Path) -> None:
     np.savetxt(
         path, np.column_stack([t, *recording.channels.values()]), delimiter=",", header=header, comments="", fmt="%.12g"
     )
+
+
+WRITERS: dict[str, Callable[[Recording, Path], None]] = {".uff": _write_uff, ".mat": _write_mat, ".csv": _write_csv}

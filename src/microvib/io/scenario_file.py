@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.errors import ScenarioError
-from microvib.model.part import Part
+from microvib.model.bench import Bench
+from microvib.model.part import Part, part_from
 from microvib.model.scenario import Scenario, scenario_from, set_key
 from microvib.units import Quantity, convert
 
@@ -58,6 +59,21 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
         {**data, "sources": data.get("sources") if "sources" in changes else {}}, units_required=True, origin=name
     )
     return after if before is None or "sources" in changes else after.with_sources(before.sources | _own_up(changes))
+
+
+def bench_names() -> tuple[str, ...]:
+    """Names of the published virtual test benches."""
+    return tuple(sorted(f.name[:-5] for f in (resources.files("microvib.catalog") / "benches").iterdir()))
+
+
+def load_bench(source: str | Path) -> Bench:
+    """A virtual test bench from a catalog name or a YAML file; ScenarioError with one sentence per problem."""
+    name = str(source)
+    if name in bench_names():
+        text = (resources.files("microvib.catalog") / "benches" / f"{name}.yaml").read_text(encoding="utf-8")
+    else:
+        text = read_text(Path(source), f"a description of a bench or one of {', '.join(bench_names())}")
+    return part_from(Bench, parse_yaml(text, name), units_required=True, origin=name)
 
 
 ARRAY_ORIGINS = ("from",)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from microvib.model.part import Part
+from microvib.model.part import Part, Six
 from microvib.units import Quantity
 
 SLACK = 1e-9  # relative; what rounding may make of sum H^2 = J
@@ -23,7 +23,7 @@ class Mode(Part):
     effective_inertia: (
         Annotated[float, Quantity("kg*m^2", "effective inertia about the drive axis", "H^2", ge=0)] | None
     ) = None
-    interface_participation: tuple[float, float, float, float, float, float] | None = Field(
+    interface_participation: Six | None = Field(
         default=None, description="participation in Fx Fy Fz [kg^0.5] and Mx My Mz [kg^0.5 m] at the interface"
     )
 
@@ -47,7 +47,7 @@ class Array(Part):
     inertia: Annotated[float, Quantity("kg*m^2", "moment of inertia about the drive axis", "J", gt=0)]
     rigid_inertia: Annotated[float, Quantity("kg*m^2", "inertia rigidly on the shaft", "J_h", ge=0)] | None = None
     modes: tuple[Mode, ...] = Field(max_length=2000, description="fixed-interface modes; an empty list is a rigid load")
-    interface_inertia: tuple[float, float, float, float, float, float] | None = Field(
+    interface_inertia: Six | None = Field(
         default=None,
         description="rigid-body inertia coupling a rotation about the drive axis to Fx Fy Fz [kg m], Mx My Mz [kg m^2];"
         " without it the centre of mass is on the drive axis, a principal axis",

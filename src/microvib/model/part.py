@@ -12,6 +12,9 @@ from pydantic_core import ErrorDetails
 from microvib.errors import ScenarioError
 from microvib.units import Quantity
 
+Six = tuple[float, float, float, float, float, float]
+"""Fx Fy Fz and Mx My Mz of something."""
+
 
 class Part(BaseModel):
     """A frozen set of parameters; values are SI floats, or text with a unit where they are given."""

@@ -8,11 +8,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from microvib.model.part import Part
+from microvib.model.part import Part, Six
 from microvib.signals.recording import COMPONENTS, Recording, RecordingError
 from microvib.units import Quantity, convert
-
-Six = tuple[float, float, float, float, float, float]
 
 
 class Preparation(Part):

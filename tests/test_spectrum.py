@@ -1,0 +1,86 @@
+"""Spectra of made signals: what a tone, a noise and a mixture must read."""
+
+import numpy as np
+import pytest
+
+from microvib.signals.spectrum import SpectrumError, amplitude_spectrum, power_spectral_density, waterfall
+
+RATE, SAMPLES = 4096.0, 65536
+T = np.arange(SAMPLES) / RATE
+
+
+@pytest.mark.parametrize("window", ["rectangular", "hann", "flat-top"])
+def test_a_tone_on_a_bin_reads_its_amplitude(window):
+    s = amplitude_spectrum(0.3 * np.cos(2 * np.pi * 53.0 * T) + 5.0, RATE, window)
+    assert s.amplitude[np.argmax(s.amplitude)] == pytest.approx(0.3, rel=1e-9)
+    assert s.frequency[np.argmax(s.amplitude)] == 53.0
+
+
+@pytest.mark.parametrize(("window", "loss"), [("rectangular", 0.363), ("hann", 0.151), ("flat-top", 0.002)])
+def test_worst_picket_fence_loss(window, loss):
+    s = amplitude_spectrum(np.cos(2 * np.pi * (848.5 / 16) * T), RATE, window)
+    assert 1.0 - s.amplitude.max() == pytest.approx(loss, abs=0.002)
+
+
+def test_density_of_white_noise_and_of_a_tone():
+    x = np.random.default_rng(1).normal(0.0, 2.0, SAMPLES) + 0.5 * np.sin(2 * np.pi * 500.0 * T)
+    psd = power_spectral_density(x, RATE, 1.0)
+    quiet = (psd.frequency > 600) & (psd.frequency < 1900)
+    assert psd.density[quiet].mean() == pytest.approx(4.0 / (RATE / 2), rel=0.02)
+    assert psd.cumulative_rms[-1] == pytest.approx(x.std(), rel=5e-3)
+    noise = psd.density[quiet].mean() * 10.0
+    assert psd.band_rms(495.0, 505.0) ** 2 - noise == pytest.approx(0.125, rel=0.03)
+    assert psd.averages == 31
+    assert "31 averages" in str(psd)
+    assert "hann window, 4096 samples" in str(psd)
+
+
+def test_band_rms_does_not_depend_on_where_bins_fall():
+    x = np.random.default_rng(2).normal(0.0, 1.0, SAMPLES)
+    psd = power_spectral_density(x, RATE, 4.0)
+    assert psd.band_rms(100.0, 333.0) ** 2 + psd.band_rms(333.0, 901.3) ** 2 == pytest.approx(
+        psd.band_rms(100, 901.3) ** 2
+    )
+    assert psd.band_rms(0.0, 1e6) == pytest.approx(psd.cumulative_rms[-1])
+
+
+def test_third_octaves_of_white_noise_grow_with_the_root_of_frequency():
+    x = np.random.default_rng(3).normal(0.0, 1.0, 4 * SAMPLES)
+    centre, rms = power_spectral_density(x, RATE, 0.25).third_octaves()
+    assert 1000.0 in np.round(centre, 6)
+    width = centre * (10**0.05 - 10**-0.05)
+    np.testing.assert_allclose(rms**2 / width, 2 / RATE, rtol=0.35)
+    assert width[0] >= 2 * 0.25
+    assert centre[-1] * 10**0.05 <= RATE / 2
+
+
+def test_background_power_is_subtracted():
+    rng = np.random.default_rng(4)
+    tone = 0.1 * np.sin(2 * np.pi * 80.0 * T)
+    noise = power_spectral_density(rng.normal(0, 1, SAMPLES), RATE, 1.0)
+    both = power_spectral_density(tone + rng.normal(0, 1, SAMPLES), RATE, 1.0).less(noise)
+    assert both.band_rms(77.0, 83.0) == pytest.approx(0.1 / np.sqrt(2), rel=0.1)
+    with pytest.raises(SpectrumError, match="same sample rate and segment"):
+        both.less(power_spectral_density(tone, RATE, 2.0))
+
+
+def test_waterfall_follows_a_tone_that_dies():
+    w = waterfall(np.exp(-0.2 * T) * np.cos(2 * np.pi * 40.0 * T), RATE, 1.0)
+    k = int(np.argmin(abs(w.frequency - 40.0)))
+    np.testing.assert_allclose(w.amplitude[:, k], np.exp(-0.2 * w.time), rtol=0.01)
+    assert w.amplitude.shape == (w.time.size, w.frequency.size)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda x: amplitude_spectrum(x, RATE, "kaiser"), "window: 'kaiser' is not known; allowed are rectangular, hann"),
+        (lambda x: power_spectral_density(x, RATE, 0.01), "needs a record of 100 s; it has 16 s"),
+        (lambda x: power_spectral_density(x, RATE, -1.0), "must be greater than 0 and at most 512 Hz"),
+        (lambda x: waterfall(x, RATE, overlap=1.0), "from 0 to 0.95"),
+        (lambda x: power_spectral_density(x, RATE).band_rms(5.0, 2.0), "below its upper end"),
+    ],
+)  # fmt: skip
+def test_bad_settings_are_named(call, words):
+    with pytest.raises(SpectrumError, match=words):
+        call(np.sin(T))
