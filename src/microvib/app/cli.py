@@ -162,7 +162,7 @@ def analyse(
     with _progress() as progress:
         analysis = run_analysis(
             source, scenario=scenario, channel=channel, preparation=_preparation(prepare), window=window,
-            resolution=None if resolution is None else _hertz("--resolution", resolution),
+            resolution=None if resolution is None else _quantity("--resolution", resolution, "Hz"),
             bands=[_band(text) for text in bands], progress=progress,
         )  # fmt: skip
     click.echo(analysis_text(analysis))
@@ -196,11 +196,11 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     click.echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
 
 
-def _hertz(option: str, text: str) -> float:
+def _quantity(option: str, text: str, unit: str) -> float:
     from microvib.units import convert
 
     try:
-        return convert(text, "Hz")
+        return convert(text, unit)
     except ValueError as error:
         raise MicrovibError(f"{option}: '{text}' {error}") from None
 
@@ -211,7 +211,8 @@ def _band(text: str) -> tuple[float, float]:
     if not colon:
         raise MicrovibError(f"--band: '{text}' is no band; write LOW:HIGH, such as '0.5:5 Hz'")
     unit = high.lstrip(" +0123456789.eE")
-    return _hertz("--band", low if low.strip().strip("0123456789.+eE-") else f"{low} {unit}"), _hertz("--band", high)
+    low = low if low.strip().strip("0123456789.+eE-") else f"{low} {unit}"
+    return _quantity("--band", low, "Hz"), _quantity("--band", high, "Hz")
 
 
 @main.command()
@@ -238,9 +239,15 @@ def _band(text: str) -> tuple[float, float]:
 @click.option(
     "--seed", default=1, show_default=True, help="Seed of the global search; the same seed gives the same result."
 )
+@click.option(
+    "--model-error",
+    default="0.4 percent",
+    show_default=True,
+    help="How far amplitudes are trusted beyond their own uncertainty (standard deviation).",
+)
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
-    overwrite: bool, channel: str, prepare: Path | None, starts: int, seed: int,
+    overwrite: bool, channel: str, prepare: Path | None, starts: int, seed: int, model_error: str,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
@@ -265,7 +272,14 @@ def identify(
         tests.append(
             (read_evidence(source, loaded.with_(changed) if changed else loaded, channel, preparation), changed)
         )
-    fit = run_identification(loaded, tests, fit_keys, seed=seed, starts=starts, progress=_best_so_far())
+    trusted = _quantity("--model-error", model_error, "")
+    if not 0.0 < trusted <= 1.0:
+        raise MicrovibError(
+            f"--model-error: {model_error} is not allowed; it must be greater than 0 and at most 100 percent"
+        )
+    fit = run_identification(
+        loaded, tests, fit_keys, seed=seed, starts=starts, model_error=trusted, progress=_best_so_far()
+    )
     click.echo(fit_text(fit))
     if out is not None:
         files = write_fit(out, fit, overwrite)

@@ -107,10 +107,11 @@ def _noise(bench: Bench, samples: int, rng: np.random.Generator) -> np.ndarray:
     if bench.noise_corner > 0.0:
         f = np.fft.rfftfreq(samples, 1.0 / rate)
         f[0] = f[1]
-        white = np.fft.irfft(np.fft.rfft(white) * np.sqrt(1.0 + bench.noise_corner / f), samples)
+        white[:] = np.fft.irfft(np.fft.rfft(white) * np.sqrt(1.0 + bench.noise_corner / f), samples)
     angle = 2.0 * np.pi * bench.mains * np.arange(samples) / rate + rng.uniform(0.0, 2.0 * np.pi, (6, 1))
     pick_up: np.ndarray = np.array([bench.mains_force] * 3 + [bench.mains_torque] * 3)[:, None] * np.sin(angle)
-    return white + pick_up
+    noise: np.ndarray = white + pick_up
+    return noise
 
 
 def _without_aliases(x: np.ndarray, bench: Bench) -> np.ndarray:

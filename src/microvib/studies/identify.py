@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,9 @@ MODEL_FLOOR = 0.004
 PHASE_FLOOR = 0.01
 PRIOR = 0.1
 """Weight of the wish to stay near the start, per width of a range: it decides only where the evidence says nothing."""
+MISSED = 8.0
+"""An array mode's frequency is missed when it is this many standard deviations off after the fit."""
+MOST_WIDENINGS = 3
 _NOWHERE = 30.0
 """Residual of a line that a simulation does not have."""
 
@@ -45,6 +48,10 @@ class FitKey:
     low: float
     high: float
     unit: str
+    stated: bool = True
+    """Whether the user stated the range; one that is ours is widened where the best lies at its end."""
+    along: bool = False
+    """Whether it is fitted along without being asked for."""
 
     @property
     def logarithmic(self) -> bool:
@@ -62,6 +69,13 @@ class FitKey:
         if self.logarithmic:
             return self.low * math.exp(u * math.log(self.high / self.low))
         return self.low + u * (self.high - self.low)
+
+    def widened(self, u: float) -> FitKey:
+        """Four times further on the side where the best lies, at ``u`` of the range."""
+        if self.stated or 0.02 < u < 0.98:
+            return self
+        low, high = (self.low / 4.0, self.high) if u <= 0.02 else (self.low, 4.0 * self.high)
+        return replace(self, low=low, high=high)
 
     def slope(self, value: float) -> float:
         """Derivative of the value by its place in the range."""
@@ -125,7 +139,7 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
         raise MicrovibError(f"--fit {key}: starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}")
     factor = 1.1 if key.endswith("frequency") else 4.0
     high = value * factor if quantity.le is None else min(value * factor, quantity.le)
-    return FitKey(key, value / factor, high, quantity.unit)
+    return FitKey(key, value / factor, high, quantity.unit, stated=quantity.le is not None or factor < 2.0)
 
 
 def _fittable(scenario: Scenario) -> list[str]:
@@ -140,22 +154,30 @@ def identify(
     seed: int = 1,
     starts: int = 96,
     finishes: int = 3,
+    model_error: float = MODEL_FLOOR,
     progress: Progress | None = None,
 ) -> Fit:
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
 
-    Each evidence comes with the changes of the scenario that make its test (another state, another rate). Interrupting (Ctrl-C)
-    ends the search and returns what was best so far. Same seed, same result.
+    Each evidence comes with the changes of the scenario that make its test (another state, another rate). ``model_error`` is the
+    relative standard deviation that amplitudes are trusted to beyond their own uncertainty. Interrupting (Ctrl-C) ends the search
+    and returns what was best so far. Same seed, same result.
+
+    A range that the user did not state is widened where the best lies at its end. Where no parameter that is fitted can bring an
+    array mode to its measured frequency, its clamped frequency is fitted along, and said to be.
     """
-    problem = _Problem(scenario, evidence, keys, progress)
+    problem = _Problem(scenario, evidence, keys, model_error, progress)
     if not problem.weights:
         raise MicrovibError("the evidence has no observation that stands out of its floor")
     interrupted = False
     try:
-        problem.stage = "global"
-        for u in problem.best_of(_sobol(len(keys), starts, seed), finishes):
-            problem.stage = "local"
-            problem.finish(u)
+        problem.search(_sobol(len(keys), starts, seed), finishes)
+        for _ in range(MOST_WIDENINGS):
+            wider = problem.widened()
+            if wider is None:
+                break
+            problem = wider
+            problem.search(_sobol(len(problem.keys), max(starts // 2, 2), seed), finishes)
     except KeyboardInterrupt:
         interrupted = True
     if problem.best_u is None:
@@ -178,11 +200,13 @@ class _Problem:
         scenario: Scenario,
         evidence: Sequence[tuple[Evidence, dict[str, object]]],
         keys: Sequence[FitKey],
+        model_error: float,
         progress: Progress | None,
     ) -> None:
-        self.scenario, self.keys = scenario, list(keys)
+        self.scenario, self.evidence, self.keys, self.model_error = scenario, evidence, list(keys), model_error
         self.tests = [(one, _as_tested(scenario, one, changes)) for one, changes in evidence]
-        self.weights = [_weight(o) for one, _ in self.tests for o in one.observations]
+        self.first = self.tests
+        self.weights = [_weight(o, model_error) for one, _ in self.tests for o in one.observations]
         self.progress = progress or (lambda *_: None)
         self.stage = "global"
         self.simulations = 0
@@ -191,13 +215,48 @@ class _Problem:
         self.best_u: np.ndarray | None = None
         self.best_cost = math.inf
 
+    def search(self, points: np.ndarray, finishes: int) -> None:
+        """Global search over ``points``, then a local finish from the best of them."""
+        self.stage = "global"
+        for u in self.best_of(points, finishes):
+            self.stage = "local"
+            self.finish(u)
+
+    def widened(self) -> _Problem | None:
+        """The same with wider ranges, or with the mode's frequency fitted along; None where neither is called for."""
+        u = self.best_u
+        assert u is not None
+        keys = [key.widened(float(x)) for key, x in zip(self.keys, u, strict=True)]
+        missed = self._missed_mode(u)
+        if missed is not None and keys == self.keys:
+            f = float(next(value for name, value, _ in self.scenario.entries() if name == missed))
+            keys.append(FitKey(missed, f / 1.1, f * 1.1, "Hz", along=True))
+        if keys == self.keys:
+            return None
+        start = self.scenario.with_(self.changes(u))
+        wider = _Problem(start, self.evidence, keys, self.model_error, self.progress)
+        wider.simulations, wider.first = self.simulations, self.first
+        return wider
+
+    def _missed_mode(self, u: np.ndarray) -> str | None:
+        """Key of an array mode whose measured frequency is not met, and which is not fitted."""
+        tables = self.tables(u)
+        for (one, _), table in zip(self.tests, tables, strict=True):
+            for o in one.observations:
+                if o.form != "frequency" or not o.line.startswith("array_mode_"):
+                    continue
+                key = f"array.modes.{int(o.line.rsplit('_', 1)[1]) - 1}.frequency"
+                off = abs(_difference(o, predicted(table, o))) / _weight(o, self.model_error)
+                if off > MISSED and key not in [k.key for k in self.keys]:
+                    return key
+        return None
+
     def changes(self, u: np.ndarray) -> dict[str, object]:
         return {key.key: key.from_unit(float(x)) for key, x in zip(self.keys, u, strict=True)}
 
-    def tables(self, u: np.ndarray | None) -> list[Simulated]:
-        """Lines of every test at the parameters ``u``, or at the scenario's own where ``u`` is None."""
-        changed = [(one, test if u is None else test.with_(self.changes(u))) for one, test in self.tests]
-        return [_lines(test, one) for one, test in changed]
+    def tables(self, u: np.ndarray) -> list[Simulated]:
+        """Lines of every test at the parameters ``u``."""
+        return [_lines(test.with_(self.changes(u)), one) for one, test in self.tests]
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Weighted differences of all observations, and the prior's of all parameters, (n + m,)."""
@@ -263,7 +322,7 @@ class _Problem:
             e.key: f"identified from {names}: {e.estimate:.6g} ± {e.standard_error:.2g} {e.unit}".rstrip()
             for e in estimates
         }
-        before, after = self.tables(None), self.tables(u)
+        before, after = [_lines(test, one) for one, test in self.first], self.tables(u)
         return Fit(
             tuple(estimates), correlation, sensitivities,
             tuple(zip((one for one, _ in self.tests), before, strict=True)),
@@ -301,6 +360,8 @@ class _Problem:
             verdict, good = f"not identifiable apart from {self.keys[partner].key}", False
         else:
             verdict, good = "identifiable", True
+        if key.along:
+            verdict += "; fitted along, for the scenario's value does not meet the measured frequency"
         return Estimate(key.key, key.unit, value, error, key.low, key.high, good, verdict)
 
 
@@ -326,10 +387,10 @@ def _lines(test: Scenario, evidence: Evidence) -> Simulated:
     )
 
 
-def _weight(o: Observation) -> float:
-    """Standard deviation that the difference of one observation is measured by: its own, and the model's floor."""
+def _weight(o: Observation, model_error: float) -> float:
+    """Standard deviation that the difference of one observation is measured by: its own, and the model's."""
     if o.form in ("amplitude", "nearest_bin"):
-        return math.hypot(o.uncertainty / o.value, MODEL_FLOOR)
+        return math.hypot(o.uncertainty / o.value, model_error)
     if o.form == "frequency":
         return math.hypot(o.uncertainty / o.value, 2e-4)
     if o.form == "decay":
@@ -340,7 +401,7 @@ def _weight(o: Observation) -> float:
 def _difference(o: Observation, value: float) -> float:
     """Logarithm of the ratio of amplitudes, relative difference of frequency and decay, difference of phases."""
     if not math.isfinite(value):
-        return _NOWHERE * _weight(o)
+        return _NOWHERE * _weight(o, MODEL_FLOOR)
     if o.form in ("amplitude", "nearest_bin"):
         return math.log(max(value, 1e-12) / o.value)
     if o.form == "phase":
