@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from baseline import baseline
 
 import microvib as mv
 
 
 @pytest.fixture(scope="session")
 def state_1() -> mv.Scenario:
-    return mv.load_scenario("state-1")
+    return baseline()
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from baseline import baseline
 
 import microvib as mv
 from microvib.solve import kernel
@@ -37,7 +38,7 @@ def scenario_with(*changes):
     merged = {"sources": {}}
     for change in changes:
         merged |= change
-    return mv.load_scenario("state-1").with_(merged)
+    return baseline().with_(merged)
 
 
 def advance(scenario, q, stop):

@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from baseline import baseline
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import microvib as mv
 from microvib.solve.command import Command
 
 leg = st.fixed_dictionaries(
@@ -18,7 +18,7 @@ leg = st.fixed_dictionaries(
 @settings(max_examples=60, deadline=None)
 @given(legs=st.lists(leg, min_size=1, max_size=5), pieces=st.integers(1, 7))
 def test_microsteps_follow_the_rounded_command(legs, pieces):
-    scenario = mv.load_scenario("state-1").with_(tracking={"profile": legs})
+    scenario = baseline().with_(tracking={"profile": legs})
     command = Command(scenario)
     edges = np.linspace(0.0, 8.0, pieces + 1)
     parts = [command.microsteps(a, b) for a, b in pairwise(edges)]

@@ -9,13 +9,13 @@ import microvib as mv
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
-# mN m, `python examples/states.py`; the catalog's assumed values, no calibration
+# mN m, `python examples/states.py`; state 1 is calibrated, the others follow from it
 PINNED = {
-    1: {"array_mode_1": 4.601, "drive_1": 54.219, "drive_2": 9.551, "drive_3": 12.356, "full_step_1": 4.798},
-    2: {"array_mode_1": 3.634, "drive_1": 53.847, "drive_2": 10.109, "drive_3": 12.605, "full_step_1": 6.973},
-    3: {"array_mode_1": 2.831, "drive_1": 53.411, "drive_2": 10.756, "drive_3": 12.884, "full_step_1": 9.640},
-    4: {"array_mode_1": 10.074, "drive_1": 53.200, "drive_2": 10.925, "drive_3": 12.869, "full_step_1": 9.273},
-    5: {"array_mode_1": 16.481, "drive_1": 52.191, "drive_2": 12.211, "drive_3": 13.280, "full_step_1": 13.173},
+    1: {"array_mode_1": 3.828, "drive_1": 47.814, "drive_2": 13.703, "drive_3": 2.2971, "full_step_1": 5.114},
+    2: {"array_mode_1": 2.714, "drive_1": 47.767, "drive_2": 13.168, "drive_3": 2.2250, "full_step_1": 7.727},
+    3: {"array_mode_1": 1.800, "drive_1": 47.677, "drive_2": 12.489, "drive_3": 2.4108, "full_step_1": 11.089},
+    4: {"array_mode_1": 8.206, "drive_1": 47.620, "drive_2": 12.477, "drive_3": 2.7237, "full_step_1": 10.595},
+    5: {"array_mode_1": 13.575, "drive_1": 47.207, "drive_2": 11.267, "drive_3": 4.2691, "full_step_1": 15.883},
 }
 
 

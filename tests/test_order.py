@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from baseline import baseline
 
-import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.pack import no_samples, pack
 
@@ -52,7 +52,7 @@ STOPS = np.arange(1, 9) * 2.0**-8
 
 def histories(changes, step):
     """Weighted states, and energies and impulse, at STOPS after a start off equilibrium, in steps of ``step``."""
-    q = pack(mv.load_scenario("state-1").with_({**SMOOTH, **changes}))
+    q = pack(baseline().with_({**SMOOTH, **changes}))
     weights = q.drive.scale.copy()
     # An error weight of zero accepts every step, and max_step is then the step.
     q.drive.scale[:] = 0.0

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from baseline import baseline
 
 import microvib as mv
 from microvib.app.studies import fit_json, write_comparison, write_fit
@@ -20,9 +21,7 @@ TRUTH = {"array.rigid_inertia": 0.11, "reducer.stiffness": 10_500.0, "motor.fric
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """A made test: other parameters, another clock, noise, drift and mains on top; eight seconds after four."""
-    scenario = mv.load_scenario("state-1").with_(
-        {**TRUTH, "tracking.clock_ratio": 0.9962, "record.settle": 4.0, "record.duration": 8.0}
-    )
+    scenario = baseline().with_({**TRUTH, "tracking.clock_ratio": 0.9962, "record.settle": 4.0, "record.duration": 8.0})
     torque = mv.simulate(scenario, channels=("T_d",))["T_d"]
     t = np.arange(torque.size) / 4096
     random = np.random.default_rng(3)
@@ -34,7 +33,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def start():
-    return mv.load_scenario("state-1").with_({"record.settle": 4.0})
+    return baseline().with_({"record.settle": 4.0})
 
 
 def test_evidence_of_a_recording(recording, start):

@@ -9,10 +9,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from baseline import baseline
 from scipy.integrate import solve_ivp
 from sksundae.cvode import CVODE
 
-import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import no_samples, pack
@@ -234,7 +234,7 @@ def cvode_rows(case):
 
 
 def scenario_of(case, tolerance=2e-5):
-    return mv.load_scenario("state-1").with_({**SMOOTH, "solver.tolerance": tolerance, **CASES[case]})
+    return baseline().with_({**SMOOTH, "solver.tolerance": tolerance, **CASES[case]})
 
 
 def deviations(reference, expected, found):

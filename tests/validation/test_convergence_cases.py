@@ -3,6 +3,7 @@
 from functools import cache
 
 import pytest
+from baseline import baseline
 
 import microvib as mv
 
@@ -37,7 +38,7 @@ SETS = {
 def bins(name, clock, refinement=1):
     """Amplitude by bin frequency: rectangular window, mean-free, 2 |X| / N; and the table of lines."""
     changes = {**SETS[name][0], "tracking.clock_ratio": clock, "solver.refinement": refinement}
-    motion = mv.simulate(mv.load_scenario("state-1").with_(changes), channels=("T_d",))
+    motion = mv.simulate(baseline().with_(changes), channels=("T_d",))
     spectrum = mv.spectrum(motion)
     return dict(zip(spectrum.frequency, spectrum.amplitude, strict=True)), mv.lines(motion)
 

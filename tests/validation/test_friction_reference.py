@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from baseline import baseline
 from scipy.integrate import solve_ivp
 
-import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import no_samples, pack
@@ -221,7 +221,7 @@ def kernel_rows(scenario, times):
 
 def scenario_of(case, tolerance=2e-5):
     changes = {"sources": {}, "solver.tolerance": tolerance, **CASES[case]}
-    return mv.load_scenario("state-1").with_(changes)
+    return baseline().with_(changes)
 
 
 @cache

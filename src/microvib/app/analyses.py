@@ -22,10 +22,8 @@ def analysis_text(a: Analysis) -> str:
     rows = [f"{a.name}, channel {a.channel}"]
     rows += [f"  {note}" for note in a.recording.notes]
     if a.table is not None:
-        if a.table.clock_ratio is not None:
-            rows.append(
-                f"step clock over the expected: {a.table.clock_ratio:.7f} ± {a.table.clock_ratio_uncertainty:.1g}"
-            )
+        if a.clock_ratio is not None:
+            rows.append(f"step clock over nominal: {a.clock_ratio:.7f} ± {a.table.clock_ratio_uncertainty:.1g}")
         rows += ["", f"{'line':16s} {'Hz':>12s} {'±':>9s} {'N m':>11s} {'±':>9s} {'floor':>9s}  status"]
         rows += [
             f"{x.line:16s} {number(x.frequency_hz, 8):>12s} {number(x.frequency_uncertainty_hz, 2):>9s}"

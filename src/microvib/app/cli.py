@@ -309,6 +309,25 @@ def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None
 
 
 @main.command()
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+def validate(out: Path | None, overwrite: bool) -> None:
+    """Run all that the paper claims, and print it beside the paper's and the test's figures."""
+    from microvib.app.validation import validation_text, write_validation
+    from microvib.io.results import check_folder
+    from microvib.studies.validate import validate as run_validation
+
+    if out is not None:
+        check_folder(out, overwrite)
+    tell = (lambda text: click.echo(f"running {text}", err=True)) if sys.stderr.isatty() else None
+    checks, states = run_validation(tell)
+    click.echo(validation_text(checks))
+    if out is not None:
+        files = write_validation(out, checks, states, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.command()
 def scenarios() -> None:
     """List the published scenarios of the catalog."""
     from microvib.io.scenario_file import catalog_names, load_scenario
@@ -414,7 +433,7 @@ class _progress:
 
 
 def _print_lines(loaded: Scenario, table: LineTable) -> None:
-    from microvib.app.paper import compare_with_paper, paper_state
+    from microvib.studies.paper import compare_with_paper, paper_state
 
     click.echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
     click.echo(table.text(notable=True))

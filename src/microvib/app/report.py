@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.app import plots
-from microvib.app.paper import compare_with_paper
 from microvib.io.results import package_versions, scenario_hash
 from microvib.model.linear import coupled_modes
 from microvib.model.part import Part
@@ -19,6 +18,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.signals.spectrum import tone_amplitude
 from microvib.solve.motion import Motion
+from microvib.studies.paper import compare_with_paper
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -133,7 +134,7 @@ def _own_up(changes: dict[str, Any]) -> dict[str, str]:
 
 
 def _read(path: Path) -> str:
-    if path.name == str(path) and not path.suffix and not path.exists():
+    if not os.path.lexists(path) and len(str(path)) < 200:
         raise ScenarioError(
             f"{path}: there is no such file and no catalog scenario of this name; the catalog has {', '.join(catalog_names())}"
         )

@@ -39,6 +39,8 @@ class Analysis:
     recording: Recording
     table: LineTable | None
     """Lines of the drive-axis torque; None for another channel."""
+    clock_ratio: float | None
+    """Step clock over nominal; None where no line of the clock is seen."""
     spectrum: Spectrum
     density: Density
     """Power spectral density; the background's is subtracted where there is one."""
@@ -63,7 +65,8 @@ def analyse(
     ``scenario`` says which lines to look for in a recording. ``resolution`` [Hz] is that of density and waterfall.
     MicrovibError where the source cannot be read or is too short.
     """
-    recording, background, table = _source(source, load_scenario(scenario), channel, preparation, progress)
+    recording, background, table, expected = _source(source, load_scenario(scenario), channel, preparation, progress)
+    found = None if table is None else table.clock_ratio
     x, rate = recording[channel], recording.sample_rate
     density = power_spectral_density(x, rate, resolution, window)
     if background is not None:
@@ -74,6 +77,7 @@ def analyse(
         unit="N" if channel.startswith("F") else "N m",
         recording=recording,
         table=table,
+        clock_ratio=None if found is None else found * expected,
         spectrum=amplitude_spectrum(x, rate, window),
         density=density,
         waterfall=waterfall(x, rate, resolution, window),
@@ -83,28 +87,29 @@ def analyse(
 
 def _source(
     source: str, guide: Scenario, channel: str, preparation: Preparation | None, progress: Progress | None
-) -> tuple[Recording, Recording | None, LineTable | None]:
+) -> tuple[Recording, Recording | None, LineTable | None, float]:
+    """Recording, background, lines, and the step clock over nominal at which the lines were expected."""
     path = Path(source)
     if source in catalog_names() or path.suffix.lower() in (".yaml", ".yml"):
         recording, guide = _simulated(source, load_scenario(source), progress)
-        return recording, None, _lines(recording, channel, guide)
+        return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
     if path.is_dir():
         if not (path / "motion.nc").is_file():
             raise MicrovibError(f"{path}: is no run folder with a motion; it has no motion.nc")
         if (path / "scenario.yaml").is_file():
             guide = load_scenario(path / "scenario.yaml")
         recording = read_recording(path / "motion.nc")
-        return recording, None, _lines(recording, channel, guide)
+        return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
     if path.suffix.lower() not in READERS:
         raise MicrovibError(
             f"{source}: cannot be analysed; wanted is a scenario, a run folder or a recording ({', '.join(READERS)})"
         )
     if channel == "M" + guide.array.drive_axis:
         prepared, table = measured_lines(path, guide, channel, preparation)
-        return prepared.recording, prepared.background, table
+        return prepared.recording, prepared.background, table, guide.tracking.clock_ratio
     prepared = read_prepared(path, preparation)
     check(prepared.recording, channel)
-    return prepared.recording, prepared.background, None
+    return prepared.recording, prepared.background, None, guide.tracking.clock_ratio
 
 
 def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> tuple[Recording, Scenario]:

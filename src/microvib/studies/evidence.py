@@ -155,7 +155,7 @@ def _near_mains(frequency: float, duration: float) -> bool:
 
 
 def paper_evidence(scenario: Scenario) -> Evidence:
-    """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their frequencies, over ``scenario``'s."""
+    """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their frequencies."""
     from microvib.io.results import PAPER_LINES, read_table
 
     bins = {row["line"]: float(row["test_hz"]) for row in read_table("table5_line_frequencies")}
@@ -167,7 +167,13 @@ def paper_evidence(scenario: Scenario) -> Evidence:
         found.append(Observation(PAPER_LINES[row["line"]], "nearest_bin", value, rounding, bins[row["line"]]))
     # The natural line's bin, 1.1875 Hz: its frequency lies within half a bin of that, which is put at three sigma.
     found.append(Observation("array_mode_1", "frequency", 1.1875, 0.03125 / 3.0))
-    return Evidence("Appl. Sci. 2021, 11, 9076, Table 6 (test)", tuple(found), PAPER_CLOCK / scenario.tracking.clock_ratio, 16.0, 4096.0)
+    return Evidence(
+        "Appl. Sci. 2021, 11, 9076, Table 6 (test)",
+        tuple(found),
+        PAPER_CLOCK / scenario.tracking.clock_ratio,
+        16.0,
+        4096.0,
+    )
 
 
 def _is_line_table(path: Path) -> bool:
