@@ -181,6 +181,49 @@ def test_new_show_scenarios_schema(tmp_path):
     assert json.loads(microvib("schema", cwd=tmp_path).stdout)["title"] == "microvib scenario"
 
 
+def test_measured_analysed_and_never_overwritten(tmp_path):
+    """The virtual bench writes a recording, the reader finds the lines that went in."""
+    measured = microvib("measure", "state-1", *SHORT, "--bench", "force-table", "-o", "test.uff", cwd=tmp_path)
+    assert measured.returncode == 0, measured.stderr
+    analysed = microvib(
+        "analyse", "test.uff", "--band", "0.5:5 Hz", "--resolution", "0.5 Hz", "--out", "seen", cwd=tmp_path
+    )
+    assert analysed.returncode == 0, analysed.stderr
+    assert "step clock over nominal: 0.99399" in analysed.stdout
+    assert "15 averages" in analysed.stdout
+    assert rows(tmp_path / "seen")["drive_1"]["status"] == "ok"
+    names = ["density.csv", "lines.csv", "report.html", "spectrum.csv", "third_octaves.csv"]
+    assert sorted(p.name for p in (tmp_path / "seen").iterdir()) == names
+    before = (tmp_path / "test.uff").read_bytes()
+    again = microvib("measure", "state-1", *SHORT, "-o", "test.uff", cwd=tmp_path)
+    assert again.returncode == 1
+    assert "exists already; nothing was written" in again.stderr
+    assert (tmp_path / "test.uff").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["analyse", "nothing.uff"], "nothing.uff: cannot be read: No such file"),
+        (["analyse", "state-1", "--band", "5"], "write LOW:HIGH, such as '0.5:5 Hz'"),
+        (["analyse", "state-1", "--resolution", "1 s"], "--resolution: '1 s' has the wrong dimension"),
+        (["measure", "state-1", "-o", "x.wav"], "'.wav' is not known; recordings are written to .uff, .mat, .csv"),
+        (
+            ["measure", "state-1", "--bench", "shaker", "-o", "x.uff"],
+            "shaker: there is no such file; a description of a bench",
+        ),
+        (["compare", "a.uff", "state-1", "--prepare", "how.yaml"], "how.yaml: there is no such file"),
+        (["identify", "state-1", "paper", "--fit", "reducer.stiffness", "--model-error", "2"], "at most 100 percent"),
+    ],
+)
+def test_bad_input_of_the_measurement_side(arguments, sentence, tmp_path):
+    done = microvib(*arguments, cwd=tmp_path)
+    assert done.returncode == 1
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_help_does_not_import_numerics(tmp_path):
     code = "import sys; sys.argv = ['microvib', '--help']\nfrom microvib.app.cli import main\ntry: main()\nexcept SystemExit: pass\nprint(sorted(m for m in ('numpy', 'numba', 'scipy', 'xarray', 'matplotlib', 'pint', 'pydantic') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -208,7 +208,7 @@ def checks_csv(checks: Iterable[Check]) -> str:
 
 
 def _cell(value: object) -> str:
-    if isinstance(value, bool):
+    if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float):
         return "" if math.isnan(value) else f"{value:.6g}"

@@ -1,0 +1,58 @@
+"""The validation table: what it holds, and that its rows can fail."""
+
+import csv
+import io
+import math
+
+import pytest
+
+from microvib.io.results import PAPER_LINES, read_table
+from microvib.studies.validate import AMPLITUDE_BAR, _near, checks_csv, validate
+
+
+@pytest.fixture(scope="module")
+def checks():
+    return validate()[0]
+
+
+def find(checks, *words):
+    return [c for c in checks if all(word in c.item + " " + c.source for word in words)]
+
+
+def test_columns_of_the_table(checks):
+    rows = list(csv.DictReader(io.StringIO(checks_csv(checks))))
+    assert list(rows[0])[:8] == ["item", "source", "paper", "test", "ours", "error_percent", "bar", "holds"]
+    assert {row["holds"] for row in rows} <= {"yes", "no"}
+    assert {row["status"] for row in rows} == {"calibrated", "predicted", "computed"}
+
+
+def test_state_1_calibrated_meets_the_tests_bins_and_amplitudes(checks):
+    for c in (*find(checks, "Table 5"), *find(checks, "Table 6")):
+        assert c.holds, c
+        assert c.status == "calibrated"
+    amplitudes = find(checks, "Table 6")
+    assert len(amplitudes) == 4
+    assert max(abs(c.error_percent) for c in amplitudes) < 5.0
+
+
+def test_statements_on_other_states_are_predictions(checks):
+    for words, count in ((("range of amplitudes",), 3), (("grows with the mode",), 2), (("grows with inertia",), 8)):
+        found = find(checks, *words)
+        assert len(found) == count
+        assert {c.status for c in found} == {"predicted"}
+    assert all(c.holds for c in find(checks, "range of amplitudes"))
+
+
+def test_halved_steps_change_no_line_by_a_per_cent(checks):
+    (check,) = find(checks, "steps are halved")
+    assert check.ours < 0.01
+
+
+def test_a_row_that_misses_its_bar_does_not_hold():
+    assert _near("x", "s", math.nan, 1.0, 1.0 + 0.9 * AMPLITUDE_BAR, AMPLITUDE_BAR, "calibrated").holds
+    assert not _near("x", "s", math.nan, 1.0, 1.0 + 1.1 * AMPLITUDE_BAR, AMPLITUDE_BAR, "calibrated").holds
+
+
+def test_the_papers_own_figures_are_those_of_its_tables(checks):
+    table = {PAPER_LINES[row["line"]]: float(row["simulation_n_m"]) for row in read_table("table6_line_amplitudes")}
+    assert sorted(c.paper for c in find(checks, "Table 6")) == sorted(table.values())
