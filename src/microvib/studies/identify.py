@@ -216,25 +216,34 @@ class _Problem:
         self.best_cost = math.inf
 
     def search(self, points: np.ndarray, finishes: int) -> None:
-        """Global search over ``points``, then a local finish from the best of them."""
+        """Global search over ``points``, then a local finish from the best of them, until the ranges prove too narrow."""
         self.stage = "global"
         for u in self.best_of(points, finishes):
             self.stage = "local"
             self.finish(u)
+            if self.wider_keys() != self.keys:
+                break
 
-    def widened(self) -> _Problem | None:
-        """The same with wider ranges, or with the mode's frequency fitted along; None where neither is called for."""
+    def wider_keys(self) -> list[FitKey]:
+        """The keys with wider ranges where the best lies at their end, or with a mode's frequency fitted along."""
         u = self.best_u
         assert u is not None
         keys = [key.widened(float(x)) for key, x in zip(self.keys, u, strict=True)]
-        missed = self._missed_mode(u)
-        if missed is not None and keys == self.keys:
+        missed = self._missed_mode(u) if keys == self.keys else None
+        if missed is not None:
             f = float(next(value for name, value, _ in self.scenario.entries() if name == missed))
             keys.append(FitKey(missed, f / 1.1, f * 1.1, "Hz", along=True))
+        return keys
+
+    def widened(self) -> _Problem | None:
+        """The problem with wider ranges, started from the best so far; None where they suffice."""
+        keys = self.wider_keys()
         if keys == self.keys:
             return None
-        start = self.scenario.with_(self.changes(u))
-        wider = _Problem(start, self.evidence, keys, self.model_error, self.progress)
+        assert self.best_u is not None
+        wider = _Problem(
+            self.scenario.with_(self.changes(self.best_u)), self.evidence, keys, self.model_error, self.progress
+        )
         wider.simulations, wider.first = self.simulations, self.first
         return wider
 
