@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from scipy.linalg import block_diag, eigh
 INTERFACE = 1001
 FREE = (7, 12, 20, 31, 44, 58)
 HOME = np.array([0.1, -0.2, 0.3])  # of the interface point
-STATIONS = np.array([[0.3, 0.9, 0.05], [-0.1, 1.6, 0.0], [0.4, 2.3, -0.1], [0.1, 3.1, 0.2], [-0.2, 3.9, 0.1], [0.2, 4.6, 0.0]])
+STATIONS = np.array(
+    [[0.3, 0.9, 0.05], [-0.1, 1.6, 0.0], [0.4, 2.3, -0.1], [0.1, 3.1, 0.2], [-0.2, 3.9, 0.1], [0.2, 4.6, 0.0]]
+)
 SCALES = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3), "in-lbf-s": (0.0254, 4.4482216152605 / 0.0254)}
 CD = 5  # output coordinate system of one grid, rotated about an oblique axis
 
@@ -124,7 +127,7 @@ class Frame:
         chain = [INTERFACE, *FREE]
         for g, m, inertia, arm in self.bodies:
             M[self.rows(g), self.rows(g)] += point_mass(m, inertia, arm)
-        for a, b in zip(chain, chain[1:], strict=False):
+        for a, b in pairwise(chain):
             index = np.r_[self.rows(a), self.rows(b)]
             K[np.ix_(index, index)] += beam(self.places[a], self.places[b])
             if self.consistent:  # a bar of mass that moves with the mean of its ends
@@ -136,7 +139,12 @@ class Frame:
     @cached_property
     def rigid(self):
         """Rigid-body motions about the origin in output coordinates and deck units, (n, 6)."""
-        R = np.vstack([np.block([[np.eye(3), -skew(self.places[g] / self.scale[0])], [np.zeros((3, 3)), np.eye(3)]]) for g in self.ids])
+        R = np.vstack(
+            [
+                np.block([[np.eye(3), -skew(self.places[g] / self.scale[0])], [np.zeros((3, 3)), np.eye(3)]])
+                for g in self.ids
+            ]
+        )
         return self.output @ R
 
     @cached_property
@@ -170,17 +178,25 @@ class Frame:
             chain = [INTERFACE, *FREE]
             M = M + sum(
                 point_mass(1.5, np.zeros((3, 3)), (self.places[a] + self.places[b]) / 2 - point)
-                for a, b in zip(chain, chain[1:], strict=False)
+                for a, b in pairwise(chain)
             )
         si = Frame(consistent=self.consistent)
         frequency, phi = si.modes
-        R = np.vstack([np.block([[np.eye(3), -skew(self.places[g] - point)], [np.zeros((3, 3)), np.eye(3)]]) for g in self.ids])
+        R = np.vstack(
+            [np.block([[np.eye(3), -skew(self.places[g] - point)], [np.zeros((3, 3)), np.eye(3)]]) for g in self.ids]
+        )
         return frequency, T @ (R.T @ si.matrices[1] @ phi), T @ M @ T.T
 
     @cached_property
     def weight(self):
         """Mass of the whole model about the origin in deck units."""
         return self.rigid.T @ self.matrices[1] @ self.rigid
+
+    def moved(self, grid):
+        """Motion of the origin from that of a grid (0: the origin itself)."""
+        T = np.eye(6)
+        T[:3, 3:] = skew(self.places[grid] / self.scale[0]) if grid else 0.0
+        return T
 
     @cached_property
     def at(self):
@@ -199,7 +215,9 @@ def frame():
 class Op2:
     def __init__(self, path: Path, endian="<"):
         self.path, self.e, self.data = path, endian, []
-        self.marker(3).record("3i", 11, 21, 26).marker(7).raw(b"NASTRAN FORT TAPE ID CODE - ").marker(2).raw(b"NX2019.2")
+        self.marker(3).record("3i", 11, 21, 26).marker(7).raw(b"NASTRAN FORT TAPE ID CODE - ").marker(2).raw(
+            b"NX2019.2"
+        )
         self.marker(-1).marker(0)
 
     def raw(self, data):
@@ -276,7 +294,7 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
         records = []
         for k, column in enumerate(values.T, 1):
             lam = np.float32((2 * np.pi * f[k - 1]) ** 2)
-            records.append(o.pack("5i2f139i", 22, code, 0, 1, k, lam, f[k - 1], *[0] * 139))
+            records.append(o.pack("5i2f139i", 22, code, 0, 1, k, lam, f[k - 1], 0, 1, 8, *[0] * 136))
             rows = [o.pack("2i6f", 10 * g + 2, 1, *column[frame.rows(g)]) for g in grids]
             records.append(b"".join(rows))
         o.table(name, records)
@@ -321,27 +339,31 @@ def _matrix(A):
 
 
 def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions"), weight=True, free=True, per_page=10**6,
-        repeat=True, reference=None, scaled=1.0, letter="E", echo=True):  # fmt: skip
+        repeat=True, reference=None, grdpnt=0, scaled=1.0, letter="E", echo=True):  # fmt: skip
     """The printed result of MEFFMASS(ALL)=YES and PARAM,GRDPNT,0; ``reference`` is a grid id."""
     f, phi = frame.modes
     f, phi = f[:count], phi[:, :count]
     R, M = frame.rigid, frame.matrices[1]
     if reference is not None:
-        T = np.eye(6)
-        T[:3, 3:] = skew(frame.places[reference] / frame.scale[0])
-        R = R @ T
+        R = R @ frame.moved(reference)
     P = R.T @ M @ phi
     A = R[frame.inside].T @ M[np.ix_(frame.inside, frame.inside)] @ R[frame.inside]
     out = ["1", "  M S C   N a s t r a n", " EXAMPLE OF A LISTING"]
     if echo:
-        out += [" 0        C A S E    C O N T R O L    E C H O", "   2      MEFFMASS(ALL)=YES", "  3     SUBTITLE = REAL EIGENVALUES"]
+        out += [
+            " 0        C A S E    C O N T R O L    E C H O",
+            "   2      MEFFMASS(ALL)=YES",
+            "  3     SUBTITLE = REAL EIGENVALUES",
+        ]
     page = iter(range(1, 10_000))
     if weight:
         _page(out, next(page), "")
-        out.append("                           O U T P U T   F R O M   G R I D   P O I N T   W E I G H T   G E N E R A T O R")
-        out.append("0                                                     REFERENCE POINT =        0")
+        out.append(
+            "                           O U T P U T   F R O M   G R I D   P O I N T   W E I G H T   G E N E R A T O R"
+        )
+        out.append(f"0                                                     REFERENCE POINT = {grdpnt:8d}")
         out.append("                                                                M O")
-        out += _matrix(scaled * frame.weight)
+        out += _matrix(scaled * (frame.moved(grdpnt).T @ frame.weight @ frame.moved(grdpnt)))
         out.append("                                                                 S")
         out += _matrix(np.eye(3))
 
@@ -368,7 +390,9 @@ def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions")
         out.append("                                       M O D A L   E F F E C T I V E   M A S S   S U M M A R Y")
         out += ["", "                                                    TOTAL EFFECTIVE MASS FRACTION"]
         out += [f"                                         REFERENCE POINT AT {where}", ""]
-        out.append("                        T1                T2                T3                R1                R2                R3")
+        out.append(
+            "                        T1                T2                T3                R1                R2                R3"
+        )
         out.append("  " + "".join(f"{_e(v):>18}" for v in (P**2).sum(1) / np.diag(A)))
         out.append("                                                        EFFECTIVE MASS MATRIX")
         out += [f"{'':23}***{'':82}***", *_matrix(P @ P.T), f"{'':23}***{'':82}***"]
@@ -417,11 +441,22 @@ def ansys(path, frame, *, count=None, mass=True, directions=("X", "Y", "Z", "ROT
         out += ["                         ***********  PRECISE MASS SUMMARY  ***********", "",
                 "   TOTAL RIGID BODY MASS MATRIX ABOUT ORIGIN",
                 "               Translational mass               |   Coupled translational/rotational mass"]  # fmt: skip
-        out += [f"   {''.join(f'{v:14.8G}' for v in W[k, :3])}     | {''.join(f'{v:14.8G}' for v in W[k, 3:])}" for k in range(3)]
+        out += [
+            f"   {''.join(f'{v:14.8G}' for v in W[k, :3])}     | {''.join(f'{v:14.8G}' for v in W[k, 3:])}"
+            for k in range(3)
+        ]
         out += ["     ------------------------------------------ | ------------------------------------------",
                 "                                                |         Rotational mass (inertia)"]  # fmt: skip
-        out += [f"                                                | {''.join(f'{v:14.8G}' for v in W[k, 3:])}" for k in (3, 4, 5)]
-        out += ["", f"   TOTAL MASS =  {W[0, 0]:.5G}", "     The mass principal axes coincide with the global Cartesian axes", ""]
+        out += [
+            f"                                                | {''.join(f'{v:14.8G}' for v in W[k, 3:])}"
+            for k in (3, 4, 5)
+        ]
+        out += [
+            "",
+            f"   TOTAL MASS =  {W[0, 0]:.5G}",
+            "     The mass principal axes coincide with the global Cartesian axes",
+            "",
+        ]
     for name in directions:
         k = ("X", "Y", "Z", "ROTX", "ROTY", "ROTZ").index(name)
         what = f"  {name}  " if len(name) == 1 else f"{name} "

@@ -21,7 +21,9 @@ def agree(model, expected, tolerance):
     size = np.sqrt(np.diag(M))
     np.testing.assert_allclose(model.mass / np.outer(size, size), M / np.outer(size, size), atol=3 * tolerance)
     signs = np.sign((model.participation * P[:, :s] / np.diag(M)[:, None]).sum(axis=0))
-    np.testing.assert_allclose(model.participation * signs / size[:, None], P[:, :s] / size[:, None], atol=10 * tolerance)
+    np.testing.assert_allclose(
+        model.participation * signs / size[:, None], P[:, :s] / size[:, None], atol=10 * tolerance
+    )
 
 
 ROUTES = {"factors": {"factors": True}, "mass": {"mass": True, "forces": False}, "forces": {"shapes": False}}
@@ -72,7 +74,9 @@ def test_interface_point_and_drive_axis_anywhere(tmp_path, frame, write_op2):
 
 
 @pytest.mark.parametrize("units", ["SI", "mm-t-s"])
-@pytest.mark.parametrize("layout", [{}, {"per_page": 5}, {"per_page": 5, "repeat": False}, {"letter": "D"}, {"weight": False}])
+@pytest.mark.parametrize(
+    "layout", [{}, {"per_page": 5}, {"per_page": 5, "repeat": False}, {"letter": "D"}, {"weight": False}]
+)
 def test_f06(tmp_path, frame, write_f06, units, layout):
     deck = frame(units)
     path = write_f06(tmp_path / "a.f06", deck, count=13, **layout)
@@ -156,7 +160,11 @@ def dmig(path, deck, K, M, count):
         out.append(f"{'DMIG':8}{name:8}{0:8d}{6:8d}{2:8d}{0:8d}")
         for j, (grid, direction) in enumerate(dofs):
             out.append(f"{'DMIG*':8}{name:16}{grid:16d}{direction:16d}")
-            out += [f"{'*':8}{g:16d}{d:16d}{f'{A[i, j]:.9E}'.replace('E', 'D'):>16}" for i, (g, d) in enumerate(dofs) if i >= j]
+            out += [
+                f"{'*':8}{g:16d}{d:16d}{f'{A[i, j]:.9E}'.replace('E', 'D'):>16}"
+                for i, (g, d) in enumerate(dofs)
+                if i >= j
+            ]
     path.write_text("\n".join(out) + "\n")
     return path
 
@@ -182,9 +190,10 @@ def spcf(path, deck, count):
     return path
 
 
-def test_punched_forces_of_constraint(tmp_path, frame, write_f06):
+@pytest.mark.parametrize("grid", [True, False])
+def test_punched_forces_of_constraint(tmp_path, frame, write_f06, grid):
     deck = frame("mm-t-s")
     path = spcf(tmp_path / "modes.pch", deck, 8)
-    write_f06(tmp_path / "run.f06", deck, count=8)
-    model = read_modal_model(path, options("mm-t-s", mass="run.f06", reference=INTERFACE))
+    write_f06(tmp_path / "run.f06", deck, count=8, grdpnt=INTERFACE if grid else 0)
+    model = read_modal_model(path, options("mm-t-s", INTERFACE if grid else list(deck.at), mass="run.f06"))
     agree(model, deck.about(HOME), 5e-6)

@@ -128,7 +128,9 @@ def _shift(deck: Deck, options: Import) -> np.ndarray:
     """Vector from the interface point to the reference point, (3,)."""
     if options.interface == deck.reference:
         return np.zeros(3)
-    return _position(deck, deck.reference, "reference") - _position(deck, options.interface, "interface")
+    here, there = _position(deck, options.interface, "interface"), _position(deck, deck.reference, "reference")
+    shift: np.ndarray = there - here
+    return shift
 
 
 def _position(deck: Deck, point: int | Point, role: str) -> np.ndarray:
@@ -156,10 +158,10 @@ def _axes(deck: Deck, options: Import) -> np.ndarray:
             raise ModalError(
                 f"{deck.title}: frame: rectangular coordinate system {options.frame} is not in the file; it has {known}"
             )
-        turn = deck.frames[options.frame].T
+        turn = np.array(deck.frames[options.frame]).T
     if isinstance(options.drive_axis, str):
         return turn
-    return _with_z_along(np.array(options.drive_axis), deck.title) @ turn
+    return np.array(_with_z_along(np.array(options.drive_axis), deck.title) @ turn)
 
 
 def _with_z_along(direction: np.ndarray, title: str) -> np.ndarray:

@@ -178,7 +178,7 @@ def read_dmig(path: Path, options: Import) -> Deck:
     stiffness = found[pair[0]]
     index = stiffness.index.union(found[pair[1]].index)
     K, M = (found[name].reindex(index=index, columns=index, fill_value=0.0).to_numpy(dtype=float) for name in pair)
-    uset = bulk.asm2uset(str(path), try_rdextrn=False)[0]
+    uset = bulk.bulk2uset(str(path))[0]
     boundary = index.get_level_values(1).to_numpy() > 0
     missing = index[boundary].difference(uset.index)
     if len(missing):

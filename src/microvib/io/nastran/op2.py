@@ -32,7 +32,7 @@ def read_op2(path: Path, options: Import) -> Deck:
     if matrix is not None:
         return _from_shapes(path, results, matrix, options)
     if results.forces is not None:
-        return _from_forces(path, results, options)
+        return _from_forces(path, results, results.forces, options)
     found = (
         "no eigenvectors" if results.shapes is None else "eigenvectors, but no mass matrix and no forces of constraint"
     )
@@ -49,9 +49,9 @@ class _Results:
     frequency: np.ndarray
     generalised: np.ndarray
     uset: Any = None
-    shapes: Any = None
+    shapes: _Vectors | None = None
     shapes_basic: bool = False
-    forces: Any = None
+    forces: _Vectors | None = None
     matrix: Any = None
     factors: np.ndarray | None = None
     masses: Masses = field(default_factory=Masses)
@@ -62,10 +62,14 @@ class _Results:
         return {} if self.uset is None else located(self.uset)
 
 
+_WORDS = {b"\x04\0\0\0": "<4", b"\0\0\0\x04": ">4", b"\x08\0\0\0": "<8", b"\0\0\0\x08": ">8"}
+"""Byte order and bytes of a word, by the first record's length."""
+
+
 def _read(path: Path) -> _Results:
     with path.open("rb") as stream:
-        start = stream.read(4)
-    if start not in (b"\x04\0\0\0", b"\0\0\0\x04", b"\x08\0\0\0", b"\0\0\0\x08"):
+        word = _WORDS.get(stream.read(4))
+    if word is None:
         raise ModalError(f"{path}: is no OP2; such a file starts with a record of 4 or 8 bytes")
     with library("op2").OP2(str(path)) as file:
         names = {name.upper() for name in file.dbdct}
@@ -81,11 +85,14 @@ def _read(path: Path) -> _Results:
                 raise ModalError(
                     f"{path}: {name} is {rows} x {columns}, too large; give it as OP4, or use SPCFORCES(PLOT)=ALL"
                 )
-        data: dict[str, Any] = file.rdparampost(get_mats=wanted or False, get_ougs=True, get_dr_tables=False)
+        data: dict[str, Any] = file.rdparampost(get_mats=wanted or False, get_dr_tables=False)
         if data.get("ogpwg"):
             file.set_position("OGPWG")
             file.rdop2nt()
             data["gpwg_grid"] = int(file.rdop2record("int")[2])
+        for kind, starts in _VECTORS.items():
+            name = next((n for start in starts for n in file.dbdct if n.upper().startswith(start)), None)
+            data[kind] = None if name is None else _vectors(path, file, name, word)
     return _results(path, data)
 
 
@@ -95,12 +102,12 @@ def _results(path: Path, data: dict[str, Any]) -> _Results:
         raise ModalError(
             f"{path}: its table of eigenvalues (LAMA) is empty, or has generalised masses not greater than 0"
         )
+    forces, shapes, basic = (data[kind] for kind in _VECTORS)
     systems = {int(k): np.asarray(v, dtype=float) for k, v in (data.get("cstm2") or {}).items() if k > 0}
-    shapes, basic = _named(data, "oug", "ophig"), _named(data, "boug", "bophig")
     free, weight = _named(data, "rbmass"), data.get("ogpwg")
     return _Results(
         lama[:, 4], lama[:, 5], data.get("uset"), basic if shapes is None else shapes, shapes is None and basic is not None,
-        _named(data, "oqg"), _named(data, *MASS_MATRICES), _named(data, "mpfacs"),
+        forces, _named(data, *MASS_MATRICES), _named(data, "mpfacs"),
         Masses(
             None if free is None else np.asarray(free, dtype=float),
             whole=np.asarray(weight["m66"], dtype=float) if weight else None, whole_grid=data.get("gpwg_grid", 0),
@@ -109,12 +116,55 @@ def _results(path: Path, data: dict[str, Any]) -> _Results:
     )  # fmt: skip
 
 
+_VECTORS = {"forces": ("OQG",), "shapes": ("OUG", "OPHIG"), "basic": ("BOUG", "BOPHIG")}
+
+
+@dataclass(frozen=True)
+class _Vectors:
+    """Grid point results of the modes: (id, direction) of the rows, direction 0 for scalar points, and values (n, s)."""
+
+    rows: list[tuple[int, int]]
+    values: np.ndarray
+
+
+def _vectors(path: Path, file: Any, name: str, word: str) -> _Vectors | None:
+    """Real eigenvectors or forces of constraint; None where the block holds other results."""
+    row = np.dtype([("key", f"{word[0]}i{word[1]}", 2), ("value", f"{word[0]}f{word[1]}", 6)])
+    file.set_position(name)
+    file.rdop2nt()
+    columns: list[np.ndarray] = []
+    keys: np.ndarray = np.empty((0, 2), dtype=int)
+    while (ident := file.rdop2record("int")) is not None:
+        data = file.rdop2record("bytes")
+        if ident[0] // 10 != 2 or ident[9] != 8 or len(data) % row.itemsize:
+            return None  # no real modes, or a wide format
+        table = np.frombuffer(data, row)
+        if columns and not np.array_equal(table["key"], keys):
+            raise ModalError(f"{path}: {name} has other points in mode {len(columns) + 1} than before")
+        keys = table["key"]
+        columns.append(table["value"])
+    if not columns:
+        return None
+    grid = np.repeat(keys[:, 1] == 1, 6)
+    direction = np.tile(np.arange(1, 7), len(keys))
+    kept = grid | (direction == 1)
+    ids = np.repeat(keys[:, 0] // 10, 6)
+    rows = [(int(i), int(d)) for i, d in zip(ids[kept], np.where(grid, direction, 0)[kept], strict=True)]
+    return _Vectors(rows, np.array([c.ravel()[kept] for c in columns], dtype=float).T)
+
+
 def _named(data: dict[str, Any], *starts: str) -> Any:
     for start in starts:
         for key, value in data.items():
             if key.startswith(start) and value is not None and value.shape[0]:
                 return value
     return None
+
+
+def _places(uset: Any, vectors: _Vectors) -> np.ndarray:
+    """Rows of the table of degrees of freedom where the rows of the results are; -1 where they are not."""
+    order = {(int(i), int(d)): k for k, (i, d) in enumerate(uset.index)}
+    return np.array([order.get(row, -1) for row in vectors.rows])
 
 
 def _masses(results: _Results, options: Import, path: Path) -> Masses:
@@ -140,19 +190,18 @@ def _from_factors(path: Path, results: _Results, options: Import) -> Deck:
     )  # fmt: skip
 
 
-def _from_forces(path: Path, results: _Results, options: Import) -> Deck:
+def _from_forces(path: Path, results: _Results, forces: _Vectors, options: Import) -> Deck:
     """Rigid-body sum of the forces of constraint is -lambda times the participation, for any mass matrix (Eq. 13)."""
-    forces = results.forces
-    if forces.shape[1] != results.frequency.size:
-        raise ModalError(f"{path}: has forces of constraint for {forces.shape[1]} of {results.frequency.size} modes")
-    rows = results.uset.index.get_indexer(forces.index)
+    if forces.values.shape[1] != results.frequency.size:
+        raise ModalError(
+            f"{path}: has forces of constraint for {forces.values.shape[1]} of {results.frequency.size} modes"
+        )
+    rows = _places(results.uset, forces)
     if np.any(rows < 0):
         raise ModalError(f"{path}: has forces of constraint on points that are not in its geometry")
     eigenvalue = (2.0 * np.pi * results.frequency) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        P = -(rigid_motion(results.uset)[rows].T @ forces.to_numpy(dtype=float)) / (
-            eigenvalue * np.sqrt(results.generalised)
-        )
+        P = -(rigid_motion(results.uset)[rows].T @ forces.values) / (eigenvalue * np.sqrt(results.generalised))
     masses = _masses(results, options, path)
     mass, notes = rigid_mass(
         str(path), Masses(None, whole=masses.whole, whole_grid=masses.whole_grid), results.grids, options.wtmass
@@ -164,8 +213,6 @@ def _from_forces(path: Path, results: _Results, options: Import) -> Deck:
 
 
 def _from_shapes(path: Path, results: _Results, matrix: Any, options: Import) -> Deck:
-    if results.shapes is None:
-        raise ModalError(f"{path}: has no eigenvectors (OUG); add DISPLACEMENT(PLOT)=ALL to its case control")
     phi, R = _shapes(path, results), rigid_motion(results.uset)
     if matrix.shape != (R.shape[0], R.shape[0]):
         raise ModalError(
@@ -205,16 +252,21 @@ def _against_weight(mass: np.ndarray, results: _Results, options: Import) -> lis
 
 def _shapes(path: Path, results: _Results) -> np.ndarray:
     """Eigenvectors of the G-set in the output coordinate systems of its grids, (n, s)."""
-    phi = results.shapes.reindex(results.uset.index)
-    missing = int(phi.isna().any(axis=1).sum())
-    if missing or phi.shape[1] != results.frequency.size:
+    shapes, index = results.shapes, results.uset.index
+    if shapes is None:
+        raise ModalError(f"{path}: has no eigenvectors (OUG); add DISPLACEMENT(PLOT)=ALL to its case control")
+    places = _places(results.uset, shapes)
+    missing = len(index) - np.unique(places[places >= 0]).size
+    if missing or shapes.values.shape[1] != results.frequency.size:
         raise ModalError(
-            f"{path}: has eigenvectors of {phi.shape[1]} of {results.frequency.size} modes, without {missing} of {len(phi)} degrees"
-            " of freedom; DISPLACEMENT(PLOT)=ALL is wanted"
+            f"{path}: has eigenvectors of {shapes.values.shape[1]} of {results.frequency.size} modes, without {missing} of"
+            f" {len(index)} degrees of freedom; DISPLACEMENT(PLOT)=ALL is wanted"
         )
+    values = np.zeros((len(index), shapes.values.shape[1]))
+    values[places[places >= 0]] = shapes.values[places >= 0]
     if not results.shapes_basic:
-        return phi.to_numpy(dtype=float)
-    values, turns = phi.to_numpy(dtype=float), rigid_motion(results.uset)
+        return values
+    turns = rigid_motion(results.uset)
     starts = np.flatnonzero(results.uset.index.get_level_values(1) == 1)
     for k in starts:
         turn = turns[k : k + 3, :3]  # from the basic frame to the grid's own

@@ -31,14 +31,18 @@ def read_punched(path: Path, options: Import) -> Deck:
         )
     if options.mass is None:
         raise ModalError(f"{path}: has no rigid-body mass; give the F06 of the run (mass: FILE.f06)")
+    if isinstance(options.interface, int) and options.interface != points[0]:
+        raise ModalError(f"{path}: interface: forces of constraint are on grid {points[0]}, not on {options.interface}")
     modes = sorted(forces)
     values = np.array([forces[k].get(points[0], [0.0] * 6) for k in modes]).T
     eigen = np.array([eigenvalue[k] for k in modes])
-    masses = Masses(None, points[0], *listed_weight(path.parent / options.mass))
+    masses = Masses(None, options.interface, *listed_weight(path.parent / options.mass))
     mass, notes = rigid_mass(str(path), masses, {}, options.wtmass)
     said = "Participations are forces of constraint over eigenvalues, modes taken as mass-normalised, in axes of the basic frame."
     frequency = np.sqrt(np.maximum(eigen, 0.0)) / (2.0 * np.pi)
-    return Deck(str(path), frequency, -values / np.maximum(eigen, 1e-300), mass, points[0], notes=(said, *notes))
+    return Deck(
+        str(path), frequency, -values / np.maximum(eigen, 1e-300), mass, options.interface, notes=(said, *notes)
+    )
 
 
 def _forces(path: Path) -> tuple[dict[int, float], dict[int, dict[int, list[float]]]]:

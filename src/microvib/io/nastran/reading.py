@@ -6,8 +6,8 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from microvib.io.nastran.craig_bampton import read_dmig, read_op4
 from microvib.io.modal_table import read_modes
+from microvib.io.nastran.craig_bampton import read_dmig, read_op4
 from microvib.io.nastran.op2 import read_op2
 from microvib.io.nastran.printed import read_listing
 from microvib.model.deck import Deck, Import, modal_model
