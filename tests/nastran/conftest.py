@@ -308,7 +308,7 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
         o.matrix("MGG", frame.matrices[1])
     if factors:
         R, M = frame.rigid, frame.matrices[1]
-        o.matrix("MPFACS", (R.T @ M @ phi / generalised).T)
+        o.matrix("MPFACS", R.T @ M @ phi / generalised)
         o.matrix("RBMASS", R[frame.inside].T @ M[np.ix_(frame.inside, frame.inside)] @ R[frame.inside])
     for name, A in (extra or {}).items():
         o.matrix(name, A)

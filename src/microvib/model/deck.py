@@ -121,6 +121,8 @@ def modal_model(deck: Deck, options: Import) -> ModalModel:
     xi = np.full(order.size, options.damping)
     model = ModalModel(deck.frequency[order], xi, participation[:, order], mass, axis, deck.title, notes)
     model = check_model(model, options.units)
+    if options.modes is not None and options.modes > model.frequency.size:
+        raise ModalError(f"{deck.title}: has {model.frequency.size} modes; {options.modes} are asked for")
     return model if options.modes is None else model.first(options.modes)
 
 

@@ -17,8 +17,8 @@ TABLE = 1e-3
 """Relative; what rounding of printed tables and single precision may do to masses."""
 ENOUGH = 0.9
 """Share of the rigid-body mass that the modes should hold (the 90 % rule)."""
-MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (1e-3, 100.0)
-"""Plausible masses of arrays [kg], highest frequency of use [Hz], and distances of the centre of mass [m]."""
+MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (0.01, 100.0)
+"""Plausible masses of arrays [kg], highest frequency of use [Hz], and radii of gyration [m]."""
 
 
 def check_deck(frequency: np.ndarray, mass: np.ndarray, title: str) -> None:
@@ -27,7 +27,7 @@ def check_deck(frequency: np.ndarray, mass: np.ndarray, title: str) -> None:
         raise ModalError(f"{title}: has no modes")
     if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(mass))):
         raise ModalError(f"{title}: holds values that are not finite numbers")
-    _check_clamped(np.sort(frequency), title)
+    check_clamped(frequency, title)
     diagonal = np.diag(mass)
     if np.any(diagonal < 0.0):
         k = int(np.argmin(diagonal))
@@ -45,7 +45,9 @@ def check_deck(frequency: np.ndarray, mass: np.ndarray, title: str) -> None:
         raise ModalError(f"{title}: rigid-body mass matrix has a negative eigenvalue ({least:.2g} of its diagonal)")
 
 
-def _check_clamped(frequency: np.ndarray, title: str) -> None:
+def check_clamped(frequency: np.ndarray, title: str) -> None:
+    """ModalError where there are rigid-body modes; the frequencies need no order."""
+    frequency = np.sort(frequency)
     rigid = int((frequency < RIGID).sum())
     if frequency.size > 6 and frequency[6] > GAP * frequency[5]:
         rigid = max(rigid, 6)
@@ -77,9 +79,10 @@ def _without_rounding(model: ModalModel) -> tuple[ModalModel, list[str]]:
     if over > TABLE:
         share = np.nan_to_num(model.fraction.sum(axis=1))
         k = int(share.argmax())
+        most = f", {100.0 * share[k]:.4g} % of it in {DIRECTIONS[k]}" if share[k] > 1.0 else ""
         raise ModalError(
-            f"{model.title}: the modes hold more mass than the rigid body ({100.0 * share[k]:.4g} % in {DIRECTIONS[k]}, at most"
-            " 100 % is possible): mass, participation, reference point or normalisation do not belong together"
+            f"{model.title}: the modes hold more than the mass of the rigid body{most}: mass, participation, reference point or"
+            " normalisation do not belong together"
         )
     if over <= SLACK:
         return model, []

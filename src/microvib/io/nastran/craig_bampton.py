@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.nastran.library import library, located, rigid_motion
+from microvib.io.nastran.library import library, lines_of, located, rigid_motion
 from microvib.io.nastran.punched import read_punched
 from microvib.model.deck import ORIGIN, Deck, Import, Point
 from microvib.model.modal import ModalError
@@ -167,9 +167,10 @@ def _check_free(path: Path, stiffness: np.ndarray, mass: np.ndarray, first: floa
 
 def read_dmig(path: Path, options: Import) -> Deck:
     """Punched Craig-Bampton model (EXTSEOUT(DMIGPCH)); a file without DMIG entries is read for forces of constraint."""
-    with path.open(encoding="latin-1") as stream:
-        if not any(line.startswith("DMIG") for line in stream):
-            return read_punched(path, options)
+    if not any(line.startswith("DMIG") for line in lines_of(path)):
+        return read_punched(path, options)
+    if path.stat().st_size > LARGEST_MATRIX:
+        raise ModalError(f"{path}: DMIG entries of at most {LARGEST_MATRIX / 1e9:g} GB are read; use OP4")
     bulk = library("bulk")
     found = bulk.rddmig(str(path), square=True)
     pair = next((p for p in PAIRS if all(name in found for name in p)), None)

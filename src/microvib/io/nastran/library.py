@@ -1,13 +1,17 @@
-"""The library that reads Nastran's binary files and bulk data, and what its tables of degrees of freedom say."""
+"""The library that reads Nastran's binary files and bulk data, its tables of degrees of freedom, and lines of text files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from microvib.model.modal import ModalError
+
+LONGEST_LINE = 1000
 
 
 def library(name: str) -> Any:
@@ -16,6 +20,12 @@ def library(name: str) -> Any:
         return import_module(f"pyyeti.nastran.{name}")
     except ImportError:
         raise ModalError("pyyeti is not installed; pip install 'microvib[fem]'") from None
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """Lines of a text file; one without end, as in a file that is no text, comes in pieces."""
+    with path.open(encoding="latin-1") as stream:
+        yield from iter(lambda: stream.readline(LONGEST_LINE), "")
 
 
 def located(uset: Any) -> dict[int, np.ndarray]:

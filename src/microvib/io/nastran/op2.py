@@ -14,6 +14,7 @@ from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight
 from microvib.model.deck import Deck, Import
 from microvib.model.modal import ModalError
+from microvib.model.modal_checks import check_clamped
 
 STILL = 1e-3
 """Relative; how much a clamped point may move in a mode (results come in single precision)."""
@@ -103,6 +104,7 @@ def _results(path: Path, data: dict[str, Any]) -> _Results:
             f"{path}: its table of eigenvalues (LAMA) is empty, or has generalised masses not greater than 0"
         )
     forces, shapes, basic = (data[kind] for kind in _VECTORS)
+    check_clamped(lama[:, 4], str(path))
     systems = {int(k): np.asarray(v, dtype=float) for k, v in (data.get("cstm2") or {}).items() if k > 0}
     free, weight = _named(data, "rbmass"), data.get("ogpwg")
     return _Results(

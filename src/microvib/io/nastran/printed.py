@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from microvib.io.nastran.library import lines_of
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.model.deck import ORIGIN, Deck, Import, Point
 from microvib.model.modal import ModalError
+from microvib.model.modal_checks import check_clamped
 
 MOST_ROWS = 20_000
 """Rows of a table; no modal analysis prints as many."""
@@ -108,6 +110,7 @@ def read_listing(path: Path, options: Import) -> Deck:
     frequency, generalised = eigenvalues[:, 4], eigenvalues[:, 5]
     if np.any(generalised <= 0.0):
         raise ModalError(f"{path}: has generalised masses that are not greater than 0: these are no natural modes")
+    check_clamped(frequency, str(path))
     free = _matrix(tables.last("free"))
     weight = _weight(tables)
     mass, notes = rigid_mass(str(path), Masses(free, tables.reference, weight, tables.weight_grid), {}, options.wtmass)
@@ -191,17 +194,14 @@ def _ansys(path: Path, tables: _Tables) -> Deck:
 
 
 def _tables(path: Path) -> _Tables:
-    with path.open(encoding="latin-1") as stream:
-        tables = _Tables()
-        _scan(stream, tables, str(path))
-        return tables
+    tables = _Tables()
+    _scan(lines_of(path), tables, str(path))
+    return tables
 
 
 def _scan(lines: Iterable[str], tables: _Tables, title: str) -> None:
     name = ""
     for line in lines:
-        if len(line) > 400:
-            continue  # no printed line is that long
         squeezed = line.replace(" ", "").strip().upper()
         fresh = _title(squeezed)
         if fresh:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from microvib.io.nastran.library import lines_of
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight, number
 from microvib.model.deck import Deck, Import
@@ -50,20 +51,19 @@ def _forces(path: Path) -> tuple[dict[int, float], dict[int, dict[int, list[floa
     eigenvalue: dict[int, float] = {}
     forces: dict[int, dict[int, list[float]]] = {}
     wanted, mode, grid = False, 0, 0
-    with path.open(encoding="latin-1") as stream:
-        for line in stream:
-            if line.startswith("$"):
-                found = _EIGENVALUE.match(line)
-                if found:
-                    mode = int(found[2])
-                    eigenvalue[mode] = number(found[1])
-                elif re.match(r"\$[A-Z]", line) and not re.match(r"\$(REAL|SUBCASE|LABEL|SUBTITLE|TITLE)", line):
-                    wanted, mode = line.startswith("$SPCF"), 0
-            elif wanted and mode:
-                values = [number(line[a:b]) for a, b in _FIELDS if line[a:b].strip()]
-                if not line.startswith("-CONT-"):
-                    grid = int(line[:10])
-                forces.setdefault(mode, {}).setdefault(grid, []).extend(values)
-                if len(forces) > MOST_MODES:
-                    raise ModalError(f"{path}: has more than {MOST_MODES} modes")
+    for line in lines_of(path):
+        if line.startswith("$"):
+            found = _EIGENVALUE.match(line)
+            if found:
+                mode = int(found[2])
+                eigenvalue[mode] = number(found[1])
+            elif re.match(r"\$[A-Z]", line) and not re.match(r"\$(REAL|SUBCASE|LABEL|SUBTITLE|TITLE)", line):
+                wanted, mode = line.startswith("$SPCF"), 0
+        elif wanted and mode:
+            values = [number(line[a:b]) for a, b in _FIELDS if line[a:b].strip()]
+            if not line.startswith("-CONT-"):
+                grid = int(line[:10])
+            forces.setdefault(mode, {}).setdefault(grid, []).extend(values)
+            if len(forces) > MOST_MODES:
+                raise ModalError(f"{path}: has more than {MOST_MODES} modes")
     return eigenvalue, forces
