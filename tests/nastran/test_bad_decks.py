@@ -121,10 +121,7 @@ def test_what_is_doubtful_is_said(deck):
     still = replace(deck, mass=np.diag(np.diag(deck.mass)), participation=0.1 * deck.participation)
     still.participation[4] = 1e-6
     said(modal_model(still, options(interface=[0, 0, 0])), "No mode moves about the drive axis")
-    flat = replace(
-        deck, mass=np.diag([0, 0, 20.0, 5.0, 5.0, 0]), participation=0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5]
-    )
-    flat = replace(flat, frequency=flat.frequency[:5])
+    flat = Deck("flat", deck.frequency[:5], 0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5], np.diag([0, 0, 20.0, 5.0, 5.0, 0]))
     said(modal_model(flat, options(interface=[0, 0, 0])), "no mass in Fx, Fy, Mz")
     uneven = replace(deck, mass=deck.mass + np.diag([9.0, 0, 0, 0, 0, 0]))
     said(modal_model(uneven, options(interface=[0, 0, 0])), "mass differs by direction")
@@ -197,6 +194,17 @@ def test_truncated_files_never_pass_for_whole_ones(tmp_path, frame, write_op2, w
                 continue
             np.testing.assert_allclose(model.frequency, whole.frequency)
             np.testing.assert_allclose(np.diag(model.mass), np.diag(whole.mass), rtol=1e-6)
+
+
+def test_punch_that_breaks_off(tmp_path, frame, write_f06):
+    lines = [f"{'$SPCF':80}", f"{'$EIGENVALUE =  2.0000000E+02  MODE =     1':80}"]
+    lines.append(f"{INTERFACE:10d}{'G':>8}{1.0:18.6E}{2.0:18.6E}{3.0:18.6E}{1:8d}")
+    (tmp_path / "a.pch").write_text("\n".join(lines))
+    write_f06(tmp_path / "run.f06", frame(), count=2)
+    refused(tmp_path / "a.pch", "has 1 modes, but participations .3, 1.", options(interface=list(HOME), mass="run.f06"))
+    refused(tmp_path / "a.pch", "give the F06 of the run")
+    refused(tmp_path / "a.pch", "forces of constraint are on grid 1001, not on 7", options(interface=7, mass="run.f06"))
+    refused(tmp_path / "a.pch", "no such file", options(mass="none.f06"))
 
 
 def test_listing_without_what_is_needed(tmp_path, frame, write_f06, write_ansys):

@@ -99,6 +99,14 @@ class Deck:
     """False where only magnitudes are known, as from a table of effective masses."""
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        s = self.frequency.size
+        if self.participation.shape != (6, s) or self.mass.shape != (6, 6):
+            raise ModalError(
+                f"{self.title}: has {s} modes, but participations {self.participation.shape} and mass {self.mass.shape}; six"
+                " directions of each mode and a 6 x 6 mass are wanted"
+            )
+
 
 def modal_model(deck: Deck, options: Import) -> ModalModel:
     """Modes at the interface point, in the interface frame, in SI; ModalError says what is wrong with the deck."""

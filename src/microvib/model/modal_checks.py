@@ -95,7 +95,7 @@ def _without_rounding(model: ModalModel) -> tuple[ModalModel, list[str]]:
 def _shares(model: ModalModel) -> list[str]:
     share = model.fraction.sum(axis=1)
     notes = []
-    low = [f"{DIRECTIONS[k]} {100.0 * share[k]:.3g} %" for k in range(6) if share[k] < ENOUGH]
+    low = [f"{DIRECTIONS[k]} {100.0 * share[k]:.1f} %" for k in range(6) if share[k] < ENOUGH]
     if low:
         notes.append(
             f"The {model.frequency.size} modes hold less than 90 % of the rigid-body mass in: {', '.join(low)}; more modes are"

@@ -198,12 +198,13 @@ def _from_forces(path: Path, results: _Results, forces: _Vectors, options: Impor
         raise ModalError(
             f"{path}: has forces of constraint for {forces.values.shape[1]} of {results.frequency.size} modes"
         )
-    rows = _places(results.uset, forces)
+    held = results.uset[results.uset.index.get_level_values(0).isin([i for i, _ in forces.rows])]
+    rows = _places(held, forces)
     if np.any(rows < 0):
         raise ModalError(f"{path}: has forces of constraint on points that are not in its geometry")
     eigenvalue = (2.0 * np.pi * results.frequency) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        P = -(rigid_motion(results.uset)[rows].T @ forces.values) / (eigenvalue * np.sqrt(results.generalised))
+        P = -(rigid_motion(held)[rows].T @ forces.values) / (eigenvalue * np.sqrt(results.generalised))
     masses = _masses(results, options, path)
     mass, notes = rigid_mass(
         str(path), Masses(None, whole=masses.whole, whole_grid=masses.whole_grid), results.grids, options.wtmass

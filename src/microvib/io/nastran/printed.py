@@ -33,6 +33,8 @@ _TITLES: tuple[tuple[str, str], ...] = (
     ("*****PARTICIPATIONFACTORCALCULATION*****", "ansys"),
 )
 """Titles without their spaces, the first that fits, and the table under them."""
+_MAYBE = re.compile("E I G E N|W E I G H T|MODAL|MASS MATRIX|PARTICIPATION")
+"""What a line with a title has; most lines of a listing have it not."""
 _ANSYS = ("X", "Y", "Z", "ROTX", "ROTY", "ROTZ")
 _COUNTED = ("eigenvalues", "factors", "effective", "fractions-T", "fractions-R", *(f"ansys-{d}" for d in _ANSYS))
 _WIDTHS = {
@@ -202,6 +204,8 @@ def _tables(path: Path) -> _Tables:
 def _scan(lines: Iterable[str], tables: _Tables, title: str) -> None:
     name = ""
     for line in lines:
+        if not name and not _MAYBE.search(line):
+            continue
         squeezed = line.replace(" ", "").strip().upper()
         fresh = _title(squeezed)
         if fresh:
