@@ -64,6 +64,8 @@ class Frame:
     consistent: bool = False
     local: bool = False
     """Whether one grid has an output coordinate system of its own."""
+    also: tuple[int, ...] = ()
+    """Further grids that are clamped."""
 
     @cached_property
     def scale(self):
@@ -150,7 +152,8 @@ class Frame:
     @cached_property
     def inside(self):
         held = np.zeros(6 * len(self.ids), bool)
-        held[self.rows(INTERFACE)] = not self.free
+        for grid in (INTERFACE, *self.also):
+            held[self.rows(grid)] = not self.free
         return ~held
 
     @cached_property
@@ -303,7 +306,7 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
         out = frame.output.T @ phi if basic else phi
         vectors("BOUGV1" if basic else "OUGV1", 7, out, frame.ids)
     if forces:
-        vectors("OQG1", 3, frame.forces(phi, f), [INTERFACE])
+        vectors("OQG1", 3, frame.forces(phi, f), sorted((INTERFACE, *frame.also)))
     if mass:
         o.matrix("MGG", frame.matrices[1])
     if factors:
@@ -351,7 +354,7 @@ def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions")
     out = ["1", "  M S C   N a s t r a n", " EXAMPLE OF A LISTING"]
     if echo:
         out += [
-            " 0        C A S E    C O N T R O L    E C H O",
+            "0        C A S E    C O N T R O L    E C H O",
             "   2      MEFFMASS(ALL)=YES",
             "  3     SUBTITLE = REAL EIGENVALUES",
         ]
@@ -451,12 +454,7 @@ def ansys(path, frame, *, count=None, mass=True, directions=("X", "Y", "Z", "ROT
             f"                                                | {''.join(f'{v:14.8G}' for v in W[k, 3:])}"
             for k in (3, 4, 5)
         ]
-        out += [
-            "",
-            f"   TOTAL MASS =  {W[0, 0]:.5G}",
-            "     The mass principal axes coincide with the global Cartesian axes",
-            "",
-        ]
+        out += ["", f"   TOTAL MASS =  {W[0, 0]:.5G}", "     The mass principal axes coincide with the global axes", ""]
     for name in directions:
         k = ("X", "Y", "Z", "ROTX", "ROTY", "ROTZ").index(name)
         what = f"  {name}  " if len(name) == 1 else f"{name} "

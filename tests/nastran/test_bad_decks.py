@@ -121,7 +121,9 @@ def test_what_is_doubtful_is_said(deck):
     still = replace(deck, mass=np.diag(np.diag(deck.mass)), participation=0.1 * deck.participation)
     still.participation[4] = 1e-6
     said(modal_model(still, options(interface=[0, 0, 0])), "No mode moves about the drive axis")
-    flat = Deck("flat", deck.frequency[:5], 0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5], np.diag([0, 0, 20.0, 5.0, 5.0, 0]))
+    flat = Deck(
+        "flat", deck.frequency[:5], 0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5], np.diag([0, 0, 20.0, 5.0, 5.0, 0])
+    )
     said(modal_model(flat, options(interface=[0, 0, 0])), "no mass in Fx, Fy, Mz")
     uneven = replace(deck, mass=deck.mass + np.diag([9.0, 0, 0, 0, 0, 0]))
     said(modal_model(uneven, options(interface=[0, 0, 0])), "mass differs by direction")
@@ -168,6 +170,11 @@ def test_op2_without_what_is_needed(tmp_path, frame, write_op2):
     refused(write_op2(tmp_path / "f.op2", deck, count=4, weight=False), "no rigid-body mass")
     refused(write_op2(tmp_path / "g.op2", deck, count=4), "grid 99 is not in the model", options(interface=99))
     refused(write_op2(tmp_path / "h.op2", deck, count=4, mass=True), "grid 7 moves in mode", options(interface=7))
+
+
+def test_model_that_is_held_elsewhere(tmp_path, frame, write_op2):
+    path = write_op2(tmp_path / "a.op2", frame(also=(31,)), count=4)
+    refused(path, "grid 31 is held, too .1 grids beside 1001.")
 
 
 def test_mass_matrix_of_another_model(tmp_path, frame, write_op2):

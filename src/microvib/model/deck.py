@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from microvib.model.modal import ModalError, ModalModel
-from microvib.model.modal_checks import check_deck, check_model
+from microvib.model.modal_checks import check_deck, check_mass, with_findings
 from microvib.model.part import Part
 from microvib.units import Quantity
 
@@ -48,7 +48,7 @@ class Import(Part):
     damping: Annotated[
         float, Quantity("", "modal damping ratio, of all modes", "xi", ge=0, le=0.99, display="percent")
     ] = Field(default=0.01, description="modal damping ratio from 0 to 99 percent")
-    modes: int | None = Field(default=None, ge=0, le=2000, description="how many modes to keep, from 0 to 2000")
+    modes: int | None = Field(default=None, ge=1, le=2000, description="how many modes to keep, from 1 to 2000")
     mass: str | None = Field(
         default=None, description="a second file: OP4 with the mass matrix, or F06 with the grid point weight generator"
     )
@@ -128,10 +128,10 @@ def modal_model(deck: Deck, options: Import) -> ModalModel:
     notes = (*deck.notes, _frame_note(deck, options))
     xi = np.full(order.size, options.damping)
     model = ModalModel(deck.frequency[order], xi, participation[:, order], mass, axis, deck.title, notes)
-    model = check_model(model, options.units)
-    if options.modes is not None and options.modes > model.frequency.size:
-        raise ModalError(f"{deck.title}: has {model.frequency.size} modes; {options.modes} are asked for")
-    return model if options.modes is None else model.first(options.modes)
+    count = order.size if options.modes is None else options.modes
+    if count > order.size:
+        raise ModalError(f"{deck.title}: has {order.size} modes; {count} are asked for")
+    return with_findings(check_mass(model).first(count), options.units)
 
 
 def _shift(deck: Deck, options: Import) -> np.ndarray:

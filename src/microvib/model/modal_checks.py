@@ -60,19 +60,15 @@ def check_clamped(frequency: np.ndarray, title: str) -> None:
     )
 
 
-def check_model(model: ModalModel, units: str) -> ModalModel:
-    """The model with the findings in its notes; ModalError where modes and mass cannot belong together."""
+def check_mass(model: ModalModel) -> ModalModel:
+    """The model, freed of rounding; ModalError where its modes and its mass cannot belong together.
+
+    What is left of the rigid-body mass when the modes are taken out must be a mass.
+    """
     if model.inertia <= 0.0:
         raise ModalError(
             f"{model.title}: has no moment of inertia about the drive axis ({model.drive_axis}); is the drive axis right?"
         )
-    model, rounded = _without_rounding(model)
-    notes = [*model.notes, *rounded, *_shares(model), *_rigid_body(model), *_plausible(model, units)]
-    return replace(model, notes=tuple(notes))
-
-
-def _without_rounding(model: ModalModel) -> tuple[ModalModel, list[str]]:
-    """What is left of the mass when the modes are taken out must be a mass; rounding may have taken a little too much."""
     size = np.sqrt(np.where(np.diag(model.mass) > 0.0, np.diag(model.mass), 1.0))
     rest = (model.mass - model.participation @ model.participation.T) / np.outer(size, size)
     over = float(-np.linalg.eigvalsh(rest).min())
@@ -85,11 +81,16 @@ def _without_rounding(model: ModalModel) -> tuple[ModalModel, list[str]]:
             " normalisation do not belong together"
         )
     if over <= SLACK:
-        return model, []
-    shrunk = replace(model, participation=model.participation * np.sqrt(1.0 / (1.0 + over)))
-    return shrunk, [
+        return model
+    said = (
         f"Participations were lowered by {over / 2:.1g} of their value: rounding had made them hold more than all mass."
-    ]
+    )
+    return replace(model, participation=model.participation / np.sqrt(1.0 + over), notes=(*model.notes, said))
+
+
+def with_findings(model: ModalModel, units: str) -> ModalModel:
+    """The model with what is doubtful in its notes."""
+    return replace(model, notes=(*model.notes, *_shares(model), *_rigid_body(model), *_plausible(model, units)))
 
 
 def _shares(model: ModalModel) -> list[str]:

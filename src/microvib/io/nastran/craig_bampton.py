@@ -17,6 +17,8 @@ LARGEST_MATRIX = 1_000_000_000
 MASS_MATRICES = ("mgg", "maa", "maax", "mxx")
 PAIRS = (("kaa", "maa"), ("kaax", "maax"), ("kxx", "mxx"))
 SHAPES, RIGID = ("phg", "phig", "phix", "phia", "ugv"), ("rbg", "rbm", "rbglob", "rg")
+ORTHOGONAL = 0.02
+"""Relative; what may be left of phi^T M phi off its diagonal (shapes come in single precision)."""
 GROUNDED = 0.1
 """Ratio to the first fixed-interface frequency of the frequencies that a free model has on its boundary."""
 
@@ -74,14 +76,23 @@ def _from_full(path: Path, phi: Any, R: Any, M: Any, K: Any, options: Import) ->
         raise ModalError(
             f"{path}: shapes {phi.shape}, rigid-body motions {R.shape}, mass {M.shape}, stiffness {K.shape} do not fit"
         )
-    own = np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
-    phi = phi / own
-    off = float(np.abs(phi.T @ (M @ phi) - np.eye(own.size)).max())
-    if not off < 0.02:
-        raise ModalError(f"{path}: mode shapes are not orthogonal in the mass matrix (up to {off:.2g})")
+    phi = normalised(path, phi, M)[0]
     eigenvalue = np.einsum("ij,ij->j", phi, K @ phi)
     frequency = np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
     return Deck(str(path), frequency, R.T @ (M @ phi), R.T @ (M @ R), options.reference)
+
+
+def normalised(path: Path, phi: np.ndarray, M: Any) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mass-normalised shapes (n, s), the roots of their generalised masses (s,), and what is off the diagonal of phi^T M phi."""
+    own = np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
+    phi = phi / own
+    off = float(np.abs(phi.T @ (M @ phi) - np.eye(own.size)).max())
+    if not off < ORTHOGONAL:
+        raise ModalError(
+            f"{path}: mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it is another model's, or in other"
+            " units"
+        )
+    return phi, own, off
 
 
 def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
@@ -106,7 +117,10 @@ def _with_geometry(path: Path, K: Any, M: Any, uset: Any, boundary: np.ndarray) 
             f"{path}: stiffness is {K.shape}, but the geometry beside it has {len(uset)} degrees of freedom"
         )
     points = uset[boundary]
-    R, grids = rigid_motion(points), located(points)
+    return _tied(path, K, M, boundary, rigid_motion(points), located(points))
+
+
+def _tied(path: Path, K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, grids: dict[int, np.ndarray]) -> Deck:
     said = () if len(grids) == 1 else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
     return _fixed(path, K, M, boundary, R, ORIGIN, grids, said)
 
@@ -186,6 +200,4 @@ def read_dmig(path: Path, options: Import) -> Deck:
         raise ModalError(f"{path}: has no GRID entry of boundary grid {missing[0][0]}")
     whole = uset.loc[sorted({i for i, _ in index[boundary]})]
     rigid = rigid_motion(whole)[whole.index.get_indexer(index[boundary])]
-    grids = located(whole)
-    said = () if len(grids) == 1 else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
-    return _fixed(path, K, M, boundary, rigid, ORIGIN, grids, said)
+    return _tied(path, K, M, boundary, rigid, located(whole))

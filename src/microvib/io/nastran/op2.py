@@ -8,18 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.nastran.craig_bampton import LARGEST_MATRIX, MASS_MATRICES, matrices
+from microvib.io.nastran.craig_bampton import LARGEST_MATRIX, MASS_MATRICES, matrices, normalised
 from microvib.io.nastran.library import library, located, rigid_motion
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight
+from microvib.io.nastran.vectors import Vectors, places_of, read_vectors
 from microvib.model.deck import Deck, Import
 from microvib.model.modal import ModalError
 from microvib.model.modal_checks import check_clamped
 
 STILL = 1e-3
 """Relative; how much a clamped point may move in a mode (results come in single precision)."""
-ORTHOGONAL = 0.02
-"""Relative; what may be left of phi^T M phi off its diagonal."""
 
 
 def read_op2(path: Path, options: Import) -> Deck:
@@ -45,14 +44,14 @@ def read_op2(path: Path, options: Import) -> Deck:
 
 @dataclass(frozen=True)
 class _Results:
-    """Data blocks of an OP2 file that matter; tables as pandas frames with rows (id, direction)."""
+    """Data blocks of an OP2 file that matter; ``uset`` is the library's table of degrees of freedom."""
 
     frequency: np.ndarray
     generalised: np.ndarray
     uset: Any = None
-    shapes: _Vectors | None = None
+    shapes: Vectors | None = None
     shapes_basic: bool = False
-    forces: _Vectors | None = None
+    forces: Vectors | None = None
     matrix: Any = None
     factors: np.ndarray | None = None
     masses: Masses = field(default_factory=Masses)
@@ -63,6 +62,8 @@ class _Results:
         return {} if self.uset is None else located(self.uset)
 
 
+_VECTORS = {"forces": ("OQG",), "shapes": ("OUG", "OPHIG"), "basic": ("BOUG", "BOPHIG")}
+"""How the names of blocks of grid point vectors start; those in the basic frame start with B."""
 _WORDS = {b"\x04\0\0\0": "<4", b"\0\0\0\x04": ">4", b"\x08\0\0\0": "<8", b"\0\0\0\x08": ">8"}
 """Byte order and bytes of a word, by the first record's length."""
 
@@ -73,19 +74,7 @@ def _read(path: Path) -> _Results:
     if word is None:
         raise ModalError(f"{path}: is no OP2; such a file starts with a record of 4 or 8 bytes")
     with library("op2").OP2(str(path)) as file:
-        names = {name.upper() for name in file.dbdct}
-        if not any(name.startswith("LAMA") for name in names):
-            raise ModalError(
-                f"{path}: has no table of eigenvalues (LAMA); it holds {', '.join(sorted(names)[:12]) or 'nothing'}; a run of SOL"
-                " 103 with PARAM,POST,-1 is wanted"
-            )
-        wanted = [n for n in names if n.lower() in MASS_MATRICES or n.startswith(("MPFACS", "RBMASS"))]
-        for name in wanted:
-            rows, columns = file.dbdct[name][-1].size
-            if 8 * rows * columns > LARGEST_MATRIX:
-                raise ModalError(
-                    f"{path}: {name} is {rows} x {columns}, too large; give it as OP4, or use SPCFORCES(PLOT)=ALL"
-                )
+        wanted = _wanted(path, file)
         data: dict[str, Any] = file.rdparampost(get_mats=wanted or False, get_dr_tables=False)
         if data.get("ogpwg"):
             file.set_position("OGPWG")
@@ -93,8 +82,26 @@ def _read(path: Path) -> _Results:
             data["gpwg_grid"] = int(file.rdop2record("int")[2])
         for kind, starts in _VECTORS.items():
             name = next((n for start in starts for n in file.dbdct if n.upper().startswith(start)), None)
-            data[kind] = None if name is None else _vectors(path, file, name, word)
+            data[kind] = None if name is None else read_vectors(path, file, name, word)
     return _results(path, data)
+
+
+def _wanted(path: Path, file: Any) -> list[str]:
+    """Names of the matrices to read, where they are not too large."""
+    names = {name.upper() for name in file.dbdct}
+    if not any(name.startswith("LAMA") for name in names):
+        raise ModalError(
+            f"{path}: has no table of eigenvalues (LAMA); it holds {', '.join(sorted(names)[:12]) or 'nothing'}; a run of SOL 103"
+            " with PARAM,POST,-1 is wanted"
+        )
+    wanted = [n for n in names if n.lower() in MASS_MATRICES or n.startswith(("MPFACS", "RBMASS"))]
+    for name in wanted:
+        rows, columns = file.dbdct[name][-1].size
+        if 8 * rows * columns > LARGEST_MATRIX:
+            raise ModalError(
+                f"{path}: {name} is {rows} x {columns}, too large; give it as OP4, or use SPCFORCES(PLOT)=ALL"
+            )
+    return wanted
 
 
 def _results(path: Path, data: dict[str, Any]) -> _Results:
@@ -118,55 +125,12 @@ def _results(path: Path, data: dict[str, Any]) -> _Results:
     )  # fmt: skip
 
 
-_VECTORS = {"forces": ("OQG",), "shapes": ("OUG", "OPHIG"), "basic": ("BOUG", "BOPHIG")}
-
-
-@dataclass(frozen=True)
-class _Vectors:
-    """Grid point results of the modes: (id, direction) of the rows, direction 0 for scalar points, and values (n, s)."""
-
-    rows: list[tuple[int, int]]
-    values: np.ndarray
-
-
-def _vectors(path: Path, file: Any, name: str, word: str) -> _Vectors | None:
-    """Real eigenvectors or forces of constraint; None where the block holds other results."""
-    row = np.dtype([("key", f"{word[0]}i{word[1]}", 2), ("value", f"{word[0]}f{word[1]}", 6)])
-    file.set_position(name)
-    file.rdop2nt()
-    columns: list[np.ndarray] = []
-    keys: np.ndarray = np.empty((0, 2), dtype=int)
-    while (ident := file.rdop2record("int")) is not None:
-        data = file.rdop2record("bytes")
-        if ident[0] // 10 != 2 or ident[9] != 8 or len(data) % row.itemsize:
-            return None  # no real modes, or a wide format
-        table = np.frombuffer(data, row)
-        if columns and not np.array_equal(table["key"], keys):
-            raise ModalError(f"{path}: {name} has other points in mode {len(columns) + 1} than before")
-        keys = table["key"]
-        columns.append(table["value"])
-    if not columns:
-        return None
-    grid = np.repeat(keys[:, 1] == 1, 6)
-    direction = np.tile(np.arange(1, 7), len(keys))
-    kept = grid | (direction == 1)
-    ids = np.repeat(keys[:, 0] // 10, 6)
-    rows = [(int(i), int(d)) for i, d in zip(ids[kept], np.where(grid, direction, 0)[kept], strict=True)]
-    return _Vectors(rows, np.array([c.ravel()[kept] for c in columns], dtype=float).T)
-
-
 def _named(data: dict[str, Any], *starts: str) -> Any:
     for start in starts:
         for key, value in data.items():
             if key.startswith(start) and value is not None and value.shape[0]:
                 return value
     return None
-
-
-def _places(uset: Any, vectors: _Vectors) -> np.ndarray:
-    """Rows of the table of degrees of freedom where the rows of the results are; -1 where they are not."""
-    order = {(int(i), int(d)): k for k, (i, d) in enumerate(uset.index)}
-    return np.array([order.get(row, -1) for row in vectors.rows])
 
 
 def _masses(results: _Results, options: Import, path: Path) -> Masses:
@@ -192,16 +156,17 @@ def _from_factors(path: Path, results: _Results, options: Import) -> Deck:
     )  # fmt: skip
 
 
-def _from_forces(path: Path, results: _Results, forces: _Vectors, options: Import) -> Deck:
+def _from_forces(path: Path, results: _Results, forces: Vectors, options: Import) -> Deck:
     """Rigid-body sum of the forces of constraint is -lambda times the participation, for any mass matrix (Eq. 13)."""
     if forces.values.shape[1] != results.frequency.size:
         raise ModalError(
             f"{path}: has forces of constraint for {forces.values.shape[1]} of {results.frequency.size} modes"
         )
     held = results.uset[results.uset.index.get_level_values(0).isin([i for i, _ in forces.rows])]
-    rows = _places(held, forces)
+    rows = places_of(held, forces)
     if np.any(rows < 0):
         raise ModalError(f"{path}: has forces of constraint on points that are not in its geometry")
+    _check_held(path, forces, options)
     eigenvalue = (2.0 * np.pi * results.frequency) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         P = -(rigid_motion(held)[rows].T @ forces.values) / (eigenvalue * np.sqrt(results.generalised))
@@ -215,6 +180,19 @@ def _from_forces(path: Path, results: _Results, forces: _Vectors, options: Impor
     )
 
 
+def _check_held(path: Path, forces: Vectors, options: Import) -> None:
+    """Nothing but the interface point may hold the model; where it is no grid, all clamped grids are the interface."""
+    ids, size = np.array([i for i, _ in forces.rows]), np.abs(forces.values).max(axis=1)
+    if not isinstance(options.interface, int) or options.interface not in ids:
+        return  # several clamped grids are the interface together
+    others = sorted(set(ids[(ids != options.interface) & (size > STILL * size.max())].tolist()))
+    if others:
+        raise ModalError(
+            f"{path}: grid {others[0]} is held, too ({len(others)} grids beside {options.interface}); modes with nothing but the"
+            " interface clamped are wanted, and where that is several grids, its coordinates"
+        )
+
+
 def _from_shapes(path: Path, results: _Results, matrix: Any, options: Import) -> Deck:
     phi, R = _shapes(path, results), rigid_motion(results.uset)
     if matrix.shape != (R.shape[0], R.shape[0]):
@@ -223,20 +201,13 @@ def _from_shapes(path: Path, results: _Results, matrix: Any, options: Import) ->
         )
     if isinstance(options.interface, int):
         _check_still(path, phi, results, options.interface)
-    modal = phi.T @ (matrix @ phi)
-    own = np.sqrt(np.diag(modal))
-    off = float(np.abs(modal / np.outer(own, own) - np.eye(own.size)).max())
-    if off > ORTHOGONAL:
-        raise ModalError(
-            f"{path}: eigenvectors are not orthogonal in the mass matrix (up to {off:.2g}): it is another model's, or in other"
-            " units"
-        )
+    phi, own, off = normalised(path, phi, matrix)
     notes = [f"Participations are phi^T M R of the G-set; eigenvectors are orthogonal in M to {off:.1g}."]
     if np.abs(own - 1.0).max() > 1e-3:
         notes.append("The eigenvectors were not mass-normalised; they have been.")
     mass = R.T @ (matrix @ R)
     return Deck(
-        str(path), results.frequency, R.T @ (matrix @ phi) / own, mass,
+        str(path), results.frequency, R.T @ (matrix @ phi), mass,
         grids=results.grids, frames=results.frames or {}, notes=(*notes, *_against_weight(mass, results, options)),
     )  # fmt: skip
 
@@ -258,7 +229,7 @@ def _shapes(path: Path, results: _Results) -> np.ndarray:
     shapes, index = results.shapes, results.uset.index
     if shapes is None:
         raise ModalError(f"{path}: has no eigenvectors (OUG); add DISPLACEMENT(PLOT)=ALL to its case control")
-    places = _places(results.uset, shapes)
+    places = places_of(results.uset, shapes)
     missing = len(index) - np.unique(places[places >= 0]).size
     if missing or shapes.values.shape[1] != results.frequency.size:
         raise ModalError(

@@ -43,17 +43,8 @@ _WIDTHS = {
 }  # fmt: skip
 """Numbers in a row of each table, where they are not mode, frequency and six values."""
 _WITHIN = (
-    "MODE",
-    "NO.",
-    "REFERENCE",
-    "DEGREESOFFREEDOM",
-    "MO",
-    "(FOR",
-    "TOTAL",
-    "T1",
-    "CUMULATIVE",
-    "TRANSLATIONALMASS",
-)
+    "MODE", "NO.", "REFERENCE", "DEGREESOFFREEDOM", "MO", "(FOR", "TOTAL", "T1", "CUMULATIVE", "TRANSLATIONALMASS",
+)  # fmt: skip
 """How lines within a table start that are no rows of it, without spaces."""
 
 
