@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from microvib.io.nastran import read_modal_model
+from microvib.io.nastran.vectors import read_vectors
 from microvib.model.deck import Deck, import_options, modal_model
 from microvib.model.modal import ModalError
 
@@ -274,6 +275,16 @@ def test_real_free_model_is_refused():
         read_modal_model(genuine("nas2cam_extseout/full.op2"), options("mm-t-s", 3))
     with pytest.raises(ModalError, match="of 18 modes are rigid-body modes"):
         read_modal_model(genuine("nastran_op2_data/rdop2gpwg_1.op2"), options("SI", 1))
+
+
+def test_vectors_of_a_real_file_are_those_that_the_library_reads():
+    op2 = pytest.importorskip("pyyeti.nastran.op2")
+    path = genuine("nas2cam_extseout/full.op2")
+    with op2.OP2(str(path)) as file:
+        ours = read_vectors(path, file, "OUGV1", "<4")
+        theirs = file.rdop2oug("OUGV1")
+    assert ours.rows == [tuple(row) for row in theirs.index]
+    np.testing.assert_array_equal(ours.values, theirs.to_numpy())
 
 
 def test_real_superelement_has_the_mass_that_its_listing_prints():

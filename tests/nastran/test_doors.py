@@ -38,7 +38,8 @@ def test_a_scenario_takes_its_array_from_a_deck(scenario, frame):
     np.testing.assert_allclose([m.frequency for m in loaded.array.modes], frequency[:5], rtol=1e-6)
     np.testing.assert_allclose(np.abs(loaded.array.H), np.abs(P[4, :5]), rtol=1e-5, atol=1e-5)
     assert loaded.array.modes[0].damping == pytest.approx(0.005)
-    assert loaded.source_of("array.inertia").startswith("model.op2 Participations are the forces of constraint")
+    assert loaded.source_of("array.inertia").startswith("model.op2. Participations are the forces of constraint")
+    assert loaded.source_of("array.modes.0.frequency") == "model.op2"
 
 
 @pytest.mark.parametrize(

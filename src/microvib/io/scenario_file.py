@@ -76,8 +76,10 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     source = folder / str(group["from"])
     model = _table(source, group, origin) if source.suffix.lower() == ".csv" else _imported(source, group, origin)
     array = _plain(model.array(), None)
-    sources = {**(data.get("sources") or {}), "array": " ".join([f"{group['from']}", *model.notes])}
-    sources = {key: text for key, text in sources.items() if not key.startswith("array.")}
+    sources = {key: text for key, text in (data.get("sources") or {}).items() if not key.startswith("array.")}
+    sources["array"] = f"{group['from']}"
+    if model.notes:
+        sources["array.inertia"] = " ".join([f"{group['from']}.", *model.notes])  # once, not at each mode
     return {**data, "array": _without_empty(array), "sources": sources}
 
 
