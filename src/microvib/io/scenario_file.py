@@ -84,11 +84,24 @@ ARRAY_ORIGINS = ("from",)
 def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
     """Scenario data with ``array: {from: FILE}`` replaced by the modes of that file (relative to ``folder``).
 
-    ``modes: N`` keeps the first N of them, ``damping`` replaces their damping ratios. Raises ScenarioError.
+    ``modes: N`` keeps the first N of them, ``damping`` replaces their damping ratios; beside results of a finite-element
+    program stand the keys of ``Import``. Raises ScenarioError or ModalError.
     """
     group = data.get("array")
     if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
         return data
+    source = folder / str(group["from"])
+    model = _table(source, group, origin) if source.suffix.lower() == ".csv" else _imported(source, group, origin)
+    array = _plain(model.array(), None)
+    sources = {key: text for key, text in (data.get("sources") or {}).items() if not key.startswith("array.")}
+    sources["array"] = f"{group['from']}"
+    if model.notes:
+        sources["array.inertia"] = " ".join([f"{group['from']}.", *model.notes])  # once, not at each mode
+    return {**data, "array": _without_empty(array), "sources": sources}
+
+
+def _table(source: Path, group: dict[str, Any], origin: str) -> ModalModel:
+    """Modes of a table, with the number and the damping that the scenario asks for."""
     from microvib.io.modal_table import read_modes
 
     unknown = [key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping")]
@@ -97,11 +110,17 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
             f"{origin}: array.{unknown[0]}: does not go with array.from, which brings the modes; allowed beside it are modes"
             " (how many) and damping"
         )
-    model = read_modes(folder / str(group["from"]))
-    array = _plain(_damped(model.first(_count(group, model.frequency.size, origin)), group, origin).array(), None)
-    sources = {**(data.get("sources") or {}), "array": f"{group['from']}"}
-    sources = {key: text for key, text in sources.items() if not key.startswith("array.")}
-    return {**data, "array": _without_empty(array), "sources": sources}
+    model = read_modes(source)
+    return _damped(model.first(_count(group, model.frequency.size, origin)), group, origin)
+
+
+def _imported(source: Path, group: dict[str, Any], origin: str) -> ModalModel:
+    """Modes of a finite-element program's results, understood as the scenario says."""
+    from microvib.io.nastran import read_modal_model
+    from microvib.model.deck import import_options
+
+    said = {key: value for key, value in group.items() if key not in ARRAY_ORIGINS}
+    return read_modal_model(source, import_options(said, f"{origin}: array"))
 
 
 def _count(group: dict[str, Any], available: int, origin: str) -> int:

@@ -1,0 +1,203 @@
+"""Matrices of other people's finite elements: Craig-Bampton models in OP4 and in punched DMIG, mode shapes with mass in OP4."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.io.nastran.library import library, lines_of, located, rigid_motion
+from microvib.io.nastran.punched import read_punched
+from microvib.model.deck import ORIGIN, Deck, Import, Point
+from microvib.model.modal import ModalError
+
+LARGEST_MATRIX = 1_000_000_000
+"""Bytes of the largest matrix that is read into memory in full."""
+MASS_MATRICES = ("mgg", "maa", "maax", "mxx")
+PAIRS = (("kaa", "maa"), ("kaax", "maax"), ("kxx", "mxx"))
+SHAPES, RIGID = ("phg", "phig", "phix", "phia", "ugv"), ("rbg", "rbm", "rbglob", "rg")
+ORTHOGONAL = 0.02
+"""Relative; what may be left of phi^T M phi off its diagonal (shapes come in single precision)."""
+GROUNDED = 0.1
+"""Ratio to the first fixed-interface frequency of the frequencies that a free model has on its boundary."""
+
+
+def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str, Any]:
+    """Those of the named matrices that an OP4 file (binary or text) has, by lower-case name; large ones sparse, unless ``full``."""
+    if not path.is_file():
+        raise ModalError(f"{path}: cannot be read: no such file")
+    op4 = library("op4")
+    present, sizes, _, _ = op4.dir(str(path), verbose=False)
+    if not present:
+        raise ModalError(f"{path}: is no OP4, or has no matrices")
+    wanted = [name for name in names if name in present]
+    if not wanted:
+        return {}
+    large = [
+        f"{name.upper()} ({rows} x {columns})"
+        for name, (rows, columns) in zip(present, sizes, strict=True)
+        if name in wanted and 8 * abs(rows) * abs(columns) > LARGEST_MATRIX
+    ]
+    if large and full:
+        raise ModalError(
+            f"{path}: {', '.join(large)} is too large; at most {LARGEST_MATRIX / 1e9:g} GB are read into memory"
+        )
+    found = op4.read(str(path), wanted, sparse=bool(large))
+    return {name: found[name] for name in wanted}
+
+
+def read_op4(path: Path, options: Import) -> Deck:
+    """A Craig-Bampton model (KAA and MAA, or KXX and MXX of EXTSEOUT), or mode shapes with mass and rigid-body motions."""
+    present = library("op4").dir(str(path), verbose=False)[0]
+    for pair in PAIRS:
+        if all(name in present for name in pair):
+            found = matrices(path, pair, full=True)
+            return _from_reduced(path, found[pair[0]], found[pair[1]], options)
+    shapes = next((name for name in SHAPES if name in present), None)
+    rigid = next((name for name in RIGID if name in present), None)
+    mass = next((name for name in MASS_MATRICES if name in present), None)
+    stiffness = "k" + mass[1:] if mass else None
+    if shapes is None or rigid is None or stiffness not in present or mass is None:
+        raise ModalError(
+            f"{path}: holds {', '.join(present[:12]).upper() or 'no matrices'}; wanted are KAA and MAA (or KXX and MXX, KAAX and"
+            f" MAAX) of a Craig-Bampton model, or mode shapes ({', '.join(SHAPES).upper()}) with MGG, KGG and the six rigid-body"
+            f" motions ({', '.join(RIGID).upper()})"
+        )
+    found = matrices(path, (shapes, rigid, mass, str(stiffness)))
+    return _from_full(path, found[shapes], found[rigid], found[mass], found[str(stiffness)], options)
+
+
+def _from_full(path: Path, phi: Any, R: Any, M: Any, K: Any, options: Import) -> Deck:
+    """Modes from shapes, rigid-body motions about ``options.reference``, mass and stiffness of one set."""
+    phi, R = (x.toarray() if hasattr(x, "toarray") else np.asarray(x) for x in (phi, R))
+    n = phi.shape[0]
+    if R.shape != (n, 6) or M.shape != (n, n) or K.shape != (n, n):
+        raise ModalError(
+            f"{path}: shapes {phi.shape}, rigid-body motions {R.shape}, mass {M.shape}, stiffness {K.shape} do not fit"
+        )
+    phi = normalised(path, phi, M)[0]
+    eigenvalue = np.einsum("ij,ij->j", phi, K @ phi)
+    frequency = np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
+    return Deck(str(path), frequency, R.T @ (M @ phi), R.T @ (M @ R), options.reference)
+
+
+def normalised(path: Path, phi: np.ndarray, M: Any) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mass-normalised shapes (n, s), the roots of their generalised masses (s,), and what is off the diagonal of phi^T M phi."""
+    own = np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
+    phi = phi / own
+    off = float(np.abs(phi.T @ (M @ phi) - np.eye(own.size)).max())
+    if not off < ORTHOGONAL:
+        raise ModalError(
+            f"{path}: mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it is another model's, or in other"
+            " units"
+        )
+    return phi, own, off
+
+
+def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
+    """OP4 with the geometry of EXTSEOUT beside it, or with a boundary of one point, the interface."""
+    for name in (path.with_suffix(".asm"), path.with_suffix(".pch")):
+        if name.is_file():
+            uset, _, boundary = library("bulk").asm2uset(str(name))
+            return _with_geometry(path, K, M, uset, boundary)
+    if not isinstance(options.interface, int):
+        raise ModalError(
+            f"{path}: has no geometry; give the interface as the id of the boundary grid, or put the .asm or .pch file of"
+            " EXTSEOUT beside it"
+        )
+    boundary = _boundary_of_six(path, K, M)
+    said = "The boundary is taken to be the interface point, in axes of the basic frame."
+    return _fixed(path, K, M, boundary, np.eye(6), options.interface, {}, (said,))
+
+
+def _with_geometry(path: Path, K: Any, M: Any, uset: Any, boundary: np.ndarray) -> Deck:
+    if K.shape != (len(uset), len(uset)):
+        raise ModalError(
+            f"{path}: stiffness is {K.shape}, but the geometry beside it has {len(uset)} degrees of freedom"
+        )
+    points = uset[boundary]
+    return _tied(path, K, M, boundary, rigid_motion(points), located(points))
+
+
+def _tied(path: Path, K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, grids: dict[int, np.ndarray]) -> Deck:
+    said = () if len(grids) == 1 else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
+    return _fixed(path, K, M, boundary, R, ORIGIN, grids, said)
+
+
+def _boundary_of_six(path: Path, K: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """First or last six degrees of freedom, whichever leaves uncoupled modes of unit mass."""
+    n = len(K)
+    for boundary in (np.arange(n) < 6, np.arange(n) >= n - 6):
+        modal, unit = K[np.ix_(~boundary, ~boundary)], M[np.ix_(~boundary, ~boundary)]
+        if n > 6 and _diagonal(modal) and _diagonal(unit) and np.allclose(np.diag(unit), 1.0, rtol=1e-3):
+            return boundary
+    raise ModalError(
+        f"{path}: neither the first nor the last six of {n} degrees of freedom are a boundary beside mass-normalised modes; put"
+        " the .asm or .pch file of EXTSEOUT beside it"
+    )
+
+
+def _diagonal(A: np.ndarray) -> bool:
+    return bool(np.abs(A - np.diag(np.diag(A))).max() <= 1e-4 * np.abs(A).max())
+
+
+def _fixed(
+    path: Path, K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, reference: int | Point,
+    grids: dict[int, np.ndarray], notes: tuple[str, ...],
+) -> Deck:  # fmt: skip
+    """Fixed-interface modes and participation M_bq of a Craig-Bampton model; ``R`` (b, 6) moves its boundary rigidly."""
+    from scipy.linalg import LinAlgError, eigh
+
+    for name, A in (("stiffness", K), ("mass", M)):
+        if np.abs(A - A.T).max() > 1e-6 * np.abs(A).max():
+            raise ModalError(f"{path}: its {name} matrix is not symmetric")
+    inner = ~boundary
+    K_qq, M_qq, M_bq = K[np.ix_(inner, inner)], M[np.ix_(inner, inner)], M[np.ix_(boundary, inner)]
+    if not inner.any():
+        raise ModalError(f"{path}: has a boundary, but no modes")
+    if np.abs(K[np.ix_(boundary, inner)]).max() > 1e-3 * np.abs(K_qq).max():
+        raise ModalError(f"{path}: stiffness couples boundary and modes: this is no model with fixed-interface modes")
+    try:
+        eigenvalue, phi = eigh(K_qq, M_qq)
+    except LinAlgError:
+        raise ModalError(f"{path}: its modal mass matrix is not positive definite") from None
+    frequency = np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
+    mass = R.T @ M[np.ix_(boundary, boundary)] @ R
+    _check_free(path, R.T @ K[np.ix_(boundary, boundary)] @ R, mass, float(frequency[0]))
+    return Deck(str(path), frequency, R.T @ M_bq @ phi, mass, reference, grids, notes=notes)
+
+
+def _check_free(path: Path, stiffness: np.ndarray, mass: np.ndarray, first: float) -> None:
+    """Moved rigidly at its boundary, nothing may hold the model elsewhere."""
+    size = np.sqrt(np.maximum(np.diag(mass), 1e-300))
+    held = np.linalg.eigvalsh(stiffness / np.outer(size, size)).max()
+    frequency = float(np.sqrt(max(held, 0.0))) / (2.0 * np.pi)
+    if frequency > GROUNDED * first:
+        raise ModalError(
+            f"{path}: the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g} Hz; 0 Hz is wanted)"
+        )
+
+
+def read_dmig(path: Path, options: Import) -> Deck:
+    """Punched Craig-Bampton model (EXTSEOUT(DMIGPCH)); a file without DMIG entries is read for forces of constraint."""
+    if not any(line.startswith("DMIG") for line in lines_of(path)):
+        return read_punched(path, options)
+    if path.stat().st_size > LARGEST_MATRIX:
+        raise ModalError(f"{path}: DMIG entries of at most {LARGEST_MATRIX / 1e9:g} GB are read; use OP4")
+    bulk = library("bulk")
+    found = bulk.rddmig(str(path), square=True)
+    pair = next((p for p in PAIRS if all(name in found for name in p)), None)
+    if pair is None:
+        raise ModalError(f"{path}: has the DMIG entries {', '.join(found).upper()}; wanted are KAAX and MAAX")
+    stiffness = found[pair[0]]
+    index = stiffness.index.union(found[pair[1]].index)
+    K, M = (found[name].reindex(index=index, columns=index, fill_value=0.0).to_numpy(dtype=float) for name in pair)
+    uset = bulk.bulk2uset(str(path))[0]
+    boundary = index.get_level_values(1).to_numpy() > 0
+    missing = index[boundary].difference(uset.index)
+    if len(missing):
+        raise ModalError(f"{path}: has no GRID entry of boundary grid {missing[0][0]}")
+    whole = uset.loc[sorted({i for i, _ in index[boundary]})]
+    rigid = rigid_motion(whole)[whole.index.get_indexer(index[boundary])]
+    return _tied(path, K, M, boundary, rigid, located(whole))

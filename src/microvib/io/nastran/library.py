@@ -1,0 +1,40 @@
+"""The library that reads Nastran's binary files and bulk data, its tables of degrees of freedom, and lines of text files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.model.modal import ModalError
+
+LONGEST_LINE = 1000
+
+
+def library(name: str) -> Any:
+    """A module of pyyeti; ModalError where the package is missing."""
+    try:
+        return import_module(f"pyyeti.nastran.{name}")
+    except ImportError:
+        raise ModalError("pyyeti is not installed; pip install 'microvib[fem]'") from None
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """Lines of a text file; one without end, as in a file that is no text, comes in pieces."""
+    with path.open(encoding="latin-1") as stream:
+        yield from iter(lambda: stream.readline(LONGEST_LINE), "")
+
+
+def located(uset: Any) -> dict[int, np.ndarray]:
+    """Coordinates in the basic frame of the grids of a table of degrees of freedom, (3,) each."""
+    first = uset.loc[(slice(None), 1), ["x", "y", "z"]]
+    return {int(k): v for k, v in zip(first.index.get_level_values(0), first.to_numpy(dtype=float), strict=True)}
+
+
+def rigid_motion(uset: Any) -> np.ndarray:
+    """Six rigid-body motions about the origin of the basic frame, in the output coordinate systems of the grids, (n, 6)."""
+    motion: np.ndarray = library("n2p").rbgeom_uset(uset)
+    return motion

@@ -1,0 +1,273 @@
+"""Nastran OP2 (binary results), read with pyyeti: three ways to the participation, whichever the file allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.io.nastran.craig_bampton import LARGEST_MATRIX, MASS_MATRICES, matrices, normalised
+from microvib.io.nastran.library import library, located, rigid_motion
+from microvib.io.nastran.masses import Masses, rigid_mass
+from microvib.io.nastran.printed import listed_weight
+from microvib.io.nastran.vectors import Vectors, places_of, read_vectors
+from microvib.model.deck import Deck, Import
+from microvib.model.modal import ModalError
+from microvib.model.modal_checks import check_clamped
+
+STILL = 1e-3
+"""Relative; how much a clamped point may move in a mode (results come in single precision)."""
+
+
+def read_op2(path: Path, options: Import) -> Deck:
+    """Modes of an OP2 file of PARAM,POST,-1: from MEFFMASS(PLOT), from a mass matrix, or from the forces of constraint."""
+    results = _read(path)
+    if results.factors is not None:
+        return _from_factors(path, results, options)
+    if results.uset is None:
+        raise ModalError(f"{path}: has no geometry (GEOM1, BGPDT, EQEXIN); add PARAM,POST,-1 to the deck")
+    matrix = _mass_matrix(path, results, options)
+    if matrix is not None:
+        return _from_shapes(path, results, matrix, options)
+    if results.forces is not None:
+        return _from_forces(path, results, results.forces, options)
+    found = (
+        "no eigenvectors" if results.shapes is None else "eigenvectors, but no mass matrix and no forces of constraint"
+    )
+    raise ModalError(
+        f"{path}: has {found}; ask for SPCFORCES(PLOT)=ALL with PARAM,GRDPNT,0, or MEFFMASS(PLOT), or give the mass matrix MGG"
+        " as OP4 beside it (mass: FILE.op4)"
+    )
+
+
+@dataclass(frozen=True)
+class _Results:
+    """Data blocks of an OP2 file that matter; ``uset`` is the library's table of degrees of freedom."""
+
+    frequency: np.ndarray
+    generalised: np.ndarray
+    uset: Any = None
+    shapes: Vectors | None = None
+    shapes_basic: bool = False
+    forces: Vectors | None = None
+    matrix: Any = None
+    factors: np.ndarray | None = None
+    masses: Masses = field(default_factory=Masses)
+    frames: dict[int, np.ndarray] | None = None
+
+    @property
+    def grids(self) -> dict[int, np.ndarray]:
+        return {} if self.uset is None else located(self.uset)
+
+
+_VECTORS = {"forces": ("OQG",), "shapes": ("OUG", "OPHIG"), "basic": ("BOUG", "BOPHIG")}
+"""How the names of blocks of grid point vectors start; those in the basic frame start with B."""
+_WORDS = {b"\x04\0\0\0": "<4", b"\0\0\0\x04": ">4", b"\x08\0\0\0": "<8", b"\0\0\0\x08": ">8"}
+"""Byte order and bytes of a word, by the first record's length."""
+
+
+def _read(path: Path) -> _Results:
+    with path.open("rb") as stream:
+        word = _WORDS.get(stream.read(4))
+    if word is None:
+        raise ModalError(f"{path}: is no OP2; such a file starts with a record of 4 or 8 bytes")
+    with library("op2").OP2(str(path)) as file:
+        wanted = _wanted(path, file)
+        data: dict[str, Any] = file.rdparampost(get_mats=wanted or False, get_dr_tables=False)
+        if data.get("ogpwg"):
+            file.set_position("OGPWG")
+            file.rdop2nt()
+            data["gpwg_grid"] = int(file.rdop2record("int")[2])
+        for kind, starts in _VECTORS.items():
+            name = next((n for start in starts for n in file.dbdct if n.upper().startswith(start)), None)
+            data[kind] = None if name is None else read_vectors(path, file, name, word)
+    return _results(path, data)
+
+
+def _wanted(path: Path, file: Any) -> list[str]:
+    """Names of the matrices to read, where they are not too large."""
+    names = {name.upper() for name in file.dbdct}
+    if not any(name.startswith("LAMA") for name in names):
+        raise ModalError(
+            f"{path}: has no table of eigenvalues (LAMA); it holds {', '.join(sorted(names)[:12]) or 'nothing'}; a run of SOL 103"
+            " with PARAM,POST,-1 is wanted"
+        )
+    wanted = [n for n in names if n.lower() in MASS_MATRICES or n.startswith(("MPFACS", "RBMASS"))]
+    for name in wanted:
+        rows, columns = file.dbdct[name][-1].size
+        if 8 * rows * columns > LARGEST_MATRIX:
+            raise ModalError(
+                f"{path}: {name} is {rows} x {columns}, too large; give it as OP4, or use SPCFORCES(PLOT)=ALL"
+            )
+    return wanted
+
+
+def _results(path: Path, data: dict[str, Any]) -> _Results:
+    lama = np.asarray(_named(data, "lama"), dtype=float)
+    if lama.ndim != 2 or not lama.size or np.any(lama[:, 5] <= 0.0):
+        raise ModalError(
+            f"{path}: its table of eigenvalues (LAMA) is empty, or has generalised masses not greater than 0"
+        )
+    forces, shapes, basic = (data[kind] for kind in _VECTORS)
+    check_clamped(lama[:, 4], str(path))
+    systems = {int(k): np.asarray(v, dtype=float) for k, v in (data.get("cstm2") or {}).items() if k > 0}
+    free, weight = _named(data, "rbmass"), data.get("ogpwg")
+    return _Results(
+        lama[:, 4], lama[:, 5], data.get("uset"), basic if shapes is None else shapes, shapes is None and basic is not None,
+        forces, _named(data, *MASS_MATRICES), _named(data, "mpfacs"),
+        Masses(
+            None if free is None else np.asarray(free, dtype=float),
+            whole=np.asarray(weight["m66"], dtype=float) if weight else None, whole_grid=data.get("gpwg_grid", 0),
+        ),
+        {k: v[2:] for k, v in systems.items() if v[0, 1] == 1},
+    )  # fmt: skip
+
+
+def _named(data: dict[str, Any], *starts: str) -> Any:
+    for start in starts:
+        for key, value in data.items():
+            if key.startswith(start) and value is not None and value.shape[0]:
+                return value
+    return None
+
+
+def _masses(results: _Results, options: Import, path: Path) -> Masses:
+    """The masses of the file, or the weight of the whole model from a listing beside it."""
+    own = results.masses
+    if options.mass is None or options.mass.lower().endswith(".op4"):
+        return Masses(own.free, options.reference, own.whole, own.whole_grid)
+    return Masses(own.free, options.reference, *listed_weight(path.parent / options.mass))
+
+
+def _from_factors(path: Path, results: _Results, options: Import) -> Deck:
+    factors = np.asarray(results.factors, dtype=float)
+    factors = factors if factors.shape[0] == 6 else factors.T
+    if factors.shape != (6, results.frequency.size):
+        raise ModalError(
+            f"{path}: MPFACS is {factors.shape}, which is not six directions by {results.frequency.size} modes"
+        )
+    mass, notes = rigid_mass(str(path), _masses(results, options, path), results.grids, options.wtmass)
+    where = "the origin of the basic frame" if options.reference == (0.0, 0.0, 0.0) else f"{options.reference}"
+    return Deck(
+        str(path), results.frequency, factors * np.sqrt(results.generalised), mass, options.reference, results.grids,
+        results.frames or {}, notes=(f"Participation factors of MEFFMASS, declared to refer to {where}.", *notes),
+    )  # fmt: skip
+
+
+def _from_forces(path: Path, results: _Results, forces: Vectors, options: Import) -> Deck:
+    """Rigid-body sum of the forces of constraint is -lambda times the participation, for any mass matrix (Eq. 13)."""
+    if forces.values.shape[1] != results.frequency.size:
+        raise ModalError(
+            f"{path}: has forces of constraint for {forces.values.shape[1]} of {results.frequency.size} modes"
+        )
+    held = results.uset[results.uset.index.get_level_values(0).isin([i for i, _ in forces.rows])]
+    rows = places_of(held, forces)
+    if np.any(rows < 0):
+        raise ModalError(f"{path}: has forces of constraint on points that are not in its geometry")
+    _check_held(path, forces, options)
+    eigenvalue = (2.0 * np.pi * results.frequency) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        P = -(rigid_motion(held)[rows].T @ forces.values) / (eigenvalue * np.sqrt(results.generalised))
+    masses = _masses(results, options, path)
+    mass, notes = rigid_mass(
+        str(path), Masses(None, whole=masses.whole, whole_grid=masses.whole_grid), results.grids, options.wtmass
+    )
+    said = "Participations are the forces of constraint of each mode over its eigenvalue."
+    return Deck(
+        str(path), results.frequency, P, mass, grids=results.grids, frames=results.frames or {}, notes=(said, *notes)
+    )
+
+
+def _check_held(path: Path, forces: Vectors, options: Import) -> None:
+    """Nothing but the interface point may hold the model; where it is no grid, all clamped grids are the interface."""
+    ids, size = np.array([i for i, _ in forces.rows]), np.abs(forces.values).max(axis=1)
+    if not isinstance(options.interface, int) or options.interface not in ids:
+        return  # several clamped grids are the interface together
+    others = sorted(set(ids[(ids != options.interface) & (size > STILL * size.max())].tolist()))
+    if others:
+        raise ModalError(
+            f"{path}: grid {others[0]} is held, too ({len(others)} grids beside {options.interface}); modes with nothing but the"
+            " interface clamped are wanted, and where that is several grids, its coordinates"
+        )
+
+
+def _from_shapes(path: Path, results: _Results, matrix: Any, options: Import) -> Deck:
+    phi, R = _shapes(path, results), rigid_motion(results.uset)
+    if matrix.shape != (R.shape[0], R.shape[0]):
+        raise ModalError(
+            f"{path}: mass matrix is {matrix.shape}, but the model has {R.shape[0]} degrees of freedom (G-set)"
+        )
+    if isinstance(options.interface, int):
+        _check_still(path, phi, results, options.interface)
+    phi, own, off = normalised(path, phi, matrix)
+    notes = [f"Participations are phi^T M R of the G-set; eigenvectors are orthogonal in M to {off:.1g}."]
+    if np.abs(own - 1.0).max() > 1e-3:
+        notes.append("The eigenvectors were not mass-normalised; they have been.")
+    mass = R.T @ (matrix @ R)
+    return Deck(
+        str(path), results.frequency, R.T @ (matrix @ phi), mass,
+        grids=results.grids, frames=results.frames or {}, notes=(*notes, *_against_weight(mass, results, options)),
+    )  # fmt: skip
+
+
+def _against_weight(mass: np.ndarray, results: _Results, options: Import) -> list[str]:
+    """Grid point weight generator against the mass matrix."""
+    if results.masses.whole is None:
+        return []
+    ratio = options.wtmass * np.trace(results.masses.whole[:3, :3]) / np.trace(mass[:3, :3])
+    if abs(ratio - 1.0) <= 0.01:
+        return []
+    return [
+        f"The grid point weight generator gives {ratio:.4g} times the mass of the mass matrix: PARAM,WTMASS, or another model?"
+    ]
+
+
+def _shapes(path: Path, results: _Results) -> np.ndarray:
+    """Eigenvectors of the G-set in the output coordinate systems of its grids, (n, s)."""
+    shapes, index = results.shapes, results.uset.index
+    if shapes is None:
+        raise ModalError(f"{path}: has no eigenvectors (OUG); add DISPLACEMENT(PLOT)=ALL to its case control")
+    places = places_of(results.uset, shapes)
+    missing = len(index) - np.unique(places[places >= 0]).size
+    if missing or shapes.values.shape[1] != results.frequency.size:
+        raise ModalError(
+            f"{path}: has eigenvectors of {shapes.values.shape[1]} of {results.frequency.size} modes, without {missing} of"
+            f" {len(index)} degrees of freedom; DISPLACEMENT(PLOT)=ALL is wanted"
+        )
+    values = np.zeros((len(index), shapes.values.shape[1]))
+    values[places[places >= 0]] = shapes.values[places >= 0]
+    if not results.shapes_basic:
+        return values
+    turns = rigid_motion(results.uset)
+    starts = np.flatnonzero(results.uset.index.get_level_values(1) == 1)
+    for k in starts:
+        turn = turns[k : k + 3, :3]  # from the basic frame to the grid's own
+        values[k : k + 3], values[k + 3 : k + 6] = turn @ values[k : k + 3], turn @ values[k + 3 : k + 6]
+    return values
+
+
+def _check_still(path: Path, phi: np.ndarray, results: _Results, grid: int) -> None:
+    if grid not in results.grids:
+        return  # said where the interface point is looked for
+    places = np.array(list(results.grids.values()))
+    here = np.flatnonzero(results.uset.index.get_level_values(0) == grid)
+    motion = np.abs(phi[here]) * np.repeat([1.0, max(np.ptp(places, axis=0).max(), 1e-30)], 3)[:, None]
+    moves = motion.max(axis=0) / np.abs(phi).max(axis=0)
+    if moves.max() > STILL:
+        k = int(moves.argmax())
+        raise ModalError(
+            f"{path}: interface: grid {grid} moves in mode {k + 1} by {moves[k]:.2g} of the largest motion; modes with the"
+            " interface point clamped are wanted"
+        )
+
+
+def _mass_matrix(path: Path, results: _Results, options: Import) -> Any:
+    if options.mass is None or not options.mass.lower().endswith(".op4"):
+        return results.matrix
+    other = path.parent / options.mass
+    found = matrices(other, MASS_MATRICES)
+    if not found:
+        raise ModalError(f"{other}: has no mass matrix; wanted is one of {', '.join(MASS_MATRICES).upper()}")
+    return next(iter(found.values()))

@@ -1,0 +1,254 @@
+"""Listings: eigenvalues, participation factors, effective mass and rigid-body mass as Nastran (F06) and Ansys print them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from microvib.io.nastran.library import lines_of
+from microvib.io.nastran.masses import Masses, rigid_mass
+from microvib.model.deck import ORIGIN, Deck, Import, Point
+from microvib.model.modal import ModalError
+from microvib.model.modal_checks import check_clamped
+
+MOST_ROWS = 20_000
+"""Rows of a table; no modal analysis prints as many."""
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([-+]\d+)|[EeDd](\d+))?$")
+_TITLES: tuple[tuple[str, str], ...] = (
+    ("REALEIGENVALUES", "eigenvalues"),
+    ("MODALPARTICIPATIONFACTORS", "factors"),
+    ("MODALEFFECTIVEMASSFRACTION", "fractions"),
+    ("MODALEFFECTIVEMASSSUMMARY", "summary"),
+    ("MODALEFFECTIVEMASS", "effective"),
+    ("MODALEFFECTIVEWEIGHT", "other"),
+    ("A-SETRIGIDBODYMASSMATRIX", "free"),
+    ("EFFECTIVEMASSMATRIX", "other"),
+    ("OUTPUTFROMGRIDPOINTWEIGHTGENERATOR", "weight"),
+    ("OUTPUTFROMWEIGHTCHECK", "weight"),
+    ("TOTALRIGIDBODYMASSMATRIXABOUTORIGIN", "ansys-mass"),
+    ("*****PARTICIPATIONFACTORCALCULATION*****", "ansys"),
+)
+"""Titles without their spaces, the first that fits, and the table under them."""
+_MAYBE = re.compile("E I G E N|W E I G H T|MODAL|MASS MATRIX|PARTICIPATION")
+"""What a line with a title has; most lines of a listing have it not."""
+_ANSYS = ("X", "Y", "Z", "ROTX", "ROTY", "ROTZ")
+_COUNTED = ("eigenvalues", "factors", "effective", "fractions-T", "fractions-R", *(f"ansys-{d}" for d in _ANSYS))
+_WIDTHS = {
+    "eigenvalues": (7,), "weight": (6,), "free": (6,), "ansys-mass": (6,), "ansys-inertia": (3,),
+    **{f"ansys-{d}": (7, 8) for d in _ANSYS},
+}  # fmt: skip
+"""Numbers in a row of each table, where they are not mode, frequency and six values."""
+_WITHIN = (
+    "MODE", "NO.", "REFERENCE", "DEGREESOFFREEDOM", "MO", "(FOR", "TOTAL", "T1", "CUMULATIVE", "TRANSLATIONALMASS",
+)  # fmt: skip
+"""How lines within a table start that are no rows of it, without spaces."""
+
+
+def number(text: str) -> float:
+    """A printed number, also with a D exponent or none of either letter (1.0-8); ValueError where it is none."""
+    found = _NUMBER.match(text.strip())
+    if not found:
+        raise ValueError(text)
+    return float(f"{found[1]}e{found[2] or found[3] or 0}")
+
+
+@dataclass
+class _Tables:
+    """Rows of the tables of a listing, by name; a table that starts again is another one."""
+
+    rows: dict[str, list[list[list[float]]]] = field(default_factory=dict)
+    reference: int | Point = ORIGIN
+    weight_grid: int = 0
+
+    def start(self, name: str) -> None:
+        self.rows.setdefault(name, []).append([])
+
+    def add(self, name: str, row: list[float], title: str) -> None:
+        tables = self.rows.setdefault(name, [[]])
+        if len(tables[-1]) > MOST_ROWS:
+            raise ModalError(f"{title}: a table has more than {MOST_ROWS} rows")
+        tables[-1].append(row)
+
+    def last(self, name: str) -> np.ndarray | None:
+        """The last table that has rows."""
+        full = [t for t in self.rows.get(name, []) if t]
+        if not full:
+            return None
+        width = len(full[-1][0])
+        return np.array([row for row in full[-1] if len(row) == width])
+
+    def ends_before(self, name: str, mode: float) -> bool:
+        """Whether a row of this mode begins another table: modes are counted up within one."""
+        table = self.rows.get(name, [[]])[-1]
+        return bool(table) and mode <= table[-1][0]
+
+    def count(self, name: str) -> int:
+        return sum(1 for t in self.rows.get(name, []) if t)
+
+
+def read_listing(path: Path, options: Import) -> Deck:
+    """Modes of a listing: of Nastran's MEFFMASS(ALL) tables, or of Ansys' participation factors."""
+    tables = _tables(path)
+    if tables.count("ansys-X"):
+        return _ansys(path, tables)
+    eigenvalues = tables.last("eigenvalues")
+    if eigenvalues is None:
+        raise ModalError(
+            f"{path}: has no table of real eigenvalues, nor participation factors of Ansys: is it a run of modes?"
+        )
+    frequency, generalised = eigenvalues[:, 4], eigenvalues[:, 5]
+    if np.any(generalised <= 0.0):
+        raise ModalError(f"{path}: has generalised masses that are not greater than 0: these are no natural modes")
+    check_clamped(frequency, str(path))
+    free = _matrix(tables.last("free"))
+    weight = _weight(tables)
+    mass, notes = rigid_mass(str(path), Masses(free, tables.reference, weight, tables.weight_grid), {}, options.wtmass)
+    participation, signed, said = _participation(path, tables, eigenvalues, mass if free is None else free)
+    repeated = tables.count("eigenvalues")
+    more = [f"Of {repeated} tables of eigenvalues the last was taken."] if repeated > 1 else []
+    return Deck(str(path), frequency, participation, mass, tables.reference, signed=signed, notes=(said, *notes, *more))
+
+
+def listed_weight(path: Path) -> tuple[np.ndarray, int]:
+    """Mass matrix of the grid point weight generator in a listing, and the grid to which it refers (0: the origin)."""
+    if not path.is_file():
+        raise ModalError(f"{path}: cannot be read: no such file")
+    tables = _tables(path)
+    weight = _weight(tables)
+    if weight is None:
+        raise ModalError(f"{path}: has no output of the grid point weight generator; add PARAM,GRDPNT,0 to the deck")
+    return weight, tables.weight_grid
+
+
+def _participation(
+    path: Path, tables: _Tables, eigenvalues: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, bool, str]:
+    """Participation (6, s), whether its signs are known, and the sentence that says where it is from."""
+    generalised = eigenvalues[:, 5]
+    factors = tables.last("factors")
+    if factors is not None:
+        values = _matched(path, factors, eigenvalues, "participation factors")
+        return values.T * np.sqrt(generalised), True, "Participation factors as printed (seven digits)."
+    effective = tables.last("effective")
+    magnitudes = "magnitudes only, so that only the motion about the drive axis is kept."
+    if effective is not None:
+        values = _matched(path, effective, eigenvalues, "effective masses")
+        return np.sqrt(np.maximum(values.T, 0.0)), False, f"Effective masses as printed: {magnitudes}"
+    fractions = (
+        [t for t in tables.rows.get("fractions-T", []) if t],
+        [t for t in tables.rows.get("fractions-R", []) if t],
+    )
+    if not all(fractions):
+        raise ModalError(f"{path}: has no participation factors and no effective masses; ask for MEFFMASS(ALL)=YES")
+    parts = [_matched(path, np.array(t[-1]), eigenvalues, "effective mass fractions")[:, ::2] for t in fractions]
+    values = np.hstack(parts).T * np.diag(free)[:, None]
+    return np.sqrt(np.maximum(values, 0.0)), False, f"Effective mass fractions as printed: {magnitudes}"
+
+
+def _matched(path: Path, table: np.ndarray, eigenvalues: np.ndarray, what: str) -> np.ndarray:
+    """Six columns of a table of modes; it must be of the same modes as the table of eigenvalues."""
+    if len(table) != len(eigenvalues) or not np.allclose(table[:, 1], eigenvalues[:, 4], rtol=1e-4, atol=1e-9):
+        raise ModalError(
+            f"{path}: has {len(eigenvalues)} eigenvalues and {len(table)} rows of {what} that do not belong to each other; is the"
+            " listing whole, and of one case?"
+        )
+    return table[:, 2:8]
+
+
+def _weight(tables: _Tables) -> np.ndarray | None:
+    """First table of rigid-body mass: the weight check begins with the whole model."""
+    full = [t for t in tables.rows.get("weight", []) if len(t) >= 6]
+    return _matrix(np.array(full[0][:6])) if full else None
+
+
+def _matrix(rows: np.ndarray | None) -> np.ndarray | None:
+    return rows[:6] if rows is not None and rows.shape[0] >= 6 and rows.shape[1] == 6 else None
+
+
+def _ansys(path: Path, tables: _Tables) -> Deck:
+    columns = [tables.last(f"ansys-{name}") for name in _ANSYS]
+    if any(c is None for c in columns):
+        missing = [name for name, c in zip(_ANSYS, columns, strict=True) if c is None]
+        raise ModalError(f"{path}: has no participation factors in direction {', '.join(missing)}; all six are wanted")
+    tables_of = [c for c in columns if c is not None]
+    if len({c.shape for c in tables_of}) != 1 or tables_of[0].shape[1] < 7:
+        raise ModalError(f"{path}: its tables of participation factors differ in length; is the listing whole?")
+    blocks = tables.last("ansys-mass"), tables.last("ansys-inertia")
+    if blocks[0] is None or blocks[1] is None or blocks[0].shape != (3, 6) or blocks[1].shape != (3, 3):
+        raise ModalError(f"{path}: has no rigid-body mass matrix about the origin (precise mass summary)")
+    mass = np.block([[blocks[0][:, :3], blocks[0][:, 3:]], [blocks[0][:, 3:].T, blocks[1]]])
+    participation = np.array([np.copysign(np.sqrt(np.maximum(c[:, 5], 0.0)), c[:, 3]) for c in tables_of])
+    said = "Ansys' participation factors about the global origin, as printed (five to six digits)."
+    return Deck(str(path), tables_of[0][:, 1], participation, mass, notes=(said,))
+
+
+def _tables(path: Path) -> _Tables:
+    tables = _Tables()
+    _scan(lines_of(path), tables, str(path))
+    return tables
+
+
+def _scan(lines: Iterable[str], tables: _Tables, title: str) -> None:
+    name = ""
+    for line in lines:
+        if not name and not _MAYBE.search(line):
+            continue
+        squeezed = line.replace(" ", "").strip().upper()
+        fresh = _title(squeezed)
+        if fresh:
+            name = fresh
+            if name not in _COUNTED:  # the others go on over pages that repeat their title
+                tables.start(name)
+        elif name:
+            name = _within(line, squeezed, name, tables, title)
+
+
+def _title(squeezed: str) -> str:
+    for start, name in _TITLES:
+        if squeezed.startswith(start):
+            if name == "ansys":
+                direction = squeezed[len(start) :].removesuffix("DIRECTION")
+                return f"ansys-{direction}" if direction in _ANSYS else ""
+            return name
+    return ""
+
+
+def _within(line: str, squeezed: str, name: str, tables: _Tables, title: str) -> str:
+    """Takes one line under a title; gives the name of the table that the next line belongs to, '' after its end."""
+    if name in ("fractions", "fractions-T", "fractions-R") and squeezed.startswith("(FOR"):
+        return "fractions-T" if "TRANSLATIONAL" in squeezed else "fractions-R"
+    if "REFERENCEPOINT" in squeezed:
+        _refer(squeezed, name, tables)
+    if "ROTATIONALMASS(INERTIA)" in squeezed:
+        tables.start("ansys-inertia")
+        return "ansys-inertia"
+    row = _row(line)
+    if row is None:
+        page = line.startswith(("1", "0", " \n", "-")) or not squeezed or set(squeezed) <= set("*-|")
+        return name if page or squeezed.startswith(_WITHIN) or name == "summary" or "PAGE" in squeezed else ""
+    if len(row) in _WIDTHS.get(name, (8,)):
+        if name in _COUNTED and tables.ends_before(name, row[0]):
+            tables.start(name)
+        tables.add(name, row, title)
+    return name
+
+
+def _refer(squeezed: str, name: str, tables: _Tables) -> None:
+    digits = re.search(r"(\d+)\D*$", squeezed)
+    if name == "weight":
+        tables.weight_grid = int(digits[1]) if digits else 0
+    else:
+        tables.reference = int(digits[1]) if digits else ORIGIN
+
+
+def _row(line: str) -> list[float] | None:
+    """Numbers of a line that holds nothing else but the frame of a matrix."""
+    words = line.replace("*", " ").replace("|", " ").split()
+    try:
+        return [number(word) for word in words] or None
+    except ValueError:
+        return None
