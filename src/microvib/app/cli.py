@@ -433,7 +433,7 @@ class _progress:
 
 
 def _print_lines(loaded: Scenario, table: LineTable) -> None:
-    from microvib.studies.paper import compare_with_paper, paper_state
+    from microvib.studies.paper import compare_with_paper, paper_state, standing
 
     click.echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
     click.echo(table.text(notable=True))
@@ -441,9 +441,7 @@ def _print_lines(loaded: Scenario, table: LineTable) -> None:
         click.echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
     rows = compare_with_paper(loaded, table)
     if rows:
-        click.echo(
-            "\nBeside the paper's Tables 5 and 6 (all nearest bin, rectangular window; parameters partly assumed):\n"
-        )
+        click.echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {standing(loaded)}:\n")
         click.echo(
             f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
             f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"

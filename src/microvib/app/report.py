@@ -18,7 +18,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.signals.spectrum import tone_amplitude
 from microvib.solve.motion import Motion
-from microvib.studies.paper import compare_with_paper
+from microvib.studies.paper import compare_with_paper, standing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,6 +57,7 @@ def run_report(motion: Motion, table: LineTable) -> str:
         lines=[_line_row(line) for line in shown],
         hidden_lines=_left_out(table, shown),
         paper=_paper_rows(scenario, table),
+        standing=standing(scenario),
         figures=_figures(motion, table),
         budget=_budget(motion, shown),
         modes=_modes(scenario),

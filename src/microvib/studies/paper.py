@@ -39,6 +39,16 @@ def paper_state(scenario: Scenario) -> int | None:
     return int(match.group(1)) if match else None
 
 
+def standing(scenario: Scenario) -> str:
+    """What a comparison with the test is worth: whether parameters were identified from it, are assumed, or changed since."""
+    texts = {scenario.source_of(key) for key, _, _ in scenario.entries()}
+    if any(text == "set by the user" for text in texts):
+        return "some parameters were changed by the user: neither calibrated nor a prediction of the catalog's drive"
+    if any(text.startswith("identified from the test's lines") for text in texts):
+        return "calibrated, not predicted: parameters were identified from these very figures"
+    return "with assumed parameters: neither calibrated nor a prediction that the test could confirm"
+
+
 def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
     """Tables 5 and 6 beside our lines; empty unless the scenario is test state 1, the only one that the paper tabulates."""
     f_d = scenario.driving_frequency
