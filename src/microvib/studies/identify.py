@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 
@@ -30,8 +31,12 @@ MODEL_FLOOR = 0.004
 PHASE_FLOOR = 0.01
 PRIOR = 0.1
 """Weight of the wish to stay near the start, per width of a range: it decides only where the evidence says nothing."""
-MISSED = 8.0
-"""An array mode's frequency is missed when it is this many standard deviations off after the fit."""
+UNEXPLAINED = 5.0
+"""Standard deviations, root mean square, from which a fit does not explain its evidence."""
+FIRST_LOOK, FULL = 10, 60
+"""Steps of a local fit: to see whether the ranges suffice, and to the end."""
+DIFFERENCE = 2e-3
+"""Step of differences, over the width of a range."""
 MOST_WIDENINGS = 3
 _NOWHERE = 30.0
 """Residual of a line that a simulation does not have."""
@@ -163,8 +168,8 @@ def identify(
     relative standard deviation that amplitudes are trusted to beyond their own uncertainty. Interrupting (Ctrl-C) ends the search
     and returns what was best so far. Same seed, same result.
 
-    A range that the user did not state is widened where the best lies at its end. Where no parameter that is fitted can bring an
-    array mode to its measured frequency, its clamped frequency is fitted along, and said to be.
+    A range that the user did not state is widened where the best lies at its end. Where the fit does not explain the evidence and an
+    array mode's frequency was measured, its clamped frequency is fitted along, and said to be.
     """
     problem = _Problem(scenario, evidence, keys, model_error, progress)
     if not problem.weights:
@@ -214,15 +219,19 @@ class _Problem:
         self.start = np.array([np.clip(key.to_unit(max(float(own[key.key]), 1e-12)), 0.0, 1.0) for key in self.keys])
         self.best_u: np.ndarray | None = None
         self.best_cost = math.inf
+        self.lock = Lock()
 
     def search(self, points: np.ndarray, finishes: int) -> None:
-        """Global search over ``points``, then a local finish from the best of them, until the ranges prove too narrow."""
+        """Global search over ``points``, a first look from the best of them, and a finish from several unless that calls for more."""
         self.stage = "global"
-        for u in self.best_of(points, finishes):
-            self.stage = "local"
-            self.finish(u)
-            if self.wider_keys() != self.keys:
-                break
+        starts = self.best_of(points, finishes)
+        self.stage = "local"
+        self.finish(starts[0], FIRST_LOOK)
+        if self.wider_keys() != self.keys:
+            return
+        for u in (self.best_u, *starts[1:]):
+            assert u is not None
+            self.finish(u, FULL)
 
     def wider_keys(self) -> list[FitKey]:
         """The keys with wider ranges where the best lies at their end, or with a mode's frequency fitted along."""
@@ -248,17 +257,18 @@ class _Problem:
         return wider
 
     def _missed_mode(self, u: np.ndarray) -> str | None:
-        """Key of an array mode whose measured frequency is not met, and which is not fitted."""
-        tables = self.tables(u)
-        for (one, _), table in zip(self.tests, tables, strict=True):
-            for o in one.observations:
-                if o.form != "frequency" or not o.line.startswith("array_mode_"):
-                    continue
-                key = f"array.modes.{int(o.line.rsplit('_', 1)[1]) - 1}.frequency"
-                off = abs(_difference(o, predicted(table, o))) / _weight(o, self.model_error)
-                if off > MISSED and key not in [k.key for k in self.keys]:
-                    return key
-        return None
+        """Key of an array mode whose frequency was measured and is not fitted, where the fit does not explain the evidence."""
+        r = self.residuals(u)[: len(self.weights)]
+        if math.sqrt(float(r @ r) / r.size) < UNEXPLAINED:
+            return None
+        fitted = [key.key for key in self.keys]
+        seen = [o.line for one, _ in self.tests for o in one.observations if o.form == "frequency"]
+        modes = [
+            f"array.modes.{int(name.rsplit('_', 1)[1]) - 1}.frequency"
+            for name in seen
+            if name.startswith("array_mode_")
+        ]
+        return next((key for key in modes if key not in fitted), None)
 
     def changes(self, u: np.ndarray) -> dict[str, object]:
         return {key.key: key.from_unit(float(x)) for key, x in zip(self.keys, u, strict=True)}
@@ -274,8 +284,6 @@ class _Problem:
             tables = self.tables(np.clip(u, 0.0, 1.0))
         except MicrovibError:  # out of what the model can do: as bad as can be, but finite
             return np.concatenate([np.full(len(self.weights), _NOWHERE), prior])
-        finally:
-            self.simulations += len(self.tests)
         pairs = [
             (o, predicted(table, o))
             for (one, _), table in zip(self.tests, tables, strict=True)
@@ -284,10 +292,12 @@ class _Problem:
         differences = [_difference(o, p) / w for (o, p), w in zip(pairs, self.weights, strict=True)]
         r = np.concatenate([differences, prior])
         cost = float(_soft(r) @ _soft(r))
-        if cost < self.best_cost:
-            self.best_cost, self.best_u = cost, np.clip(u, 0.0, 1.0)
-        best = self.changes(self.best_u) if self.best_u is not None else {}
-        self.progress(self.stage, self.simulations, self.best_cost, best)  # type: ignore[arg-type]
+        with self.lock:
+            self.simulations += len(self.tests)
+            if cost < self.best_cost:
+                self.best_cost, self.best_u = cost, np.clip(u, 0.0, 1.0)
+            best = self.changes(self.best_u) if self.best_u is not None else {}
+            self.progress(self.stage, self.simulations, self.best_cost, best)  # type: ignore[arg-type]
         return r
 
     def best_of(self, points: np.ndarray, count: int) -> list[np.ndarray]:
@@ -298,21 +308,21 @@ class _Problem:
             costs = [float(_soft(r) @ _soft(r)) for r in pool.map(self.residuals, points)]
         return [points[k] for k in np.argsort(costs, kind="stable")[:count]]
 
-    def finish(self, u: np.ndarray) -> None:
-        """Trust-region least squares from ``u``; steps of the differences are large against the solver's noise."""
+    def finish(self, u: np.ndarray, steps: int) -> None:
+        """Trust-region least squares from ``u``, at most ``steps`` steps."""
         from scipy.optimize import least_squares
 
         inside = np.clip(u, 1e-3, 1.0 - 1e-3)
         least_squares(
-            lambda v: _soft(self.residuals(v)), inside, bounds=(0.0, 1.0), diff_step=2e-3, x_scale=0.1, xtol=1e-5, ftol=1e-6,
-            max_nfev=60,
+            lambda v: _soft(self.residuals(v)), inside, jac=lambda v: self.jacobian(v, _soft), bounds=(0.0, 1.0), x_scale=0.1,
+            xtol=1e-5, ftol=1e-6, max_nfev=steps,
         )  # fmt: skip
 
     def result(self, seed: int, interrupted: bool) -> Fit:
         u = self.best_u
         assert u is not None
         r = self.residuals(u)
-        J = self.jacobian(u, r)
+        J = self.jacobian(u)
         n, m = len(self.weights), len(self.keys)
         scatter = max(float(r[:n] @ r[:n]) / max(n - m, 1), 1.0)
         covariance = np.linalg.pinv(J.T @ J, rcond=1e-12) * scatter
@@ -339,14 +349,20 @@ class _Problem:
             fitted.with_sources(sources), float(r[:n] @ r[:n]), n, self.simulations, seed, interrupted,
         )  # fmt: skip
 
-    def jacobian(self, u: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Central differences where the range allows, one-sided at its ends, (n, m)."""
-        step = 2e-3
-        columns = []
+    def jacobian(self, u: np.ndarray, form: Callable[[np.ndarray], np.ndarray] = lambda r: r) -> np.ndarray:
+        """Central differences of ``form(residuals)``, one-sided at the ends of the range, (n + m, m).
+
+        The step is large against the solver's noise. Both sides of all columns run two at a time.
+        """
+        ends = []
         for k in range(len(self.keys)):
-            up, down = u.copy(), u.copy()
-            up[k], down[k] = min(u[k] + step, 1.0), max(u[k] - step, 0.0)
-            columns.append((self.residuals(up) - self.residuals(down)) / (up[k] - down[k]))
+            for step in (DIFFERENCE, -DIFFERENCE):
+                v = u.copy()
+                v[k] = min(max(u[k] + step, 0.0), 1.0)
+                ends.append(v)
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            r = [form(x) for x in pool.map(self.residuals, ends)]
+        columns = [(r[2 * k] - r[2 * k + 1]) / (ends[2 * k][k] - ends[2 * k + 1][k]) for k in range(len(self.keys))]
         return np.column_stack(columns)
 
     def relative(self, J: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -370,7 +386,7 @@ class _Problem:
         else:
             verdict, good = "identifiable", True
         if key.along:
-            verdict += "; fitted along, for the scenario's value does not meet the measured frequency"
+            verdict += "; fitted along, for with the scenario's value the evidence was not explained"
         return Estimate(key.key, key.unit, value, error, key.low, key.high, good, verdict)
 
 
