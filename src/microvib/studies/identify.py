@@ -168,8 +168,8 @@ def identify(
     relative standard deviation that amplitudes are trusted to beyond their own uncertainty. Interrupting (Ctrl-C) ends the search
     and returns what was best so far. Same seed, same result.
 
-    A range that the user did not state is widened where the best lies at its end. Where the fit does not explain the evidence and an
-    array mode's frequency was measured, its clamped frequency is fitted along, and said to be.
+    A range that the user did not state is widened where the best lies at its end. Where the fit does not explain the evidence
+    and an array mode's frequency was measured, its clamped frequency is fitted along, and said to be.
     """
     problem = _Problem(scenario, evidence, keys, model_error, progress)
     if not problem.weights:
@@ -222,7 +222,7 @@ class _Problem:
         self.lock = Lock()
 
     def search(self, points: np.ndarray, finishes: int) -> None:
-        """Global search over ``points``, a first look from the best of them, and a finish from several unless that calls for more."""
+        """Global search over ``points``; a first look from the best, and unless that calls for wider ranges a finish from several."""
         self.stage = "global"
         starts = self.best_of(points, finishes)
         self.stage = "local"
@@ -304,8 +304,7 @@ class _Problem:
         """The ``count`` best of ``points``; the first stands for the scenario's own values."""
         points = points.copy()
         points[0] = self.start
-        with ThreadPoolExecutor(max_workers=2) as pool:
-            costs = [float(_soft(r) @ _soft(r)) for r in pool.map(self.residuals, points)]
+        costs = [float(_soft(r) @ _soft(r)) for r in self.several(list(points))]
         return [points[k] for k in np.argsort(costs, kind="stable")[:count]]
 
     def finish(self, u: np.ndarray, steps: int) -> None:
@@ -314,7 +313,7 @@ class _Problem:
 
         inside = np.clip(u, 1e-3, 1.0 - 1e-3)
         least_squares(
-            lambda v: _soft(self.residuals(v)), inside, jac=lambda v: self.jacobian(v, _soft), bounds=(0.0, 1.0), x_scale=0.1,
+            lambda v: _soft(self.residuals(v)), inside, jac=self.slopes, bounds=(0.0, 1.0), x_scale=0.1,
             xtol=1e-5, ftol=1e-6, max_nfev=steps,
         )  # fmt: skip
 
@@ -349,21 +348,23 @@ class _Problem:
             fitted.with_sources(sources), float(r[:n] @ r[:n]), n, self.simulations, seed, interrupted,
         )  # fmt: skip
 
-    def jacobian(self, u: np.ndarray, form: Callable[[np.ndarray], np.ndarray] = lambda r: r) -> np.ndarray:
-        """Central differences of ``form(residuals)``, one-sided at the ends of the range, (n + m, m).
+    def slopes(self, u: np.ndarray) -> np.ndarray:
+        """One-sided differences of the softened residuals, into the range, (n + m, m); the columns run two at a time."""
+        away = np.where(u < 0.5, DIFFERENCE, -DIFFERENCE)
+        r = self.several([u, *(u + step * e for step, e in zip(away, np.eye(u.size), strict=True))])
+        return np.column_stack([(_soft(x) - _soft(r[0])) / step for x, step in zip(r[1:], away, strict=True)])
 
-        The step is large against the solver's noise. Both sides of all columns run two at a time.
-        """
-        ends = []
-        for k in range(len(self.keys)):
-            for step in (DIFFERENCE, -DIFFERENCE):
-                v = u.copy()
-                v[k] = min(max(u[k] + step, 0.0), 1.0)
-                ends.append(v)
+    def jacobian(self, u: np.ndarray) -> np.ndarray:
+        """Central differences of the residuals, one-sided at the ends of the range, (n + m, m)."""
+        ends = [np.clip(u + step * e, 0.0, 1.0) for e in np.eye(u.size) for step in (DIFFERENCE, -DIFFERENCE)]
+        r = self.several(ends)
+        pairs = zip(ends[::2], ends[1::2], r[::2], r[1::2], strict=True)
+        return np.column_stack([(above - below) / float(np.sum(up - down)) for up, down, above, below in pairs])
+
+    def several(self, points: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Residuals at several points, two at a time: the kernel holds no lock while it runs."""
         with ThreadPoolExecutor(max_workers=2) as pool:
-            r = [form(x) for x in pool.map(self.residuals, ends)]
-        columns = [(r[2 * k] - r[2 * k + 1]) / (ends[2 * k][k] - ends[2 * k + 1][k]) for k in range(len(self.keys))]
-        return np.column_stack(columns)
+            return list(pool.map(self.residuals, points))
 
     def relative(self, J: np.ndarray, u: np.ndarray) -> np.ndarray:
         values = np.array([key.from_unit(float(x)) for key, x in zip(self.keys, u, strict=True)])
