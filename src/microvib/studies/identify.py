@@ -222,7 +222,7 @@ class _Problem:
         self.lock = Lock()
 
     def search(self, points: np.ndarray, finishes: int) -> None:
-        """Global search over ``points``; a first look from the best, and unless that calls for wider ranges a finish from several."""
+        """Global search over ``points``, a first look from the best, then finishes from several unless ranges are too narrow."""
         self.stage = "global"
         starts = self.best_of(points, finishes)
         self.stage = "local"
