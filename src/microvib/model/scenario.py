@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from typing import Any, Self
 
-from pydantic import Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import Field, model_validator
 
 from microvib.errors import ScenarioError
 from microvib.model.array import Array
@@ -17,6 +15,7 @@ from microvib.model.motor import Motor
 from microvib.model.part import Part
 from microvib.model.record import Record, Solver
 from microvib.model.reducer import Reducer
+from microvib.model.sentences import validated
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
@@ -176,104 +175,4 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
 
 def scenario_from(data: Any, *, units_required: bool = False, origin: str = "") -> Scenario:
     """Build a scenario from nested dicts; every problem found becomes a sentence of one ScenarioError."""
-    if not isinstance(data, dict):
-        raise ScenarioError(
-            f"{origin or 'scenario'}: a mapping of keys is wanted, such as 'motor:', not {type(data).__name__}"
-        )
-    try:
-        return Scenario.model_validate(copy.deepcopy(data), context={"units_required": units_required})
-    except ValidationError as error:
-        items = error.errors()
-        # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
-        quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
-        items = [item for item in items if item["type"] != "literal_error" or item["loc"][:-1] not in quantities]
-        lines = list(dict.fromkeys(_sentence(item) for item in items))
-        if len(lines) > 8:
-            lines = [*lines[:8], f"... and {len(lines) - 8} more"]
-        raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
-
-
-_BRANCHES = ("function-plain", "function-wrap", "literal", "constrained", "tuple", "lax-or-strict")
-
-
-def _sentence(item: ErrorDetails) -> str:
-    """One validation error as a sentence: which key, what was found, what is allowed."""
-    where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
-    key = ".".join(where) or "scenario"
-    kind, found, context = item["type"], item.get("input"), item.get("ctx", {})
-    shown = repr(found) if len(repr(found)) < 60 else repr(found)[:57] + "..."
-    if kind == "extra_forbidden":
-        return f"{key}: unknown key; allowed here are {', '.join(_keys_at(where[:-1])) or 'none'}"
-    if kind == "missing":
-        return f"{key}: missing{_meaning(where)}"
-    if kind == "quantity":
-        return f"{key}: {context['text']}"
-    if kind == "value_error":
-        text = str(context.get("error", item["msg"]))
-        if not where:
-            return text
-        return (
-            f"{key}.{text}"
-            if where and text.split(":")[0].replace(".", "").replace("_", "").isalnum()
-            else f"{key}: {text}"
-        )
-    if kind == "literal_error":
-        return f"{key}: {shown} is not allowed; write {context.get('expected')}{_meaning(where)}"
-    if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
-        return f"{key}: {shown} is not allowed; a whole number{_range(where)} is wanted{_meaning(where)}"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{key}: {shown} is not allowed; keys are wanted here: {', '.join(_keys_at(where)) or 'text to text'}"
-    if kind == "tuple_type":
-        return f"{key}: {shown} is not allowed; a list is wanted{_meaning(where)}"
-    message = item["msg"].replace("Input should", "it should")
-    return f"{key}: {shown} is not allowed; {message}"
-
-
-def _field_at(where: list[str]) -> tuple[type[Part] | None, Any]:
-    """The part class and the field that a path leads to."""
-    part: type[Part] | None = Scenario
-    field: Any = None
-    for name in where:
-        if name.isdigit():
-            continue
-        if part is None or name not in part.model_fields:
-            return None, None
-        field = part.model_fields[name]
-        part = _part_in(field.annotation)
-    return part, field
-
-
-def _part_in(annotation: Any) -> type[Part] | None:
-    if isinstance(annotation, type) and issubclass(annotation, Part):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _part_in(argument)
-        if found is not None:
-            return found
-    return None
-
-
-def _keys_at(where: list[str]) -> list[str]:
-    part, _ = _field_at(where)
-    return list(part.model_fields) if part is not None else []
-
-
-def _meaning(where: list[str]) -> str:
-    parent, _ = _field_at(where[:-1])
-    _, field = _field_at(where)
-    if field is None or parent is None:
-        return ""
-    quantity = parent.quantity_of(where[-1])
-    if quantity is not None:
-        unit = f", in {quantity.display or quantity.unit}" if quantity.unit else ""
-        return f" ({quantity.meaning}{unit})"
-    return f" ({field.description})" if field.description else ""
-
-
-def _range(where: list[str]) -> str:
-    _, field = _field_at(where)
-    low = high = None
-    for rule in getattr(field, "metadata", ()):
-        low = getattr(rule, "ge", low)
-        high = getattr(rule, "le", high)
-    return "" if low is None else f" from {low} to {high}"
+    return validated(Scenario, data, units_required=units_required, origin=origin)
