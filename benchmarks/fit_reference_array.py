@@ -36,30 +36,38 @@ ASSIGNMENTS = {
 }
 # name: (low, high) of what is varied; SI units
 RANGES: dict[str, tuple[float, float]] = {
-    "chord": (1.55, 1.85), "span": (1.4, 2.1), "gap": (0.002, 0.1), "nonstructural": (1.2, 3.2), "core": (0.012, 0.03),
+    "chord": (1.55, 1.85), "span": (1.4, 2.1), "gap": (0.002, 0.1), "nonstructural": (1.2, 3.2), "core": (0.012, 0.03), "face_shear": (4e9, 1.5e10),
     "length": (0.8, 2.8), "drive": (0.03, 0.3), "panel": (0.15, 0.6),
     "leg_width": (0.02, 0.06), "leg_height": (0.02, 0.06), "leg_wall": (0.8e-3, 3e-3),
     "bar_width": (0.012, 0.06), "bar_height": (0.012, 0.06), "bar_wall": (0.8e-3, 3e-3),
     "root_translation": (3e4, 3e6), "root_about_x": (30.0, 5e4), "root_about_y": (300.0, 5e4),
     "position": (0.15, 0.7), "translation": (3e4, 3e6), "about_x": (30.0, 5e4), "about_y": (300.0, 1e4), "about_z": (10.0, 5e3),
 }  # fmt: skip
-SMALL = {"offset": (1e-3, 8e-3), "harness": (1.0003, 1.5)}
+START = {
+    "chord": 1.675, "span": 1.721, "gap": 0.09, "nonstructural": 2.441, "core": 0.0217, "face_shear": 6e9,
+    "length": 2.75, "drive": 0.23, "panel": 0.27, "leg_width": 0.0307, "leg_height": 0.0423, "leg_wall": 0.9e-3,
+    "bar_width": 0.014, "bar_height": 0.0125, "bar_wall": 0.9e-3,
+    "root_translation": 1.35e5, "root_about_x": 3860.0, "root_about_y": 4e4,
+    "position": 0.25, "translation": 3e5, "about_x": 3.8e4, "about_y": 2200.0, "about_z": 12.0,
+}  # fmt: skip
+"""First guess, rounded from earlier random starts."""
+SMALL = {"offset": (1e-3, 8e-3), "harness": (1.0003, 1.1)}
 """What breaks the symmetry: offset of the panels, stiffness about the hinge line of one side over that of the other."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--starts", type=int, default=20)
+    parser.add_argument("--starts", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--assignment", choices=list(ASSIGNMENTS), default=next(iter(ASSIGNMENTS)))
+    parser.add_argument("--assignment", choices=list(ASSIGNMENTS), default="torsion-bending-inplane")
     options = parser.parse_args()
     targets = ASSIGNMENTS[options.assignment]
     rng = np.random.default_rng(options.seed)
     low, high = np.log(np.array(list(RANGES.values())).T)
     best = None
-    for start in range(options.starts):
+    for start in range(options.starts + 1):
         drawn = [rng.uniform(low, high) for _ in range(40)]
-        x0 = min(drawn, key=lambda x: np.sum(residuals(x, targets) ** 2))
+        x0 = min(drawn, key=lambda x: np.sum(residuals(x, targets) ** 2)) if start else np.log(list(START.values()))
         fit = least_squares(residuals, x0, bounds=(low, high), args=(targets,), diff_step=1e-3, max_nfev=30)
         print(f"start {start}: cost {fit.cost:.4g}", flush=True)
         if best is None or fit.cost < best.cost:
@@ -72,29 +80,32 @@ def main() -> None:
 def refine(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
     """Fit all ten rows of Table 1 in their order, from the best of the symmetric arrays."""
     small = np.log(np.array(list(SMALL.values())).T)
-    x0 = np.r_[x, np.log([3e-3, 1.02])]
+    x0 = np.r_[x, np.log([3.2e-3, 1.02])]
     bounds = (np.r_[low, small[0]], np.r_[high, small[1]])
     x0 = np.clip(x0, bounds[0] + 1e-6, bounds[1] - 1e-6)
-    fit = least_squares(row_residuals, x0, bounds=bounds, diff_step=1e-3, max_nfev=25)
+    fit = least_squares(row_residuals, x0, bounds=bounds, diff_step=1e-3, max_nfev=12)
     print(f"all rows: cost {fit.cost:.4g}")
     names = (*RANGES, *SMALL)
     print("  " + ", ".join(f"{name} {value:.4g}" for name, value in zip(names, np.exp(fit.x), strict=True)))
-    modes = solve(structure_of(design_of(fit.x, 0.25)), 14)
+    modes = solve(structure_of(design_of(fit.x, 0.1)), 14)
     for k, kind in enumerate(kinds(modes)):
         print(f"  {k + 1} {kind} {modes.frequency[k]:.4f} {modes.participation[3, k] ** 2 / modes.mass[3, 3]:.3g}")
     print(f"  J {modes.mass[3, 3]:.4f}", flush=True)
 
 
 def row_residuals(x: np.ndarray) -> np.ndarray:
-    """Deviations of the ten rows: 1.5 % of frequency, 0.3 % to a factor 3 of the fractions."""
+    """Deviations of the ten rows over what is aimed at: 1 % of frequency, 0.2 % of the inertia.
+
+    Fractions of torsion modes count with 0.2 to 30 %, those of modes 2, 4, 5 and 6 as factors of 1.5 and 10; modes 1, 9 and 10 are left free.
+    """
     rows = list(read_table("table1_array_modes"))
-    modes = solve(structure_of(design_of(x, 0.4)), 14)
+    modes = solve(structure_of(design_of(x, 0.25)), 14)
     J = modes.mass[3, 3]
     f = np.array([float(row["frequency_hz"]) for row in rows])
     fraction = np.array([float(row["effective_fraction"]) for row in rows])
     found = modes.participation[3, :10] ** 2 / J
-    scale = np.where(fraction > 0.9, 0.003, np.where(fraction > 0.02, 0.1, np.log(3.0)))
-    out = [np.log(modes.frequency[:10] / f) / 0.015, (np.log(np.maximum(found, 1e-9) / fraction) / scale)[1:]]
+    scale = np.array([np.inf, np.log(1.5), 0.002, *[np.log(10.0)] * 3, 0.1, 0.3, np.inf, np.inf])
+    out = [np.log(modes.frequency[:10] / f) / 0.01, np.log(np.maximum(found, 1e-9) / fraction) / scale]
     return np.concatenate([*out, [np.log(J / INERTIA) / 0.002]])
 
 
@@ -135,6 +146,7 @@ def design_of(x: np.ndarray, mesh: float = 0.6) -> ArrayDesign:
     data["panels"].update(chord=v["chord"], span=v["span"], gap=v["gap"])
     data["sandwich"]["nonstructural_mass"] = v["nonstructural"]
     data["sandwich"]["core"]["thickness"] = v["core"]
+    data["sandwich"]["face"][0]["shear_modulus"] = v["face_shear"]
     data["yoke"].update(length=v["length"], half_width_drive=v["drive"], half_width_panel=v["panel"])
     data["yoke"]["leg"] = {"width": v["leg_width"], "height": v["leg_height"], "wall": v["leg_wall"]}
     data["yoke"]["crossbar"] = {"width": v["bar_width"], "height": v["bar_height"], "wall": v["bar_wall"]}

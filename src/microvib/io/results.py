@@ -30,7 +30,7 @@ RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.
 Writer = Callable[[Path], None]
 
 
-STUDY_FILES = ("compare.csv", "fit.json", "validation.csv", "sensitivities.csv")
+STUDY_FILES = ("compare.csv", "fit.json", "validation.csv", "sensitivities.csv", "modes.csv", "modes.png")
 """Further files of the folders of studies."""
 
 

@@ -25,8 +25,21 @@ LARGEST_FILE = 1_000_000
 
 def catalog_names() -> tuple[str, ...]:
     """Names of the published scenarios."""
+    return tuple(name for name in _catalog_files() if name != "new" and not name.startswith(REFERENCE))
+
+
+REFERENCE = "reference-"
+"""How names of catalog files begin that describe structures, not scenarios."""
+
+
+def reference_names() -> tuple[str, ...]:
+    """Names of the structures of the catalog, such as ``reference-array``."""
+    return tuple(name for name in _catalog_files() if name.startswith(REFERENCE))
+
+
+def _catalog_files() -> list[str]:
     files = resources.files("microvib.catalog").iterdir()
-    return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".yaml") and f.name != "new.yaml"))
+    return sorted(f.name[:-5] for f in files if f.name.endswith(".yaml"))
 
 
 def catalog_text(name: str) -> str:
@@ -42,14 +55,15 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     """
     name = str(source)
     published = name in catalog_names()
-    text = catalog_text(name) if published else _read(Path(source))
+    text = catalog_text(name) if published else read_text(Path(source))
     data = parse_yaml(text, name)
     if isinstance(data, dict):
         data = with_array(data, Path() if published else Path(source).parent, name)
     if not changes or not isinstance(data, dict):
         return scenario_from(data, units_required=True, origin=name)
     before = scenario_from(data, units_required=True, origin=name) if "sources" in data else None
-    if any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes):
+    other = any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes)
+    if other:
         data["array"] = {}  # another array, not a changed one
     for key, value in changes.items():
         set_key(data, key, value)
@@ -57,34 +71,53 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     after = scenario_from(
         {**data, "sources": data.get("sources") if "sources" in changes else {}}, units_required=True, origin=name
     )
-    return after if before is None or "sources" in changes else after.with_sources(before.sources | _own_up(changes))
+    if before is None or "sources" in changes:
+        return after
+    kept = {key: text for key, text in before.sources.items() if not (other and key.split(".")[0] == "array")}
+    own = {"array": data["sources"]["array"]} if other else {}
+    return after.with_sources(kept | _own_up(changes) | own)
 
 
-ARRAY_ORIGINS = ("from",)
-"""Keys of ``array`` that name where its modes come from, instead of the modes themselves."""
+ARRAY_ORIGINS = ("from", "fem")
+"""Keys of ``array`` that name where its modes come from, instead of the modes themselves: a table, a description."""
 
 
 def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
-    """Scenario data with ``array: {from: FILE}`` replaced by the modes of that file (relative to ``folder``).
+    """Scenario data with ``array: {from: FILE}`` or ``array: {fem: DESCRIPTION}`` replaced by the modes of that source.
 
-    ``modes: N`` keeps the first N of them, ``damping`` replaces their damping ratios. Raises ScenarioError.
+    Files are relative to ``folder``. ``modes: N`` keeps the first N modes, ``damping`` replaces their damping ratios. Raises
+    ScenarioError.
     """
     group = data.get("array")
     if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
         return data
-    from microvib.io.modal_table import read_modes
-
-    unknown = [key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping")]
+    key, *others = [key for key in group if key in ARRAY_ORIGINS]
+    unknown = [*others, *(key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping"))]
     if unknown:
         raise ScenarioError(
-            f"{origin}: array.{unknown[0]}: does not go with array.from, which brings the modes; allowed beside it are modes"
+            f"{origin}: array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed beside it are modes"
             " (how many) and damping"
         )
-    model = read_modes(folder / str(group["from"]))
-    array = _plain(_damped(model.first(_count(group, model.frequency.size, origin)), group, origin).array(), None)
-    sources = {**(data.get("sources") or {}), "array": f"{group['from']}"}
-    sources = {key: text for key, text in sources.items() if not key.startswith("array.")}
+    model, source = _modes_of(group, key, folder, origin)
+    array = _plain(_damped(model, group, origin).array(), None)
+    given = data.get("sources") or {}
+    if not isinstance(given, dict):
+        raise ScenarioError(f"{origin}: sources: {given!r} is not allowed; keys are wanted here: text to text")
+    sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {"array": source}
     return {**data, "array": _without_empty(array), "sources": sources}
+
+
+def _modes_of(group: dict[str, Any], key: str, folder: Path, origin: str) -> tuple[ModalModel, str]:
+    """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
+    from microvib.io.modal_sources import DEFAULT_MODES, MOST_MODES, modal_source
+
+    name = str(group[key])
+    if key == "from":
+        model = modal_source(name, folder=folder).model
+        return model.first(_count(group, model.frequency.size, origin)), name
+    count = _count({"modes": DEFAULT_MODES, **group}, MOST_MODES, origin)
+    model = modal_source(name, max(count, 1), folder).model
+    return model.first(count), f"finite elements of {name}, {count} modes"
 
 
 def _count(group: dict[str, Any], available: int, origin: str) -> int:
@@ -116,7 +149,8 @@ def _own_up(changes: dict[str, Any]) -> dict[str, str]:
     return {key: "set by the user" for key in changes if key.split(".")[0] not in ("source", "sources", "title")}
 
 
-def _read(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Text of a file that a user named; ScenarioError where it is none."""
     try:
         size = path.stat().st_size
         if path.is_dir():

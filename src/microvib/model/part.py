@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
@@ -39,3 +40,15 @@ def _search(annotation: Any) -> Quantity | None:
         if found is not None:
             return found
     return None
+
+
+def entries(key: str, value: Any, quantity: Quantity | None) -> Iterator[tuple[str, Any, Quantity | None]]:
+    """Every parameter under ``key`` as (dotted key, value, declaration or None), in the order of the file."""
+    if isinstance(value, Part):
+        for name in type(value).model_fields:
+            yield from entries(f"{key}.{name}", getattr(value, name), type(value).quantity_of(name))
+    elif isinstance(value, tuple) and value and isinstance(value[0], Part):
+        for index, item in enumerate(value):
+            yield from entries(f"{key}.{index}", item, None)
+    else:
+        yield key, value, quantity
