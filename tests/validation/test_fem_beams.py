@@ -33,7 +33,7 @@ def test_a_cantilever_bends_twists_and_stretches():
     modes = solve(mesh.structure(0), 40)
     m = RHO * section.A
     roots = np.array([1.8751041, 4.6940911, 7.8547574])
-    bending = [roots**2 / L**2 * np.sqrt(E * I / m) / 2 / np.pi for I in (section.I_zz, section.I_yy)]
+    bending = [roots**2 / L**2 * np.sqrt(E * second / m) / 2 / np.pi for second in (section.I_zz, section.I_yy)]
     twist = np.sqrt(G * section.J / (RHO * (section.I_yy + section.I_zz))) / (4 * L)
     expected = np.sort(np.r_[bending[0], bending[1], twist, np.sqrt(E / RHO) / (4 * L)])
     for f in expected[expected < modes.frequency[-1]]:
@@ -123,7 +123,16 @@ def test_rigid_body_mass_of_a_beam_is_exact():
     mesh, _ = cantilever(section, L, 0.3)
     mass = solve(mesh.structure(0), 3).mass
     m = RHO * section.A * L
-    expected = np.diag([m, m, m, RHO * L * (section.I_yy + section.I_zz), m * L**2 / 3 + RHO * section.I_zz * L, m * L**2 / 3 + RHO * section.I_yy * L])
+    expected = np.diag(
+        [
+            m,
+            m,
+            m,
+            RHO * L * (section.I_yy + section.I_zz),
+            m * L**2 / 3 + RHO * section.I_zz * L,
+            m * L**2 / 3 + RHO * section.I_yy * L,
+        ]
+    )
     expected[1, 5] = expected[5, 1] = m * L / 2
     expected[2, 4] = expected[4, 2] = -m * L / 2
     np.testing.assert_allclose(mass, expected, rtol=1e-9, atol=1e-9 * m)
@@ -135,4 +144,6 @@ def test_the_section_of_a_tube():
                 crossbar=Tube(width=0.03, height=0.03, wall=1e-4), modulus=E, poisson=0.33, density=RHO)  # fmt: skip
     s = tube_section(yoke.leg, yoke)
     b, t = 0.03 - 1e-4, 1e-4
-    assert (s.A, s.I_yy, s.I_zz, s.J) == pytest.approx((4 * b * t, 2 / 3 * b**3 * t, 2 / 3 * b**3 * t, b**3 * t), rel=1e-4)
+    assert (s.A, s.I_yy, s.I_zz, s.J) == pytest.approx(
+        (4 * b * t, 2 / 3 * b**3 * t, 2 / 3 * b**3 * t, b**3 * t), rel=1e-4
+    )

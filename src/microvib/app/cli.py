@@ -184,6 +184,28 @@ def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None
 
 
 @main.command()
+@click.argument("source")
+@click.option("--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; of a table, all].")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table, pictures, report [default: the name].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+def modes(source: str, count: int | None, out: Path | None, overwrite: bool) -> None:
+    """Modes of SOURCE (`reference-array`, a description of an array, or a table of modes) as in the paper's Table 1.
+
+    A scenario takes them as `array: {from: modes.csv}`, or directly as `array: {fem: reference-array, modes: 10}`.
+    """
+    from microvib.app.modes import table_text, write_modes
+    from microvib.io.modal_sources import modal_source
+    from microvib.io.results import check_folder, free_folder
+
+    out = out or free_folder(f"{Path(source).stem}-modes")
+    check_folder(out, overwrite)
+    found = modal_source(source, count)
+    click.echo(table_text(found))
+    files = write_modes(out, found, overwrite)
+    click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.command()
 def scenarios() -> None:
     """List the published scenarios of the catalog."""
     from microvib.io.scenario_file import catalog_names, load_scenario

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
 from typing import Any
@@ -104,7 +105,7 @@ def _yoke(mesh: Mesh, design: ArrayDesign, drive: int) -> dict[float, int]:
         feet = [drive, drive]
     for foot, y in zip(feet, (-ends, ends), strict=True):
         mesh.line("yoke", (foot, bar[y]), leg, design.mesh)
-    for a, b in zip(places[:-1], places[1:], strict=True):
+    for a, b in itertools.pairwise(places):
         mesh.line("cross-bar", (bar[a], bar[b]), crossbar, design.mesh)
     return bar
 
@@ -129,7 +130,7 @@ def _grid(breaks: list[float], size: float) -> np.ndarray:
     fixed = np.unique(np.round(breaks, 9))
     pieces = [
         np.linspace(a, b, max(math.ceil((b - a) / size - 1e-9), 1), endpoint=False)
-        for a, b in zip(fixed[:-1], fixed[1:], strict=True)
+        for a, b in itertools.pairwise(fixed)
     ]
     return np.append(np.concatenate(pieces), fixed[-1])
 
@@ -210,5 +211,7 @@ def questions(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:
     if not 0.5 <= areal <= 50.0:
         notes.append(f"The panels weigh {areal:.4g} kg/m²; solar panels weigh 0.5 to 50. Is a unit wrong?")
     if not 0.02 <= first <= 50.0:
-        notes.append(f"The first mode is at {first:.4g} Hz; deployed arrays have it between 0.02 and 50. Is a unit wrong?")
+        notes.append(
+            f"The first mode is at {first:.4g} Hz; deployed arrays have it between 0.02 and 50. Is a unit wrong?"
+        )
     return tuple(notes)

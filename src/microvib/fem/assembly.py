@@ -87,7 +87,9 @@ class _Triplets:
 
 def _reduction(structure: Structure, clamped: bool) -> Any:
     """All degrees of freedom as combinations of those that are free: u_slave = u_master + theta x r."""
-    motion = sp.identity(structure.dof, format="lil") if structure.of(Link) else sp.identity(structure.dof, format="csc")
+    motion = (
+        sp.identity(structure.dof, format="lil") if structure.of(Link) else sp.identity(structure.dof, format="csc")
+    )
     gone = list(range(6 * structure.interface, 6 * structure.interface + 6)) if clamped else []
     for link in structure.of(Link):
         R = rigid_motions(structure.xyz[link.slaves], structure.xyz[link.master])

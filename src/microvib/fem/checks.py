@@ -49,7 +49,9 @@ def _check_links(structure: Structure) -> None:
         if link.master in slaves or structure.interface in link.slaves:
             raise StructureError(f"{structure.title}: {link.name}: its reference point hangs on another rigid link")
     if len(np.unique(slaves)) != len(slaves):
-        raise StructureError(f"{structure.title}: two rigid links share a node; make footprints smaller or farther apart")
+        raise StructureError(
+            f"{structure.title}: two rigid links share a node; make footprints smaller or farther apart"
+        )
 
 
 def _check_numbers(structure: Structure) -> None:
@@ -71,8 +73,8 @@ def check_mechanisms(structure: Structure, frequency: np.ndarray, shapes: np.nda
         return
     texts = [_what_moves(structure, shapes[:, :, k], masses) for k in loose[:3]]
     raise StructureError(
-        f"{structure.title}: {loose.size} mode{'s' if loose.size > 1 else ''} without stiffness (below {LOOSE:g} Hz) with the interface"
-        f" clamped: {'; '.join(texts)}; give the hinges or the shaft stiffness there"
+        f"{structure.title}: {loose.size} mode{'s' if loose.size > 1 else ''} without stiffness (below {LOOSE:g} Hz) with the"
+        f" interface clamped: {'; '.join(texts)}; give the hinges or the shaft stiffness there"
     )
 
 

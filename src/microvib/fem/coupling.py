@@ -60,10 +60,10 @@ def size(modes: Modes, rate: float, damping: np.ndarray, axis: int = 0) -> Size:
     without, with_ = (_response(terms, modes, Omega, damping, w, axis) for w in (0.0, rate))
     return Size(
         rate=rate,
-        coriolis=float((2.0 * rate * np.abs(terms.F) / np.sqrt(np.outer(Omega, Omega))).max()),
-        centrifugal=float((rate**2 * np.diag(terms.N) / Omega**2).max()),
-        frequency=float(np.abs(turning / np.sort(Omega) - 1.0).max()),
-        torque=float(np.abs(with_ / without - 1.0).max()),
+        coriolis=float(np.max(2.0 * rate * np.abs(terms.F) / np.sqrt(np.outer(Omega, Omega)))),
+        centrifugal=float(np.max(rate**2 * np.diag(terms.N) / Omega**2)),
+        frequency=float(np.max(np.abs(turning / np.sort(Omega) - 1.0))),
+        torque=float(np.max(np.abs(with_ / without - 1.0))),
     )
 
 

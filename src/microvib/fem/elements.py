@@ -37,9 +37,7 @@ def element_matrices(part: Shells | Beams, xyz: np.ndarray) -> tuple[np.ndarray,
 def _shell(part: Shells) -> Callable[[np.ndarray], Matrices]:
     element, data, laminate = Quad4R(Quad4RProbe()), Quad4RData(), part.laminate
     factors = (1.0, 1.0, _hourglass_deflection(laminate), HOURGLASS_ROTATION, HOURGLASS_ROTATION)
-    return _filled(
-        element, 4, data, lambda x: element.update_rotation_matrix(x, *part.axis), laminate, (0, *factors)
-    )
+    return _filled(element, 4, data, lambda x: element.update_rotation_matrix(x, *part.axis), laminate, (0, *factors))
 
 
 def _hourglass_deflection(laminate: Any) -> float:

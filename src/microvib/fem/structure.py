@@ -89,7 +89,8 @@ def nodes_of(part: Part) -> np.ndarray:
         return np.array([part.node])
     if isinstance(part, Link):
         return np.r_[part.master, part.slaves]
-    return np.unique(part.nodes)
+    nodes: np.ndarray = np.unique(part.nodes)
+    return nodes
 
 
 @dataclass(frozen=True)

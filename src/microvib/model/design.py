@@ -35,9 +35,7 @@ class Ply(Part):
     """One ply of a face sheet."""
 
     thickness: Annotated[float, Quantity("m", "thickness of the ply", "t", gt=0, le=0.1, display="mm")]
-    angle: Annotated[
-        float, Quantity("rad", "angle of direction 1 from the drive axis", ge=-6.3, le=6.3, display="deg")
-    ]
+    angle: Annotated[float, Quantity("rad", "angle of direction 1 from the drive axis", ge=-6.3, le=6.3, display="deg")]
     modulus_1: Annotated[float, Quantity("Pa", "Young's modulus in direction 1", "E_1", gt=0, display="GPa")]
     modulus_2: Annotated[float, Quantity("Pa", "Young's modulus in direction 2", "E_2", gt=0, display="GPa")]
     shear_modulus: Annotated[float, Quantity("Pa", "shear modulus in the plane", "G_12", gt=0, display="GPa")]
