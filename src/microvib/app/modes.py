@@ -67,7 +67,7 @@ def table_text(source: ModalSource) -> str:
 def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     """Header and rows of Table 1; beside the paper's for the array that was fitted to it."""
     m, paper = source.model, _paper(source)
-    header = ["mode", "kind", "f [Hz]", "damping [%]", "effective inertia [kg m²]", "fraction [1]", "cumulative [1]"]
+    header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]"]
     rows = []
     cumulative = np.cumsum(m.fraction[m.axis])
     for k, kind in enumerate(mode_kinds(source)):
@@ -83,7 +83,7 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
                 if given
                 else [""] * 3
             )
-    return header + (["paper [Hz]", "difference [%]", "paper's fraction [1]"] if paper else []), rows
+    return header + (["paper [Hz]", "diff. [%]", "paper [1]"] if paper else []), rows
 
 
 def _paper(source: ModalSource) -> list[dict[str, str]]:
@@ -108,7 +108,7 @@ def report(source: ModalSource) -> str:
     header, rows = table_1(source)
     sections: list[dict[str, Any]] = [
         {"title": f"Modes about the drive axis {model.drive_axis} (as Table 1)", "text": enough_sentence(model),
-         "header": header, "rows": rows, "caption": ""}
+         "header": header, "rows": rows}
     ]  # fmt: skip
     if model.notes:
         sections.insert(0, {"title": "To be checked", "text": " ".join(model.notes)})
@@ -163,8 +163,8 @@ def _convergence(source: ModalSource) -> dict[str, Any]:
         )
     text = (
         f"The same array with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
-        f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size: about a third of the difference is"
-        " left in the finer one."
+        f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
+        " small asks for a finer mesh."
     )
     header = ["mode", "kind", "f [Hz]", "coarser [Hz]", "difference [%]"]
     return {"title": "Convergence", "text": text, "header": header, "rows": rows}
@@ -199,15 +199,23 @@ def _second_order(modes: Modes, model: ModalModel) -> dict[str, Any]:
 
 def _spatial(model: ModalModel) -> list[dict[str, Any]]:
     fraction = model.fraction
-    directions = [f"{d} [%]" for d in DIRECTIONS]
+    cumulative = np.cumsum(fraction, axis=1)
     rows = [
-        [str(k + 1), f"{f:.4g}", *(f"{100 * v:.3f}" for v in fraction[:, k])] for k, f in enumerate(model.frequency)
+        [
+            str(k + 1),
+            f"{f:.4g}",
+            *(f"{100 * a:.3f} / {100 * b:.2f}" for a, b in zip(fraction[:, k], cumulative[:, k], strict=True)),
+        ]
+        for k, f in enumerate(model.frequency)
     ]
-    rows.append(["sum", "", *(f"{100 * v:.2f}" for v in fraction.sum(axis=1))])
-    rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(DIRECTIONS, model.mass, strict=True)]
-    text = "Of the rigid body's mass (forces) and inertia (torques) at the interface."
+    noise = 1e-12 * np.abs(model.mass).max()
+    rigid = [
+        [name, *(f"{v if abs(v) > noise else 0.0:.5g}" for v in row)]
+        for name, row in zip(DIRECTIONS, model.mass, strict=True)
+    ]
     return [
-        {"title": "Effective mass in six directions", "text": text, "header": ["mode", "f [Hz]", *directions], "rows": rows},
-        {"title": "Rigid body at the interface", "text": "kg, kg m, kg m².", "header": ["", *(f"{d} []" for d in DIRECTIONS)],
-         "rows": rigid},
+        {"title": "Effective mass in six directions", "header": ["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)],
+         "text": "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface / cumulated.", "rows": rows},
+        {"title": "Rigid body at the interface", "text": "Mass matrix about the interface point.",
+         "header": ["", *(f"{d} [kg, m]" for d in DIRECTIONS)], "rows": rigid},
     ]  # fmt: skip

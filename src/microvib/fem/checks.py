@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from microvib.fem.structure import Link, Part, Shells, Spring, Structure, StructureError, nodes_of
 
-LOOSE = 0.01
+LOOSE = 0.002
 """Frequency [Hz] below which a mode is taken for a mechanism."""
 
 

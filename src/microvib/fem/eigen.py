@@ -1,11 +1,11 @@
-"""Lowest modes of a sparse system: shift-invert Lanczos on a sparse LDL^T factorisation."""
+"""Lowest modes of a sparse system: shift-invert Lanczos on a sparse factorisation."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from microvib.fem.structure import StructureError
 
@@ -31,14 +31,17 @@ def lowest_modes(K: Any, M: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def factorise(A: Any) -> Any:
-    """The function that solves A x = b, by QDLDL; StructureError where A is singular.
+    """The function that solves A x = b for a symmetric positive definite A; StructureError where A is singular.
 
-    QDLDL was as fast as any factorisation that comes as a wheel under a permissive licence (``benchmarks/fem.py``).
+    SciPy's SuperLU, told that A is symmetric and needs no pivoting, is as fast as the best of the factorisations that come as wheels,
+    and adds no dependency (``benchmarks/fem.py``).
     """
-    import qdldl
-
+    options = {"SymmetricMode": True}
     try:
-        solver = qdldl.Solver(A)
-    except (ValueError, RuntimeError) as error:
-        raise StructureError(f"the stiffness cannot be factorised: {error}") from None
-    return solver.solve
+        factor = splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    except RuntimeError:
+        raise StructureError(
+            "the stiffness is singular although masses are counted in: something has neither stiffness nor mass, such as a node that"
+            " hangs on springs of zero stiffness"
+        ) from None
+    return factor.solve

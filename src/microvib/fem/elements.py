@@ -36,18 +36,8 @@ def element_matrices(part: Shells | Beams, xyz: np.ndarray) -> tuple[np.ndarray,
 
 def _shell(part: Shells) -> Callable[[np.ndarray], Matrices]:
     element, data, laminate = Quad4R(Quad4RProbe()), Quad4RData(), part.laminate
-    factors = (1.0, 1.0, _hourglass_deflection(laminate), HOURGLASS_ROTATION, HOURGLASS_ROTATION)
+    factors = (1.0, 1.0, 1.0, HOURGLASS_ROTATION, HOURGLASS_ROTATION)
     return _filled(element, 4, data, lambda x: element.update_rotation_matrix(x, *part.axis), laminate, (0, *factors))
-
-
-def _hourglass_deflection(laminate: Any) -> float:
-    """Share of the library's hourglass stiffness of the deflection, which stiffens true twist as well.
-
-    The library scales it with the bending modulus; scaled with the twisting stiffness instead (one for an isotropic plate), it
-    stiffens the twist of every laminate alike.
-    """
-    isotropic = 0.35  # D66/D11 at a Poisson's ratio of 0.3
-    return float(min(laminate.D66 / (isotropic * np.sqrt(laminate.D11 * laminate.D22)), 1.0))
 
 
 def _beam(part: Beams) -> Callable[[np.ndarray], Matrices]:

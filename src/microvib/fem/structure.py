@@ -88,7 +88,7 @@ def nodes_of(part: Part) -> np.ndarray:
     if isinstance(part, Lump):
         return np.array([part.node])
     if isinstance(part, Link):
-        return np.r_[part.master, part.slaves]
+        return np.append(part.slaves, part.master)
     nodes: np.ndarray = np.unique(part.nodes)
     return nodes
 

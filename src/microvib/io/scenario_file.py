@@ -68,6 +68,8 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     for key, value in changes.items():
         set_key(data, key, value)
     data = with_array(data, Path(), name)
+    if other and "title" not in changes:  # no longer what the file's title says
+        data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
     after = scenario_from(
         {**data, "sources": data.get("sources") if "sources" in changes else {}}, units_required=True, origin=name
     )
