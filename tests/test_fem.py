@@ -190,6 +190,10 @@ def test_eq_13_a_turning_oscillator():
     np.testing.assert_allclose(modes.frequency * 2 * np.pi, 10.0, rtol=1e-9)
     np.testing.assert_allclose(rotating_frequencies(terms, np.full(2, 10.0), 0.5), [9.5, 10.5], rtol=1e-9)
     np.testing.assert_allclose(terms.F, -terms.F.T, atol=1e-15)
+    # so that the two Coriolis terms of Eq. 13 cancel as they are printed; the second wants F transposed
+    eta, rate = np.array([0.3, -0.7]), np.array([1.1, 0.2])
+    assert rate @ terms.F @ eta + eta @ terms.F @ rate == pytest.approx(0.0, abs=1e-15)
+    assert abs(rate @ terms.F @ eta + eta @ terms.F.T @ rate) > 0.1
 
 
 def test_eq_15_a_radial_mass_changes_the_momentum():

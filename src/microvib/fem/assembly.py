@@ -11,6 +11,9 @@ import scipy.sparse as sp
 from microvib.fem.elements import element_matrices
 from microvib.fem.structure import Beams, Link, Lump, Shells, Spring, Structure
 
+ROUNDING = 1e-12
+"""Entry of an element's matrix over the root of its diagonals that is taken for zero."""
+
 
 @dataclass(frozen=True)
 class System:
@@ -52,8 +55,8 @@ def _sum(structure: Structure) -> tuple[Any, Any]:
     for part in structure.parts:
         if isinstance(part, (Shells, Beams)):
             stiffness, mass, which = element_matrices(part, structure.xyz)
-            K.add(part.nodes, stiffness[which])
-            M.add(part.nodes, mass[which])
+            K.add(part.nodes, stiffness, which)
+            M.add(part.nodes, mass, which)
         elif isinstance(part, Spring):
             k = np.diag(part.stiffness)
             K.add(np.array([part.nodes]), np.block([[k, -k], [-k, k]])[None])
@@ -71,14 +74,16 @@ class _Triplets:
         self.columns: list[np.ndarray] = [np.zeros(0, np.int32)]
         self.values: list[np.ndarray] = [np.zeros(0)]
 
-    def add(self, nodes: np.ndarray, matrices: np.ndarray) -> None:
-        """Dense ``matrices`` (n, 6 c, 6 c) of elements with ``nodes`` (n, c)."""
+    def add(self, nodes: np.ndarray, matrices: np.ndarray, which: Any = slice(None)) -> None:
+        """Elements with ``nodes`` (n, c); ``which`` (n,) of the dense ``matrices`` (d, 6 c, 6 c) each one has."""
         dof = (6 * nodes[:, :, None] + np.arange(6)).reshape(len(nodes), -1).astype(np.int32)
-        keep = np.any(matrices != 0.0, axis=0)
-        rows, columns = np.nonzero(keep)
+        diagonal = np.sqrt(np.abs(np.einsum("eii->ei", matrices)))
+        scale = diagonal[:, :, None] * diagonal[:, None, :]
+        # Rounding would couple bending and motion in the plane of flat panels, and multiply the fill of the factor.
+        rows, columns = np.nonzero(np.any(np.abs(matrices) > ROUNDING * scale, axis=0))
         self.rows.append(dof[:, rows].ravel())
         self.columns.append(dof[:, columns].ravel())
-        self.values.append(matrices[:, rows, columns].ravel())
+        self.values.append(matrices[:, rows, columns][which].ravel())
 
     def matrix(self) -> Any:
         entries = (np.concatenate(self.rows), np.concatenate(self.columns))

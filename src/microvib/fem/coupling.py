@@ -18,7 +18,7 @@ class Coupling:
     N: np.ndarray
     """Centrifugal coupling -F_omega_omega: sum of m phi_i . phi_j across the axis, (s, s)."""
     C: np.ndarray
-    """Centrifugal load -H_omega about the axis: sum of m rho . phi_i across the axis [kg^0.5 m], (s,)."""
+    """Centrifugal load H_omega about the axis: sum of m rho . phi_i across the axis [kg^0.5 m], (s,)."""
 
 
 @dataclass(frozen=True)

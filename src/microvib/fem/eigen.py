@@ -33,15 +33,15 @@ def lowest_modes(K: Any, M: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
 def factorise(A: Any) -> Any:
     """The function that solves A x = b for a symmetric positive definite A; StructureError where A is singular.
 
-    SciPy's SuperLU, told that A is symmetric and needs no pivoting, is as fast as the best of the factorisations that come as wheels,
-    and adds no dependency (``benchmarks/fem.py``).
+    SciPy's SuperLU, told that A is symmetric and needs no pivoting, is as fast as the best of the factorisations that come as
+    wheels, and adds no dependency (``benchmarks/fem.py``).
     """
     options = {"SymmetricMode": True}
     try:
         factor = splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
     except RuntimeError:
         raise StructureError(
-            "the stiffness is singular although masses are counted in: something has neither stiffness nor mass, such as a node that"
-            " hangs on springs of zero stiffness"
+            "the stiffness is singular although masses are counted in: something has neither stiffness nor mass, such as a node"
+            " that hangs on springs of zero stiffness"
         ) from None
     return factor.solve

@@ -53,7 +53,11 @@ def modal_source(source: str, count: int | None = None, folder: Path = Path()) -
 
 def load_design(source: str, folder: Path = Path()) -> ArrayDesign:
     """Description of an array from the catalog or a YAML file; ScenarioError with a sentence for each problem."""
-    text = catalog_text(source) if source in reference_names() else read_text(folder / source)
+    text = (
+        catalog_text(source)
+        if source in reference_names()
+        else read_text(folder / source, "structure", reference_names())
+    )
     return validated(ArrayDesign, parse_yaml(text, source), units_required=True, origin=source)
 
 

@@ -151,27 +151,26 @@ def _own_up(changes: dict[str, Any]) -> dict[str, str]:
     return {key: "set by the user" for key in changes if key.split(".")[0] not in ("source", "sources", "title")}
 
 
-def read_text(path: Path) -> str:
-    """Text of a file that a user named; ScenarioError where it is none."""
+def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | None = None) -> str:
+    """Text of a file that a user named, which is to hold a ``kind``; ScenarioError where it is none."""
+    names = ", ".join(catalog_names() if published is None else published)
     try:
         size = path.stat().st_size
         if path.is_dir():
-            raise ScenarioError(
-                f"{path}: is a folder; a scenario file or one of {', '.join(catalog_names())} is wanted"
-            )
+            raise ScenarioError(f"{path}: is a folder; a {kind} file or one of {names} is wanted")
         if not path.is_file():
             raise ScenarioError(f"{path}: is no regular file")
         if size > LARGEST_FILE:
             raise ScenarioError(
-                f"{path}: has {size / 1e6:.1f} MB; a scenario file has at most {LARGEST_FILE / 1e6:.0f} MB"
+                f"{path}: has {size / 1e6:.1f} MB; a {kind} file has at most {LARGEST_FILE / 1e6:.0f} MB"
             )
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ScenarioError(
-            f"{path}: there is no such file and no catalog scenario of this name; the catalog has {', '.join(catalog_names())}"
+            f"{path}: there is no such file and no catalog {kind} of this name; the catalog has {names}"
         ) from None
     except UnicodeDecodeError:
-        raise ScenarioError(f"{path}: is not text in UTF-8; a scenario file is YAML") from None
+        raise ScenarioError(f"{path}: is not text in UTF-8; a {kind} file is YAML") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror or error}") from None
 
