@@ -62,6 +62,10 @@ def load_design(source: str, folder: Path = Path()) -> ArrayDesign:
 
 
 def _from_design(design: ArrayDesign, name: str, count: int) -> ModalSource:
-    from microvib.fem.array import modal_model, solve_array
-
+    try:
+        from microvib.fem.array import modal_model, solve_array
+    except ModuleNotFoundError as error:
+        raise ScenarioError(
+            f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"
+        ) from None
     return ModalSource(name, modal_model(design, count), design, solve_array(design, count))
