@@ -236,3 +236,43 @@ def test_the_five_lines_of_a_notebook(motion_1):
     assert mv.spectrum(motion_1).resolution == 0.0625
     assert len(mv.plot(motion_1, table).axes) == 4
     assert motion_1.dataset["T_d"].attrs["units"] == "N*m"
+
+
+def test_modes_of_the_reference_array(tmp_path):
+    done = microvib("modes", "reference-array", "--count", "4", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "90 % of the inertia about x is reached with 3 modes" in done.stdout
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"modes.csv", "modes.png", "report.html"}
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "http" not in report.replace("http://www.w3.org", "")
+    for words in (
+        "In motion",
+        "Convergence",
+        "Second-order terms",
+        "Effective mass in six directions",
+        "hinges.root.0.position",
+    ):
+        assert words in report
+    again = microvib("modes", "out/modes.csv", "--count", "3", "--out", "table", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert "Mx" in again.stdout
+    assert {p.name for p in (tmp_path / "table").iterdir()} == {"modes.csv", "report.html"}
+    full = microvib("modes", "reference-array", "--out", "out", cwd=tmp_path)
+    assert full.returncode == 1
+    assert "add --overwrite" in full.stderr
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("reference-arry", "is no source of modes; allowed are reference-array, a description"),
+        ("none.yaml", "no such file"),
+        ("none.csv", "cannot be read"),
+    ],
+)
+def test_a_wrong_source_of_modes(tmp_path, source, words):
+    done = microvib("modes", source, cwd=tmp_path)
+    assert done.returncode == 1
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -66,3 +66,13 @@ def test_ten_modes_of_table_1_and_sixty_modes_run():
     assert sixty.invariants.torque_forms < 1e-11
     assert sixty.invariants.energy < 1e-4
     assert mv.lines(sixty)["drive_1"].amplitude_n_m > 0
+
+
+def test_lines_with_more_and_more_modes(capsys):
+    """`python examples/modes_kept.py 3 10`: figures of docs/fem.md; they hang on J_h."""
+    example = load("modes_kept")
+    J_h, highest, amplitudes = example.lines_with(10)
+    assert (J_h, highest) == pytest.approx((0.0646, 11.553), rel=2e-3)
+    assert 1e3 * amplitudes["drive_1"] == pytest.approx(31.90, rel=5e-3)
+    example.main([3])
+    assert "57.18" in capsys.readouterr().out

@@ -64,12 +64,12 @@ def test_options_of_a_command(tmp_path, frame, write_op2):
     @click.command()
     @modal_options
     def command(**given):
-        model = read_modal_model(path, import_from(path, modes=2, **given))
+        model = read_modal_model(path, import_from(path, given, modes=2))
         click.echo(f"{model.frequency.size} {model.drive_axis} {model.inertia:.6g} {model.damping[0]:g}")
 
     args = ["--units", "mm-t-s", "--interface", "100,-200,300", "--drive-axis", "0,1,0", "--damping", "2 percent"]
     result = CliRunner().invoke(command, args)
     assert result.output.split() == ["2", "z", f"{frame().about(HOME)[2][4, 4]:.6g}", "0.02"]
-    assert import_from(path, units=None) is None
+    assert import_from(path, {"units": None}) is None
     with pytest.raises(MicrovibError, match=r"interface: .* is not allowed"):
-        import_from(path, units="SI", interface="here", drive_axis="z")
+        import_from(path, {"units": "SI", "interface": "here", "drive_axis": "z"})

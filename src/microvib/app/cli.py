@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from microvib import __version__
+from microvib.app.modal_options import import_from, modal_options
 from microvib.errors import MicrovibError, ScenarioError
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
@@ -325,6 +326,30 @@ def validate(out: Path | None, overwrite: bool) -> None:
     if out is not None:
         files = write_validation(out, checks, states, overwrite)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.command()
+@click.argument("source")
+@click.option("--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; of a table, all].")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table, pictures, report [default: the name].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+@modal_options
+def modes(source: str, count: int | None, out: Path | None, overwrite: bool, **deck: str | None) -> None:
+    """Modes of SOURCE as in the paper's Table 1: `reference-array`, a description of an array, a table of modes, or results
+    of Nastran or Ansys, for which the options say how the deck is meant.
+
+    A scenario takes them as `array: {from: modes.csv}`, or directly as `array: {fem: reference-array, modes: 10}`.
+    """
+    from microvib.app.modes import table_text, write_modes
+    from microvib.io.modal_sources import modal_source
+    from microvib.io.results import check_folder, free_folder
+
+    out = out or free_folder(f"{Path(source).stem}-modes")
+    check_folder(out, overwrite)
+    found = modal_source(source, count, options=import_from(Path(source), deck))
+    click.echo(table_text(found))
+    files = write_modes(out, found, overwrite)
+    click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 
 @main.command()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -38,7 +38,7 @@ def modal_options(command: F) -> F:
     return command
 
 
-def import_from(source: Path, modes: int | None = None, **given: str | None) -> Import | None:
+def import_from(source: Path, given: Mapping[str, str | None], modes: int | None = None) -> Import | None:
     """Options of an import from those of a command; None where none is given. ModalError names what is wrong."""
     from microvib.model.deck import import_options
 

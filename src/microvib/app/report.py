@@ -13,7 +13,7 @@ import numpy as np
 from microvib.app import plots
 from microvib.io.results import package_versions, scenario_hash
 from microvib.model.linear import coupled_modes
-from microvib.model.part import Part
+from microvib.model.part import Part, entries
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.signals.spectrum import tone_amplitude
@@ -220,8 +220,19 @@ def _parameters(scenario: Scenario) -> list[dict[str, Any]]:
     return [{"name": name, "entries": entries} for name, entries in groups.items()]
 
 
-def _description(scenario: Scenario, key: str) -> str:
-    part: Any = scenario
+def parameter_rows(part: Part) -> list[list[str]]:
+    """Key, value and meaning of every parameter of a part."""
+    rows = []
+    for key, value, quantity in entries("", part, None):
+        key = key.lstrip(".")
+        if value is None or value == () or key in ("title", "source"):
+            continue
+        shown = quantity.show(value) if quantity and isinstance(value, float) else str(value)
+        rows.append([key, shown, quantity.meaning if quantity else _description(part, key)])
+    return rows
+
+
+def _description(part: Any, key: str) -> str:
     *path, last = key.split(".")
     for name in path:
         part = part[int(name)] if name.isdigit() else getattr(part, name)

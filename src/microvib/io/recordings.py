@@ -16,7 +16,7 @@ import numpy as np
 
 from microvib.errors import OutputError
 from microvib.io.scenario_file import parse_yaml, read_text
-from microvib.model.part import part_from
+from microvib.model.sentences import validated
 from microvib.signals.preparation import Preparation
 from microvib.signals.recording import COMPONENTS, Recording, RecordingError, regular_rate, snapped_rate
 
@@ -66,8 +66,8 @@ class Prepared:
 def load_preparation(path: Path | str) -> Preparation:
     """How to prepare recordings, from a YAML file; its background is found relative to the file. ScenarioError if it is wrong."""
     path = Path(path)
-    data = parse_yaml(read_text(path, "a file of preparation"), str(path))
-    preparation = part_from(Preparation, data if data is not None else {}, units_required=True, origin=str(path))
+    data = parse_yaml(read_text(path, "preparation", ()), str(path))
+    preparation = validated(Preparation, data if data is not None else {}, units_required=True, origin=str(path))
     if preparation.background is None:
         return preparation
     return preparation.model_copy(update={"background": str(path.parent / preparation.background)})

@@ -31,7 +31,7 @@ Writer = Callable[[Path], None]
 
 
 STUDY_FILES = (
-    "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv",
+    "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

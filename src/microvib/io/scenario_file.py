@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -14,8 +13,9 @@ import numpy as np
 
 from microvib.errors import ScenarioError
 from microvib.model.bench import Bench
-from microvib.model.part import Part, part_from
+from microvib.model.part import Part
 from microvib.model.scenario import Scenario, scenario_from, set_key
+from microvib.model.sentences import validated
 from microvib.units import Quantity, convert
 
 if TYPE_CHECKING:
@@ -27,8 +27,21 @@ LARGEST_FILE = 1_000_000
 
 def catalog_names() -> tuple[str, ...]:
     """Names of the published scenarios."""
+    return tuple(name for name in _catalog_files() if name != "new" and not name.startswith(REFERENCE))
+
+
+REFERENCE = "reference-"
+"""How names of catalog files begin that describe structures, not scenarios."""
+
+
+def reference_names() -> tuple[str, ...]:
+    """Names of the structures of the catalog, such as ``reference-array``."""
+    return tuple(name for name in _catalog_files() if name.startswith(REFERENCE))
+
+
+def _catalog_files() -> list[str]:
     files = resources.files("microvib.catalog").iterdir()
-    return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".yaml") and f.name != "new.yaml"))
+    return sorted(f.name[:-5] for f in files if f.name.endswith(".yaml"))
 
 
 def catalog_text(name: str) -> str:
@@ -44,22 +57,29 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     """
     name = str(source)
     published = name in catalog_names()
-    text = catalog_text(name) if published else _read(Path(source))
+    text = catalog_text(name) if published else read_text(Path(source))
     data = parse_yaml(text, name)
     if isinstance(data, dict):
         data = with_array(data, Path() if published else Path(source).parent, name)
     if not changes or not isinstance(data, dict):
         return scenario_from(data, units_required=True, origin=name)
     before = scenario_from(data, units_required=True, origin=name) if "sources" in data else None
-    if any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes):
+    other = any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes)
+    if other:
         data["array"] = {}  # another array, not a changed one
     for key, value in changes.items():
         set_key(data, key, value)
     data = with_array(data, Path(), name)
+    if other and "title" not in changes:  # no longer what the file's title says
+        data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
     after = scenario_from(
         {**data, "sources": data.get("sources") if "sources" in changes else {}}, units_required=True, origin=name
     )
-    return after if before is None or "sources" in changes else after.with_sources(before.sources | _own_up(changes))
+    if before is None or "sources" in changes:
+        return after
+    kept = {key: text for key, text in before.sources.items() if not (other and key.split(".")[0] == "array")}
+    own = {"array": data["sources"]["array"]} if other else {}
+    return after.with_sources(kept | _own_up(changes) | own)
 
 
 def bench_names() -> tuple[str, ...]:
@@ -73,54 +93,64 @@ def load_bench(source: str | Path) -> Bench:
     if name in bench_names():
         text = (resources.files("microvib.catalog") / "benches" / f"{name}.yaml").read_text(encoding="utf-8")
     else:
-        text = read_text(Path(source), f"a description of a bench or one of {', '.join(bench_names())}")
-    return part_from(Bench, parse_yaml(text, name), units_required=True, origin=name)
+        text = read_text(Path(source), "bench", bench_names())
+    return validated(Bench, parse_yaml(text, name), units_required=True, origin=name)
 
 
-ARRAY_ORIGINS = ("from",)
-"""Keys of ``array`` that name where its modes come from, instead of the modes themselves."""
+ARRAY_ORIGINS = ("from", "fem")
+"""Keys of ``array`` that name where its modes come from, instead of the modes themselves: a table, a description."""
 
 
 def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
-    """Scenario data with ``array: {from: FILE}`` replaced by the modes of that file (relative to ``folder``).
+    """Scenario data with ``array: {from: FILE}`` or ``array: {fem: DESCRIPTION}`` replaced by the modes of that source.
 
-    ``modes: N`` keeps the first N of them, ``damping`` replaces their damping ratios; beside results of a finite-element
-    program stand the keys of ``Import``. Raises ScenarioError or ModalError.
+    Files are relative to ``folder``. ``modes: N`` keeps the first N modes, ``damping`` replaces their damping ratios; beside
+    results of a finite-element program stand the keys of ``Import``. Raises ScenarioError or ModalError.
     """
     group = data.get("array")
     if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
         return data
-    source = folder / str(group["from"])
-    model = _table(source, group, origin) if source.suffix.lower() == ".csv" else _imported(source, group, origin)
+    from microvib.io.modal_sources import RESULTS
+
+    key, *others = [key for key in group if key in ARRAY_ORIGINS]
+    printed = key == "from" and Path(str(group[key])).suffix.lower() in RESULTS
+    unknown = [*others, *(key for key in group if not printed and key not in (*ARRAY_ORIGINS, "modes", "damping"))]
+    if unknown:
+        raise ScenarioError(
+            f"{origin}: array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed beside it are modes"
+            " (how many) and damping"
+        )
+    model, source = _imported(group, folder, origin) if printed else _modes_of(group, key, folder, origin)
     array = _plain(model.array(), None)
-    sources = {key: text for key, text in (data.get("sources") or {}).items() if not key.startswith("array.")}
-    sources["array"] = f"{group['from']}"
+    given = data.get("sources") or {}
+    if not isinstance(given, dict):
+        raise ScenarioError(f"{origin}: sources: {given!r} is not allowed; keys are wanted here: text to text")
+    sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {"array": source}
     if model.notes:
-        sources["array.inertia"] = " ".join([f"{group['from']}.", *model.notes])  # once, not at each mode
+        sources["array.inertia"] = " ".join([f"{source}.", *model.notes])  # once, not at each mode
     return {**data, "array": _without_empty(array), "sources": sources}
 
 
-def _table(source: Path, group: dict[str, Any], origin: str) -> ModalModel:
-    """Modes of a table, with the number and the damping that the scenario asks for."""
-    from microvib.io.modal_table import read_modes
-
-    unknown = [key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping")]
-    if unknown:
-        raise ScenarioError(
-            f"{origin}: array.{unknown[0]}: does not go with array.from, which brings the modes; allowed beside it are modes"
-            " (how many) and damping"
-        )
-    model = read_modes(source)
-    return _damped(model.first(_count(group, model.frequency.size, origin)), group, origin)
-
-
-def _imported(source: Path, group: dict[str, Any], origin: str) -> ModalModel:
-    """Modes of a finite-element program's results, understood as the scenario says."""
+def _imported(group: dict[str, Any], folder: Path, origin: str) -> tuple[ModalModel, str]:
+    """Modes of a finite-element program's results, understood as the scenario says, and what to say of their source."""
     from microvib.io.nastran import read_modal_model
     from microvib.model.deck import import_options
 
     said = {key: value for key, value in group.items() if key not in ARRAY_ORIGINS}
-    return read_modal_model(source, import_options(said, f"{origin}: array"))
+    return read_modal_model(folder / str(group["from"]), import_options(said, f"{origin}: array")), str(group["from"])
+
+
+def _modes_of(group: dict[str, Any], key: str, folder: Path, origin: str) -> tuple[ModalModel, str]:
+    """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
+    from microvib.io.modal_sources import DEFAULT_MODES, MOST_MODES, modal_source
+
+    name = str(group[key])
+    if key == "from":
+        model = modal_source(name, folder=folder).model
+        return _damped(model.first(_count(group, model.frequency.size, origin)), group, origin), name
+    count = _count({"modes": DEFAULT_MODES, **group}, MOST_MODES, origin)
+    model = modal_source(name, max(count, 1), folder).model
+    return _damped(model.first(count), group, origin), f"finite elements of {name}, {count} modes"
 
 
 def _count(group: dict[str, Any], available: int, origin: str) -> int:
@@ -152,29 +182,26 @@ def _own_up(changes: dict[str, Any]) -> dict[str, str]:
     return {key: "set by the user" for key in changes if key.split(".")[0] not in ("source", "sources", "title")}
 
 
-def _read(path: Path) -> str:
-    if not os.path.lexists(path) and len(str(path)) < 200:
-        raise ScenarioError(
-            f"{path}: there is no such file and no catalog scenario of this name; the catalog has {', '.join(catalog_names())}"
-        )
-    return read_text(path, f"a scenario file or one of {', '.join(catalog_names())}")
-
-
-def read_text(path: Path, wanted: str) -> str:
-    """Text of a YAML file of the user's; ScenarioError where it cannot be one. ``wanted`` says what it should be."""
+def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | None = None) -> str:
+    """Text of a file that a user named, which is to hold a ``kind``; ScenarioError where it is none."""
+    names = ", ".join(catalog_names() if published is None else published)
     try:
         size = path.stat().st_size
         if path.is_dir():
-            raise ScenarioError(f"{path}: is a folder; {wanted} is wanted")
+            raise ScenarioError(f"{path}: is a folder; a {kind} file or one of {names} is wanted")
         if not path.is_file():
             raise ScenarioError(f"{path}: is no regular file")
         if size > LARGEST_FILE:
-            raise ScenarioError(f"{path}: has {size / 1e6:.1f} MB; such a file has at most {LARGEST_FILE / 1e6:.0f} MB")
+            raise ScenarioError(
+                f"{path}: has {size / 1e6:.1f} MB; a {kind} file has at most {LARGEST_FILE / 1e6:.0f} MB"
+            )
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ScenarioError(f"{path}: there is no such file; {wanted} is wanted") from None
+        raise ScenarioError(
+            f"{path}: there is no such file and no catalog {kind} of this name; the catalog has {names}"
+        ) from None
     except UnicodeDecodeError:
-        raise ScenarioError(f"{path}: is not text in UTF-8; a YAML file is wanted") from None
+        raise ScenarioError(f"{path}: is not text in UTF-8; a {kind} file is YAML") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror or error}") from None
 

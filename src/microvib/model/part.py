@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import copy
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails
 
-from microvib.errors import ScenarioError
 from microvib.units import Quantity
 
 Six = tuple[float, float, float, float, float, float]
@@ -47,107 +45,13 @@ def _search(annotation: Any) -> Quantity | None:
     return None
 
 
-P = TypeVar("P", bound=Part)
-
-
-def part_from(kind: type[P], data: Any, *, units_required: bool = False, origin: str = "") -> P:
-    """A part of ``kind`` from nested dicts; every problem found becomes a sentence of one ScenarioError."""
-    try:
-        return kind.model_validate(copy.deepcopy(data), context={"units_required": units_required})
-    except ValidationError as error:
-        items = error.errors()
-        # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
-        quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
-        items = [item for item in items if item["type"] != "literal_error" or item["loc"][:-1] not in quantities]
-        lines = list(dict.fromkeys(_sentence(kind, item) for item in items))
-        if len(lines) > 8:
-            lines = [*lines[:8], f"... and {len(lines) - 8} more"]
-        raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
-
-
-_BRANCHES = ("function-plain", "function-wrap", "literal", "constrained", "tuple", "lax-or-strict")
-
-
-def _sentence(root: type[Part], item: ErrorDetails) -> str:
-    """One validation error as a sentence: which key, what was found, what is allowed."""
-    where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
-    key = ".".join(where) or "file"
-    kind, found, context = item["type"], item.get("input"), item.get("ctx", {})
-    shown = repr(found) if len(repr(found)) < 60 else repr(found)[:57] + "..."
-    if kind == "extra_forbidden":
-        return f"{key}: unknown key; allowed here are {', '.join(_keys_at(root, where[:-1])) or 'none'}"
-    if kind == "missing":
-        return f"{key}: missing{_meaning(root, where)}"
-    if kind == "quantity":
-        return f"{key}: {context['text']}"
-    if kind == "value_error":
-        text = str(context.get("error", item["msg"]))
-        if not where:
-            return text
-        return (
-            f"{key}.{text}"
-            if where and text.split(":")[0].replace(".", "").replace("_", "").isalnum()
-            else f"{key}: {text}"
-        )
-    if kind == "literal_error":
-        return f"{key}: {shown} is not allowed; write {context.get('expected')}{_meaning(root, where)}"
-    if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
-        return f"{key}: {shown} is not allowed; a whole number{_range(root, where)} is wanted{_meaning(root, where)}"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return (
-            f"{key}: {shown} is not allowed; keys are wanted here: {', '.join(_keys_at(root, where)) or 'text to text'}"
-        )
-    if kind == "tuple_type":
-        return f"{key}: {shown} is not allowed; a list is wanted{_meaning(root, where)}"
-    message = item["msg"].replace("Input should", "it should")
-    return f"{key}: {shown} is not allowed; {message}"
-
-
-def _field_at(root: type[Part], where: list[str]) -> tuple[type[Part] | None, Any]:
-    """The part class and the field that a path leads to."""
-    part: type[Part] | None = root
-    field: Any = None
-    for name in where:
-        if name.isdigit():
-            continue
-        if part is None or name not in part.model_fields:
-            return None, None
-        field = part.model_fields[name]
-        part = _part_in(field.annotation)
-    return part, field
-
-
-def _part_in(annotation: Any) -> type[Part] | None:
-    if isinstance(annotation, type) and issubclass(annotation, Part):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _part_in(argument)
-        if found is not None:
-            return found
-    return None
-
-
-def _keys_at(root: type[Part], where: list[str]) -> list[str]:
-    part, _ = _field_at(root, where)
-    return list(part.model_fields) if part is not None else []
-
-
-def _meaning(root: type[Part], where: list[str]) -> str:
-    parent, _ = _field_at(root, where[:-1])
-    _, field = _field_at(root, where)
-    if field is None or parent is None:
-        return ""
-    quantity = parent.quantity_of(where[-1])
-    if quantity is not None:
-        unit = f", in {quantity.display or quantity.unit}" if quantity.unit else ""
-        return f" ({quantity.meaning}{unit})"
-    return f" ({field.description})" if field.description else ""
-
-
-def _range(root: type[Part], where: list[str]) -> str:
-    _, field = _field_at(root, where)
-    low = high = None
-    for rule in getattr(field, "metadata", ()):
-        low = getattr(rule, "ge", low)
-        high = getattr(rule, "le", high)
-    return "" if low is None else f" from {low} to {high}"
+def entries(key: str, value: Any, quantity: Quantity | None) -> Iterator[tuple[str, Any, Quantity | None]]:
+    """Every parameter under ``key`` as (dotted key, value, declaration or None), in the order of the file."""
+    if isinstance(value, Part):
+        for name in type(value).model_fields:
+            yield from entries(f"{key}.{name}", getattr(value, name), type(value).quantity_of(name))
+    elif isinstance(value, tuple) and value and isinstance(value[0], Part):
+        for index, item in enumerate(value):
+            yield from entries(f"{key}.{index}", item, None)
+    else:
+        yield key, value, quantity

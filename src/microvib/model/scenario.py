@@ -12,9 +12,10 @@ from microvib.model.array import Array
 from microvib.model.driver import Driver
 from microvib.model.friction import Friction
 from microvib.model.motor import Motor
-from microvib.model.part import Part, part_from
+from microvib.model.part import Part, entries
 from microvib.model.record import Record, Solver
 from microvib.model.reducer import Reducer
+from microvib.model.sentences import validated
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
@@ -109,7 +110,7 @@ class Scenario(Part):
         """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
         for name in type(self).model_fields:
             if name not in ("title", "source", "sources"):
-                yield from _entries(name, getattr(self, name), type(self).quantity_of(name))
+                yield from entries(name, getattr(self, name), type(self).quantity_of(name))
 
     def source_of(self, key: str) -> str:
         """Source of one key: its own, or that of the closest group above it, or the scenario's."""
@@ -119,17 +120,6 @@ class Scenario(Part):
             if text is not None:
                 return text
         return self.source
-
-
-def _entries(key: str, value: Any, quantity: Quantity | None) -> Iterator[tuple[str, Any, Quantity | None]]:
-    if isinstance(value, Part):
-        for name in type(value).model_fields:
-            yield from _entries(f"{key}.{name}", getattr(value, name), type(value).quantity_of(name))
-    elif isinstance(value, tuple) and value and isinstance(value[0], Part):
-        for index, item in enumerate(value):
-            yield from _entries(f"{key}.{index}", item, None)
-    else:
-        yield key, value, quantity
 
 
 def set_key(data: Any, key: str, value: Any) -> None:
@@ -174,8 +164,4 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
 
 def scenario_from(data: Any, *, units_required: bool = False, origin: str = "") -> Scenario:
     """Build a scenario from nested dicts; every problem found becomes a sentence of one ScenarioError."""
-    if not isinstance(data, dict):
-        raise ScenarioError(
-            f"{origin or 'scenario'}: a mapping of keys is wanted, such as 'motor:', not {type(data).__name__}"
-        )
-    return part_from(Scenario, data, units_required=units_required, origin=origin)
+    return validated(Scenario, data, units_required=units_required, origin=origin)

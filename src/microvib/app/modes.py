@@ -1,0 +1,221 @@
+"""Modes from command to folder: Table 1 of any source, pictures, convergence, second-order terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.app.report import parameter_rows, picture, render
+from microvib.io.modal_sources import ModalSource
+from microvib.io.modal_table import modes_csv
+from microvib.io.results import package_versions, read_table, write_folder
+from microvib.model.modal import DIRECTIONS, ModalModel
+
+if TYPE_CHECKING:
+    from microvib.fem.modes import Modes
+
+ENOUGH = 0.9
+"""Cumulative fraction of effective inertia that practice asks for (paper, section 3.1)."""
+RATES = {"cruise": 0.06, "fast slew": 1.0}  # deg/s
+_MOST_PICTURED = 12
+_MOST_NODES = 4000
+
+
+def mode_kinds(source: ModalSource) -> tuple[str, ...]:
+    """Kind of each mode: from its shape where that is known, else the direction in which it takes part most."""
+    if source.modes is not None:
+        from microvib.fem.modes import kinds
+
+        return kinds(source.modes)
+    with np.errstate(invalid="ignore"):
+        fraction = np.nan_to_num(source.model.fraction)
+    return tuple(DIRECTIONS[k] for k in np.argmax(fraction, axis=0))
+
+
+def enough_sentence(model: ModalModel) -> str:
+    """The 90 % rule, and what it leaves out."""
+    cumulative = np.cumsum(model.fraction[model.axis])
+    reached = np.flatnonzero(cumulative >= ENOUGH)
+    what = f"90 % of the inertia about {model.drive_axis}"
+    first = (
+        f"{what} is reached with {reached[0] + 1} mode{'s' if reached[0] else ''}."
+        if reached.size
+        else f"{what} is not reached with {model.frequency.size} modes ({100 * cumulative[-1]:.1f} %): ask for more."
+    )
+    return (
+        f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and decides the lines above"
+        f" {model.frequency[-1]:.3g} Hz."
+    )
+
+
+def table_text(source: ModalSource) -> str:
+    """Table 1 as text."""
+    header, rows = table_1(source)
+    widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
+    lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows]]
+    m = source.model
+    lines += ["", f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²"]
+    if m.spatial:
+        lines[-1] += f", mass {m.mass[0, 0]:.5g} kg"
+    return "\n".join([*lines, enough_sentence(m), *m.notes])
+
+
+def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of Table 1; beside the paper's for the array that was fitted to it."""
+    m, paper = source.model, _paper(source)
+    header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]"]
+    rows = []
+    cumulative = np.cumsum(m.fraction[m.axis])
+    for k, kind in enumerate(mode_kinds(source)):
+        rows.append(
+            [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{m.effective[m.axis, k]:.3g}",
+             f"{m.fraction[m.axis, k]:.3g}", f"{cumulative[k]:.4f}"]
+        )  # fmt: skip
+        if paper:
+            given = paper[k] if k < len(paper) else {}
+            f = float(given.get("frequency_hz", "nan"))
+            rows[-1] += (
+                [f"{f:g}", f"{100 * (m.frequency[k] / f - 1):+.1f}", f"{float(given['effective_fraction']):.3g}"]
+                if given
+                else [""] * 3
+            )
+    return header + (["paper [Hz]", "diff. [%]", "paper [1]"] if paper else []), rows
+
+
+def _paper(source: ModalSource) -> list[dict[str, str]]:
+    return list(read_table("table1_array_modes")) if source.name == "reference-array" else []
+
+
+def write_modes(out: Path, source: ModalSource, overwrite: bool) -> tuple[str, ...]:
+    """``modes.csv``, ``report.html`` and, of finite elements, ``modes.png``; names of the files."""
+    files: dict[str, Any] = {"modes.csv": modes_csv(source.model), "report.html": report(source)}
+    if source.modes is not None:
+        from microvib.app.shapes import draw_shapes
+
+        figure = draw_shapes(source.modes, mode_kinds(source), _MOST_PICTURED)
+        files["modes.png"] = lambda path: figure.savefig(path, format="png")
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+def report(source: ModalSource) -> str:
+    """HTML text of the report on the modes of one source."""
+    model = source.model
+    header, rows = table_1(source)
+    sections: list[dict[str, Any]] = [
+        {"title": f"Modes about the drive axis {model.drive_axis} (as Table 1)", "text": enough_sentence(model),
+         "header": header, "rows": rows}
+    ]  # fmt: skip
+    if model.notes:
+        sections.insert(0, {"title": "To be checked", "text": " ".join(model.notes)})
+    if source.modes is not None and source.design is not None:
+        sections += _pictures(source.modes, mode_kinds(source))
+        sections += [_convergence(source), _second_order(source.modes, model)]
+    if model.spatial:
+        sections += _spatial(model)
+    if source.design is not None:
+        sections.append(
+            {"title": "Description", "text": source.design.source, "header": ["parameter", "value", "meaning"],
+             "rows": parameter_rows(source.design)}
+        )  # fmt: skip
+    lead = f"{source.name}: {model.frequency.size} modes with the interface clamped."
+    version = package_versions()["microvib"]
+    return render(
+        "study.html", title=f"Modes of {model.title or source.name}", lead=lead, sections=sections, version=version
+    )
+
+
+def _pictures(modes: Modes, kinds: Sequence[str]) -> list[dict[str, Any]]:
+    from microvib.app.shapes import animation, draw_shapes
+    from microvib.fem.modes import KINDS
+
+    legend = "; ".join(f"{key} {meaning}" for key, meaning in KINDS.items() if key in kinds)
+    count = min(_MOST_PICTURED, len(kinds))
+    sections = [
+        {"title": "Mode shapes", "figure": picture(draw_shapes(modes, kinds, count)),
+         "caption": f"Displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."}
+    ]  # fmt: skip
+    if len(modes.structure.xyz) <= _MOST_NODES:
+        sections.insert(0, {"title": "In motion", "html": animation(modes, kinds, count)})
+    return sections
+
+
+def _convergence(source: ModalSource) -> dict[str, Any]:
+    """Frequencies on a mesh of twice the size, mode by mode of each kind."""
+    from microvib.fem.array import solve_array
+    from microvib.fem.modes import kinds
+
+    design, modes = source.design, source.modes
+    assert design is not None
+    assert modes is not None
+    coarse = solve_array(design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size)
+    fine = _by_kind(modes.frequency, mode_kinds(source))
+    other = _by_kind(coarse.frequency, kinds(coarse))
+    rows = []
+    for k, (key, f) in enumerate(fine.items(), 1):
+        g = other.get(key, math.nan)
+        rows.append(
+            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", f"{100 * (g / f - 1):+.2f}"] if key in other else ["", ""])]
+        )
+    text = (
+        f"The same array with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
+        f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
+        " small asks for a finer mesh."
+    )
+    header = ["mode", "kind", "f [Hz]", "coarser [Hz]", "difference [%]"]
+    return {"title": "Convergence", "text": text, "header": header, "rows": rows}
+
+
+def _by_kind(frequency: np.ndarray, kinds: Sequence[str]) -> dict[tuple[str, int], float]:
+    """Frequencies under their kind and their number in it."""
+    found: dict[tuple[str, int], float] = {}
+    for f, kind in zip(frequency, kinds, strict=True):
+        found[kind, sum(key[0] == kind for key in found)] = float(f)
+    return found
+
+
+def _second_order(modes: Modes, model: ModalModel) -> dict[str, Any]:
+    from microvib.fem.coupling import size
+
+    rows = []
+    for name, rate in RATES.items():
+        s = size(modes, math.radians(rate), model.damping, model.axis - 3)
+        rows.append(
+            [f"{name}, {rate:g} deg/s", *(f"{v:.2g}" for v in (s.coriolis, s.centrifugal, s.frequency, s.torque))]
+        )
+    text = (
+        "What Eq. 15 has and Eq. 16 drops, computed from the elements for a steady rate: Coriolis coupling over inertia forces,"
+        " centrifugal over elastic force, and what both change in the natural frequencies and in the torque that an acceleration of"
+        " the shaft takes, at worst from 0.01 to 200 Hz. Stiffening by the steady tension, of the size of the centrifugal"
+        " column, is in neither equation."
+    )
+    header = ["rate", "Coriolis [1]", "centrifugal [1]", "frequencies [1]", "torque [1]"]
+    return {"title": "Second-order terms", "text": text, "header": header, "rows": rows}
+
+
+def _spatial(model: ModalModel) -> list[dict[str, Any]]:
+    fraction = model.fraction
+    cumulative = np.cumsum(fraction, axis=1)
+    rows = [
+        [
+            str(k + 1),
+            f"{f:.4g}",
+            *(f"{100 * a:.3f} / {100 * b:.2f}" for a, b in zip(fraction[:, k], cumulative[:, k], strict=True)),
+        ]
+        for k, f in enumerate(model.frequency)
+    ]
+    noise = 1e-12 * np.abs(model.mass).max()
+    rigid = [
+        [name, *(f"{v if abs(v) > noise else 0.0:.5g}" for v in row)]
+        for name, row in zip(DIRECTIONS, model.mass, strict=True)
+    ]
+    return [
+        {"title": "Effective mass in six directions", "header": ["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)],
+         "text": "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface / cumulated.", "rows": rows},
+        {"title": "Rigid body at the interface", "text": "Mass matrix about the interface point.",
+         "header": ["", *(f"{d} [kg, m]" for d in DIRECTIONS)], "rows": rigid},
+    ]  # fmt: skip

@@ -1,0 +1,1 @@
+"""Geometry to modes: meshes, elements, sparse eigen-solution, modal models."""

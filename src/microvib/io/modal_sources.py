@@ -1,0 +1,87 @@
+"""Where modes come from: a structure of the catalog, a description of an array, a table of modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from microvib.errors import ScenarioError
+from microvib.io.modal_table import MOST_MODES, read_modes
+from microvib.io.scenario_file import catalog_text, parse_yaml, read_text, reference_names
+from microvib.model.design import ArrayDesign
+from microvib.model.modal import ModalModel
+from microvib.model.sentences import validated
+
+if TYPE_CHECKING:
+    from microvib.fem.modes import Modes
+    from microvib.model.deck import Import
+
+__all__ = ["DEFAULT_MODES", "MOST_MODES", "ModalSource", "load_design", "modal_source"]
+
+DEFAULT_MODES = 10
+"""Modes taken of finite elements where their number is not given."""
+DESCRIPTIONS = (".yaml", ".yml")
+TABLES = (".csv",)
+RESULTS = (".op2", ".op4", ".pch", ".f06", ".out", ".txt")
+"""Endings of what Nastran and Ansys write."""
+
+
+@dataclass(frozen=True)
+class ModalSource:
+    """A modal model, with the finite elements that it comes from where they are known."""
+
+    name: str
+    model: ModalModel
+    design: ArrayDesign | None = None
+    modes: Modes | None = None
+
+
+def modal_source(
+    source: str, count: int | None = None, folder: Path = Path(), options: Import | None = None
+) -> ModalSource:
+    """Modal model of ``source``: a catalog name, or a file relative to ``folder`` whose ending says what it is.
+
+    ``count`` is how many modes are wanted; of a table without it, all. ``options`` say how results of a finite-element program
+    are meant. Raises a sentence where there is none.
+    """
+    ending = Path(source).suffix.lower()
+    if options is not None and ending not in RESULTS:
+        raise ScenarioError(
+            f"{source}: says itself how it is meant; units, interface, axis and damping go with {', '.join(RESULTS)}"
+        )
+    if source in reference_names() or ending in DESCRIPTIONS:
+        return _from_design(load_design(source, folder), source, DEFAULT_MODES if count is None else count)
+    if ending in TABLES:
+        model = read_modes(folder / source)
+        return ModalSource(source, model if count is None else model.first(count))
+    if ending in RESULTS:
+        from microvib.io.nastran import read_modal_model
+
+        model = read_modal_model(folder / source, options)
+        return ModalSource(source, model if count is None else model.first(count))
+    raise ScenarioError(
+        f"{source}: is no source of modes; allowed are {', '.join(reference_names())}, a description of an array"
+        f" ({', '.join(DESCRIPTIONS)}), a table of modes ({', '.join(TABLES)})"
+        f" and results of Nastran or Ansys ({', '.join(RESULTS)})"
+    )
+
+
+def load_design(source: str, folder: Path = Path()) -> ArrayDesign:
+    """Description of an array from the catalog or a YAML file; ScenarioError with a sentence for each problem."""
+    text = (
+        catalog_text(source)
+        if source in reference_names()
+        else read_text(folder / source, "structure", reference_names())
+    )
+    return validated(ArrayDesign, parse_yaml(text, source), units_required=True, origin=source)
+
+
+def _from_design(design: ArrayDesign, name: str, count: int) -> ModalSource:
+    try:
+        from microvib.fem.array import modal_model, solve_array
+    except ModuleNotFoundError as error:
+        raise ScenarioError(
+            f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"
+        ) from None
+    return ModalSource(name, modal_model(design, count), design, solve_array(design, count))
