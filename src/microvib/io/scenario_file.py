@@ -110,10 +110,10 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     group = data.get("array")
     if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
         return data
-    from microvib.io.modal_sources import RESULTS
+    from microvib.io.modal_sources import DESCRIPTIONS, TABLES
 
     key, *others = [key for key in group if key in ARRAY_ORIGINS]
-    printed = key == "from" and Path(str(group[key])).suffix.lower() in RESULTS
+    printed = key == "from" and Path(str(group[key])).suffix.lower() not in (*TABLES, *DESCRIPTIONS)
     unknown = [*others, *(key for key in group if not printed and key not in (*ARRAY_ORIGINS, "modes", "damping"))]
     if unknown:
         raise ScenarioError(
