@@ -33,6 +33,8 @@ PRIOR = 0.1
 """Weight of the wish to stay near the start, per width of a range: it decides only where the evidence says nothing."""
 UNEXPLAINED = 5.0
 """Standard deviations, root mean square, from which a fit does not explain its evidence."""
+EXPLAINED = 1.5
+"""Standard deviations, root mean square, below which no further start is tried."""
 FIRST_LOOK, FULL = 10, 60
 """Steps of a local fit: to see whether the ranges suffice, and to the end."""
 DIFFERENCE = 2e-3
@@ -232,6 +234,8 @@ class _Problem:
         for u in (self.best_u, *starts[1:]):
             assert u is not None
             self.finish(u, FULL)
+            if math.sqrt(self.best_cost / len(self.weights)) < EXPLAINED:
+                break  # as near as the evidence is known: another start can only end here
 
     def wider_keys(self) -> list[FitKey]:
         """The keys with wider ranges where the best lies at their end, or with a mode's frequency fitted along."""
