@@ -63,6 +63,18 @@ def test_identification_finds_the_truth(recording, start, tmp_path):
     assert fit_json(fit)["status"].startswith("calibrated")
 
 
+def test_a_range_of_ours_widens_and_a_wrong_mode_frequency_is_fitted_along(recording, start):
+    """Damping starts at a tenth of the truth, with a range to two fifths of it; the scenario's mode lies 4 % off."""
+    evidence = read_evidence(str(recording), start)
+    wrong = start.with_({**TRUTH, "reducer.damping": 0.5, "array.modes.0.frequency": 1.24})
+    fit = identify(wrong, [(evidence, {})], [parse_fit(wrong, "reducer.damping")], starts=8, finishes=1)
+    found = {e.key: e for e in fit.estimates}
+    assert found["reducer.damping"].estimate == pytest.approx(5.0, rel=0.02)
+    assert found["reducer.damping"].identifiable
+    assert found["array.modes.0.frequency"].estimate == pytest.approx(1.19, rel=1e-3)
+    assert "fitted along" in found["array.modes.0.frequency"].verdict
+
+
 def test_a_parameter_without_effect_is_not_identifiable(recording, start):
     evidence = read_evidence(str(recording), start)
     keys = [parse_fit(start, "motor.friction.viscous"), parse_fit(start, "friction.stribeck_shape=0.9:1.1")]

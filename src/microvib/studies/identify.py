@@ -33,7 +33,7 @@ PRIOR = 0.1
 """Weight of the wish to stay near the start, per width of a range: it decides only where the evidence says nothing."""
 UNEXPLAINED = 5.0
 """Standard deviations, root mean square, from which a fit does not explain its evidence."""
-EXPLAINED = 1.5
+EXPLAINED = 3.0
 """Standard deviations, root mean square, below which no further start is tried."""
 FIRST_LOOK, FULL = 10, 60
 """Steps of a local fit: to see whether the ranges suffice, and to the end."""
