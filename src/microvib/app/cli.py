@@ -18,6 +18,7 @@ from microvib.errors import MicrovibError, ScenarioError
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
+    from microvib.app.running import RunResult
     from microvib.model.scenario import Scenario
     from microvib.signals.lines import LineTable
 
@@ -67,9 +68,13 @@ _set_option = click.option(
 @click.option(
     "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
 )
+@click.option(
+    "--steady", is_flag=True, help="Find the periodic steady state directly, without settling; lines are then exact."
+)
 def run(
-    scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int
-) -> None:
+    scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
+    steady: bool,
+) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.app.running import run_scenario
     from microvib.io.results import check_folder, free_folder
@@ -79,15 +84,33 @@ def run(
     check_folder(out, overwrite)
     with _progress() as progress:
         result = run_scenario(
-            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, progress=progress
+            loaded,
+            out,
+            overwrite=overwrite,
+            lines_only=lines_only,
+            harmonics=harmonics,
+            steady=steady,
+            progress=progress,
         )
     _print_lines(loaded, result.table)
+    if steady:
+        click.echo(_steady_sentence(result))
     i = result.invariants
     click.echo(
         f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
         f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
     )
     click.echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
+
+
+def _steady_sentence(result: RunResult) -> str:
+    solver = result.solver
+    if result.fallback:
+        return f"\nNo steady state: {result.fallback}. Simulated from rest instead."
+    return (
+        f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
+        f" {solver['periods_evaluated']:.3g} periods; of a deviation {solver['multiplier']:.3g} is left after a period."
+    )
 
 
 @main.command()

@@ -1,0 +1,254 @@
+"""The periodic steady state at constant rate, found directly: ``steady_state(scenario)``.
+
+The state that the drive's map over one period of its command (``microvib.solve.period``) leaves as it is, by a quasi-Newton
+method: the map's derivative from one microstep, by differences, then Broyden's updates. What would take the array modes
+a minute to settle is solved for; friction, stick and detent are those of the kernel, for the map is the kernel.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock_time
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+from microvib.solve import kernel
+from microvib.solve.decimate import PASSBAND
+from microvib.solve.motion import Invariants, Motion
+from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.simulate import Progress, Run, balance, channels_of
+
+CLOSE = 1e-3
+"""Largest distance of an accepted state from the steady one, over what a microstep moves."""
+SAMPLED_FROM = 0.5
+"""Distance below which a period is sampled, for it may be the last."""
+BELIEVED = 20.0
+"""Correction above which the linearisation is not believed and a period is let pass instead."""
+MOST_EVALUATIONS = 16
+ATTEMPTS = ((1, 0.25), (2, 4.0), (3, 4.0))
+"""Searches in turn: periods of the command after which the motion may repeat, and such periods simulated before."""
+LONGEST = 8
+"""Quarter electrical turns that a transmission error may take to repeat."""
+STABLE = 1.05
+"""Largest multiplier that passes for stable: it is estimated from one microstep."""
+SAME = 0.2
+"""Part of its distance within which a search from another start must come back, to count as finding the same motion."""
+HARMONICS = 8
+"""Driving lines whose amplitudes the sampling must not disturb; see ``_intervals``."""
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """One period of a steady motion: channels by name, as in a ``Motion``, as means over equal intervals."""
+
+    scenario: Scenario
+    start: float
+    """Start of the period [s], on the clock of the scenario's record."""
+    frequency: float
+    """Repetitions per second [Hz]."""
+    microsteps: int
+    """Microsteps in the period."""
+    channels: dict[str, np.ndarray]
+    state: np.ndarray
+    """The kernel's state at the start of the period."""
+    distance: float
+    """Estimated distance of ``state`` from the steady one, over what a microstep moves."""
+    multiplier: float
+    """Largest part of a deviation that is left after a period; below 1 the motion is stable."""
+    invariants: Invariants
+    solver: dict[str, Any]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.channels[name]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Middles of the intervals [s], (n,)."""
+        n = self.channels["T_d"].size
+        middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
+        return middles
+
+    def harmonics(self, name: str = "T_d") -> np.ndarray:
+        """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0, 1, ..., (n // 2,).
+
+        Phases are those of cosines at the first sample of the record, ``record.settle``. The means' droop is made good.
+        """
+        x = self.channels[name]
+        n = x.shape[0]
+        k = np.arange(n // 2)
+        series = np.fft.rfft(x, axis=0)[: k.size] * (2.0 / n)
+        series[0] *= 0.5
+        shift = 2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
+        result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
+        return result
+
+    def motion(self, *, channels: tuple[str, ...] | None = None, progress: Progress | None = None) -> Motion:
+        """The record of the scenario, integrated from this state instead of from rest."""
+        period = PeriodMap(self.scenario, self.microsteps)
+        period.put(self.state)
+        run = Run(self.scenario, progress=progress, channels=channels, packed=period.packed, command=period.command)
+        blocks = list(run)
+        joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+        record = self.scenario.record
+        t = record.settle + np.arange(record.samples) / record.sample_rate
+        return Motion(self.scenario, t, joined, run.invariants, run.solver)
+
+
+def steady_state(scenario: Scenario) -> SteadyState:
+    """The steady state of ``scenario`` at the rate that it has in its record.
+
+    Raises NotPeriodic, with the reason, where the rate changes or is zero, where a transmission error takes too long to
+    repeat, or where no stable and unique motion was found that repeats within three periods of the command.
+    """
+    begun = clock_time.perf_counter()
+    repeat, quarter = repeats_after(scenario)
+    if repeat > LONGEST * quarter:
+        raise NotPeriodic(f"the transmission error repeats with the command only every {repeat} microsteps")
+    reason, spent = "", 0.0
+    for multiple, settle in ATTEMPTS:
+        period = PeriodMap(scenario, multiple * repeat)
+        try:
+            found = _Search(period).run(settle)
+            return found.state(clock_time.perf_counter() - begun, spent)
+        except NotUnique:
+            raise
+        except NotPeriodic as problem:
+            reason = str(problem)
+            spent += multiple * period.evaluations
+    raise NotPeriodic(reason)
+
+
+class NotUnique(NotPeriodic):
+    """More than one steady state that repeats with the command was found."""
+
+
+class _Search:
+    """Quasi-Newton search for the state that one period leaves as it is; states in units of what a microstep moves."""
+
+    def __init__(self, period: PeriodMap) -> None:
+        self._period = period
+        self._rows = np.zeros((_intervals(period), period.packed.channels))
+
+    def run(self, settle: float) -> _Search:
+        """Search from the mean motion, after ``settle`` periods of simulation; NotPeriodic where nothing is found."""
+        period = self._period
+        y = period.guess()
+        for _ in range(max(int(settle), 1)):  # the fast motions settle
+            y = period.advance(y, math.ceil(min(settle, 1.0) * period.microsteps))
+        period.evaluations, spent = 0.0, period.evaluations
+        self.newton = _Newton(period.monodromy(y))
+        x, self.distance = y / period.sizes, math.inf
+        while period.evaluations < MOST_EVALUATIONS:
+            self.x, end, self.invariants = self._advance(x, sampled=self.distance < SAMPLED_FROM)
+            x = self.newton.next(self.x, self.x - end)
+            self.distance = float(np.max(np.abs(x - self.x)))
+            if self.invariants is not None and self.distance < CLOSE:
+                self._check_stable()
+                self._check_unique()
+                period.evaluations += spent
+                return self
+            if not self.distance < BELIEVED:
+                x = end
+        raise NotPeriodic("no motion was found that repeats with the command")
+
+    def _advance(self, x: np.ndarray, sampled: bool) -> tuple[np.ndarray, np.ndarray, Invariants | None]:
+        """The state as it was started, with the rates at zero of what sticks; that after a period; its invariants."""
+        period, invariants = self._period, None
+        y = x * period.sizes
+        if sampled:
+            n, channels = self._rows.shape
+            width = 1.0 / (period.frequency * n)
+            samples = kernel.Samples(period.start, width, self._rows, np.zeros(channels), np.zeros(2, dtype=np.int64))
+            period.put(y)
+            before, momentum = period.packed.snapshot(), period.packed.momentum
+            end = period.advance(y, samples=samples)
+            invariants = balance(period.packed, before, momentum, 1.0 / period.frequency)
+        else:
+            end = period.advance(y)
+        x = x.copy()
+        x[[kernel.WM, kernel.WL]] *= np.logical_not(period.stuck)
+        return x, end / period.sizes, invariants
+
+    def _check_stable(self) -> None:
+        self.multiplier = self.newton.multiplier()
+        if self.multiplier > STABLE:
+            raise NotPeriodic(f"what repeats with the command is not stable (multiplier {self.multiplier:.3g})")
+
+    def _check_unique(self) -> None:
+        """Search again from the state one microstep on: a motion that breaks the symmetry of microsteps has a twin there."""
+        period = self._period
+        x = period.advance(self.x * period.sizes, 1) / period.sizes
+        newton = self.newton.afresh()
+        back = max(SAME * float(np.max(np.abs(x - self.x))), 2.0 * CLOSE)
+        for _ in range(4):
+            x, end, _ = self._advance(x, sampled=False)
+            x = newton.next(x, x - end)
+            if float(np.max(np.abs(x - self.x))) <= back:
+                return
+        raise NotUnique("the motion that repeats with the command is not unique: it depends on how it began")
+
+    def state(self, seconds: float, spent: float) -> SteadyState:
+        """What was found; ``spent`` periods were evaluated in vain before."""
+        period, invariants = self._period, self.invariants
+        assert invariants is not None
+        solver = {
+            "method": "steady state by quasi-Newton on the map of one period; RODAS4 with located friction events",
+            "tolerance": period.scenario.solver.tolerance,
+            "max_step_s": period.scenario.solver.max_step,
+            "refinement": period.scenario.solver.refinement,
+            "period_s": 1.0 / period.frequency,
+            "period_microsteps": period.microsteps,
+            "periods_evaluated": spent + period.evaluations,
+            "distance": self.distance,
+            "multiplier": self.multiplier,
+            "simulated_s": (spent + period.evaluations) / period.frequency,
+            "wall_s": seconds,
+        }
+        channels = channels_of(self._rows, len(period.scenario.array.modes))
+        return SteadyState(
+            period.scenario, period.start, period.frequency, period.microsteps, channels, self.x * period.sizes,
+            self.distance, self.multiplier, invariants, solver,
+        )  # fmt: skip
+
+
+class _Newton:
+    """Zero of a residual x - P(x), from a first derivative of P and Broyden's (good) updates of the inverse."""
+
+    def __init__(self, derivative: np.ndarray) -> None:
+        self._inverse = np.linalg.inv(np.eye(derivative.shape[0]) - derivative)
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+
+    def next(self, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Where the residual should vanish, now that it is known at ``x``."""
+        if self._last is not None:
+            dx, moved = x - self._last[0], self._inverse @ (residual - self._last[1])
+            weight = float(dx @ moved)
+            if weight != 0.0:
+                self._inverse = self._inverse + np.outer(dx - moved, dx @ self._inverse) / weight
+        self._last = x, residual
+        result: np.ndarray = x - self._inverse @ residual
+        return result
+
+    def afresh(self) -> _Newton:
+        """The same derivative, for a search from elsewhere."""
+        other = copy(self)
+        other._last = None
+        return other
+
+    def multiplier(self) -> float:
+        """Largest eigenvalue of P's derivative: the part of a deviation that is left after a period."""
+        derivative = np.eye(self._inverse.shape[0]) - np.linalg.inv(self._inverse)
+        return float(np.max(np.abs(np.linalg.eigvals(derivative))))
+
+
+def _intervals(period: PeriodMap) -> int:
+    """Intervals of a period. An order k takes up k/(N - k) of what order N - k has, and torques have jumps.
+
+    So many that this is a third at the end of the record's band, and a fiftieth at the driving lines that are looked for.
+    """
+    highest = PASSBAND * period.scenario.record.sample_rate / period.frequency
+    return max(4 * math.ceil(highest), 50 * min(HARMONICS * period.microsteps, math.ceil(highest)))
