@@ -26,7 +26,7 @@ def steady_1(state_1):
     return steady_state(state_1)
 
 
-def settled(scenario, time=120.0, duration=16.0):
+def settled(scenario, time=90.0, duration=16.0):
     return scenario.with_({"record.settle": time, "record.duration": duration})
 
 
@@ -48,11 +48,11 @@ def test_lines_are_those_of_the_settled_run_in_time(name):
     assert steady["array_mode_1"].status == TRANSIENT
 
 
-@pytest.mark.parametrize("seed", [1, 2, 4, 12])
+@pytest.mark.parametrize("seed", [4, 14, 31, 45, 51])
 def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
     scenario = benchmark.random_scenario(seed)
     slowest = max(1.0 / (2.0 * math.pi * m.frequency * m.damping) for m in scenario.array.modes)
-    deviation, line = benchmark.worst_deviation(*benchmark.references(scenario, min(slowest, 20.0)))
+    deviation, line = benchmark.worst_deviation(*benchmark.references(scenario, slowest))
     assert deviation < 0.01, line
 
 
@@ -69,7 +69,7 @@ def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
     ],
 )  # fmt: skip
 def test_every_part_of_the_drive_is_in_the_steady_state(state_1, changes):
-    scenario = settled(state_1.with_({"tracking.rate": "-0.11 deg/s", **changes}), 90.0)
+    scenario = settled(state_1.with_({"tracking.rate": "-0.11 deg/s", **changes}), 60.0)
     steady, in_time = mv.lines(steady_state(scenario)), mv.lines(mv.simulate(scenario, channels=("T_d",)))
     top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0)
     compared = 0
@@ -101,7 +101,10 @@ def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch)
     monkeypatch.setattr(PeriodMap, "guess", elsewhere)
     for _ in range(3):
         other = steady_state(state_1)
-        assert np.abs(other.harmonics()[:200]) == pytest.approx(np.abs(steady_1.harmonics()[:200]), rel=1e-3, abs=1e-5)
+        found = [(line.line, line.amplitude_n_m) for line in mv.lines(other) if line.kind == "drive"]
+        assert [amplitude for _, amplitude in found] == pytest.approx(
+            [mv.lines(steady_1)[name].amplitude_n_m for name, _ in found], rel=2e-3, abs=1e-6
+        )
 
 
 def test_invariants_hold_over_the_period(steady_1):
@@ -136,16 +139,16 @@ def test_where_nothing_repeats_the_run_in_time_steps_in(state_1, changes, why):
     result = mv.steady(scenario)
     assert result.state is None
     assert result.fallback
-    assert result.lines == mv.lines(mv.simulate(scenario))
+    assert result.lines.text() == mv.lines(mv.simulate(scenario)).text()
 
 
 def test_a_motion_that_depends_on_how_it_began_is_not_taken():
-    # Stick and slip take two microsteps in turn: which of them is the long one is settled at the start.
-    with pytest.raises(NotPeriodic, match="not unique"):
-        steady_state(benchmark.random_scenario(AMBIGUOUS))
-
-
-AMBIGUOUS = 38
+    # Stick and slip take several microsteps in turn, and which of them slips most is settled at the start.
+    with pytest.raises(NotPeriodic, match="there are several"):
+        steady_state(benchmark.random_scenario(40))
+    # Friction that falls with the rate: smooth slip is stable, and so is an oscillation that sticks.
+    with pytest.raises(NotPeriodic, match="one that sticks and slips"):
+        steady_state(benchmark.random_scenario(11))
 
 
 def test_repetition_in_microsteps(state_1):
@@ -166,10 +169,11 @@ def test_lines_of_a_series_are_those_of_its_samples():
     t = np.arange(n) / rate
     x = sum((a * np.exp(2j * np.pi * k * base * t)).real for k, a in enumerate(series))
     expected = [
-        ExpectedLine(f"line_{k}", "drive", k * base, k * base, k * base, "made") for k in (1, 16, 32)
-    ]  # fmt: skip
+        ExpectedLine(name, "drive", k * base, k * base, k * base, "made")
+        for name, k in (("slow", 1), ("drive_1", 16), ("drive_2", 32))
+    ]
     exact, estimated = lines_of_series(series, base, 16, expected, n, rate), estimate_lines(x, rate, expected)
-    assert [line.line for line in exact] == ["line_1", "line_16", "line_32", "other_1"]
+    assert [line.line for line in exact] == ["slow", "drive_1", "drive_2", "other_1"]
     assert exact["other_1"].origin == "17/16 of the driving frequency"
     for line in exact:
         other = estimated[line.line]

@@ -128,9 +128,11 @@ class PeriodMap:
     def monodromy(self, y: np.ndarray) -> np.ndarray:
         """Derivative of the map at ``y``, both in units of ``sizes``, (n, n).
 
-        That of one microstep by differences, to the power of their number: the microsteps differ by the detent torque only.
+        That of a sixteenth of the period, or of one microstep, by differences, to the power of their number: the parts
+        differ by the detent torque only.
         """
-        base = self.advance(y, 1)
+        count = math.gcd(self.microsteps, max(self.microsteps // 16, 1))
+        base = self.advance(y, count)
         stuck = self.stuck
         change = np.zeros((y.size, y.size))
         for j in range(y.size):
@@ -138,8 +140,8 @@ class PeriodMap:
                 continue
             nudged = y.copy()
             nudged[j] += NUDGE * self.sizes[j]
-            change[:, j] = (self.advance(nudged, 1) - base) / (NUDGE * self.sizes)
-        result: np.ndarray = np.linalg.matrix_power(change, self.microsteps)
+            change[:, j] = (self.advance(nudged, count) - base) / (NUDGE * self.sizes)
+        result: np.ndarray = np.linalg.matrix_power(change, self.microsteps // count)
         return result
 
     @property

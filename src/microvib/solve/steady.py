@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import time as clock_time
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import eig
 
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
@@ -22,7 +22,7 @@ from microvib.solve.motion import Invariants, Motion
 from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.simulate import Progress, Run, balance, channels_of
 
-CLOSE = 1e-3
+CLOSE = 5e-4
 """Largest distance of an accepted state from the steady one, over what a microstep moves."""
 SAMPLED_FROM = 0.5
 """Distance below which a period is sampled, for it may be the last."""
@@ -33,10 +33,18 @@ ATTEMPTS = ((1, 0.25), (2, 4.0), (3, 4.0))
 """Searches in turn: periods of the command after which the motion may repeat, and such periods simulated before."""
 LONGEST = 8
 """Quarter electrical turns that a transmission error may take to repeat."""
-STABLE = 1.05
-"""Largest multiplier that passes for stable: it is estimated from one microstep."""
+STABLE = 1.005
+"""Largest multiplier that passes for stable: that of a mode without damping is 1, and it is measured to a thousandth."""
+SLOW = 0.8
+"""Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
+DEVIATION = 0.3
+"""Deviation with which it is measured, over what a microstep moves."""
 SAME = 0.2
 """Part of its distance within which a search from another start must come back, to count as finding the same motion."""
+STUCK = (kernel.CHANNELS.index("stuck_rotor"), kernel.CHANNELS.index("stuck_output"))
+CALMS_WITHIN = 4.0
+"""Time [s] within which what was stopped must slip again without sticking."""
+NOT_FOUND = "no motion was found that repeats with the command"
 HARMONICS = 8
 """Driving lines whose amplitudes the sampling must not disturb; see ``_intervals``."""
 
@@ -143,17 +151,18 @@ class _Search:
         self.newton = _Newton(period.monodromy(y))
         x, self.distance = y / period.sizes, math.inf
         while period.evaluations < MOST_EVALUATIONS:
-            self.x, end, self.invariants = self._advance(x, sampled=self.distance < SAMPLED_FROM)
-            x = self.newton.next(self.x, self.x - end)
+            self.x, self._end, self.invariants = self._advance(x, sampled=self.distance < SAMPLED_FROM)
+            x = self.newton.next(self.x, self.x - self._end)
             self.distance = float(np.max(np.abs(x - self.x)))
             if self.invariants is not None and self.distance < CLOSE:
                 self._check_stable()
-                self._check_unique()
+                self._check_for_a_twin()
+                self._check_for_stick_slip()
                 period.evaluations += spent
                 return self
             if not self.distance < BELIEVED:
-                x = end
-        raise NotPeriodic("no motion was found that repeats with the command")
+                x = self._end
+        raise NotPeriodic(NOT_FOUND)
 
     def _advance(self, x: np.ndarray, sampled: bool) -> tuple[np.ndarray, np.ndarray, Invariants | None]:
         """The state as it was started, with the rates at zero of what sticks; that after a period; its invariants."""
@@ -174,22 +183,63 @@ class _Search:
         return x, end / period.sizes, invariants
 
     def _check_stable(self) -> None:
-        self.multiplier = self.newton.multiplier()
+        self.multiplier = self._multiplier(self.newton.derivative)
         if self.multiplier > STABLE:
-            raise NotPeriodic(f"what repeats with the command is not stable (multiplier {self.multiplier:.3g})")
+            self.multiplier = self._multiplier(self._derivative_here())
+        if self.multiplier > STABLE:
+            raise NotPeriodic(f"what repeats with the command is not stable (multiplier {self.multiplier:.4g})")
 
-    def _check_unique(self) -> None:
+    def _multiplier(self, derivative: np.ndarray) -> float:
+        """Largest part of a deviation that is left after a period, of slow ones measured along their directions, all at once."""
+        values, left, right = eig(derivative, left=True)
+        size = np.abs(values)
+        slow = (size > SLOW) & (values.imag >= 0.0)
+        if np.any(slow):
+            directions = right[:, slow].real / np.max(np.abs(right[:, slow].real), axis=0)
+            x = self.x + DEVIATION * np.sum(directions, axis=1) * (self.x != 0.0)  # what sticks stays
+            _, end, _ = self._advance(x, sampled=False)
+            seen = left[:, slow].conj().T
+            size[slow] = np.abs(seen @ (end - self._end)) / np.abs(seen @ (x - self.x))
+        return float(np.max(size))
+
+    def _check_for_a_twin(self) -> None:
         """Search again from the state one microstep on: a motion that breaks the symmetry of microsteps has a twin there."""
-        period = self._period
-        x = period.advance(self.x * period.sizes, 1) / period.sizes
-        newton = self.newton.afresh()
+        x = self._period.advance(self.x * self._period.sizes, 1) / self._period.sizes
+        if not (self._comes_back(x, self.newton.derivative) or self._comes_back(x, self._derivative_here())):
+            raise NotUnique(
+                "of the motions that repeat with the command there are several; which one, its beginning decides"
+            )
+
+    def _comes_back(self, x: np.ndarray, derivative: np.ndarray) -> bool:
+        newton = _Newton(derivative)
         back = max(SAME * float(np.max(np.abs(x - self.x))), 2.0 * CLOSE)
         for _ in range(4):
             x, end, _ = self._advance(x, sampled=False)
             x = newton.next(x, x - end)
             if float(np.max(np.abs(x - self.x))) <= back:
+                return True
+        return False
+
+    def _derivative_here(self) -> np.ndarray:
+        """The derivative at what was found, where what the search knows of it is not good enough."""
+        return self._period.monodromy(self.x * self._period.sizes)
+
+    def _check_for_stick_slip(self) -> None:
+        """Stop what never sticks: where friction falls with the rate, an oscillation that sticks and slips may last beside it."""
+        period, p = self._period, self._period.packed.drive
+        never = [kernel.WM] * (p.m_stribeck > 0.0) * (not np.any(self._rows[:, STUCK[0]]))
+        never += [kernel.WL] * (p.l_stribeck > 0.0) * (not np.any(self._rows[:, STUCK[1]]))
+        if not never:
+            return
+        y = self.x * period.sizes
+        y[[kernel.WM, kernel.WL] if p.rigid else never] = 0.0
+        counters = period.packed.state.counters
+        for _ in range(math.ceil(CALMS_WITHIN * period.frequency)):
+            before = int(counters[kernel.STICKS])
+            y = period.advance(y)
+            if counters[kernel.STICKS] == before:
                 return
-        raise NotUnique("the motion that repeats with the command is not unique: it depends on how it began")
+        raise NotUnique("beside the motion that repeats with the command there is one that sticks and slips")
 
     def state(self, seconds: float, spent: float) -> SteadyState:
         """What was found; ``spent`` periods were evaluated in vain before."""
@@ -216,33 +266,26 @@ class _Search:
 
 
 class _Newton:
-    """Zero of a residual x - P(x), from a first derivative of P and Broyden's (good) updates of the inverse."""
+    """Zero of a residual x - P(x), from a first derivative of P and Broyden's (good) updates of it."""
 
     def __init__(self, derivative: np.ndarray) -> None:
-        self._inverse = np.linalg.inv(np.eye(derivative.shape[0]) - derivative)
+        self.derivative = derivative
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
     def next(self, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Where the residual should vanish, now that it is known at ``x``."""
+        slope = np.eye(x.size) - self.derivative
         if self._last is not None:
-            dx, moved = x - self._last[0], self._inverse @ (residual - self._last[1])
-            weight = float(dx @ moved)
-            if weight != 0.0:
-                self._inverse = self._inverse + np.outer(dx - moved, dx @ self._inverse) / weight
+            dx = x - self._last[0]
+            missed = residual - self._last[1] - slope @ dx
+            slope += np.outer(missed, dx) / max(float(dx @ dx), 1e-300)
+            self.derivative = np.eye(x.size) - slope
         self._last = x, residual
-        result: np.ndarray = x - self._inverse @ residual
+        try:
+            result: np.ndarray = x - np.linalg.solve(slope, residual)
+        except np.linalg.LinAlgError:
+            raise NotPeriodic(NOT_FOUND) from None
         return result
-
-    def afresh(self) -> _Newton:
-        """The same derivative, for a search from elsewhere."""
-        other = copy(self)
-        other._last = None
-        return other
-
-    def multiplier(self) -> float:
-        """Largest eigenvalue of P's derivative: the part of a deviation that is left after a period."""
-        derivative = np.eye(self._inverse.shape[0]) - np.linalg.inv(self._inverse)
-        return float(np.max(np.abs(np.linalg.eigvals(derivative))))
 
 
 def _intervals(period: PeriodMap) -> int:
