@@ -207,6 +207,47 @@ def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None
 
 
 @main.command()
+@click.argument("scenario")
+@click.option("--from", "low", required=True, metavar="RATE", help="Lowest rate of the array, e.g. '0.01 deg/s'.")
+@click.option("--to", "high", required=True, metavar="RATE", help="Highest rate of the array.")
+@click.option("--count", default=200, show_default=True, type=click.IntRange(2, 10_000), help="Rates in the range.")
+@click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
+@click.option("--limit", metavar="TORQUE", help="Largest line that is allowed, e.g. '10 mN*m'.")
+@click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only, e.g. '0.5:5 Hz'.")
+@click.option("--linear", is_flag=True, help="Linearised drive in closed form: instant, driving lines only.")
+@_set_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and pictures [default: print only].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+def rates(
+    scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
+    linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool,
+) -> None:  # fmt: skip
+    """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
+    import math
+
+    from microvib.app.rates import band_of, counts_of, linear_text, plan_text, quantity, write_plan
+    from microvib.io.results import check_folder
+    from microvib.studies.rates import plan_rates, rate_grid
+
+    if out is not None:
+        check_folder(out, overwrite)
+    grid = rate_grid(quantity("--from", low, "rad/s"), quantity("--to", high, "rad/s"), count)
+    most = None if limit is None else quantity("--limit", limit, "N*m")
+    if most is not None and not most > 0.0:
+        raise ScenarioError(f"--limit {limit}: must be greater than 0 N*m")
+    within = (0.0, math.inf) if band is None else band_of(band)
+    loaded = _load(scenario, settings)
+    counts = (loaded.driver.microsteps,) if microsteps is None else counts_of(microsteps)
+    with _progress("solving", "cases") as progress:
+        plan = plan_rates(loaded, grid, counts, limit=most, band=within, linear=linear, progress=progress)
+        text = linear_text(plan) if linear else ""
+    click.echo("\n".join(filter(None, (plan_text(plan), text))))
+    if out is not None:
+        files = write_plan(out, plan, text, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.command()
 def scenarios() -> None:
     """List the published scenarios of the catalog."""
     from microvib.io.scenario_file import catalog_names, load_scenario
@@ -279,6 +320,9 @@ def _load(source: str, settings: tuple[str, ...]) -> Scenario:
 class _progress:
     """A progress bar on standard error where that is a terminal, and nothing otherwise."""
 
+    def __init__(self, doing: str = "simulating", unit: str = "s") -> None:
+        self._doing, self._unit = doing, unit
+
     def __enter__(self) -> Callable[[float, float], None] | None:
         self._bar: Any = None
         if not sys.stderr.isatty():
@@ -289,11 +333,11 @@ class _progress:
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
+            TextColumn("{task.completed:.0f} of {task.total:.0f} " + self._unit),
         )
         self._bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
         self._bar.start()
-        task = self._bar.add_task("simulating (compiles on first use)", total=None)
+        task = self._bar.add_task(f"{self._doing} (compiles on first use)", total=None)
         last = 0.0
 
         def report(done: float, total: float) -> None:
@@ -301,7 +345,7 @@ class _progress:
             now = time.monotonic()
             if now - last > 0.1 or done >= total:
                 last = now
-                text = "writing lines and report" if done >= total else "simulating"
+                text = "writing lines and report" if done >= total else self._doing
                 self._bar.update(task, completed=done, total=total, description=text)
 
         return report

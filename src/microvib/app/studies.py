@@ -24,7 +24,8 @@ _SENSITIVITY = "Relative change of a figure for a relative change of a parameter
 _MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
 
 
-def _page(title: str, lead: str, sections: list[dict[str, Any]]) -> str:
+def page(title: str, lead: str, sections: list[dict[str, Any]]) -> str:
+    """Report of a study, one HTML file."""
     version = package_versions()["microvib"]
     return render("study.html", title=title, lead=lead, sections=sections, version=version)
 
@@ -124,7 +125,7 @@ def _comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> str:
         f"{s.name}: step clock {s.clock_ratio:.7f} of nominal" for s in (a, b) if s.clock_ratio is not None
     )
     lead = f"A is {a.name} ({a.kind}), B is {b.name} ({b.kind}). {clocks}"
-    return _page("Comparison of disturbance lines", lead, sections)
+    return page("Comparison of disturbance lines", lead, sections)
 
 
 def fit_text(fit: Fit) -> str:
@@ -246,4 +247,4 @@ def _fit_report(fit: Fit) -> str:
     lead = f"Identified from {tests}. {fit.simulations} simulations, seed {fit.seed}." + (
         " Interrupted: the best so far." if fit.interrupted else ""
     )
-    return _page(f"Identification: {fit.scenario.title}", lead, sections)
+    return page(f"Identification: {fit.scenario.title}", lead, sections)

@@ -30,7 +30,10 @@ RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.
 Writer = Callable[[Path], None]
 
 
-STUDY_FILES = ("compare.csv", "fit.json", "validation.csv", "sensitivities.csv")
+STUDY_FILES = (
+    "compare.csv", "fit.json", "validation.csv", "sensitivities.csv",
+    "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
+)  # fmt: skip
 """Further files of the folders of studies."""
 
 
