@@ -193,3 +193,24 @@ def test_the_five_lines_of_a_notebook(motion_1):
     assert mv.spectrum(motion_1).resolution == 0.0625
     assert len(mv.plot(motion_1, table).axes) == 4
     assert motion_1.dataset["T_d"].attrs["units"] == "N*m"
+
+
+def test_a_steady_run_starts_in_its_steady_state(tmp_path):
+    done = microvib("run", "state-1", *SHORT, "--steady", "--out", "steady", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Steady state: repeats every 0.3 s (16 microsteps)" in done.stdout
+    assert sorted(p.name for p in (tmp_path / "steady").iterdir()) == sorted(RUN_FILES)
+    lines = rows(tmp_path / "steady")
+    assert float(lines["drive_1"]["amplitude_n_m"]) == pytest.approx(0.05422, rel=0.01)
+    assert lines["array_mode_1"]["status"] == "not in a steady state"
+    assert json.loads((tmp_path / "steady" / "summary.json").read_text())["solver"]["multiplier"] < 1.0
+
+
+def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
+    uneven = ["--set", "reducer.transmission_error=[{order: 2, amplitude: 10 arcsec}]"]
+    done = microvib("run", "state-1", *SHORT, *uneven, "--steady", "--lines-only", "--out", "lines", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "No steady state: the transmission error repeats with the command only every 1600 microsteps" in done.stdout
+    summary = json.loads((tmp_path / "lines" / "summary.json").read_text())
+    assert summary["solver"]["steady"].startswith("not used: the transmission error")
+    assert rows(tmp_path / "lines")["array_mode_1"]["status"] == "decaying"

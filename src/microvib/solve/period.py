@@ -141,7 +141,10 @@ class PeriodMap:
             nudged = y.copy()
             nudged[j] += NUDGE * self.sizes[j]
             change[:, j] = (self.advance(nudged, count) - base) / (NUDGE * self.sizes)
-        result: np.ndarray = np.linalg.matrix_power(change, self.microsteps // count)
+        with np.errstate(over="ignore", invalid="ignore"):
+            result: np.ndarray = np.linalg.matrix_power(change, self.microsteps // count)
+        if not np.all(np.isfinite(result)):
+            raise NotPeriodic("what repeats with the command is far from stable")
         return result
 
     @property

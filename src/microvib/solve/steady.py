@@ -1,52 +1,30 @@
 """The periodic steady state at constant rate, found directly: ``steady_state(scenario)``.
 
-The state that the drive's map over one period of its command (``microvib.solve.period``) leaves as it is, by a quasi-Newton
-method: the map's derivative from one microstep, by differences, then Broyden's updates. What would take the array modes
-a minute to settle is solved for; friction, stick and detent are those of the kernel, for the map is the kernel.
+It is the state that a period of the command leaves as it is (``microvib.solve.shooting``). What would take the array modes
+a minute to settle is solved for; friction, stick and detent are those of the kernel, for it is the kernel that runs the period.
 """
 
 from __future__ import annotations
 
-import math
 import time as clock_time
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eig
 
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel
-from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Invariants, Motion
 from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
-from microvib.solve.simulate import Progress, Run, balance, channels_of
+from microvib.solve.shooting import NotUnique, Search
+from microvib.solve.simulate import Progress, Run, channels_of
 
-CLOSE = 5e-4
-"""Largest distance of an accepted state from the steady one, over what a microstep moves."""
-SAMPLED_FROM = 0.5
-"""Distance below which a period is sampled, for it may be the last."""
-BELIEVED = 20.0
-"""Correction above which the linearisation is not believed and a period is let pass instead."""
-MOST_EVALUATIONS = 16
 ATTEMPTS = ((1, 0.25), (2, 4.0), (3, 4.0))
 """Searches in turn: periods of the command after which the motion may repeat, and such periods simulated before."""
 LONGEST = 8
 """Quarter electrical turns that a transmission error may take to repeat."""
-STABLE = 1.005
-"""Largest multiplier that passes for stable: that of a mode without damping is 1, and it is measured to a thousandth."""
-SLOW = 0.8
-"""Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
-DEVIATION = 0.3
-"""Deviation with which it is measured, over what a microstep moves."""
-SAME = 0.2
-"""Part of its distance within which a search from another start must come back, to count as finding the same motion."""
-STUCK = (kernel.CHANNELS.index("stuck_rotor"), kernel.CHANNELS.index("stuck_output"))
-CALMS_WITHIN = 4.0
-"""Time [s] within which what was stopped must slip again without sticking."""
-NOT_FOUND = "no motion was found that repeats with the command"
-HARMONICS = 8
-"""Driving lines whose amplitudes the sampling must not disturb; see ``_intervals``."""
+
+MOST_MODES = 100
+"""Array modes beyond which differences in each state take longer than the run in time."""
 
 
 @dataclass(frozen=True)
@@ -110,188 +88,56 @@ def steady_state(scenario: Scenario) -> SteadyState:
     """The steady state of ``scenario`` at the rate that it has in its record.
 
     Raises NotPeriodic, with the reason, where the rate changes or is zero, where a transmission error takes too long to
-    repeat, or where no stable and unique motion was found that repeats within three periods of the command.
+    repeat, where there are more than MOST_MODES modes, or where no stable and unique motion was found that repeats within
+    three periods of the command.
     """
     begun = clock_time.perf_counter()
     repeat, quarter = repeats_after(scenario)
     if repeat > LONGEST * quarter:
         raise NotPeriodic(f"the transmission error repeats with the command only every {repeat} microsteps")
+    if len(scenario.array.modes) > MOST_MODES:
+        raise NotPeriodic(f"there are more than {MOST_MODES} array modes, for which the run in time is faster")
     reason, spent = "", 0.0
     for multiple, settle in ATTEMPTS:
         period = PeriodMap(scenario, multiple * repeat)
         try:
-            found = _Search(period).run(settle)
-            return found.state(clock_time.perf_counter() - begun, spent)
+            search = Search(period).run(settle)
+            return _found(search, spent, clock_time.perf_counter() - begun)
         except NotUnique:
             raise
         except NotPeriodic as problem:
             reason = str(problem)
-            spent += multiple * period.evaluations
+            spent += period.evaluations / period.frequency
     raise NotPeriodic(reason)
 
 
-class NotUnique(NotPeriodic):
-    """More than one steady state that repeats with the command was found."""
-
-
-class _Search:
-    """Quasi-Newton search for the state that one period leaves as it is; states in units of what a microstep moves."""
-
-    def __init__(self, period: PeriodMap) -> None:
-        self._period = period
-        self._rows = np.zeros((_intervals(period), period.packed.channels))
-
-    def run(self, settle: float) -> _Search:
-        """Search from the mean motion, after ``settle`` periods of simulation; NotPeriodic where nothing is found."""
-        period = self._period
-        y = period.guess()
-        for _ in range(max(int(settle), 1)):  # the fast motions settle
-            y = period.advance(y, math.ceil(min(settle, 1.0) * period.microsteps))
-        period.evaluations, spent = 0.0, period.evaluations
-        self.newton = _Newton(period.monodromy(y))
-        x, self.distance = y / period.sizes, math.inf
-        while period.evaluations < MOST_EVALUATIONS:
-            self.x, self._end, self.invariants = self._advance(x, sampled=self.distance < SAMPLED_FROM)
-            x = self.newton.next(self.x, self.x - self._end)
-            self.distance = float(np.max(np.abs(x - self.x)))
-            if self.invariants is not None and self.distance < CLOSE:
-                self._check_stable()
-                self._check_for_a_twin()
-                self._check_for_stick_slip()
-                period.evaluations += spent
-                return self
-            if not self.distance < BELIEVED:
-                x = self._end
-        raise NotPeriodic(NOT_FOUND)
-
-    def _advance(self, x: np.ndarray, sampled: bool) -> tuple[np.ndarray, np.ndarray, Invariants | None]:
-        """The state as it was started, with the rates at zero of what sticks; that after a period; its invariants."""
-        period, invariants = self._period, None
-        y = x * period.sizes
-        if sampled:
-            n, channels = self._rows.shape
-            width = 1.0 / (period.frequency * n)
-            samples = kernel.Samples(period.start, width, self._rows, np.zeros(channels), np.zeros(2, dtype=np.int64))
-            period.put(y)
-            before, momentum = period.packed.snapshot(), period.packed.momentum
-            end = period.advance(y, samples=samples)
-            invariants = balance(period.packed, before, momentum, 1.0 / period.frequency)
-        else:
-            end = period.advance(y)
-        x = x.copy()
-        x[[kernel.WM, kernel.WL]] *= np.logical_not(period.stuck)
-        return x, end / period.sizes, invariants
-
-    def _check_stable(self) -> None:
-        self.multiplier = self._multiplier(self.newton.derivative)
-        if self.multiplier > STABLE:
-            self.multiplier = self._multiplier(self._derivative_here())
-        if self.multiplier > STABLE:
-            raise NotPeriodic(f"what repeats with the command is not stable (multiplier {self.multiplier:.4g})")
-
-    def _multiplier(self, derivative: np.ndarray) -> float:
-        """Largest part of a deviation that is left after a period, of slow ones measured along their directions, all at once."""
-        values, left, right = eig(derivative, left=True)
-        size = np.abs(values)
-        slow = (size > SLOW) & (values.imag >= 0.0)
-        if np.any(slow):
-            directions = right[:, slow].real / np.max(np.abs(right[:, slow].real), axis=0)
-            x = self.x + DEVIATION * np.sum(directions, axis=1) * (self.x != 0.0)  # what sticks stays
-            _, end, _ = self._advance(x, sampled=False)
-            seen = left[:, slow].conj().T
-            size[slow] = np.abs(seen @ (end - self._end)) / np.abs(seen @ (x - self.x))
-        return float(np.max(size))
-
-    def _check_for_a_twin(self) -> None:
-        """Search again from the state one microstep on: a motion that breaks the symmetry of microsteps has a twin there."""
-        x = self._period.advance(self.x * self._period.sizes, 1) / self._period.sizes
-        if not (self._comes_back(x, self.newton.derivative) or self._comes_back(x, self._derivative_here())):
-            raise NotUnique(
-                "of the motions that repeat with the command there are several; which one, its beginning decides"
-            )
-
-    def _comes_back(self, x: np.ndarray, derivative: np.ndarray) -> bool:
-        newton = _Newton(derivative)
-        back = max(SAME * float(np.max(np.abs(x - self.x))), 2.0 * CLOSE)
-        for _ in range(4):
-            x, end, _ = self._advance(x, sampled=False)
-            x = newton.next(x, x - end)
-            if float(np.max(np.abs(x - self.x))) <= back:
-                return True
-        return False
-
-    def _derivative_here(self) -> np.ndarray:
-        """The derivative at what was found, where what the search knows of it is not good enough."""
-        return self._period.monodromy(self.x * self._period.sizes)
-
-    def _check_for_stick_slip(self) -> None:
-        """Stop what never sticks: where friction falls with the rate, an oscillation that sticks and slips may last beside it."""
-        period, p = self._period, self._period.packed.drive
-        never = [kernel.WM] * (p.m_stribeck > 0.0) * (not np.any(self._rows[:, STUCK[0]]))
-        never += [kernel.WL] * (p.l_stribeck > 0.0) * (not np.any(self._rows[:, STUCK[1]]))
-        if not never:
-            return
-        y = self.x * period.sizes
-        y[[kernel.WM, kernel.WL] if p.rigid else never] = 0.0
-        counters = period.packed.state.counters
-        for _ in range(math.ceil(CALMS_WITHIN * period.frequency)):
-            before = int(counters[kernel.STICKS])
-            y = period.advance(y)
-            if counters[kernel.STICKS] == before:
-                return
-        raise NotUnique("beside the motion that repeats with the command there is one that sticks and slips")
-
-    def state(self, seconds: float, spent: float) -> SteadyState:
-        """What was found; ``spent`` periods were evaluated in vain before."""
-        period, invariants = self._period, self.invariants
-        assert invariants is not None
-        solver = {
-            "method": "steady state by quasi-Newton on the map of one period; RODAS4 with located friction events",
-            "tolerance": period.scenario.solver.tolerance,
-            "max_step_s": period.scenario.solver.max_step,
-            "refinement": period.scenario.solver.refinement,
-            "period_s": 1.0 / period.frequency,
-            "period_microsteps": period.microsteps,
-            "periods_evaluated": spent + period.evaluations,
-            "distance": self.distance,
-            "multiplier": self.multiplier,
-            "simulated_s": (spent + period.evaluations) / period.frequency,
-            "wall_s": seconds,
-        }
-        channels = channels_of(self._rows, len(period.scenario.array.modes))
-        return SteadyState(
-            period.scenario, period.start, period.frequency, period.microsteps, channels, self.x * period.sizes,
-            self.distance, self.multiplier, invariants, solver,
-        )  # fmt: skip
-
-
-class _Newton:
-    """Zero of a residual x - P(x), from a first derivative of P and Broyden's (good) updates of it."""
-
-    def __init__(self, derivative: np.ndarray) -> None:
-        self.derivative = derivative
-        self._last: tuple[np.ndarray, np.ndarray] | None = None
-
-    def next(self, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Where the residual should vanish, now that it is known at ``x``."""
-        slope = np.eye(x.size) - self.derivative
-        if self._last is not None:
-            dx = x - self._last[0]
-            missed = residual - self._last[1] - slope @ dx
-            slope += np.outer(missed, dx) / max(float(dx @ dx), 1e-300)
-            self.derivative = np.eye(x.size) - slope
-        self._last = x, residual
-        try:
-            result: np.ndarray = x - np.linalg.solve(slope, residual)
-        except np.linalg.LinAlgError:
-            raise NotPeriodic(NOT_FOUND) from None
-        return result
-
-
-def _intervals(period: PeriodMap) -> int:
-    """Intervals of a period. An order k takes up k/(N - k) of what order N - k has, and torques have jumps.
-
-    So many that this is a third at the end of the record's band, and a fiftieth at the driving lines that are looked for.
-    """
-    highest = PASSBAND * period.scenario.record.sample_rate / period.frequency
-    return max(4 * math.ceil(highest), 50 * min(HARMONICS * period.microsteps, math.ceil(highest)))
+def _found(search: Search, spent: float, seconds: float) -> SteadyState:
+    """What a search found, after others simulated ``spent`` [s] in vain."""
+    period, invariants = search.period, search.invariants
+    assert invariants is not None
+    settings, simulated = period.scenario.solver, spent + period.evaluations / period.frequency
+    solver = {
+        "method": "steady state by quasi-Newton on the map of one period; RODAS4 with located friction events",
+        "tolerance": settings.tolerance,
+        "max_step_s": settings.max_step,
+        "refinement": settings.refinement,
+        "period_s": 1.0 / period.frequency,
+        "period_microsteps": period.microsteps,
+        "periods_evaluated": simulated * period.frequency,
+        "distance": search.distance,
+        "multiplier": search.multiplier,
+        "simulated_s": simulated,
+        "wall_s": seconds,
+    }
+    return SteadyState(
+        scenario=period.scenario,
+        start=period.start,
+        frequency=period.frequency,
+        microsteps=period.microsteps,
+        channels=channels_of(search.rows, len(period.scenario.array.modes)),
+        state=search.x * period.sizes,
+        distance=search.distance,
+        multiplier=search.multiplier,
+        invariants=invariants,
+        solver=solver,
+    )
