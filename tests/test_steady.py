@@ -92,6 +92,23 @@ def test_the_state_repeats_after_a_period_and_after_a_record(state_1, steady_1):
     assert record["drive_1"].amplitude_n_m == pytest.approx(mv.lines(steady_1)["drive_1"].amplitude_n_m, rel=1e-3)
 
 
+def test_a_record_from_the_steady_state_is_whole_from_its_first_sample(state_1):
+    # many microsteps within the filter's length, and a record that starts with the command
+    fast = state_1.with_(
+        {
+            "tracking.rate": "0.3 deg/s",
+            "driver.microsteps": 64,
+            "record": {"settle": 0.0, "duration": 1.0, "sample_rate": 1024.0},
+        }
+    )
+    state = steady_state(fast)
+    motion = state.motion(channels=("T_d",))
+    series = state.harmonics()[: int(0.34 * fast.record.sample_rate / state.frequency)]
+    t = motion.time[:40] - fast.record.settle
+    made = (np.exp(2j * np.pi * state.frequency * np.outer(t, np.arange(series.size))) @ series).real
+    assert motion["T_d"][:40] == pytest.approx(made, abs=5e-4 * np.max(np.abs(made)))
+
+
 def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch):
     guess = PeriodMap.guess
     random = np.random.default_rng(5)

@@ -37,7 +37,7 @@ def quantity(option: str, text: str, unit: str) -> float:
 
 
 def band_of(text: str) -> tuple[float, float]:
-    """LOW:HIGH in Hz, such as ``0.5:5 Hz``; a bound without a unit has that of the other."""
+    """LOW:HIGH in Hz, such as ``0.5:5 Hz``; without a unit the first bound has that of the second."""
     low, colon, high = text.partition(":")
     if not colon:
         raise MicrovibError(f"--band: {text!r} is no range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")

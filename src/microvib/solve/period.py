@@ -16,6 +16,7 @@ from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
+from microvib.solve.decimate import LOBES
 from microvib.solve.pack import no_samples, pack
 
 SECTION = 0.1
@@ -55,7 +56,8 @@ class PeriodMap:
         rate = -math.copysign(f_d, scenario.rate or 0.0)  # in microsteps per second
         count = float(self.command.count(np.array([scenario.record.settle]))[0])
         turned = math.copysign(1.0, rate)
-        self._count = round(count) - 2.0 * turned  # a microstep or two before the record
+        before = 2 + math.ceil(f_d * (LOBES + 1) / scenario.record.sample_rate)  # the record's filter begins before it
+        self._count = round(count) - before * turned
         self.start = scenario.record.settle + (self._count + (0.5 - SECTION) * turned - count) / rate
         self.command = Command.lasting(scenario, self.start)
         self._times, self._references = self.command.microsteps(self.start, self.start + microsteps / f_d)
