@@ -44,8 +44,8 @@ class Packed:
 
 
 def no_samples(channels: int) -> Any:
-    """For a stretch in which nothing is recorded and no balance is kept."""
-    return kernel.Samples(math.inf, 0.0, np.zeros((0, channels)), np.zeros(channels), np.zeros(2, dtype=np.int64))
+    """Samples for a stretch in which nothing is recorded."""
+    return kernel.Samples(math.inf, 1.0, np.zeros((0, channels)), np.zeros(channels), np.zeros(2, dtype=np.int64))
 
 
 def pack(scenario: Scenario) -> Packed:

@@ -65,7 +65,7 @@ class PeriodMap:
         self.sizes = _sizes(self.packed.drive.scale, scenario)
         p = self.packed.drive
         self._idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
-        self._unseen = no_samples(self.packed.channels)
+        self._unseen = no_samples(self.packed.channels)._replace(width=0.0)
         self.evaluations = 0.0
 
     def guess(self) -> np.ndarray:
