@@ -17,7 +17,7 @@ from microvib.solve.motion import Invariants
 from microvib.solve.period import NotPeriodic, PeriodMap
 from microvib.solve.simulate import balance
 
-CLOSE = 5e-4
+CLOSE = 1e-4
 """Largest distance of an accepted state from the steady one, over what a microstep moves."""
 SAMPLED_FROM = 0.5
 """Distance below which a period is sampled, for it may be the last."""
@@ -121,7 +121,7 @@ class Search:
 
     def _comes_back(self, x: np.ndarray, derivative: np.ndarray) -> bool:
         newton = _Newton(derivative)
-        back = max(SAME * float(np.max(np.abs(x - self.x))), 2.0 * CLOSE)
+        back = max(SAME * float(np.max(np.abs(x - self.x))), 10.0 * CLOSE)
         for _ in range(6):
             x, end, _ = self._advance(x, sampled=False)
             x = newton.next(x, x - end)
