@@ -31,7 +31,7 @@ SLOW = 0.8
 """Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
 DEVIATION = 0.3
 """Deviation with which it is measured, over what a microstep moves."""
-SAME = 0.1
+SAME = 0.02
 """Part of its distance within which a search from another start must come back, to count as finding the same motion."""
 STUCK = (kernel.CHANNELS.index("stuck_rotor"), kernel.CHANNELS.index("stuck_output"))
 CALMS_WITHIN = 4.0
