@@ -205,7 +205,7 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
     ("arguments", "sentence"),
     [
         (["analyse", "nothing.uff"], "nothing.uff: cannot be read: No such file"),
-        (["analyse", "state-1", "--band", "5"], "write LOW:HIGH, such as '0.5:5 Hz'"),
+        (["analyse", "state-1", "--band", "5"], "write LOW:HIGH with a unit"),
         (["analyse", "state-1", "--resolution", "1 s"], "--resolution: '1 s' has the wrong dimension"),
         (["measure", "state-1", "-o", "x.wav"], "'.wav' is not known; recordings are written to .uff, .mat, .csv"),
         (
@@ -276,3 +276,24 @@ def test_a_wrong_source_of_modes(tmp_path, source, words):
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_a_steady_run_starts_in_its_steady_state(tmp_path):
+    done = microvib("run", "state-1", *SHORT, "--steady", "--out", "steady", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Steady state: repeats every 0.301811 s (16 microsteps)" in done.stdout
+    assert sorted(p.name for p in (tmp_path / "steady").iterdir()) == sorted(RUN_FILES)
+    lines = rows(tmp_path / "steady")
+    assert float(lines["drive_1"]["amplitude_n_m"]) == pytest.approx(0.04781, rel=0.01)
+    assert lines["array_mode_1"]["status"] == "not in a steady state"
+    assert json.loads((tmp_path / "steady" / "summary.json").read_text())["solver"]["multiplier"] < 1.0
+
+
+def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
+    uneven = ["--set", "reducer.transmission_error=[{order: 2, amplitude: 10 arcsec}]"]
+    done = microvib("run", "state-1", *SHORT, *uneven, "--steady", "--lines-only", "--out", "lines", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "No steady state: the transmission error repeats with the command only every 1600 microsteps" in done.stdout
+    summary = json.loads((tmp_path / "lines" / "summary.json").read_text())
+    assert summary["solver"]["steady"].startswith("not used: the transmission error")
+    assert rows(tmp_path / "lines")["array_mode_1"]["status"] == "decaying"

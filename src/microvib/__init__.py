@@ -25,6 +25,7 @@ _HOME = {
     "catalog_names": "microvib.io.scenario_file",
     "dump_scenario": "microvib.io.scenario_file",
     "simulate": "microvib.solve.simulate",
+    "steady": "microvib.studies.steady",
     "Motion": "microvib.solve.motion",
     "coupled_modes": "microvib.model.linear",
     "expected_lines": "microvib.model.expected",
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate
+    from microvib.studies.steady import steady
 
 __all__ = [
     "MicrovibError",
@@ -65,6 +67,7 @@ __all__ = [
     "plot",
     "simulate",
     "spectrum",
+    "steady",
 ]
 
 

@@ -8,14 +8,18 @@ from microvib.signals.lines import LineTable, estimate_lines
 from microvib.signals.spectrum import Spectrum, Window, amplitude_spectrum
 from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Motion
+from microvib.solve.steady import SteadyState
+from microvib.studies.steady import steady_lines
 
 
-def lines(motion: Motion, channel: str = "T_d", harmonics: int = 8) -> LineTable:
+def lines(motion: Motion | SteadyState, channel: str = "T_d", harmonics: int = 8) -> LineTable:
     """Every line that the physics predicts in the disturbance torque, named and estimated [Hz, N m, rad].
 
     ``channel`` may be any torque; ``harmonics`` bounds each family of lines. See ``microvib.model.expected`` for the
-    families and ``microvib.signals.lines`` for the estimators.
+    families and ``microvib.signals.lines`` for the estimators; of a steady state the lines are exact.
     """
+    if isinstance(motion, SteadyState):
+        return steady_lines(motion, channel, harmonics)
     expected = expected_lines(motion.scenario, PASSBAND * motion.sample_rate, harmonics)
     return estimate_lines(_samples(motion, channel), motion.sample_rate, expected)
 

@@ -13,12 +13,14 @@ import click
 
 from microvib import __version__
 from microvib.app.modal_options import import_from, modal_options
+from microvib.app.options import band_of, counts_of, quantity
 from microvib.errors import MicrovibError, ScenarioError
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
+    from microvib.app.running import RunResult
     from microvib.model.scenario import Scenario
     from microvib.signals.lines import LineTable
     from microvib.signals.preparation import Preparation
@@ -69,9 +71,13 @@ _set_option = click.option(
 @click.option(
     "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
 )
+@click.option(
+    "--steady", is_flag=True, help="Find the periodic steady state directly, without settling; lines are then exact."
+)
 def run(
-    scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int
-) -> None:
+    scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
+    steady: bool,
+) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.app.running import run_scenario
     from microvib.io.results import check_folder, free_folder
@@ -81,15 +87,33 @@ def run(
     check_folder(out, overwrite)
     with _progress() as progress:
         result = run_scenario(
-            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, progress=progress
+            loaded,
+            out,
+            overwrite=overwrite,
+            lines_only=lines_only,
+            harmonics=harmonics,
+            steady=steady,
+            progress=progress,
         )
     _print_lines(loaded, result.table)
+    if steady:
+        click.echo(_steady_sentence(result))
     i = result.invariants
     click.echo(
         f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
         f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
     )
     click.echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
+
+
+def _steady_sentence(result: RunResult) -> str:
+    solver = result.solver
+    if result.fallback:
+        return f"\nNo steady state: {result.fallback}. Simulated from rest instead."
+    return (
+        f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
+        f" {solver['periods_evaluated']:.3g} periods; of a deviation {solver['multiplier']:.3g} is left after a period."
+    )
 
 
 _prepare_option = click.option(
@@ -163,8 +187,8 @@ def analyse(
     with _progress() as progress:
         analysis = run_analysis(
             source, scenario=scenario, channel=channel, preparation=_preparation(prepare), window=window,
-            resolution=None if resolution is None else _quantity("--resolution", resolution, "Hz"),
-            bands=[_band(text) for text in bands], progress=progress,
+            resolution=None if resolution is None else quantity("--resolution", resolution, "Hz"),
+            bands=[band_of(text) for text in bands], progress=progress,
         )  # fmt: skip
     click.echo(analysis_text(analysis))
     if out is not None:
@@ -195,25 +219,6 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     for note in recording.notes:
         click.echo(note)
     click.echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
-
-
-def _quantity(option: str, text: str, unit: str) -> float:
-    from microvib.units import convert
-
-    try:
-        return convert(text, unit)
-    except ValueError as error:
-        raise MicrovibError(f"{option}: '{text}' {error}") from None
-
-
-def _band(text: str) -> tuple[float, float]:
-    """``0.5:5 Hz`` as two frequencies [Hz]; the lower end may leave its unit to the upper."""
-    low, colon, high = text.partition(":")
-    if not colon:
-        raise MicrovibError(f"--band: '{text}' is no band; write LOW:HIGH, such as '0.5:5 Hz'")
-    unit = high.lstrip(" +0123456789.eE")
-    low = low if low.strip().strip("0123456789.+eE-") else f"{low} {unit}"
-    return _quantity("--band", low, "Hz"), _quantity("--band", high, "Hz")
 
 
 @main.command()
@@ -273,7 +278,7 @@ def identify(
         tests.append(
             (read_evidence(source, loaded.with_(changed) if changed else loaded, channel, preparation), changed)
         )
-    trusted = _quantity("--model-error", model_error, "")
+    trusted = quantity("--model-error", model_error, "")
     if not 0.0 < trusted <= 1.0:
         raise MicrovibError(
             f"--model-error: {model_error} is not allowed; it must be greater than 0 and at most 100 percent"
@@ -325,6 +330,47 @@ def validate(out: Path | None, overwrite: bool) -> None:
     click.echo(validation_text(checks))
     if out is not None:
         files = write_validation(out, checks, states, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.command()
+@click.argument("scenario")
+@click.option("--from", "low", required=True, metavar="RATE", help="Lowest rate of the array, e.g. '0.01 deg/s'.")
+@click.option("--to", "high", required=True, metavar="RATE", help="Highest rate of the array.")
+@click.option("--count", default=200, show_default=True, type=click.IntRange(2, 10_000), help="Rates in the range.")
+@click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
+@click.option("--limit", metavar="TORQUE", help="Largest line that is allowed, e.g. '10 mN*m'.")
+@click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only, e.g. '0.5:5 Hz'.")
+@click.option("--linear", is_flag=True, help="Linearised drive in closed form: instant, driving lines only.")
+@_set_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and pictures [default: print only].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+def rates(
+    scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
+    linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool,
+) -> None:  # fmt: skip
+    """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
+    import math
+
+    from microvib.app.rates import linear_text, plan_text, write_plan
+    from microvib.io.results import check_folder
+    from microvib.studies.rates import plan_rates, rate_grid
+
+    if out is not None:
+        check_folder(out, overwrite)
+    grid = rate_grid(quantity("--from", low, "rad/s"), quantity("--to", high, "rad/s"), count)
+    most = None if limit is None else quantity("--limit", limit, "N*m")
+    if most is not None and not most > 0.0:
+        raise ScenarioError(f"--limit {limit}: must be greater than 0 N*m")
+    within = (0.0, math.inf) if band is None else band_of(band)
+    loaded = _load(scenario, settings)
+    counts = (loaded.driver.microsteps,) if microsteps is None else counts_of(microsteps)
+    with _progress("solving", "cases") as progress:
+        plan = plan_rates(loaded, grid, counts, limit=most, band=within, linear=linear, progress=progress)
+        text = linear_text(plan) if linear else ""
+    click.echo("\n".join(filter(None, (plan_text(plan), text))))
+    if out is not None:
+        files = write_plan(out, plan, text, overwrite)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 
@@ -425,6 +471,9 @@ def _load(source: str, settings: tuple[str, ...]) -> Scenario:
 class _progress:
     """A progress bar on standard error where that is a terminal, and nothing otherwise."""
 
+    def __init__(self, doing: str = "simulating", unit: str = "s") -> None:
+        self._doing, self._unit = doing, unit
+
     def __enter__(self) -> Callable[[float, float], None] | None:
         self._bar: Any = None
         if not sys.stderr.isatty():
@@ -435,11 +484,11 @@ class _progress:
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
+            TextColumn("{task.completed:.0f} of {task.total:.0f} " + self._unit),
         )
         self._bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
         self._bar.start()
-        task = self._bar.add_task("simulating (compiles on first use)", total=None)
+        task = self._bar.add_task(f"{self._doing} (compiles on first use)", total=None)
         last = 0.0
 
         def report(done: float, total: float) -> None:
@@ -447,7 +496,7 @@ class _progress:
             now = time.monotonic()
             if now - last > 0.1 or done >= total:
                 last = now
-                text = "writing lines and report" if done >= total else "simulating"
+                text = "writing lines and report" if done >= total else self._doing
                 self._bar.update(task, completed=done, total=total, description=text)
 
         return report

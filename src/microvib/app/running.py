@@ -18,6 +18,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.lines import LineTable
 from microvib.solve.motion import CHANNELS, Invariants
 from microvib.solve.simulate import Progress, simulate
+from microvib.studies.steady import find_steady
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class RunResult:
     invariants: Invariants
     solver: dict[str, Any]
     files: tuple[str, ...]
+    fallback: str = ""
+    """Why a steady state that was asked for was not found; the run then began at rest."""
 
 
 def run_scenario(
@@ -37,29 +40,39 @@ def run_scenario(
     overwrite: bool = False,
     lines_only: bool = False,
     harmonics: int = 8,
+    steady: bool = False,
     progress: Progress | None = None,
 ) -> RunResult:
-    """Simulate and write the run's folder; nothing is written unless all of it can be."""
+    """Simulate and write the run's folder; nothing is written unless all of it can be.
+
+    With ``steady`` the lines are those of the steady state, and the record starts in it instead of settling.
+    """
     begun = time.perf_counter()
     if not lines_only:
         _check_size(scenario, out)
-    if lines_only:
+    state, fallback = find_steady(scenario) if steady else (None, "")
+    files: dict[str, Any] = {}
+    if state is not None:
+        table, invariants, solver = lines(state, harmonics=harmonics), state.invariants, state.solver
+    elif lines_only:
         from microvib.app.long_runs import lines_of_stream
 
         table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
-        files: dict[str, Any] = {}
-    else:
-        motion = simulate(scenario, progress=progress)
-        table, invariants, solver = lines(motion, harmonics=harmonics), motion.invariants, motion.solver
+    if not lines_only:
+        motion = state.motion(progress=progress) if state is not None else simulate(scenario, progress=progress)
+        if state is None:
+            table, invariants, solver = lines(motion, harmonics=harmonics), motion.invariants, motion.solver
         from microvib.app.report import run_report
 
         files = {"motion.nc": lambda path: write_motion(motion, path), "report.html": run_report(motion, table)}
+    if fallback:
+        solver = {**solver, "steady": f"not used: {fallback}"}
     files["lines.csv"] = lines_csv(table)
     files["scenario.yaml"] = dump_scenario(scenario)
     timings = {"simulate": solver["wall_s"], "total": time.perf_counter() - begun}
     files["summary.json"] = to_json(summary(scenario, invariants, solver, table, **timings))
     write_folder(out, files, overwrite)
-    return RunResult(table, invariants, solver, tuple(files))
+    return RunResult(table, invariants, solver, tuple(files), fallback)
 
 
 def _check_size(scenario: Scenario, out: Path) -> None:

@@ -32,6 +32,7 @@ Writer = Callable[[Path], None]
 
 STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
+    "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

@@ -52,6 +52,48 @@ def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return M, C, K
 
 
+@dataclass(frozen=True)
+class LinearLine:
+    """A driving line of the linearised drive."""
+
+    order: int
+    frequency: float
+    amplitude: complex
+    """Complex amplitude of T_d, 0-to-peak [N m]; its phase is that of the cosine at a microstep."""
+
+
+def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ...]:
+    """Driving lines of T_d in closed form: the microsteps' staircase through the linearised drive (Eq. 16-18, 20).
+
+    The command is a ramp and a sawtooth of one microstep's height delta, whose order k has the amplitude delta/(pi k); it pulls
+    at the rotor through the electromagnetic spring z K_m I. Currents are taken to follow at once, friction is viscous only,
+    and detent torque and stick do not exist, so that there are no full-step lines. Empty where the rate is zero or changes.
+    """
+    f_d = scenario.driving_frequency
+    if not f_d:
+        return ()
+    M, C, K = matrices(scenario)
+    inertia = _momentum_row(scenario)
+    step = -math.copysign(scenario.driver.microstep(scenario.motor), scenario.rate or 0.0)
+    pull = np.zeros(M.shape[0])
+    pull[0] = scenario.motor.electromagnetic_stiffness
+    lines = []
+    for k in range(1, harmonics + 1):
+        omega = 2.0 * math.pi * k * f_d
+        motion = np.linalg.solve(K - omega**2 * M + 1j * omega * C, pull * (-1j * step / (math.pi * k)))
+        lines.append(LinearLine(k, k * f_d, complex(omega**2 * (inertia @ motion))))
+    return tuple(lines)
+
+
+def _momentum_row(scenario: Scenario) -> np.ndarray:
+    """Angular momentum about the drive axis for unit rates of the coordinates of ``matrices`` (Eq. 20)."""
+    array, reducer = scenario.array, scenario.reducer
+    output = reducer.output_inertia + array.inertia
+    if reducer.rigid:
+        return np.array([scenario.rotor_inertia - output / reducer.ratio, *array.H])
+    return np.array([scenario.rotor_inertia, output, *array.H])
+
+
 def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     """Natural frequencies of drive and array together; array modes first, named ``array_mode_1`` and so on.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from itertools import pairwise
 
 import numpy as np
@@ -29,6 +30,17 @@ class Command:
         self._counts = np.concatenate([[0.0], np.cumsum(0.5 * (self._rates[1:] + self._rates[:-1]) * steps)])
         self._period = scenario.driver.beats * scenario.driver.microsteps
         self._current = scenario.motor.current
+
+    @classmethod
+    def lasting(cls, scenario: Scenario, since: float) -> Command:
+        """The command as if the rate that it has at ``record.settle`` had lasted since the time ``since`` [s] and went on."""
+        given = cls(scenario)
+        settle = scenario.record.settle
+        rate = given._rates[int(np.searchsorted(given._times, settle, side="right")) - 1]
+        lasting = copy(given)
+        lasting._times, lasting._rates = np.array([since]), np.array([rate])
+        lasting._counts = given.count(np.array([settle])) - rate * (settle - since)
+        return lasting
 
     def count(self, t: np.ndarray) -> np.ndarray:
         """Commanded angle in microsteps, not rounded, at the times ``t`` [s]."""

@@ -106,7 +106,7 @@ class State(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Where samples go: interval means of all channels, one row each."""
+    """Where samples go: interval means of all channels, one row each; with a width of 0 nothing is looked at."""
 
     first: float  # start of the first interval
     width: float
@@ -698,7 +698,8 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
         h, event = _end_at_first_event(h, x, p, w)
         # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
         end = target if h == left else clock[NOW] + h
-        _record(h, end, x, p, w, out)
+        if out.width > 0.0:
+            _record(h, end, x, p, w, out)
         x.counters[STEPS] += 1
         stalled = stalled + 1 if h < 1e-12 * max(1.0, clock[NOW]) else 0
         clock[NOW] = end

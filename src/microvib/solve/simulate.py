@@ -14,7 +14,7 @@ from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.decimate import PASSBAND, Decimator, half_length, inner_factor
 from microvib.solve.motion import Invariants, Motion
-from microvib.solve.pack import pack
+from microvib.solve.pack import Packed, pack
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 1.0
@@ -43,13 +43,22 @@ def simulate(
 
 
 class Run:
-    """One simulation as a stream of blocks ``{channel: samples}``; invariants are known when it is through."""
+    """One simulation as a stream of blocks ``{channel: samples}``; invariants are known when it is through.
+
+    It starts at rest at t = 0, or goes on from the state ``packed`` at its time, under ``command``.
+    """
 
     invariants: Invariants
     solver: dict[str, Any]
 
     def __init__(
-        self, scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None
+        self,
+        scenario: Scenario,
+        *,
+        progress: Progress | None = None,
+        channels: tuple[str, ...] | None = None,
+        packed: Packed | None = None,
+        command: Command | None = None,
     ) -> None:
         self.scenario = scenario
         self._progress = progress or (lambda done, total: None)
@@ -58,8 +67,8 @@ class Run:
         if unknown:
             raise SimulationError(f"channel '{unknown[0]}' does not exist; there are {', '.join(names)}, eta, eta_rate")
         self._wanted = channels
-        self._packed = pack(scenario)
-        self._command = Command(scenario)
+        self._packed = packed or pack(scenario)
+        self._command = command or Command(scenario)
         fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
         top = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
         self._factor = inner_factor(scenario.record.sample_rate, top)
@@ -69,16 +78,16 @@ class Run:
         record, packed = self.scenario.record, self._packed
         factor, half = self._factor, half_length(self._factor)
         width = 1.0 / (factor * record.sample_rate)
-        lead = min(half, int(record.settle / width))  # rows before the first sample, as many as there are
+        t = start = float(packed.state.clock[kernel.NOW])
+        lead = min(half, int((record.settle - start) / width))  # rows before the first sample, as many as there are
         first = record.settle - (lead + 0.5) * width
-        if first < 0.0:
+        if first < start:
             lead, first = lead - 1, first + width
         total_rows = lead + 1 + (record.samples - 1) * factor + half
         end = first + total_rows * width
         before, momentum_before = packed.snapshot(), packed.momentum
         n_chan = packed.channels
         samples = kernel.Samples(first, width, np.zeros((0, n_chan)), np.zeros(n_chan), np.zeros(2, dtype=np.int64))
-        t = 0.0
         while t < first:
             t = self._advance(min(t + CHUNK_TIME, first), end, samples)
         decimator = Decimator(factor)
@@ -103,7 +112,8 @@ class Run:
             made += block.shape[0]
             if block.shape[0]:
                 yield self._name(block)
-        self._finish(before, momentum_before, end, clock_time.perf_counter() - begun)
+        self.invariants = balance(packed, before, momentum_before, end - start)
+        self._finish(end - start, clock_time.perf_counter() - begun)
 
     def _advance(self, stop: float, end: float, samples: Any) -> float:
         clock = self._packed.state.clock
@@ -131,33 +141,12 @@ class Run:
         )
 
     def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
-        s = self._packed.drive.H.size
-        block = {name: samples[:, k] for k, name in enumerate(_row_names())}
-        block["eta"] = samples[:, kernel.N_CHANNELS : kernel.N_CHANNELS + s]
-        block["eta_rate"] = samples[:, kernel.N_CHANNELS + s :]
+        block = channels_of(samples, self._packed.drive.H.size)
         keep = self._wanted or tuple(block)
         return {name: np.ascontiguousarray(block[name]) for name in keep}
 
-    def _finish(self, before: np.ndarray, momentum_before: float, end: float, seconds: float) -> None:
-        state = self._packed.state
-        change = self._packed.snapshot() - before
-        stored = float(np.sum(change[kernel.ENERGIES : kernel.POWERS]))
-        energy_in, joule, friction, damping = (float(e) for e in state.energy)
-        dissipated = joule + friction + damping
-        residual = abs(energy_in - stored - dissipated)
-        passed = max(abs(energy_in - joule) + friction + damping, 1e-9 * energy_in)  # nothing passes a drive that holds
-        unbalanced = float(abs(self._packed.momentum - momentum_before + state.clock[kernel.IMPULSE]))
-        torque = float(state.clock[kernel.LARGEST])
-        self.invariants = Invariants(
-            torque_forms=float(state.clock[kernel.MISMATCH]) / torque if torque > 0.0 else 0.0,
-            momentum=unbalanced / (torque * end) if torque > 0.0 else 0.0,
-            energy=residual / energy_in if energy_in > 0.0 else 0.0,
-            energy_mechanical=residual / passed if passed > 0.0 else 0.0,
-            energy_in=energy_in,
-            energy_dissipated=dissipated,
-            energy_stored=stored,
-        )
-        count = state.counters
+    def _finish(self, simulated: float, seconds: float) -> None:
+        count = self._packed.state.counters
         settings = self.scenario.solver
         self.solver = {
             "method": "RODAS4, order 4(3), with located friction events",
@@ -174,10 +163,40 @@ class Run:
                 f"interval means at {self._factor} x the sample rate, then a linear-phase filter, flat within 1e-4 to"
                 f" {PASSBAND} x the sample rate"
             ),
-            "simulated_s": end,
+            "simulated_s": simulated,
             "wall_s": seconds,
-            "times_real_time": end / seconds,
+            "times_real_time": simulated / seconds,
         }
+
+
+def balance(packed: Packed, before: np.ndarray, momentum_before: float, span: float) -> Invariants:
+    """What must have held over the last ``span`` [s], since the snapshot ``before`` and its angular momentum [N m s]."""
+    state = packed.state
+    change = packed.snapshot() - before
+    stored = float(np.sum(change[kernel.ENERGIES : kernel.POWERS]))
+    energy_in, joule, friction, damping = (float(e) for e in state.energy)
+    dissipated = joule + friction + damping
+    residual = abs(energy_in - stored - dissipated)
+    passed = max(abs(energy_in - joule) + friction + damping, 1e-9 * energy_in)  # nothing passes a drive that holds
+    unbalanced = float(abs(packed.momentum - momentum_before + state.clock[kernel.IMPULSE]))
+    torque = float(state.clock[kernel.LARGEST])
+    return Invariants(
+        torque_forms=float(state.clock[kernel.MISMATCH]) / torque if torque > 0.0 else 0.0,
+        momentum=unbalanced / (torque * span) if torque > 0.0 else 0.0,
+        energy=residual / energy_in if energy_in > 0.0 else 0.0,
+        energy_mechanical=residual / passed if passed > 0.0 else 0.0,
+        energy_in=energy_in,
+        energy_dissipated=dissipated,
+        energy_stored=stored,
+    )
+
+
+def channels_of(rows: np.ndarray, modes: int) -> dict[str, np.ndarray]:
+    """Rows of the kernel (n, channels) by name; its powers come out as energies, modal channels are (n, modes)."""
+    named = {name: rows[:, k] for k, name in enumerate(_row_names())}
+    named["eta"] = rows[:, kernel.N_CHANNELS : kernel.N_CHANNELS + modes]
+    named["eta_rate"] = rows[:, kernel.N_CHANNELS + modes :]
+    return named
 
 
 def _row_names() -> tuple[str, ...]:

@@ -1,0 +1,43 @@
+"""What users type as options, turned into values: quantities, bands, counts."""
+
+from __future__ import annotations
+
+from microvib.errors import MicrovibError
+
+
+def quantity(option: str, text: str, unit: str) -> float:
+    """Value of an option's text in ``unit``; MicrovibError with the option's name."""
+    from microvib.units import convert
+
+    try:
+        return convert(text, unit)
+    except ValueError as error:
+        raise MicrovibError(f"{option}: {text!r} {error}") from None
+
+
+def band_of(text: str) -> tuple[float, float]:
+    """LOW:HIGH in Hz, such as ``0.5:5 Hz``; without a unit the first bound has that of the second."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise MicrovibError(f"--band: {text!r} is no range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
+    unit = high.strip().lstrip("+-.0123456789eE ")
+    bounds = (
+        quantity("--band", low if any(c.isalpha() for c in low) else f"{low} {unit}", "Hz"),
+        quantity("--band", high, "Hz"),
+    )
+    if not 0.0 <= bounds[0] < bounds[1]:
+        raise MicrovibError(f"--band: {text!r} is no range; the first bound must be at least 0 and below the second")
+    return bounds
+
+
+def counts_of(text: str) -> tuple[int, ...]:
+    """Microsteps per full step, separated by commas."""
+    try:
+        counts = tuple(dict.fromkeys(int(part) for part in text.split(",")))
+    except ValueError:
+        counts = (0,)
+    if min(counts) < 1 or max(counts) > 65_536:
+        raise MicrovibError(
+            f"--microsteps: {text!r} is not allowed; whole numbers from 1 to 65536 are wanted, such as 8,16,32"
+        )
+    return counts

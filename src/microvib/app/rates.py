@@ -1,0 +1,279 @@
+"""Rate plans as text, tables and pictures: Campbell diagram, largest line over rate, forbidden bands."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.app import plots
+from microvib.app.report import picture
+from microvib.app.studies import number, page
+from microvib.io.results import write_folder
+from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FAINTEST = 1e-3
+"""Amplitude over the largest of the plan below which a Campbell diagram draws nothing."""
+SHOWN = 12
+
+
+def _deg(rate: float, digits: int = 5) -> str:
+    return f"{math.degrees(rate):.{digits}g}"
+
+
+def plan_text(plan: RatePlan) -> str:
+    """Best rates, forbidden bands and the strongest resonances, as text."""
+    lines = [
+        _how(plan),
+        "",
+        f"{'microsteps':>10s} {'best deg/s':>11s} {'its largest line':>17s} {'worst of the range':>19s}",
+    ]
+    for n in plan.counts:
+        best = plan.best(n)
+        figures = (_deg(best[0].rate), f"{best[1]:.4g} N m") if best else ("none", "")
+        lines.append(f"{n:10d} {figures[0]:>11s} {figures[1]:>17s} {number(plan.worst(n)):>15s} N m")
+    overall = plan.best()
+    if overall:
+        case, top = overall
+        lines.append(f"Best: {_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m.")
+    if plan.limit is not None:
+        lines += [
+            "",
+            f"Forbidden, for a limit of {plan.limit:g} N m{_in_band(plan)}:",
+            *(_band_text(b) for b in plan.forbidden),
+        ]
+        lines += [] if plan.forbidden else ["none"]
+    strong = strongest(plan.resonances)
+    if strong:
+        lines += ["", "Where lines meet modes, the strongest:"]
+        lines += [f"{'microsteps':>10s} {'deg/s':>9s} {'Hz':>9s} {'N m':>10s}  line on mode"]
+        lines += [
+            f"{r.microsteps:10d} {_deg(r.rate):>9s} {r.frequency:9.4g} {number(r.amplitude):>10s}  {r.line} on {r.mode}"
+            for r in strong
+        ]
+    lines += _unsolved(plan)
+    return "\n".join(lines)
+
+
+def _how(plan: RatePlan) -> str:
+    rates = [case.rate for case in plan.cases]
+    model = "linearised drive, driving lines only" if plan.linear else "steady states of the full model"
+    return (
+        f"{len(plan.cases)} cases, {_deg(min(rates))} to {_deg(max(rates))} deg/s, {', '.join(map(str, plan.counts))}"
+        f" microsteps per full step: {model}{_in_band(plan)}."
+    )
+
+
+def _in_band(plan: RatePlan) -> str:
+    low, high = plan.band
+    return f", lines from {low:g} to {high:g} Hz" if math.isfinite(high) else ""
+
+
+def _band_text(b: Forbidden) -> str:
+    what = f"{b.line} reaches {b.largest:.4g} N m" if b.why == ABOVE else b.why
+    return f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {what}"
+
+
+def strongest(resonances: Iterable[Resonance], count: int = SHOWN) -> list[Resonance]:
+    """Resonances by amplitude, those without one first: there, nothing is known."""
+    return sorted(resonances, key=lambda r: -r.amplitude if math.isfinite(r.amplitude) else -math.inf)[:count]
+
+
+def _unsolved(plan: RatePlan) -> list[str]:
+    """What was simulated in time, and what failed, with the reasons."""
+    texts = []
+    for cases, what in (
+        ([c for c in plan.cases if c.reason and c.lines], "were simulated in time, for they have no steady state"),
+        ([c for c in plan.cases if c.reason and not c.lines], "failed"),
+    ):
+        if cases:
+            reasons = "; ".join(list(dict.fromkeys(case.reason for case in cases))[:4])
+            texts += ["", f"{len(cases)} of {len(plan.cases)} cases {what} (see rates.csv): {reasons}."]
+    return texts
+
+
+def linear_text(plan: RatePlan) -> str:
+    """The linear plan's error against the full model, as text."""
+    parts = [
+        f"{n} microsteps: median {100 * median:.3g} %, largest {100 * top:.3g} % of {count} lines"
+        for n, (median, top, count) in linear_error(plan).items()
+    ]
+    return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."
+
+
+def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool) -> tuple[str, ...]:
+    """Tables, pictures and report of a plan; names of the files."""
+    campbell, largest = draw_campbell(plan), draw_largest(plan)
+    files: dict[str, Any] = {
+        "rates.csv": _csv(
+            ("rate_deg_s", "microsteps", "line", "kind", "order", "frequency_hz", "amplitude_n_m", "status"),
+            _case_rows(plan),
+        ),
+        "resonances.csv": _csv(
+            ("microsteps", "rate_deg_s", "mode", "mode_hz", "line", "frequency_hz", "amplitude_n_m"),
+            (
+                (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude)
+                for r in plan.resonances
+            ),
+        ),
+        "forbidden.csv": _csv(
+            ("microsteps", "from_deg_s", "to_deg_s", "why", "line", "largest_n_m"),
+            (
+                (b.microsteps, math.degrees(b.low), math.degrees(b.high), b.why, b.line, b.largest)
+                for b in plan.forbidden
+            ),
+        ),
+        "campbell.png": lambda path: campbell.savefig(path, format="png"),
+        "largest.png": lambda path: largest.savefig(path, format="png"),
+        "report.html": _report(plan, text, campbell, largest),
+    }
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
+    for case in plan.cases:
+        head = (math.degrees(case.rate), case.microsteps)
+        status = "linear" if plan.linear else f"in time: {case.reason}" if case.reason else "steady"
+        if not case.lines:
+            yield (*head, "", "", math.nan, math.nan, math.nan, f"failed: {case.reason}")
+        for x in case.lines:
+            yield (*head, x.line, x.kind, x.order, x.frequency, x.amplitude, status)
+
+
+def _csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([number(x, 9) if isinstance(x, float) else x for x in row] for row in rows)
+    return stream.getvalue()
+
+
+def _report(plan: RatePlan, text: str, campbell: Figure, largest: Figure) -> str:
+    best = [
+        [str(n), _deg(found[0].rate), number(1e3 * found[1]), number(1e3 * plan.worst(n))]
+        for n in plan.counts
+        if (found := plan.best(n))
+    ]
+    bands = [
+        [str(b.microsteps), _deg(b.low), _deg(b.high), b.why, b.line, number(1e3 * b.largest)] for b in plan.forbidden
+    ]
+    met = [
+        [str(r.microsteps), _deg(r.rate), number(r.frequency), number(1e3 * r.amplitude), r.line, r.mode]
+        for r in strongest(plan.resonances, 40)
+    ]
+    sections: list[dict[str, Any]] = [
+        {
+            "title": "Best rates",
+            "header": ["microsteps", "rate [deg/s]", "its largest line [mN m]", "worst of the range [mN m]"],
+            "rows": best,
+            "text": text,
+        },
+        {
+            "title": "Campbell diagram",
+            "figure": picture(campbell),
+            "caption": "Dashed: modes as seen through the drive. Rings: where a line meets one.",
+        },
+        {
+            "title": "Largest line",
+            "figure": picture(largest),
+            "caption": "Shaded: forbidden. Dotted: not a steady state but the run in time.",
+        },
+    ]
+    if bands:
+        header = ["microsteps", "from [deg/s]", "to [deg/s]", "why", "line", "largest [mN m]"]
+        sections.append({"title": "Forbidden rates", "header": header, "rows": bands})
+    if met:
+        header = ["microsteps", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"]
+        sections.append({"title": "Resonances", "header": header, "rows": met, "text": "The strongest, to forty."})
+    return page(f"Rate plan: {plan.scenario.title}", _how(plan), sections)
+
+
+def draw_campbell(plan: RatePlan) -> Figure:
+    """Lines over rate and frequency, coloured by amplitude; one panel for each microstep count."""
+    from matplotlib.colors import LogNorm
+
+    columns = min(len(plan.counts), 2)
+    rows = math.ceil(len(plan.counts) / columns)
+    figure, axes = plots.new_figure(6.4 * columns + 1.0, 4.2 * rows, rows, columns)
+    top = max((x.amplitude for case in plan.cases for x in case.lines), default=1.0)
+    norm = LogNorm(FAINTEST * top, top)
+    for ax, n in zip(axes.flat, plan.counts, strict=False):
+        points = _draw_order_lines(ax, plan, n, norm)
+    for ax in list(axes.flat)[len(plan.counts) :]:
+        ax.set_visible(False)
+    figure.colorbar(points, ax=axes, label="amplitude of the line, 0-to-peak [N m]", pad=0.01)
+    return figure
+
+
+def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
+    shown = [
+        (math.degrees(c.rate), x.frequency, x.amplitude)
+        for c in plan.of(n)
+        for x in c.lines
+        if x.amplitude >= norm.vmin
+    ]
+    shown.sort(key=lambda point: point[2])
+    rate, frequency, amplitude = np.array(shown).reshape(-1, 3).T
+    points = ax.scatter(rate, frequency, c=amplitude, norm=norm, cmap="viridis_r", s=5.0, linewidths=0)
+    frequencies = [*frequency, *(m.frequency for m in plan.modes)]
+    ax.set_yscale("log")
+    ax.set_ylim(0.7 * min(frequencies, default=1.0), 1.6 * max(frequencies, default=10.0))
+    rates = [math.degrees(case.rate) for case in plan.of(n)]
+    ax.set_xlim(min(rates), max(rates))
+    for mode in plan.modes:
+        ax.axhline(mode.frequency, color=plots.GREY, linestyle="--", linewidth=0.9)
+        ax.annotate(
+            f"{mode.name} {mode.frequency:.3g} Hz", (1.0, mode.frequency), xycoords=("axes fraction", "data"),
+            xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=7, color="#333333",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
+        )  # fmt: skip
+    met = [r for r in plan.resonances if r.microsteps == n]
+    ax.plot(
+        [math.degrees(r.rate) for r in met],
+        [r.frequency for r in met],
+        "o",
+        color=plots.RED,
+        fillstyle="none",
+        markersize=7,
+    )
+    ax.set(xlabel="rate of the array [deg/s]", ylabel="frequency [Hz]", title=f"{n} microsteps per full step")
+    return points
+
+
+def draw_largest(plan: RatePlan) -> Figure:
+    """Largest line over rate, with the limit and what it forbids; one panel for each microstep count."""
+    figure, axes = plots.new_figure(9.0, 1.2 + 2.1 * len(plan.counts), len(plan.counts))
+    tops = [line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
+    low, high = (0.5 * min(tops), 3.0 * max(tops)) if tops else (1e-6, 1.0)
+    for ax, n in zip(axes[:, 0], plan.counts, strict=True):
+        cases = plan.of(n)
+        rate = [math.degrees(case.rate) for case in cases]
+        top = [line.amplitude if (line := case.largest(plan.band)) else math.nan for case in cases]
+        ax.semilogy(rate, top, color=plots.BLUE, linewidth=1.0, marker=".", markersize=3)
+        ax.set_ylim(low if plan.limit is None else min(low, 0.5 * plan.limit), high)
+        for case in cases:
+            if case.reason:
+                ax.axvline(math.degrees(case.rate), color=plots.GREY, linewidth=0.8, linestyle=":")
+        if plan.limit is not None:
+            ax.axhline(plan.limit, color=plots.RED, linewidth=1.0, linestyle="--", label=f"limit {plan.limit:g} N m")
+            ax.legend(loc="upper right", fontsize=8)
+        for b in plan.forbidden:
+            if b.microsteps == n:
+                hatch = None if b.why == ABOVE else "///"
+                ax.axvspan(
+                    math.degrees(b.low), math.degrees(b.high), color=plots.RED, alpha=0.15, linewidth=0, hatch=hatch
+                )
+        ax.set(ylabel="largest line [N m]", title=f"{n} microsteps per full step{_in_band(plan)}")
+        ax.set_xlim(min(rate), max(rate))
+    axes[-1, 0].set_xlabel("rate of the array [deg/s]")
+    return figure

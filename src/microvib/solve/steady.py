@@ -1,0 +1,143 @@
+"""The periodic steady state at constant rate, found directly: ``steady_state(scenario)``.
+
+It is the state that a period of the command leaves as it is (``microvib.solve.shooting``). What would take the array modes
+a minute to settle is solved for; friction, stick and detent are those of the kernel, for it is the kernel that runs the period.
+"""
+
+from __future__ import annotations
+
+import time as clock_time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+from microvib.solve.motion import Invariants, Motion
+from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.shooting import NotUnique, Search
+from microvib.solve.simulate import Progress, Run, channels_of
+
+ATTEMPTS = ((1, 0.25), (2, 4.0), (3, 4.0))
+"""Searches in turn: periods of the command after which the motion may repeat, and such periods simulated before."""
+LONGEST = 8
+"""Quarter electrical turns that a transmission error may take to repeat."""
+
+MOST_MODES = 100
+"""Array modes beyond which differences in each state take longer than the run in time."""
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """One period of a steady motion: channels by name, as in a ``Motion``, as means over equal intervals."""
+
+    scenario: Scenario
+    start: float
+    """Start of the period [s], on the clock of the scenario's record."""
+    frequency: float
+    """Repetitions per second [Hz]."""
+    microsteps: int
+    """Microsteps in the period."""
+    channels: dict[str, np.ndarray]
+    state: np.ndarray
+    """The kernel's state at the start of the period."""
+    distance: float
+    """Estimated distance of ``state`` from the steady one, over what a microstep moves."""
+    multiplier: float
+    """Largest part of a deviation that is left after a period; below 1 the motion is stable."""
+    invariants: Invariants
+    solver: dict[str, Any]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.channels[name]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Middles of the intervals [s], (n,)."""
+        n = self.channels["T_d"].size
+        middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
+        return middles
+
+    def harmonics(self, name: str = "T_d") -> np.ndarray:
+        """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0, 1, ..., (n // 2,).
+
+        Phases are those of cosines at the first sample of the record, ``record.settle``. The means' droop is made good.
+        """
+        x = self.channels[name]
+        n = x.shape[0]
+        k = np.arange(n // 2)
+        series = np.fft.rfft(x, axis=0)[: k.size] * (2.0 / n)
+        series[0] *= 0.5
+        shift = 2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
+        result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
+        return result
+
+    def motion(self, *, channels: tuple[str, ...] | None = None, progress: Progress | None = None) -> Motion:
+        """The record of the scenario, integrated from this state instead of from rest."""
+        period = PeriodMap(self.scenario, self.microsteps)
+        period.put(self.state)
+        run = Run(self.scenario, progress=progress, channels=channels, packed=period.packed, command=period.command)
+        blocks = list(run)
+        joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+        record = self.scenario.record
+        t = record.settle + np.arange(record.samples) / record.sample_rate
+        return Motion(self.scenario, t, joined, run.invariants, run.solver)
+
+
+def steady_state(scenario: Scenario) -> SteadyState:
+    """The steady state of ``scenario`` at the rate that it has in its record.
+
+    Raises NotPeriodic, with the reason, where the rate changes or is zero, where a transmission error takes too long to
+    repeat, where there are more than MOST_MODES modes, or where no stable and unique motion was found that repeats within
+    three periods of the command.
+    """
+    begun = clock_time.perf_counter()
+    repeat, quarter = repeats_after(scenario)
+    if repeat > LONGEST * quarter:
+        raise NotPeriodic(f"the transmission error repeats with the command only every {repeat} microsteps")
+    if len(scenario.array.modes) > MOST_MODES:
+        raise NotPeriodic(f"there are more than {MOST_MODES} array modes, for which the run in time is faster")
+    reason, spent = "", 0.0
+    for multiple, settle in ATTEMPTS:
+        period = PeriodMap(scenario, multiple * repeat)
+        try:
+            search = Search(period).run(settle)
+            return _found(search, spent, clock_time.perf_counter() - begun)
+        except NotUnique:
+            raise
+        except NotPeriodic as problem:
+            reason = str(problem)
+            spent += period.evaluations / period.frequency
+    raise NotPeriodic(reason)
+
+
+def _found(search: Search, spent: float, seconds: float) -> SteadyState:
+    """What a search found, after others simulated ``spent`` [s] in vain."""
+    period, invariants = search.period, search.invariants
+    assert invariants is not None
+    settings, simulated = period.scenario.solver, spent + period.evaluations / period.frequency
+    solver = {
+        "method": "steady state by quasi-Newton on the map of one period; RODAS4 with located friction events",
+        "tolerance": settings.tolerance,
+        "max_step_s": settings.max_step,
+        "refinement": settings.refinement,
+        "period_s": 1.0 / period.frequency,
+        "period_microsteps": period.microsteps,
+        "periods_evaluated": simulated * period.frequency,
+        "distance": search.distance,
+        "multiplier": search.multiplier,
+        "simulated_s": simulated,
+        "wall_s": seconds,
+    }
+    return SteadyState(
+        scenario=period.scenario,
+        start=period.start,
+        frequency=period.frequency,
+        microsteps=period.microsteps,
+        channels=channels_of(search.rows, len(period.scenario.array.modes)),
+        state=search.x * period.sizes,
+        distance=search.distance,
+        multiplier=search.multiplier,
+        invariants=invariants,
+        solver=solver,
+    )

@@ -1,0 +1,313 @@
+"""Rate planning: lines of the steady state over rate and microstep count, where they meet modes, which rates to avoid."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+
+import numpy as np
+
+from microvib.errors import MicrovibError, SimulationError
+from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import FAINT
+from microvib.studies.steady import steady
+
+HARMONICS = 8
+LEAST = 1e-3
+"""Lines below this part of a case's largest are dropped."""
+LIGHT = 0.2
+"""Damping ratio from which a resonance of the drive is none to plan for."""
+BISECTIONS = 8
+"""Halvings of the step between two rates with which the edge of a forbidden band is found."""
+
+ABOVE = "a line is above the limit"
+
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True)
+class RateLine:
+    """One line at one rate."""
+
+    line: str
+    kind: str
+    order: float
+    """Frequency over the driving frequency."""
+    frequency: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """Lines at one rate [rad/s] and microstep count.
+
+    Where there is no steady state, ``reason`` says why and the lines are those of the run in time, or none if it fails.
+    """
+
+    rate: float
+    microsteps: int
+    lines: tuple[RateLine, ...]
+    reason: str = ""
+
+    def largest(self, band: tuple[float, float]) -> RateLine | None:
+        """The largest line within ``band`` [Hz]; None where there is none."""
+        inside = [line for line in self.lines if band[0] <= line.frequency <= band[1]]
+        return max(inside, key=lambda line: line.amplitude, default=None)
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """A rate at which a line of the clock meets a mode."""
+
+    microsteps: int
+    rate: float
+    mode: str
+    mode_frequency: float
+    line: str
+    frequency: float
+    amplitude: float
+    """Of that line there [N m]; NaN where the case failed."""
+
+
+@dataclass(frozen=True)
+class Forbidden:
+    """A band of rates in which a line passes the limit, or in which nothing is known because the simulation fails."""
+
+    microsteps: int
+    low: float
+    high: float
+    why: str
+    line: str
+    largest: float
+
+
+@dataclass(frozen=True)
+class RatePlan:
+    """What a plan found; cases by microstep count and rate."""
+
+    scenario: Scenario
+    cases: tuple[Case, ...]
+    modes: tuple[CoupledMode, ...]
+    resonances: tuple[Resonance, ...]
+    forbidden: tuple[Forbidden, ...]
+    limit: float | None
+    band: tuple[float, float]
+    linear: bool
+
+    def of(self, microsteps: int) -> list[Case]:
+        """Cases of one microstep count, by rate."""
+        return [case for case in self.cases if case.microsteps == microsteps]
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Microstep counts, as planned."""
+        return tuple(dict.fromkeys(case.microsteps for case in self.cases))
+
+    def best(self, microsteps: int | None = None) -> tuple[Case, float] | None:
+        """Case whose largest line is smallest, with that amplitude [N m]; None where all cases failed."""
+        found = [
+            (case, line.amplitude if (line := case.largest(self.band)) else 0.0)
+            for case in self.cases
+            if case.lines and microsteps in (None, case.microsteps)
+        ]
+        return min(found, key=lambda item: item[1], default=None)
+
+    def worst(self, microsteps: int) -> float:
+        """Largest line over all rates of one microstep count [N m]; NaN where all cases failed."""
+        found = [line.amplitude for case in self.of(microsteps) if (line := case.largest(self.band))]
+        return max(found, default=math.nan)
+
+
+def plan_rates(
+    scenario: Scenario,
+    rates: Sequence[float] | np.ndarray,
+    microsteps: Sequence[int],
+    *,
+    limit: float | None = None,
+    band: tuple[float, float] = (0.0, math.inf),
+    linear: bool = False,
+    progress: Progress | None = None,
+) -> RatePlan:
+    """Steady lines at all ``rates`` [rad/s] of the array and ``microsteps`` counts, and at every rate where a line meets a mode.
+
+    ``limit`` [N m] and ``band`` [Hz] define forbidden rates, whose edges are found by bisection. ``linear`` takes the closed form
+    of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved for itself, so
+    that results do not depend on their order; threads share them, for the kernel runs without the interpreter's lock.
+    """
+    modes = tuple(m for m in coupled_modes(scenario) if m.fixed_frequency is not None or m.damping < LIGHT)
+    meetings = [m for n in microsteps for m in _meetings(scenario, n, modes, float(min(rates)), float(max(rates)))]
+    wanted = {(float(rate), n) for n in microsteps for rate in rates}
+    wanted |= {(rate, m.microsteps) for m in meetings for rate in _near(m, modes)}
+    with _solver(scenario, linear, progress) as solve:
+        found = {(case.rate, case.microsteps): case for case in solve(sorted(wanted))}
+        rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
+        forbidden = [] if limit is None else [b for row in rows for b in _forbidden(row, limit, band, solve)]
+    cases = tuple(case for row in rows for case in row)
+    resonances = tuple(
+        met for m in meetings if (met := _strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]))
+    )
+    return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), limit, band, linear)
+
+
+def at_rate(scenario: Scenario, rate: float, microsteps: int) -> Scenario:
+    """``scenario`` at a constant rate [rad/s] with another microstep count."""
+    tracking = {"rate": rate, "clock_ratio": scenario.tracking.clock_ratio}
+    return scenario.with_({"tracking": tracking, "driver.microsteps": microsteps})
+
+
+def full_case(scenario: Scenario, rate: float, microsteps: int) -> Case:
+    """One case with the full model."""
+    changed = at_rate(scenario, rate, microsteps)
+    try:
+        result = steady(changed, harmonics=HARMONICS)
+    except SimulationError as why:  # loss of synchronism, for one
+        return Case(rate, microsteps, (), str(why))
+    f_d = changed.driving_frequency or math.nan
+    seen = [x for x in result.lines if x.kind != "array mode" and x.status != FAINT and x.amplitude_n_m > 0.0]
+    top = max((x.amplitude_n_m for x in seen), default=0.0)
+    lines = tuple(
+        RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m)
+        for x in seen
+        if x.amplitude_n_m >= LEAST * top
+    )
+    return Case(rate, microsteps, lines, result.fallback)
+
+
+def linear_case(scenario: Scenario, rate: float, microsteps: int) -> Case:
+    """One case with the linearised drive."""
+    found = linear_lines(at_rate(scenario, rate, microsteps), HARMONICS)
+    lines = (RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
+    return Case(rate, microsteps, tuple(lines))
+
+
+def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float, int]]:
+    """Error of a linear plan's drive_1 to drive_3 against the full model at ``count`` rates of each microstep count.
+
+    Median and largest |linear/full - 1|, and how many lines were compared.
+    """
+    result = {}
+    for n in plan.counts:
+        cases = plan.of(n)
+        picked = [cases[k] for k in np.unique(np.linspace(0, len(cases) - 1, count).astype(int))]
+        errors = []
+        for case in picked:
+            full = {x.line: x.amplitude for x in full_case(plan.scenario, case.rate, n).lines}
+            errors += [abs(x.amplitude / full[x.line] - 1.0) for x in case.lines[:3] if x.line in full]
+        values = errors or [math.nan]
+        result[n] = (float(np.median(values)), float(np.max(values)), len(errors))
+    return result
+
+
+@contextmanager
+def _solver(
+    scenario: Scenario, linear: bool, progress: Progress | None
+) -> Iterator[Callable[[Iterable[tuple[float, int]]], list[Case]]]:
+    """A function that solves cases (rate, microsteps) on all cores; in what order does not matter."""
+    one = linear_case if linear else full_case
+    pool = ThreadPoolExecutor(os.cpu_count() or 1)
+    done = total = 0
+
+    def solve(wanted: Iterable[tuple[float, int]]) -> list[Case]:
+        nonlocal done, total
+        futures: list[Future[Case]] = [pool.submit(one, scenario, rate, n) for rate, n in wanted]
+        total += len(futures)
+        for _ in as_completed(futures):
+            done += 1
+            if progress is not None:
+                progress(done, total)
+        return [future.result() for future in futures]
+
+    try:
+        yield solve
+    finally:  # an interrupt, too, must not wait for what has not begun
+        pool.shutdown(cancel_futures=True)
+
+
+def _meetings(
+    scenario: Scenario, microsteps: int, modes: Sequence[CoupledMode], low: float, high: float
+) -> list[Resonance]:
+    """Rates within a range at which driving and full-step lines meet a mode."""
+    driver, motor = scenario.driver, scenario.motor
+    per_rate = microsteps * scenario.reducer.ratio * scenario.tracking.clock_ratio / driver.full_step(motor)
+    detent = 4.0 / (driver.beats * microsteps)
+    orders = [(f"drive_{k}", float(k)) for k in range(1, HARMONICS + 1)]
+    if motor.detent_torque > 0.0:
+        members = range(1, HARMONICS + 1)
+        orders += [(f"full_step_{k}", k * detent) for k in members if (k * detent) % 1.0 != 0.0]
+    return [
+        Resonance(microsteps, rate, mode.name, mode.frequency, line, mode.frequency, math.nan)
+        for mode in modes
+        for line, order in orders
+        if low <= (rate := mode.frequency / (order * per_rate)) <= high
+    ]
+
+
+def _near(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
+    """Rates to look at: while the shaft sticks now and then, the mode is between its coupled and its clamped frequency."""
+    mode = next(m for m in modes if m.name == meeting.mode)
+    clamped = mode.fixed_frequency or mode.frequency
+    if abs(clamped / mode.frequency - 1.0) > 0.1:
+        clamped = mode.frequency
+    return [meeting.rate * float(s) for s in np.unique(np.linspace(1.0, clamped / mode.frequency, 3))]
+
+
+def _strongest(meeting: Resonance, cases: Sequence[Case]) -> Resonance | None:
+    """The meeting at that of its rates at which its line is largest; None where the line is too small to be one."""
+    found = [(line, case) for case in cases for line in case.lines if line.line == meeting.line]
+    if not found:
+        return None if any(case.lines for case in cases) else meeting
+    line, case = max(found, key=lambda item: item[0].amplitude)
+    return Resonance(
+        meeting.microsteps, case.rate, meeting.mode, meeting.mode_frequency, line.line, line.frequency, line.amplitude
+    )
+
+
+def _forbidden(
+    row: Sequence[Case],
+    limit: float,
+    band: tuple[float, float],
+    solve: Callable[[Iterable[tuple[float, int]]], list[Case]],
+) -> list[Forbidden]:
+    """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
+
+    def state(case: Case) -> str:
+        if not case.lines:
+            return "failed"
+        line = case.largest(band)
+        return "limit" if line is not None and line.amplitude > limit else ""
+
+    edges = [(a, b) for a, b in pairwise(row) if state(a) != state(b)]
+    n = row[0].microsteps
+    for _ in range(BISECTIONS):
+        middles = solve([(0.5 * (a.rate + b.rate), n) for a, b in edges])
+        edges = [
+            (m, b) if state(m) == state(a) else (a, m) for (a, b), m in zip(edges, middles, strict=True)
+        ]  # fmt: skip
+    turns = iter(0.5 * (a.rate + b.rate) for a, b in edges)
+    bands, low = [], row[0].rate
+    for why, group in groupby(row, state):
+        members = list(group)
+        high = row[-1].rate if members[-1] is row[-1] else next(turns)
+        if why:
+            lines = [line for case in members if (line := case.largest(band))]
+            top = max(lines, key=lambda line: line.amplitude, default=None)
+            text = ABOVE if why == "limit" else members[0].reason
+            bands.append(Forbidden(n, low, high, text, top.line if top else "", top.amplitude if top else math.nan))
+        low = high
+    return bands
+
+
+def rate_grid(low: float, high: float, count: int) -> np.ndarray:
+    """``count`` rates [rad/s] in even steps; raises MicrovibError where they make no range."""
+    if not 0.0 < low < high:
+        raise MicrovibError(
+            f"--from {math.degrees(low):g} deg/s --to {math.degrees(high):g} deg/s: the first must be above 0 and below the second"
+        )
+    grid: np.ndarray = np.linspace(low, high, count)
+    return grid

@@ -1,0 +1,63 @@
+"""The steady state of a scenario and its lines; where there is none, the run in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from microvib.errors import MicrovibError
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.periodic import lines_of_series
+from microvib.solve.decimate import PASSBAND
+from microvib.solve.motion import Invariants
+from microvib.solve.period import NotPeriodic
+from microvib.solve.simulate import Progress, simulate
+from microvib.solve.steady import SteadyState, steady_state
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from the run in time."""
+
+    lines: LineTable
+    invariants: Invariants
+    solver: dict[str, Any]
+    state: SteadyState | None
+    fallback: str = ""
+
+
+def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None = None) -> Steady:
+    """Lines of the disturbance torque of ``scenario`` in its steady state, without simulating how it settles.
+
+    Where the motion does not repeat with the command, or not in one way only, the scenario is simulated in time instead, and
+    ``fallback`` says why. Raises what ``simulate`` raises.
+    """
+    state, why = find_steady(scenario)
+    if state is not None:
+        return Steady(steady_lines(state, harmonics=harmonics), state.invariants, state.solver, state)
+    motion = simulate(scenario, channels=("T_d",), progress=progress)
+    expected = expected_lines(scenario, PASSBAND * motion.sample_rate, harmonics)
+    table = estimate_lines(motion["T_d"], motion.sample_rate, expected)
+    return Steady(table, motion.invariants, motion.solver, None, why)
+
+
+def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
+    """The steady state, or None and why there is none."""
+    try:
+        return steady_state(scenario), ""
+    except NotPeriodic as why:
+        return None, str(why)
+
+
+def steady_lines(state: SteadyState, channel: str = "T_d", harmonics: int = 8) -> LineTable:
+    """Lines of one channel of a steady state, named as those of a record, with its bins and its first sample's phases."""
+    if channel not in state.channels or state[channel].ndim != 1:
+        names = ", ".join(name for name, values in state.channels.items() if values.ndim == 1)
+        raise MicrovibError(f"channel '{channel}' is not in this motion; there are {names}")
+    record = state.scenario.record
+    highest = PASSBAND * record.sample_rate
+    series = state.harmonics(channel)[: int(highest / state.frequency) + 1]
+    expected = expected_lines(state.scenario, highest, harmonics)
+    return lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)

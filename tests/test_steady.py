@@ -1,0 +1,201 @@
+"""The steady state found directly: the same lines as the run in time after it has settled, or a reason why not."""
+
+import importlib.util
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.model.expected import ExpectedLine
+from microvib.signals.lines import estimate_lines
+from microvib.signals.periodic import TRANSIENT, lines_of_series
+from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.shooting import CLOSE
+from microvib.solve.steady import steady_state
+
+_spec = importlib.util.spec_from_file_location(
+    "benchmark_steady", Path(__file__).parents[1] / "benchmarks" / "steady.py"
+)
+benchmark = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(benchmark)
+
+
+@pytest.fixture(scope="module")
+def steady_1(state_1):
+    return steady_state(state_1)
+
+
+def settled(scenario, time=90.0, duration=16.0):
+    return scenario.with_({"record.settle": time, "record.duration": duration})
+
+
+@pytest.mark.parametrize("name", ["state-1", "state-2", "state-3", "state-4", "state-5"])
+def test_lines_are_those_of_the_settled_run_in_time(name):
+    scenario = settled(mv.load_scenario(name))
+    steady, in_time = mv.lines(steady_state(scenario)), mv.lines(mv.simulate(scenario, channels=("T_d",)))
+    compared = 0
+    for line in in_time:
+        if line.kind in ("array mode", "other") or not line.amplitude_n_m > 1e-3 * in_time["drive_1"].amplitude_n_m:
+            continue
+        other = steady[line.line]
+        compared += 1
+        assert other.frequency_hz == pytest.approx(line.frequency_hz, rel=1e-6)
+        assert other.amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=0.01), line.line
+        assert math.remainder(other.phase_rad - line.phase_rad, 2 * math.pi) == pytest.approx(0.0, abs=0.02), line.line
+        assert other.bin_amplitude_n_m == pytest.approx(line.bin_amplitude_n_m, rel=0.02, abs=2e-5), line.line
+    assert compared > 20
+    assert steady["array_mode_1"].status == TRANSIENT
+
+
+@pytest.mark.parametrize("seed", [4, 14, 31, 45, 51])
+def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
+    scenario = benchmark.random_scenario(seed)
+    slowest = max(1.0 / (2.0 * math.pi * m.frequency * m.damping) for m in scenario.array.modes)
+    deviation, line = benchmark.worst_deviation(steady_state(scenario), benchmark.settled_motion(scenario, slowest))
+    assert deviation < 0.01, line
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"driver.beats": 6, "driver.microsteps": 5},  # a quarter turn is no whole number of microsteps
+        {"driver.microsteps": 1},
+        {"driver.integral_gain": 0.0, "driver.supply_voltage": 8.0},
+        {"reducer.stiffness": "rigid"},
+        {"reducer.transmission_error": [{"order": 200, "amplitude": "2 arcsec"}]},  # repeats with the detent torque
+        {"friction.slip_ring.contact_pairs": 0, "friction.coulomb": 0, "friction.breakaway": 0},
+        {"array.modes": [], "array.rigid_inertia": None},
+    ],
+)  # fmt: skip
+def test_every_part_of_the_drive_is_in_the_steady_state(state_1, changes):
+    scenario = settled(state_1.with_({"tracking.rate": "-0.11 deg/s", **changes}), 60.0)
+    steady, in_time = mv.lines(steady_state(scenario)), mv.lines(mv.simulate(scenario, channels=("T_d",)))
+    top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0)
+    compared = 0
+    for line in in_time:
+        if line.kind not in ("array mode", "other") and line.amplitude_n_m > 0.01 * top:
+            compared += 1
+            assert steady[line.line].amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=0.01), line.line
+    assert compared >= 4
+
+
+def test_the_state_repeats_after_a_period_and_after_a_record(state_1, steady_1):
+    period = PeriodMap(state_1, steady_1.microsteps)
+    after = period.advance(steady_1.state)
+    assert np.max(np.abs(after - steady_1.state) / period.sizes) < CLOSE
+    assert steady_1.distance < CLOSE
+    assert 0.9 < steady_1.multiplier < 1.0  # the array mode
+    record = mv.lines(steady_1.motion(channels=("T_d",)))
+    assert record["array_mode_1"].amplitude_n_m < 1e-5  # it does not ring: 4.6e-3 after a start from rest
+    assert record["drive_1"].amplitude_n_m == pytest.approx(mv.lines(steady_1)["drive_1"].amplitude_n_m, rel=1e-3)
+
+
+def test_a_record_from_the_steady_state_is_whole_from_its_first_sample(state_1):
+    # many microsteps within the filter's length, and a record that starts with the command
+    fast = state_1.with_(
+        {
+            "tracking.rate": "0.3 deg/s",
+            "driver.microsteps": 64,
+            "record": {"settle": 0.0, "duration": 1.0, "sample_rate": 1024.0},
+        }
+    )
+    state = steady_state(fast)
+    motion = state.motion(channels=("T_d",))
+    series = state.harmonics()[: int(0.34 * fast.record.sample_rate / state.frequency)]
+    t = motion.time[:40] - fast.record.settle
+    made = (np.exp(2j * np.pi * state.frequency * np.outer(t, np.arange(series.size))) @ series).real
+    assert motion["T_d"][:40] == pytest.approx(made, abs=5e-4 * np.max(np.abs(made)))
+
+
+def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch):
+    guess = PeriodMap.guess
+    random = np.random.default_rng(5)
+
+    def elsewhere(self):
+        return guess(self) + 5.0 * random.normal(size=self.sizes.size) * self.sizes
+
+    monkeypatch.setattr(PeriodMap, "guess", elsewhere)
+    for _ in range(3):
+        other = steady_state(state_1)
+        found = [(line.line, line.amplitude_n_m) for line in mv.lines(other) if line.kind == "drive"]
+        assert [amplitude for _, amplitude in found] == pytest.approx(
+            [mv.lines(steady_1)[name].amplitude_n_m for name, _ in found], rel=2e-3, abs=1e-6
+        )
+
+
+def test_invariants_hold_over_the_period(steady_1):
+    i = steady_1.invariants
+    assert i.torque_forms < 1e-12
+    assert i.momentum < 1e-4
+    assert i.energy_mechanical < 1e-3
+    assert abs(i.energy_stored) < 1e-3 * i.energy_dissipated  # what repeats stores nothing
+    assert abs(steady_1.harmonics()[0]) < 1e-4 * abs(steady_1.harmonics()[16])  # nor does it gather momentum
+
+
+def test_a_mode_without_damping_has_a_steady_state_all_the_same(state_1):
+    state = steady_state(state_1.with_({"array.modes.0.damping": 0.0}))
+    assert 0.97 < state.multiplier < 1.001
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"tracking.rate": 0.0}, "the rate is zero"),
+        (
+            {"tracking": {"profile": [{"rate": 0.001, "ramp": 5.0, "hold": 1.0}, {"rate": 0.002, "ramp": 4.0}]}},
+            "the rate changes in the record",
+        ),
+        ({"reducer.transmission_error": [{"order": 2, "amplitude": 1e-5}]}, "transmission error repeats .* 1600 microsteps"),
+    ],
+)  # fmt: skip
+def test_where_nothing_repeats_the_run_in_time_steps_in(state_1, changes, why):
+    scenario = state_1.with_({"record.settle": 4.0, "record.duration": 3.0, **changes})
+    with pytest.raises(NotPeriodic, match=why):
+        steady_state(scenario)
+    result = mv.steady(scenario)
+    assert result.state is None
+    assert result.fallback
+    assert result.lines.text() == mv.lines(mv.simulate(scenario)).text()
+
+
+def test_a_motion_that_depends_on_how_it_began_is_not_taken():
+    # Stick and slip take several microsteps in turn, and which of them slips most is settled at the start.
+    with pytest.raises(NotPeriodic, match="there are several"):
+        steady_state(benchmark.random_scenario(40))
+    # Friction that falls with the rate: smooth slip is stable, and so is an oscillation that sticks.
+    with pytest.raises(NotPeriodic, match="one that sticks and slips"):
+        steady_state(benchmark.random_scenario(11))
+
+
+def test_repetition_in_microsteps(state_1):
+    def of(**changes):
+        return repeats_after(state_1.with_({key.replace("__", "."): value for key, value in changes.items()}))
+
+    assert of() == (16, 16)
+    assert of(driver__beats=5, driver__microsteps=1) == (5, 5)
+    assert of(driver__beats=6, driver__microsteps=1) == (3, 3)
+    assert of(reducer__transmission_error=[{"order": 400, "amplitude": 1e-6}]) == (16, 16)
+    assert of(reducer__transmission_error=[{"order": 2, "amplitude": 1e-6}]) == (1600, 16)
+
+
+def test_lines_of_a_series_are_those_of_its_samples():
+    base, rate, n = 3.31, 1024.0, 16_384
+    series = np.zeros(40, dtype=complex)
+    series[[0, 1, 16, 17, 32]] = 0.7, 0.02j, 0.3 - 0.2j, 0.05, 0.01 - 0.04j
+    t = np.arange(n) / rate
+    x = sum((a * np.exp(2j * np.pi * k * base * t)).real for k, a in enumerate(series))
+    expected = [
+        ExpectedLine(name, "drive", k * base, k * base, k * base, "made")
+        for name, k in (("slow", 1), ("drive_1", 16), ("drive_2", 32))
+    ]
+    exact, estimated = lines_of_series(series, base, 16, expected, n, rate), estimate_lines(x, rate, expected)
+    assert [line.line for line in exact] == ["slow", "drive_1", "drive_2", "other_1"]
+    assert exact["other_1"].origin == "17/16 of the driving frequency"
+    for line in exact:
+        other = estimated[line.line]
+        assert other.amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=1e-3)
+        assert other.phase_rad == pytest.approx(line.phase_rad, abs=1e-3)
+        assert other.bin_frequency_hz == line.bin_frequency_hz
+        assert other.bin_amplitude_n_m == pytest.approx(line.bin_amplitude_n_m, rel=1e-4)
