@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from baseline import baseline
 from click.testing import CliRunner
 
 import microvib as mv
@@ -119,9 +120,10 @@ def test_a_linear_plan_states_its_error(state_1):
 
 def test_the_command_writes_tables_and_pictures(tmp_path):
     out = tmp_path / "plan"
+    (tmp_path / "drive.yaml").write_text(mv.dump_scenario(baseline()))
     arguments = [
         "rates",
-        "state-1",
+        str(tmp_path / "drive.yaml"),
         "--from",
         "0.1 deg/s",
         "--to",
