@@ -11,7 +11,7 @@ from microvib.app.studies import fit_json, write_comparison, write_fit
 from microvib.errors import MicrovibError
 from microvib.io.recordings import write_recording
 from microvib.signals.recording import Recording
-from microvib.studies.compare import compare
+from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import read_evidence
 from microvib.studies.identify import identify, parse_fit
 
@@ -123,6 +123,15 @@ def test_comparison_of_the_papers_two_columns():
     assert errors == pytest.approx(
         {"array_mode_1": 5.0, "drive_1": -15.72, "drive_2": 22.33, "drive_3": 21.44}, abs=0.01
     )
+
+
+def test_unexpected_lines_are_matched_by_frequency_not_by_number():
+    lines = {"other_1": Figures(100.0, 2.0), "other_2": Figures(300.0, 1.0)}
+    a, b = (
+        Side("a", "table", lines),
+        Side("b", "table", {"other_1": Figures(300.001, 9.0), "other_2": Figures(50.0, 5.0)}),
+    )
+    assert _with_names_of(a, b).lines == {"other_2": b.lines["other_1"], "other_2_of_b": b.lines["other_2"]}
 
 
 def test_comparison_of_a_scenario_with_itself():

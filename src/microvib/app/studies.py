@@ -66,14 +66,17 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
 
 
 def _worth_a_row(rows: Sequence[Row]) -> list[Row]:
-    """Lines of at least a thousandth of the largest on either side; sidebands a fiftieth."""
+    """Lines of at least a thousandth of the largest on either side; sidebands and unexpected lines a fiftieth."""
 
     def size(row: Row) -> float:
         values = [x.amplitude if math.isfinite(x.amplitude) else x.bin_amplitude for x in (row.a, row.b)]
         return max((v for v in values if math.isfinite(v)), default=0.0)
 
+    def least(row: Row) -> float:
+        return 0.02 if any(mark in row.line for mark in ("_plus_", "_minus_", "other_")) else 1e-3
+
     top = max((size(row) for row in rows), default=0.0)
-    return [row for row in rows if size(row) >= (0.02 if "_plus_" in row.line or "_minus_" in row.line else 1e-3) * top]
+    return [row for row in rows if size(row) >= least(row) * top]
 
 
 def write_comparison(out: Path, a: Side, b: Side, rows: Sequence[Row], overwrite: bool) -> tuple[str, ...]:
@@ -93,7 +96,7 @@ def _comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> str:
         "B [mN m]",
         "B - A [mN m]",
         "B/A - 1 [%]",
-        "difference over its uncertainty [1]",
+        "over its uncertainty [1]",
     ]
     defensible = [
         [r.line, number(r.a.frequency, 8), number(r.b.frequency, 8), number(1e3 * r.a.amplitude), number(1e3 * r.b.amplitude),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,8 @@ COLUMNS = (
     "significance", "a_bin_frequency_hz", "b_bin_frequency_hz", "a_bin_amplitude_n_m", "b_bin_amplitude_n_m", "bin_relative_error",
 )  # fmt: skip
 """Columns of ``compare.csv``."""
+SAME = 1e-4
+"""Relative difference of frequency up to which unexpected lines of aligned clocks are the same."""
 
 
 @dataclass(frozen=True)
@@ -103,13 +105,23 @@ def compare(
     for source in sorted((a, b), key=_is_scenario):
         other = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
         sides[source] = _side(source, guide, channel, preparation, other, progress)
-    first, second = sides[a], sides[b]
+    first, second = sides[a], _with_names_of(sides[a], sides[b])
     names = [*first.lines, *(name for name in second.lines if name not in first.lines)]
     return (
         first,
         second,
         [Row(name, first.lines.get(name, Figures()), second.lines.get(name, Figures())) for name in names],
     )
+
+
+def _with_names_of(a: Side, b: Side) -> Side:
+    """``b`` with its unexpected lines named as those of ``a`` at the same frequency, for they are numbered by size on each side."""
+    known = {name: x.frequency for name, x in a.lines.items() if name.startswith("other_")}
+    lines: dict[str, Figures] = {}
+    for name, x in b.lines.items():
+        same = next((k for k, f in known.items() if abs(f - x.frequency) < SAME * x.frequency), None)
+        lines[(same or f"{name}_of_b") if name.startswith("other_") else name] = x
+    return replace(b, lines=lines)
 
 
 def _is_scenario(source: str) -> bool:
