@@ -189,7 +189,7 @@ def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table, pictures, report [default: the name].")
 @click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
 def modes(source: str, count: int | None, out: Path | None, overwrite: bool) -> None:
-    """Modes of SOURCE (`reference-array`, a description of an array, or a table of modes) as in the paper's Table 1.
+    """Modes of SOURCE (`reference-array`, `reference-sas`, a description of an array or a simulator, or a table of modes): Table 1.
 
     A scenario takes them as `array: {from: modes.csv}`, or directly as `array: {fem: reference-array, modes: 10}`.
     """
@@ -202,6 +202,38 @@ def modes(source: str, count: int | None, out: Path | None, overwrite: bool) -> 
     found = modal_source(source, count)
     click.echo(table_text(found))
     files = write_modes(out, found, overwrite)
+    click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@main.group()
+def sas() -> None:
+    """The solar array simulator: springs, arm and counterweights that stand for an array."""
+
+
+@sas.command("size")
+@click.option("--inertia", help="Inertia about the drive axis, e.g. '8.18 kg*m^2'.")
+@click.option("--frequency", help="Torsional frequency, e.g. '1.19 Hz'.")
+@click.option("--array", help="Stand for this array instead: a table of modes, a description, or reference-array.")
+@click.option("--state", "states", multiple=True, metavar="F:J", help="A further state to reach, e.g. 1.19:15.69.")
+@click.option("--states", "file", type=click.Path(path_type=Path), help="Table of them [default: the paper's Table 2].")
+@click.option("--amplitude", default="2 deg", show_default=True, help="Largest angle between frame and plate.")
+@click.option("--rate", default="0.06 deg/s", show_default=True, help="Rate at which the drive starts and stops.")
+@click.option("--design", default="reference-sas", show_default=True, help="Simulator to set: a description.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables, drawing, report [default: sas].")
+@click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+def sas_size(out: Path | None, overwrite: bool, **options: Any) -> None:
+    """Size a simulator for --inertia and --frequency, or for --array, and say how it is set for further states.
+
+    The folder's simulator.yaml is a source of modes: `microvib modes sas/simulator.yaml`, or `array: {fem: sas/simulator.yaml}`.
+    """
+    from microvib.app.sas import sized, sizing_text, write_sizing
+    from microvib.io.results import check_folder, free_folder
+
+    out = out or free_folder("sas")
+    check_folder(out, overwrite)
+    result = sized(**options)
+    click.echo(sizing_text(result))
+    files = write_sizing(out, result, overwrite)
     click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 

@@ -30,7 +30,10 @@ RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.
 Writer = Callable[[Path], None]
 
 
-STUDY_FILES = ("compare.csv", "fit.json", "validation.csv", "sensitivities.csv", "modes.csv", "modes.png")
+STUDY_FILES = (
+    "compare.csv", "fit.json", "validation.csv", "sensitivities.csv", "modes.csv", "modes.png",
+    "sas.csv", "sas.json", "simulator.yaml", "drawing.png",
+)  # fmt: skip
 """Further files of the folders of studies."""
 
 

@@ -1,6 +1,7 @@
 """Solar array simulator: eight springs at an arm hold an inertia frame (Eq. 21-24), and what a coil spring of its kind bears."""
 
 import math
+from typing import Any
 
 SPRINGS = 8
 """Four pairs, of which one spring lengthens by what the other shortens (Eq. 22)."""
@@ -35,7 +36,7 @@ def spring_rate_times_arm_squared(frequency: float, inertia: float) -> float:
     return (2.0 * math.pi * frequency) ** 2 * inertia / 8.0
 
 
-def preload_stiffness(force: float, hook: float, length: float) -> float:
+def preload_stiffness(force: Any, hook: float, length: Any) -> Any:
     """What the tension [N] of eight springs adds to the stiffness about the shaft [N m/rad].
 
     A spring of ``length`` [m] runs from ``hook`` [m] beside the plate's middle line, square to it, to the frame: turned by alpha

@@ -52,7 +52,7 @@ class CoilSpring(Part):
 
 
 class Counterweight(Part):
-    """One of four equal discs, flat on their seats."""
+    """One of four equal discs, lying centred in the plane of the frame."""
 
     mass: Annotated[float, Quantity("kg", "mass of each, without its seat", "m", ge=0)]
     radius: Annotated[float, Quantity("m", "of its centre from the drive axis", "r", gt=0, display="mm")]
