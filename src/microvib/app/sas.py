@@ -143,6 +143,7 @@ def spring_sentences(result: Result) -> list[str]:
     d, s = setting.design, setting.design.spring
     worst = max(result.sizing.settings, key=lambda x: x.stress / x.allowable)
     low = min(x.forces[0] for x in result.sizing.settings)
+    stretch = max(x.design.preload + x.move for x in result.sizing.settings)
     start = 2.0 * result.rate / (2.0 * math.pi * setting.state.frequency)
     springs = (
         f"Springs: eight {s.name}, k = {s.rate:g} N/m, wire {1e3 * s.wire:g} mm, coil {1e3 * s.coil:g} mm, {s.coils:g} coils,"
@@ -150,12 +151,13 @@ def spring_sentences(result: Result) -> list[str]:
     )
     if not result.sizing.one_spring:
         springs += " Some states ask for other springs: see the table."
+    tension = 100 * (d.stiffness / setting.equations["stiffness_n_m_per_rad"] - 1)
     return [
         springs,
         f"Preload: {1e3 * d.preload:.3g} mm, {d.spring_force:.3g} N, which stiffens torsion by"
-        f" {100 * (d.stiffness / setting.equations['stiffness_n_m_per_rad'] - 1):.2g} % (hooks {1e3 * d.plate.hook:g} mm off the middle line).",
-        f"At {math.degrees(setting.amplitude):.3g} deg, all settings: tension at least {low:.3g} N, no spring slack; stretch at most"
-        f" {1e3 * (worst.design.preload + worst.move):.3g} mm; shear stress at most {worst.stress / 1e6:.3g} MPa (Wahl factor"
+        f" {tension:.2g} % (hooks {1e3 * d.plate.hook:g} mm off the middle line).",
+        f"At {math.degrees(setting.amplitude):.3g} deg, all settings: tension at least {low:.3g} N, no spring slack; stretch at"
+        f" most {1e3 * stretch:.3g} mm; shear stress at most {worst.stress / 1e6:.3g} MPa (Wahl factor"
         f" included) of {worst.allowable / 1e6:.3g} MPa allowed.",
         f"A start and a stop of the drive at {math.degrees(result.rate):.3g} deg/s, in the worst phase, move the frame by"
         f" {math.degrees(start):.2g} deg.",
@@ -167,9 +169,9 @@ def equation_sentence(setting: Setting) -> str:
     e, d = setting.equations, setting.design
     return (
         f"Eq. 21, 22 at {math.degrees(setting.amplitude):.3g} deg: kinetic energy {e['kinetic_energy_j']:.4g} J, spring energy"
-        f" {e['spring_energy_j']:.4g} J. Eq. 23: 8 k l² = {e['stiffness_n_m_per_rad']:.4g} N m/rad on {d.moving_inertia:.4g} kg m² (the"
-        f" springs hold J less J_h = {d.J_h:.3g} kg m²). Eq. 24 as printed: {e['printed_eq_24_rad_per_s']:.4g}, which is rad/s; with 1/2π"
-        f" {e['frequency_hz']:.4g} Hz, with the tension of the springs {d.frequency:.4g} Hz."
+        f" {e['spring_energy_j']:.4g} J. Eq. 23: 8 k l² = {e['stiffness_n_m_per_rad']:.4g} N m/rad on {d.moving_inertia:.4g} kg m²"
+        f" (the springs hold J less J_h = {d.J_h:.3g} kg m²). Eq. 24 as printed: {e['printed_eq_24_rad_per_s']:.4g}, in rad/s;"
+        f" with 1/2π {e['frequency_hz']:.4g} Hz, with the tension of the springs {d.frequency:.4g} Hz."
     )
 
 
@@ -202,7 +204,9 @@ def sizing_text(result: Result) -> str:
     """What is printed."""
     blocks = [_table(HEADER, setting_rows(result.sizing)), *spring_sentences(result), array_sentence(result)]
     blocks += [equation_sentence(result.sizing.target), ""]
-    return "\n".join(b for b in [*blocks, _table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target))] if b is not None)
+    return "\n".join(
+        b for b in [*blocks, _table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target))] if b is not None
+    )
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -270,10 +274,11 @@ def report(result: Result, drawing: str) -> str:
         {"title": "Springs", "text": text},
         {"title": "Equations 21 to 24", "text": equation_sentence(target)},
         {"title": "Tolerances", "header": TOLERANCE_HEADER, "rows": tolerance_rows(target),
-         "text": "First order. Worst case: all parts at their limits; standard deviation: each of the eight springs, four arms and four"
-         " weights for itself, anywhere within its limits. Springs of one batch are off together, as in the worst case;"
+         "text": "First order. Worst case: all parts at their limits; standard deviation: each of the eight springs, four arms"
+         " and four weights for itself, anywhere within its limits. Springs of one batch are off together, as in the worst case;"
          " the arm trims that."},
-        {"title": "Not checked", "text": "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame."},
+        {"title": "Not checked", "text": "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders,"
+         " sag of the frame."},
         {"title": "Description", "text": target.design.source, "header": ["parameter", "value", "meaning"],
          "rows": parameter_rows(target.design)},
     ]  # fmt: skip

@@ -42,18 +42,18 @@ def draw_simulator(setting: Setting) -> Figure:
     return figure
 
 
-def _box(ax: Any, x: float, y: float, width: float, height: float, colour: str, **style: Any) -> None:
+def _box(ax: Any, x: float, y: float, width: float, height: float, colour: str, **given: Any) -> None:
     """A rectangle about its centre [mm]."""
     from matplotlib.patches import Rectangle
 
-    style = {"edgecolor": "#333333", "linewidth": 0.9, "zorder": 2} | style
+    style: dict[str, Any] = {"edgecolor": "#333333", "linewidth": 0.9, "zorder": 2} | given
     ax.add_patch(Rectangle((x - width / 2, y - height / 2), width, height, facecolor=colour, **style))
 
 
-def _disc(ax: Any, x: float, y: float, diameter: float, colour: str, **style: Any) -> None:
+def _disc(ax: Any, x: float, y: float, diameter: float, colour: str, **given: Any) -> None:
     from matplotlib.patches import Circle
 
-    style = {"edgecolor": "#333333", "linewidth": 0.9} | style
+    style: dict[str, Any] = {"edgecolor": "#333333", "linewidth": 0.9} | given
     ax.add_patch(Circle((x, y), diameter / 2, facecolor=colour, **style))
 
 
@@ -62,9 +62,15 @@ def _dimension(ax: Any, a: tuple[float, float], b: tuple[float, float], at: floa
     p, q = ((at, a[1]), (at, b[1])) if up else ((a[0], at), (b[0], at))
     for end, foot in ((p, a), (q, b)):
         ax.plot([foot[0], end[0]], [foot[1], end[1]], color=GREY, linewidth=0.6, zorder=5)
-    ax.annotate("", q, p, arrowprops={"arrowstyle": "<|-|>", "color": "black", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0})
+    ax.annotate(
+        "", q, p, arrowprops={"arrowstyle": "<|-|>", "color": "black", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+    )
     middle = ((p[0] + q[0]) / 2, (p[1] + q[1]) / 2)
-    beside = {"xytext": (-3, 0) if up else (0, 3), "ha": "right" if up else "center", "va": "center" if up else "bottom"}
+    beside = {
+        "xytext": (-3, 0) if up else (0, 3),
+        "ha": "right" if up else "center",
+        "va": "center" if up else "bottom",
+    }
     ax.annotate(
         text, middle, textcoords="offset points", fontsize=10, rotation=90 if up else 0, zorder=7,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5}, **beside,
@@ -108,9 +114,21 @@ def _top_view(ax: Any, design: SimulatorDesign) -> None:
     a, end = 1e3 * p.hook, 1e3 * design.hook_end
     _dimension(ax, (arm, a), (arm, end), arm + 95, f"{end - a:.1f}", up=True)
     _note(ax, (r, 25), (A * 0.55, b + 200), f"4 × {w.mass:g} kg, diameter {1e3 * w.diameter:g}")
-    _note(ax, (-arm, 0.6 * end), (-A - 60, A - 60), f"8 springs in pairs above and below\nthe plate, k = {design.spring.rate:g} N/m")
+    _note(
+        ax,
+        (-arm, 0.6 * end),
+        (-A - 60, A - 60),
+        f"8 springs in pairs above and below\nthe plate, k = {design.spring.rate:g} N/m",
+    )
     _note(ax, (b, A * 0.93), (b + 130, A + 60), f"tube {t:g} × {1e3 * f.tube.height:g} × {1e3 * f.tube.wall:g}")
-    _note(ax, (50, -0.8 * b), (A * 0.55, -A * 0.62), "bridge with bearing,\nover the plate" if design.shaft.bearing_at > design.shaft.plate_at else "bridge with bearing,\nunder the plate")
+    _note(
+        ax,
+        (50, -0.8 * b),
+        (A * 0.55, -A * 0.62),
+        "bridge with bearing,\nover the plate"
+        if design.shaft.bearing_at > design.shaft.plate_at
+        else "bridge with bearing,\nunder the plate",
+    )
 
 
 def _note(ax: Any, tip: tuple[float, float], place: tuple[float, float], text: str) -> None:
@@ -166,7 +184,15 @@ def _side_view(ax: Any, design: SimulatorDesign) -> None:
     _dimension(ax, (arm, plate), (arm, plate + level), A + 70, f"{level:g}", up=True)
     ax.text(-D, bearing + 14, "bearing", fontsize=9, ha="right", va="bottom")
     if design.rope is not None:
-        ax.annotate("rope", (0, top), (-30, top + 85), fontsize=9, ha="right", color=GREY, arrowprops={"arrowstyle": "-", "color": GREY})
+        ax.annotate(
+            "rope",
+            (0, top),
+            (-30, top + 85),
+            fontsize=9,
+            ha="right",
+            color=GREY,
+            arrowprops={"arrowstyle": "-", "color": GREY},
+        )
 
 
 def _parts(ax: Any, setting: Setting) -> None:
@@ -187,11 +213,13 @@ def _parts(ax: Any, setting: Setting) -> None:
 def _rows(setting: Setting) -> list[tuple[str, str, str]]:
     d, s, w = setting.design, setting.design.spring, setting.design.counterweight
     low, high = setting.forces
-    mm = 1e3
+    mm, a = 1e3, d.adjustment
+    stress = f"{setting.stress / 1e6:.0f} of {setting.allowable / 1e6:.0f} MPa"
     return [
         ("spring", "8", f"{s.name}: k = {s.rate:g} N/m, wire {mm * s.wire:g}, coil {mm * s.coil:g} mm, {s.coils:g} coils"),
-        ("its length", "", f"free {mm * s.free_length:g}, set {mm * (s.free_length + d.preload):.1f} mm (preload {mm * d.preload:.1f} mm, {d.spring_force:.1f} N)"),
-        ("its tension", "", f"{low:.1f} to {high:.1f} N at {math.degrees(setting.amplitude):.3g}°; {setting.stress / 1e6:.0f} of {setting.allowable / 1e6:.0f} MPa"),
+        ("its length", "", f"free {mm * s.free_length:g}, set {mm * (s.free_length + d.preload):.1f} mm"),
+        ("its preload", "", f"{mm * d.preload:.1f} mm, {d.spring_force:.1f} N"),
+        ("its load", "", f"{low:.1f} to {high:.1f} N at {math.degrees(setting.amplitude):.3g}°, {stress}"),
         ("slider, on the plate", "4", f"{d.plate.slider_mass:g} kg at l = {mm * d.arm:.1f} mm"),
         ("spring seat, on rail", "4", f"{d.frame.spring_seat_mass:g} kg at l = {mm * d.arm:.1f} mm"),
         ("counterweight", "4", f"{w.mass:g} kg at r = {mm * w.radius:.1f} mm, {mm * w.height:.0f} mm high"),
@@ -199,7 +227,8 @@ def _rows(setting: Setting) -> list[tuple[str, str, str]]:
         ("plate", "1", f"{mm * d.plate.length:g} × {mm * d.plate.width:g} × {mm * d.plate.thickness:g} mm"),
         ("shaft", "1", f"diameter {mm * d.shaft.diameter:g}, bore {mm * d.shaft.bore:g} mm"),
         ("frame, bare", "1", f"{d.frame_inertia:.3f} kg m²"),
-        ("range of adjustment", "", f"l {mm * d.adjustment.arm_min:g} to {mm * d.adjustment.arm_max:g}, r {mm * d.adjustment.radius_min:g} to {mm * d.adjustment.radius_max:g} mm"),
+        ("arm l", "", f"adjustable, {mm * a.arm_min:g} to {mm * a.arm_max:g} mm"),
+        ("radius r", "", f"adjustable, {mm * a.radius_min:g} to {mm * a.radius_max:g} mm"),
     ]  # fmt: skip
 
 
@@ -213,7 +242,7 @@ def _title_block(ax: Any, setting: Setting) -> None:
         f"Inertia about z {d.inertia:.4g} kg m², of which on the shaft J_h = {d.J_h:.3g} kg m²",
         f"Stiffness {d.stiffness:.4g} N m/rad; eight springs, k l² = {d.spring.rate * d.arm**2:.4g} N m",
     ]
-    ax.text(0.02, 0.17, f"Solar array simulator, {setting.state.name}", transform=ax.transAxes, fontsize=13, weight="bold", va="center")  # fmt: skip
+    ax.text(0.02, 0.17, d.title, transform=ax.transAxes, fontsize=12, weight="bold", va="center")
     for text, y in zip(lines, itertools.count(0.12, -0.04), strict=False):
         ax.text(0.02, y, text, transform=ax.transAxes, fontsize=9.5, va="center")
     ax.text(0.98, 0.17, "to scale", transform=ax.transAxes, fontsize=9, ha="right", va="center", color=GREY)

@@ -88,9 +88,7 @@ def tube_section(tube: Tube, material: Yoke | Material) -> Section:
     E, rho = material.modulus, material.density
     G = E / (2.0 * (1.0 + material.poisson))
     # y of the section lies along the normal
-    return Section(
-        E, G, rho, A, I_yy=edge, I_zz=flat, J=J, shear_y=2 * h * t / A, shear_z=2 * b * t / A
-    )
+    return Section(E, G, rho, A, I_yy=edge, I_zz=flat, J=J, shear_y=2 * h * t / A, shear_z=2 * b * t / A)
 
 
 def _yoke(mesh: Mesh, design: ArrayDesign, drive: int) -> dict[float, int]:
@@ -121,7 +119,9 @@ def _panel(mesh: Mesh, design: ArrayDesign, number: int) -> Panel:
     start = design.yoke.length + (number - 1) * (panels.span + panels.gap)
     end = start + panels.span
     before, after = hinges.root if number == 1 else hinges.between, hinges.between
-    x = grid_lines([start, end, *(start + h.footprint for h in before), *(end - h.footprint for h in after)], design.mesh)
+    x = grid_lines(
+        [start, end, *(start + h.footprint for h in before), *(end - h.footprint for h in after)], design.mesh
+    )
     edges = [h.position + side * h.footprint / 2.0 for h in (*hinges.root, *hinges.between) for side in (-1, 1)]
     y = grid_lines([-panels.chord / 2.0, panels.chord / 2.0, *edges], design.mesh)
     return mesh.rectangle(f"panel {number}", x, y, design.offset, laminate_of(design.sandwich))

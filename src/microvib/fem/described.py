@@ -18,9 +18,7 @@ def solved(design: Design, count: int) -> Modes:
 
 def modal_model(design: Design, count: int) -> ModalModel:
     """Modal model of a description."""
-    return (
-        array.modal_model(design, count) if isinstance(design, ArrayDesign) else simulator.modal_model(design, count)
-    )
+    return array.modal_model(design, count) if isinstance(design, ArrayDesign) else simulator.modal_model(design, count)
 
 
 def kinds(design: Design, solution: Modes) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Mesh of a simulator: shaft and frame of beams, plate of shells, eight springs under tension, bearing, lumped weights and seats."""
+"""Mesh of a simulator: beams for shaft and frame, shells for the plate, eight springs under tension, bearing, lumped weights."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _plate(mesh: Mesh, design: SimulatorDesign, seat: int) -> dict[tuple[float, 
     laminate = isotropic_plate(p.thickness, m.modulus, m.poisson, rho=m.density)
     index, xyz = mesh.rectangle("plate", x, y, z, laminate)
     mesh.parts.append(Link("plate hub", seat, index[_inside(xyz, 0.0, p.hub / 2.0)]))
-    hooks = {}
+    hooks: dict[tuple[float, float, float], int] = {}
     for sx in _SIDES:
         node = int(mesh.add((sx * arm, 0.0, z))[0])
         own = {
@@ -149,7 +149,9 @@ def _counterweights(mesh: Mesh, design: SimulatorDesign, nodes: Nodes) -> None:
         places = [(x, s * b) for s in _SIDES] if y == 0.0 else [(s * b, y) for s in _SIDES]
         mesh.parts.append(Link(f"seat {k}", node, np.array([nodes[p] for p in places])))
         mesh.parts.append(_disc(f"counterweight {k}", node, w.mass, w.diameter, w.height))
-        mesh.parts.append(Lump(f"seat {k}", node, seat, (about if y == 0.0 else 0.0, about if x == 0.0 else 0.0, about)))
+        mesh.parts.append(
+            Lump(f"seat {k}", node, seat, (about if y == 0.0 else 0.0, about if x == 0.0 else 0.0, about))
+        )
 
 
 def _springs(
@@ -157,8 +159,9 @@ def _springs(
 ) -> None:
     """Eight springs under tension, half of their mass at either end.
 
-    Tension F holds the ends across by F over length, and turns the lever from each end's body to the middle line: with lengths
-    a and b of the levers -F b and F a, so that together nothing resists a rigid motion.
+    Tension F over the length holds the ends across. It also pulls on the levers from the middle line to the ends, which takes
+    F end from the stiffness against turning the outer end and adds F hook at the inner one, against the ground, here the
+    clamped interface: together nothing resists turning both ends as one body.
     """
     k, F, end = design.spring.rate, design.spring_force, design.hook_end
     across = F / (end - design.plate.hook)

@@ -1,13 +1,14 @@
 """Description of a solar array simulator: what is built, how it is set, how far its settings go, and its inertia by hand.
 
-The drive axis is z; the interface is the origin. Two rails along x at y = +-``rail`` carry four spring seats at x = +-``arm``; arms
-along y make the frame a cross. The plate on the shaft carries four sliders, two at each x = +-``arm``, above and below it; from each
-slider a spring runs to either rail. Counterweights sit on the cross at ``radius``.
+The drive axis is z; the interface is the origin. Two rails along x at y = +-``rail`` carry four spring seats at x = +-``arm``;
+arms along y make the frame a cross. The plate on the shaft carries four sliders, two at each x = +-``arm``, above and below it;
+from each slider a spring runs to either rail. Counterweights sit on the cross at ``radius``.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -78,7 +79,9 @@ class Shaft(Part):
     @model_validator(mode="after")
     def _order(self) -> Self:
         if self.bore >= self.diameter:
-            raise ValueError(f"bore: {self.bore:g} m leaves no wall; it must be less than the diameter, {self.diameter:g} m")
+            raise ValueError(
+                f"bore: {self.bore:g} m leaves no wall; it must be less than the diameter, {self.diameter:g} m"
+            )
         if math.isclose(self.plate_at, self.bearing_at):
             raise ValueError("bearing_at: the bearing is where the plate is; it must lie above or below it")
         return self
@@ -113,7 +116,9 @@ class Bearing(Part):
 class Frame(Part):
     """Inertia frame: a cross of pairs of rails with ties at its ends, bridged at the bearing."""
 
-    half_length: Annotated[float, Quantity("m", "of the cross from the drive axis to its ends", gt=0, le=20, display="mm")]
+    half_length: Annotated[
+        float, Quantity("m", "of the cross from the drive axis to its ends", gt=0, le=20, display="mm")
+    ]
     rail: Annotated[float, Quantity("m", "of each rail from the middle line", "b", gt=0, le=10, display="mm")]
     tube: Tube
     bridge: Annotated[float, Quantity("m", "width of the bridge at the bearing", gt=0, display="mm")]
@@ -148,7 +153,9 @@ class Adjustment(Part):
         for name in ("arm", "radius"):
             low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
             if low >= high:
-                raise ValueError(f"{name}_max: {high:g} m is not allowed; it must be greater than {name}_min, {low:g} m")
+                raise ValueError(
+                    f"{name}_max: {high:g} m is not allowed; it must be greater than {name}_min, {low:g} m"
+                )
         return self
 
 
@@ -186,21 +193,9 @@ class SimulatorDesign(Part):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        a, f, p, r = self.adjustment, self.frame, self.plate, self.counterweight.radius
-        rules = [
-            (a.arm_min > f.bridge / 2.0, f"adjustment.arm_min: {a.arm_min:g} m lies under the bridge; allowed is more than {f.bridge / 2:g} m"),
-            (a.arm_min > (p.hub + p.slider_width) / 2.0, f"adjustment.arm_min: {a.arm_min:g} m; the sliders would touch the plate's hub; allowed is more than {(p.hub + p.slider_width) / 2:g} m"),
-            (a.arm_max + p.slider_width / 2.0 <= p.length / 2.0, f"adjustment.arm_max: {a.arm_max:g} m; the sliders would leave the plate; allowed is at most {(p.length - p.slider_width) / 2:g} m"),
-            (a.radius_min > a.arm_max, f"adjustment.radius_min: {a.radius_min:g} m; counterweights would touch the spring seats; allowed is more than arm_max, {a.arm_max:g} m"),
-            (a.radius_max <= f.half_length, f"adjustment.radius_max: {a.radius_max:g} m is beyond the frame; allowed is at most {f.half_length:g} m"),
-            (f.bridge / 2.0 < f.rail, f"frame.bridge: {f.bridge:g} m is wider than the rails are apart, {2 * f.rail:g} m"),
-            (self.hook_end + a.screw <= f.rail, f"preload: the springs end {self.hook_end:.4g} m from the middle line; allowed is at most {f.rail - a.screw:g} m, the rail less adjustment.screw"),
-            (a.arm_min <= self.arm <= a.arm_max, f"arm: {self.arm:g} m is not allowed; the adjustment goes from {a.arm_min:g} to {a.arm_max:g} m"),
-            (a.radius_min <= r <= a.radius_max, f"counterweight.radius: {r:g} m is not allowed; the adjustment goes from {a.radius_min:g} to {a.radius_max:g} m"),
-        ]  # fmt: skip
-        wrong = [text for holds, text in rules if not holds]
-        if wrong:
-            raise ValueError(wrong[0])
+        wrong = next(_misfits(self), None)
+        if wrong is not None:
+            raise ValueError(wrong)
         return self
 
     @property
@@ -216,7 +211,7 @@ class SimulatorDesign(Part):
     @property
     def stiffness(self) -> float:
         """Stiffness between shaft and frame about the drive axis [N m/rad] (Eq. 23), with what the tension adds."""
-        tension = preload_stiffness(self.spring_force, self.plate.hook, self.hook_end - self.plate.hook)
+        tension: float = preload_stiffness(self.spring_force, self.plate.hook, self.hook_end - self.plate.hook)
         return torsion_stiffness(self.spring.rate, self.arm) + tension
 
     @property
@@ -278,3 +273,34 @@ class SimulatorDesign(Part):
     def frequency(self) -> float:
         """Torsional frequency with the interface clamped [Hz], shaft, plate and frame rigid (Eq. 24 with 1/2pi)."""
         return math.sqrt(self.stiffness / self.moving_inertia) / (2.0 * math.pi)
+
+
+def _misfits(design: SimulatorDesign) -> Iterator[str]:
+    """What does not fit together, as sentences."""
+    a, f, p = design.adjustment, design.frame, design.plate
+    shortest = max(f.bridge, p.hub + p.slider_width) / 2.0
+    longest = (p.length - p.slider_width) / 2.0
+    room = f.rail - a.screw
+    if f.bridge / 2.0 >= f.rail:
+        yield f"frame.bridge: {f.bridge:g} m is wider than the rails are apart, {2 * f.rail:g} m"
+    if p.slider_width > p.width or p.hub > p.width:
+        yield f"plate.width: {p.width:g} m is less than its sliders and hub need, {max(p.slider_width, p.hub):g} m"
+    if a.arm_min <= shortest:
+        yield f"adjustment.arm_min: {a.arm_min:g} m, under the bridge or at the plate's hub; allowed is more than {shortest:g} m"
+    if a.arm_max > longest:
+        yield f"adjustment.arm_max: {a.arm_max:g} m, off the plate; allowed is at most {longest:g} m"
+    if a.radius_min <= a.arm_max:
+        yield f"adjustment.radius_min: {a.radius_min:g} m, at the spring seats; allowed is more than arm_max, {a.arm_max:g} m"
+    if a.radius_max > f.half_length:
+        yield f"adjustment.radius_max: {a.radius_max:g} m, off the frame; allowed is at most {f.half_length:g} m"
+    if design.hook_end > room:
+        yield (
+            f"preload: the springs end {design.hook_end:.4g} m from the middle line; allowed is at most {room:g} m, frame.rail less"
+            " adjustment.screw"
+        )
+    for key, value, low, high in (
+        ("arm", design.arm, a.arm_min, a.arm_max),
+        ("counterweight.radius", design.counterweight.radius, a.radius_min, a.radius_max),
+    ):
+        if not low <= value <= high:
+            yield f"{key}: {value:g} m is not allowed; the adjustment goes from {low:g} to {high:g} m"

@@ -1,4 +1,4 @@
-"""Sizing of a solar array simulator: stock springs, arm, counterweights and preload that give a frequency and an inertia (Eq. 21-24)."""
+"""Sizing of a solar array simulator: stock springs, arm, counterweights and preload for a frequency and an inertia (Eq. 21-24)."""
 
 from __future__ import annotations
 
@@ -140,7 +140,9 @@ def stock_springs() -> tuple[CoilSpring, ...]:
 def paper_states() -> tuple[State, ...]:
     """The five states of Table 2."""
     rows = read_table("table2_states")
-    return tuple(State(f"state {row['state']}", float(row["mode_frequency_hz"]), float(row["inertia_kg_m2"])) for row in rows)
+    return tuple(
+        State(f"state {row['state']}", float(row["mode_frequency_hz"]), float(row["inertia_kg_m2"])) for row in rows
+    )
 
 
 def state_of_array(model: ModalModel, name: str) -> State:
@@ -274,9 +276,10 @@ def _state_sentence(state: State, usable: Sequence[SimulatorDesign]) -> str:
     fast = max(_frequency_at(design, state, a.arm_max) for design in usable)
     end = a.arm_min if state.frequency < slow else a.arm_max
     which = "softest" if state.frequency < slow else "stiffest"
+    given = slow if state.frequency < slow else fast
     return (
-        f"{what}a frequency of {state.frequency:g} Hz with {state.inertia:g} kg*m^2 is out of reach: the {which} stock springs at an arm"
-        f" of {1e3 * end:g} mm give {slow if state.frequency < slow else fast:.4g} Hz; allowed are {slow:.4g} to {fast:.4g} Hz"
+        f"{what}a frequency of {state.frequency:g} Hz with {state.inertia:g} kg*m^2 is out of reach: the {which} stock springs at"
+        f" an arm of {1e3 * end:g} mm give {given:.4g} Hz; allowed are {slow:.4g} to {fast:.4g} Hz"
     )
 
 
@@ -337,5 +340,7 @@ def tolerance(design: SimulatorDesign) -> Tolerance:
         kind: tuple(np.abs(change[:, [k == kind for k in kinds]]).sum(axis=1).tolist()) for kind in dict.fromkeys(kinds)
     }
     worst = np.abs(change).sum(axis=1).tolist()
-    deviation = np.sqrt((change**2).sum(axis=1) / 3.0).tolist()  # variance of a uniform distribution: a third of limit^2
+    deviation = np.sqrt(
+        (change**2).sum(axis=1) / 3.0
+    ).tolist()  # variance of a uniform distribution: a third of limit^2
     return Tolerance(groups, (worst[0], worst[1]), (deviation[0], deviation[1]))
