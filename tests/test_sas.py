@@ -22,7 +22,15 @@ from microvib.io.scenario_file import dump_part, load_scenario
 from microvib.model.sas import allowable_stress, coil_rate, coil_stress, spring_energy, wahl_factor
 from microvib.model.simulator import SimulatorDesign
 from microvib.studies.sas import (
-    SizingError, State, paper_states, parts_of, response, size, state_of_array, stock_springs, tolerance,
+    SizingError,
+    State,
+    paper_states,
+    parts_of,
+    response,
+    size,
+    state_of_array,
+    stock_springs,
+    tolerance,
 )  # fmt: skip
 
 TARGET = State("target", 1.19, 8.18)
@@ -165,7 +173,19 @@ def test_table_4(design):
 
 def test_a_finer_mesh_changes_little(design):
     coarse, fine = (solve(changed(design, mesh=m), 4).frequency for m in (0.1, 0.05))
-    np.testing.assert_allclose(coarse, fine, rtol=5e-3)
+    np.testing.assert_allclose(coarse, fine, rtol=1e-4)
+
+
+def test_a_mesh_too_fine_is_a_sentence(design):
+    with pytest.raises(MicrovibError, match="degrees of freedom"):
+        structure_of(changed(design, mesh=1e-4))
+
+
+def test_a_description_with_a_missing_group_is_a_sentence(tmp_path):
+    path = tmp_path / "half.yaml"
+    path.write_text("arm: 0.2 m\nframe: {half_length: 1 m}\n")
+    with pytest.raises(ScenarioError, match="spring: missing"):
+        load_design(str(path))
 
 
 def test_a_scenario_takes_the_simulator():
@@ -187,7 +207,7 @@ def test_the_five_states_of_table_2(sizing):
     for setting in sizing.settings:
         f, J = setting.finite_elements
         assert f == pytest.approx(setting.state.frequency, rel=0.01)
-        assert J == pytest.approx(setting.state.inertia, rel=0.01)
+        assert pytest.approx(setting.state.inertia, rel=0.01) == J
         assert setting.design.frequency == pytest.approx(setting.state.frequency, rel=1e-3)  # settings to 0.1 mm
         assert setting.forces[0] > 0.0
         assert setting.stress < setting.allowable

@@ -23,7 +23,7 @@ _HONEYCOMB_MODULUS = 1e3  # Pa; a core carries shear only, and the laminate theo
 
 def structure_of(design: ArrayDesign) -> Structure:
     """Mesh of a description; StructureError where it would be too large or cannot be made."""
-    _check_size(design)
+    check_size(6.0 * design.panels.count * design.panels.span * design.panels.chord / design.mesh**2, design.mesh)
     mesh = Mesh()
     interface = int(mesh.add((0.0, 0.0, 0.0))[0])
     drive = interface
@@ -43,12 +43,11 @@ def structure_of(design: ArrayDesign) -> Structure:
     return mesh.structure(interface, design.title or "array")
 
 
-def _check_size(design: ArrayDesign) -> None:
-    area = design.panels.count * design.panels.span * design.panels.chord
-    dof = 6.0 * area / design.mesh**2
+def check_size(dof: float, size: float) -> None:
+    """StructureError where elements of ``size`` [m] would make far too many degrees of freedom."""
     if dof > LARGEST:
         raise StructureError(
-            f"mesh: elements of {design.mesh:g} m make about {dof:.3g} degrees of freedom; at most {LARGEST:.0e} are tried"
+            f"mesh: elements of {size:g} m make about {dof:.3g} degrees of freedom; at most {LARGEST:.0e} are tried"
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pyfe3d.shellprop_utils import isotropic_plate
 
 from microvib.fem import modes
-from microvib.fem.array import damping_of, grid_lines, tube_section
+from microvib.fem.array import check_size, damping_of, grid_lines, tube_section
 from microvib.fem.modes import Modes
 from microvib.fem.structure import Link, Lump, Mesh, Section, Spring, Structure
 from microvib.model.modal import ModalModel
@@ -29,7 +29,8 @@ _RIGID = 0.5  # least share of a rigid motion in a mode's kinetic energy that na
 
 
 def structure_of(design: SimulatorDesign) -> Structure:
-    """Mesh of a description."""
+    """Mesh of a description; StructureError where it would be too large."""
+    check_size(6.0 * (design.plate.length / design.mesh) * (design.plate.width / design.mesh), design.mesh)
     mesh = Mesh()
     interface = int(mesh.add((0.0, 0.0, 0.0))[0])
     mesh.parts.append(_disc("connector", interface, design.shaft.connector_mass, design.shaft.connector_diameter))
