@@ -77,14 +77,10 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
              f"{m.fraction[m.axis, k]:.3g}", f"{cumulative[k]:.4f}"]
         )  # fmt: skip
         if paper:
-            given = paper[k] if k < len(paper) else {}
-            f = float(given.get("frequency_hz", "nan"))
-            rows[-1] += (
-                [f"{f:g}", f"{100 * (m.frequency[k] / f - 1):+.1f}", _cell(given, "effective_fraction")]
-                if given
-                else [""] * 3
-            )
-    return header + (["paper [Hz]", "diff. [%]", "paper [1]"] if paper else []), rows
+            rows[-1] += _paper_cells(paper, k, m.frequency[k])
+    if not paper:
+        return header, rows
+    return [*header, "paper [Hz]", "diff. [%]", "paper [1]"][: len(rows[0])], rows
 
 
 _PAPER = {
@@ -101,8 +97,14 @@ def _paper(source: ModalSource) -> list[dict[str, str]]:
     return [{"frequency_hz": row[column], **row} for row in read_table(table)]
 
 
-def _cell(row: dict[str, str], key: str) -> str:
-    return f"{float(row[key]):.3g}" if key in row else ""
+def _paper_cells(paper: list[dict[str, str]], k: int, frequency: float) -> list[str]:
+    """The paper's frequency, the difference from it, and where its table has them the effective fraction."""
+    fractions = "effective_fraction" in paper[0]
+    if k >= len(paper):
+        return [""] * (3 if fractions else 2)
+    f = float(paper[k]["frequency_hz"])
+    cells = [f"{f:g}", f"{100 * (frequency / f - 1):+.1f}"]
+    return [*cells, f"{float(paper[k]['effective_fraction']):.3g}"] if fractions else cells
 
 
 def write_modes(out: Path, source: ModalSource, overwrite: bool) -> tuple[str, ...]:

@@ -161,7 +161,19 @@ def spring_sentences(result: Result) -> list[str]:
         f" included) of {worst.allowable / 1e6:.3g} MPa allowed.",
         f"A start and a stop of the drive at {math.degrees(result.rate):.3g} deg/s, in the worst phase, move the frame by"
         f" {math.degrees(start):.2g} deg.",
+        _adjustment_sentence(result.sizing),
     ]
+
+
+def _adjustment_sentence(sizing: Sizing) -> str:
+    """What of the ranges of adjustment the settings use."""
+    a, designs = sizing.target.design.adjustment, [setting.design for setting in sizing.settings]
+    arms, radii = [d.arm for d in designs], [d.counterweight.radius for d in designs]
+    return (
+        f"Adjustment: the settings use arms from {1e3 * min(arms):.1f} to {1e3 * max(arms):.1f} mm of {1e3 * a.arm_min:g} to"
+        f" {1e3 * a.arm_max:g} mm, radii from {1e3 * min(radii):.1f} to {1e3 * max(radii):.1f} mm of {1e3 * a.radius_min:g} to"
+        f" {1e3 * a.radius_max:g} mm."
+    )
 
 
 def equation_sentence(setting: Setting) -> str:
