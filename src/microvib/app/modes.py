@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.app.report import parameter_rows, picture, render
-from microvib.io.modal_sources import ModalSource
+from microvib.io.modal_sources import Design, ModalSource
 from microvib.io.modal_table import modes_csv
 from microvib.io.results import package_versions, read_table, write_folder
 from microvib.model.modal import DIRECTIONS, ModalModel
+from microvib.model.simulator import SimulatorDesign
 
 if TYPE_CHECKING:
     from microvib.fem.modes import Modes
@@ -27,10 +28,10 @@ _MOST_NODES = 4000
 
 def mode_kinds(source: ModalSource) -> tuple[str, ...]:
     """Kind of each mode: from its shape where that is known, else the direction in which it takes part most."""
-    if source.modes is not None:
-        from microvib.fem.modes import kinds
+    if source.modes is not None and source.design is not None:
+        from microvib.fem.described import kinds
 
-        return kinds(source.modes)
+        return kinds(source.design, source.modes)
     with np.errstate(invalid="ignore"):
         fraction = np.nan_to_num(source.model.fraction)
     return tuple(DIRECTIONS[k] for k in np.argmax(fraction, axis=0))
@@ -76,18 +77,34 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
              f"{m.fraction[m.axis, k]:.3g}", f"{cumulative[k]:.4f}"]
         )  # fmt: skip
         if paper:
-            given = paper[k] if k < len(paper) else {}
-            f = float(given.get("frequency_hz", "nan"))
-            rows[-1] += (
-                [f"{f:g}", f"{100 * (m.frequency[k] / f - 1):+.1f}", f"{float(given['effective_fraction']):.3g}"]
-                if given
-                else [""] * 3
-            )
-    return header + (["paper [Hz]", "diff. [%]", "paper [1]"] if paper else []), rows
+            rows[-1] += _paper_cells(paper, k, m.frequency[k])
+    if not paper:
+        return header, rows
+    return [*header, "paper [Hz]", "diff. [%]", "paper [1]"][: len(rows[0])], rows
+
+
+_PAPER = {
+    "reference-array": ("table1_array_modes", "frequency_hz"),
+    "reference-sas": ("table4_sas_modes", "finite_element_hz"),
+}
+"""Table of the paper, and its column, that a structure of the catalog was fitted to."""
 
 
 def _paper(source: ModalSource) -> list[dict[str, str]]:
-    return list(read_table("table1_array_modes")) if source.name == "reference-array" else []
+    if source.name not in _PAPER:
+        return []
+    table, column = _PAPER[source.name]
+    return [{"frequency_hz": row[column], **row} for row in read_table(table)]
+
+
+def _paper_cells(paper: list[dict[str, str]], k: int, frequency: float) -> list[str]:
+    """The paper's frequency, the difference from it, and where its table has them the effective fraction."""
+    fractions = "effective_fraction" in paper[0]
+    if k >= len(paper):
+        return [""] * (3 if fractions else 2)
+    f = float(paper[k]["frequency_hz"])
+    cells = [f"{f:g}", f"{100 * (frequency / f - 1):+.1f}"]
+    return [*cells, f"{float(paper[k]['effective_fraction']):.3g}"] if fractions else cells
 
 
 def write_modes(out: Path, source: ModalSource, overwrite: bool) -> tuple[str, ...]:
@@ -113,8 +130,8 @@ def report(source: ModalSource) -> str:
     if model.notes:
         sections.insert(0, {"title": "To be checked", "text": " ".join(model.notes)})
     if source.modes is not None and source.design is not None:
-        sections += _pictures(source.modes, mode_kinds(source))
-        sections += [_convergence(source), _second_order(source.modes, model)]
+        sections += _pictures(source.design, source.modes)
+        sections += [_convergence(source), *_rope(source), _second_order(source.modes, model)]
     if model.spatial:
         sections += _spatial(model)
     if source.design is not None:
@@ -129,32 +146,32 @@ def report(source: ModalSource) -> str:
     )
 
 
-def _pictures(modes: Modes, kinds: Sequence[str]) -> list[dict[str, Any]]:
+def _pictures(design: Design, modes: Modes) -> list[dict[str, Any]]:
     from microvib.app.shapes import animation, draw_shapes
-    from microvib.fem.modes import KINDS
+    from microvib.fem.described import kinds, meanings
 
-    legend = "; ".join(f"{key} {meaning}" for key, meaning in KINDS.items() if key in kinds)
-    count = min(_MOST_PICTURED, len(kinds))
+    found = kinds(design, modes)
+    legend = "; ".join(f"{key} {meaning}" for key, meaning in meanings(design).items() if key in found)
+    count = min(_MOST_PICTURED, len(found))
     sections = [
-        {"title": "Mode shapes", "figure": picture(draw_shapes(modes, kinds, count)),
+        {"title": "Mode shapes", "figure": picture(draw_shapes(modes, found, count)),
          "caption": f"Displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."}
     ]  # fmt: skip
     if len(modes.structure.xyz) <= _MOST_NODES:
-        sections.insert(0, {"title": "In motion", "html": animation(modes, kinds, count)})
+        sections.insert(0, {"title": "In motion", "html": animation(modes, found, count)})
     return sections
 
 
 def _convergence(source: ModalSource) -> dict[str, Any]:
     """Frequencies on a mesh of twice the size, mode by mode of each kind."""
-    from microvib.fem.array import solve_array
-    from microvib.fem.modes import kinds
+    from microvib.fem.described import kinds, solved
 
     design, modes = source.design, source.modes
     assert design is not None
     assert modes is not None
-    coarse = solve_array(design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size)
+    coarse = solved(design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size)
     fine = _by_kind(modes.frequency, mode_kinds(source))
-    other = _by_kind(coarse.frequency, kinds(coarse))
+    other = _by_kind(coarse.frequency, kinds(design, coarse))
     rows = []
     for k, (key, f) in enumerate(fine.items(), 1):
         g = other.get(key, math.nan)
@@ -162,12 +179,28 @@ def _convergence(source: ModalSource) -> dict[str, Any]:
             [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", f"{100 * (g / f - 1):+.2f}"] if key in other else ["", ""])]
         )
     text = (
-        f"The same array with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
+        f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
         f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
         " small asks for a finer mesh."
     )
     header = ["mode", "kind", "f [Hz]", "coarser [Hz]", "difference [%]"]
     return {"title": "Convergence", "text": text, "header": header, "rows": rows}
+
+
+def _rope(source: ModalSource) -> list[dict[str, Any]]:
+    """Frequencies of a simulator without its rope."""
+    from microvib.fem.described import solved
+
+    design, modes = source.design, source.modes
+    if not isinstance(design, SimulatorDesign) or design.rope is None:
+        return []
+    assert modes is not None
+    without = solved(design.model_copy(update={"rope": None}), modes.frequency.size).frequency
+    pairs = zip(modes.frequency, without, strict=True)
+    rows = [[str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"] for k, (f, g) in enumerate(pairs, 1)]
+    text = "The same without the rope that hangs it up; the mass of the rope is in neither."
+    header = ["mode", "with [Hz]", "without [Hz]", "difference [%]"]
+    return [{"title": "Suspension rope", "text": text, "header": header, "rows": rows}]
 
 
 def _by_kind(frequency: np.ndarray, kinds: Sequence[str]) -> dict[tuple[str, int], float]:

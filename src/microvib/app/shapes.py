@@ -84,15 +84,15 @@ def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | No
     points, depth = project(xyz + shape)
     size = np.sqrt((shape**2).sum(axis=1))
     order = np.argsort(depth[faces].mean(axis=1))
-    ax.add_collection(
-        PolyCollection(
-            points[faces[order]],
-            array=size[faces[order]].mean(axis=1),
-            cmap="viridis",
-            edgecolors="#ffffff60",
-            linewidths=0.2,
-        )
+    coloured = PolyCollection(
+        points[faces[order]],
+        array=size[faces[order]].mean(axis=1),
+        cmap="viridis",
+        edgecolors="#ffffff60",
+        linewidths=0.2,
     )
+    coloured.set_clim(0.0, size.max())  # of the whole structure, of which shells may be the part that hardly moves
+    ax.add_collection(coloured)
     ax.add_collection(LineCollection(list(points[lines]), colors="#333333", linewidths=1.4))
 
 

@@ -14,6 +14,7 @@ from microvib.fem.modes import Modes, solve
 from microvib.fem.structure import Link, Lump, Mesh, Section, Spring, Structure, StructureError
 from microvib.model.design import ArrayDesign, Hinge, Sandwich, Tube, Yoke
 from microvib.model.modal import ModalModel
+from microvib.model.simulator import Material, SimulatorDesign
 
 LARGEST = 2_000_000
 """Degrees of freedom of the largest mesh that is tried."""
@@ -22,7 +23,7 @@ _HONEYCOMB_MODULUS = 1e3  # Pa; a core carries shear only, and the laminate theo
 
 def structure_of(design: ArrayDesign) -> Structure:
     """Mesh of a description; StructureError where it would be too large or cannot be made."""
-    _check_size(design)
+    check_size(6.0 * design.panels.count * design.panels.span * design.panels.chord / design.mesh**2, design.mesh)
     mesh = Mesh()
     interface = int(mesh.add((0.0, 0.0, 0.0))[0])
     drive = interface
@@ -42,12 +43,11 @@ def structure_of(design: ArrayDesign) -> Structure:
     return mesh.structure(interface, design.title or "array")
 
 
-def _check_size(design: ArrayDesign) -> None:
-    area = design.panels.count * design.panels.span * design.panels.chord
-    dof = 6.0 * area / design.mesh**2
+def check_size(dof: float, size: float) -> None:
+    """StructureError where elements of ``size`` [m] would make far too many degrees of freedom."""
     if dof > LARGEST:
         raise StructureError(
-            f"mesh: elements of {design.mesh:g} m make about {dof:.3g} degrees of freedom; at most {LARGEST:.0e} are tried"
+            f"mesh: elements of {size:g} m make about {dof:.3g} degrees of freedom; at most {LARGEST:.0e} are tried"
         )
 
 
@@ -75,7 +75,7 @@ def _core(shear_xz: float, shear_yz: float) -> tuple[float, ...]:
     return (_HONEYCOMB_MODULUS, _HONEYCOMB_MODULUS, 0.0, _HONEYCOMB_MODULUS / 2.0, shear_xz, shear_yz)
 
 
-def tube_section(tube: Tube, yoke: Yoke) -> Section:
+def tube_section(tube: Tube, material: Yoke | Material) -> Section:
     """Section of a rectangular tube; torsion by Bredt, shear carried by the walls along it."""
     b, h, t = tube.width, tube.height, tube.wall
     bi, hi = b - 2.0 * t, h - 2.0 * t
@@ -84,11 +84,10 @@ def tube_section(tube: Tube, yoke: Yoke) -> Section:
     J = 4.0 * enclosed**2 * t / (2.0 * (b + h - 2.0 * t))
     flat = (b * h**3 - bi * hi**3) / 12.0  # bending along the normal
     edge = (h * b**3 - hi * bi**3) / 12.0
-    G = yoke.modulus / (2.0 * (1.0 + yoke.poisson))
+    E, rho = material.modulus, material.density
+    G = E / (2.0 * (1.0 + material.poisson))
     # y of the section lies along the normal
-    return Section(
-        yoke.modulus, G, yoke.density, A, I_yy=edge, I_zz=flat, J=J, shear_y=2 * h * t / A, shear_z=2 * b * t / A
-    )
+    return Section(E, G, rho, A, I_yy=edge, I_zz=flat, J=J, shear_y=2 * h * t / A, shear_z=2 * b * t / A)
 
 
 def _yoke(mesh: Mesh, design: ArrayDesign, drive: int) -> dict[float, int]:
@@ -119,13 +118,15 @@ def _panel(mesh: Mesh, design: ArrayDesign, number: int) -> Panel:
     start = design.yoke.length + (number - 1) * (panels.span + panels.gap)
     end = start + panels.span
     before, after = hinges.root if number == 1 else hinges.between, hinges.between
-    x = _grid([start, end, *(start + h.footprint for h in before), *(end - h.footprint for h in after)], design.mesh)
+    x = grid_lines(
+        [start, end, *(start + h.footprint for h in before), *(end - h.footprint for h in after)], design.mesh
+    )
     edges = [h.position + side * h.footprint / 2.0 for h in (*hinges.root, *hinges.between) for side in (-1, 1)]
-    y = _grid([-panels.chord / 2.0, panels.chord / 2.0, *edges], design.mesh)
+    y = grid_lines([-panels.chord / 2.0, panels.chord / 2.0, *edges], design.mesh)
     return mesh.rectangle(f"panel {number}", x, y, design.offset, laminate_of(design.sandwich))
 
 
-def _grid(breaks: list[float], size: float) -> np.ndarray:
+def grid_lines(breaks: list[float], size: float) -> np.ndarray:
     """Lines through all ``breaks`` and at most ``size`` apart."""
     fixed = np.unique(np.round(breaks, 9))
     pieces = [
@@ -178,7 +179,7 @@ def _masses(mesh: Mesh, design: ArrayDesign, panels: list[Panel]) -> None:
         mesh.parts.append(Lump(f"mass {k + 1}", int(index[nearest]), item.mass))
 
 
-def damping_of(design: ArrayDesign, frequency: np.ndarray) -> np.ndarray:
+def damping_of(design: ArrayDesign | SimulatorDesign, frequency: np.ndarray) -> np.ndarray:
     """Damping ratios of modes at ``frequency`` [Hz], (s,)."""
     Omega = 2.0 * np.pi * frequency
     rule = design.damping

@@ -1,4 +1,4 @@
-"""Where modes come from: a structure of the catalog, a description of an array, a table of modes."""
+"""Where modes come from: a structure of the catalog, a description of an array or a simulator, a table of modes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from microvib.io.scenario_file import catalog_text, parse_yaml, read_text, refer
 from microvib.model.design import ArrayDesign
 from microvib.model.modal import ModalModel
 from microvib.model.sentences import validated
+from microvib.model.simulator import SimulatorDesign
 
 if TYPE_CHECKING:
     from microvib.fem.modes import Modes
@@ -21,6 +22,7 @@ __all__ = ["DEFAULT_MODES", "MOST_MODES", "ModalSource", "load_design", "modal_s
 
 DEFAULT_MODES = 10
 """Modes taken of finite elements where their number is not given."""
+Design = ArrayDesign | SimulatorDesign
 DESCRIPTIONS = (".yaml", ".yml")
 TABLES = (".csv",)
 RESULTS = (".op2", ".op4", ".pch", ".f06", ".out", ".txt")
@@ -33,7 +35,7 @@ class ModalSource:
 
     name: str
     model: ModalModel
-    design: ArrayDesign | None = None
+    design: Design | None = None
     modes: Modes | None = None
 
 
@@ -61,27 +63,29 @@ def modal_source(
         model = read_modal_model(folder / source, options)
         return ModalSource(source, model if count is None else model.first(count))
     raise ScenarioError(
-        f"{source}: is no source of modes; allowed are {', '.join(reference_names())}, a description of an array"
-        f" ({', '.join(DESCRIPTIONS)}), a table of modes ({', '.join(TABLES)})"
+        f"{source}: is no source of modes; allowed are {', '.join(reference_names())}, a description of an array or a"
+        f" simulator ({', '.join(DESCRIPTIONS)}), a table of modes ({', '.join(TABLES)})"
         f" and results of Nastran or Ansys ({', '.join(RESULTS)})"
     )
 
 
-def load_design(source: str, folder: Path = Path()) -> ArrayDesign:
-    """Description of an array from the catalog or a YAML file; ScenarioError with a sentence for each problem."""
+def load_design(source: str, folder: Path = Path()) -> Design:
+    """Description of an array or a simulator (what has a frame) from the catalog or a YAML file; ScenarioError where it is none."""
     text = (
         catalog_text(source)
         if source in reference_names()
         else read_text(folder / source, "structure", reference_names())
     )
-    return validated(ArrayDesign, parse_yaml(text, source), units_required=True, origin=source)
+    data = parse_yaml(text, source)
+    kind: type[Design] = SimulatorDesign if isinstance(data, dict) and "frame" in data else ArrayDesign
+    return validated(kind, data, units_required=True, origin=source)
 
 
-def _from_design(design: ArrayDesign, name: str, count: int) -> ModalSource:
+def _from_design(design: Design, name: str, count: int) -> ModalSource:
     try:
-        from microvib.fem.array import modal_model, solve_array
+        from microvib.fem.described import modal_model, solved
     except ModuleNotFoundError as error:
         raise ScenarioError(
             f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"
         ) from None
-    return ModalSource(name, modal_model(design, count), design, solve_array(design, count))
+    return ModalSource(name, modal_model(design, count), design, solved(design, count))

@@ -33,6 +33,7 @@ Writer = Callable[[Path], None]
 STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
     "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
+    "sas.csv", "sas.json", "simulator.yaml", "drawing.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

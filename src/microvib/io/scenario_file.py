@@ -254,16 +254,21 @@ def _plain(value: Any, quantity: Quantity | None) -> Any:
     return value
 
 
-def dump_scenario(scenario: Scenario) -> str:
-    """YAML text of a scenario: complete, and the same scenario again when it is loaded."""
+def dump_part(part: Part) -> str:
+    """YAML text of a scenario or a description: complete, and the same again when it is loaded."""
     from ruamel.yaml import YAML
 
     yaml = YAML()
     yaml.default_flow_style = False
     yaml.width = 4096
     stream = io.StringIO()
-    yaml.dump(_without_empty(scenario_data(scenario)), stream)
+    yaml.dump(_without_empty(_plain(part, None)), stream)
     return stream.getvalue()
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """YAML text of a scenario."""
+    return dump_part(scenario)
 
 
 def _without_empty(data: Any) -> Any:

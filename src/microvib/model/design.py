@@ -142,7 +142,7 @@ class Damping(Part):
     """Modal damping: ratio + mass/(2 Omega) + stiffness Omega/2, or mode by mode."""
 
     ratio: Annotated[float, Quantity("", "damping ratio of all modes", "xi", ge=0, le=0.5, display="percent")] = 0.01
-    mass: Annotated[float, Quantity("1/s", "Rayleigh damping in proportion to mass", "alpha", ge=0)] = 0.0
+    mass: Annotated[float, Quantity("s^-1", "Rayleigh damping in proportion to mass", "alpha", ge=0)] = 0.0
     stiffness: Annotated[float, Quantity("s", "Rayleigh damping in proportion to stiffness", "beta", ge=0)] = 0.0
     modes: tuple[Annotated[float, Quantity("", "damping ratio", ge=0, le=0.99, display="percent")], ...] = Field(
         default=(), description="damping ratios of the first modes, instead of the rule"
