@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from microvib.signals.preparation import Preparation
 
 
+_EXTRAS = {"pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data"}
+"""Extra of the package that brings a library."""
+
+
 class _Sentences(click.Group):
     """Turns errors meant for the user into sentences on standard error and an exit status."""
 
@@ -35,6 +39,14 @@ class _Sentences(click.Group):
         except MicrovibError as error:
             for line in str(error).splitlines():
                 click.echo(f"Error: {line}", err=True)
+            ctx.exit(1)
+        except ModuleNotFoundError as error:
+            extra = _EXTRAS.get((error.name or "").split(".")[0])
+            if extra is None:
+                raise
+            click.echo(
+                f"Error: this needs {error.name}, which is not installed; pip install 'microvib[{extra}]'", err=True
+            )
             ctx.exit(1)
         except KeyboardInterrupt:
             click.echo("Interrupted; nothing was written.", err=True)
