@@ -24,8 +24,8 @@ from microvib.units import convert
 _MODES_OF_ARRAY = 20
 _MOST_STATES = 1000
 HEADER = (
-    "state", "f [Hz]", "J [kg m²]", "spring", "k [N/m]", "arm l [mm]", "weights [kg]", "radius r [mm]", "J_h [kg m²]",
-    "f, elements [Hz]", "diff. [%]", "J, elements [kg m²]", "diff. [%]",
+    "state", "f [Hz]", "J [kg m²]", "spring", "k [N/m]", "arm [mm]", "weight [kg]", "radius [mm]", "J_h [kg m²]",
+    "FE f [Hz]", "off [%]", "FE J [kg m²]", "off [%]",
 )  # fmt: skip
 COLUMNS = (
     "state", "frequency_hz", "inertia_kg_m2", "spring", "rate_n_m", "arm_m", "counterweight_kg", "radius_m", "rigid_inertia_kg_m2",
@@ -281,8 +281,8 @@ def report(result: Result, drawing: str) -> str:
     text = " ".join(part for part in (*spring_sentences(result), array_sentence(result)) if part)
     sections = [
         {"title": "Drawing", "figure": drawing, "caption": "Set to the target; to scale, dimensions in mm."},
-        {"title": "Settings", "text": "Asked for, set by hand calculation, checked with finite elements.",
-         "header": HEADER, "rows": setting_rows(result.sizing)},
+        {"title": "Settings", "text": "Asked for, set by hand calculation (arm l, radius r), checked with finite elements (FE).",
+         "header": [x for x in HEADER if x != "spring"], "rows": [row[:3] + row[4:] for row in setting_rows(result.sizing)]},
         {"title": "Springs", "text": text},
         {"title": "Equations 21 to 24", "text": equation_sentence(target)},
         {"title": "Tolerances", "header": TOLERANCE_HEADER, "rows": tolerance_rows(target),
