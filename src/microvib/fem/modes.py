@@ -56,7 +56,8 @@ def solve(structure: Structure, count: int) -> Modes:
 
 def _largest(participation: np.ndarray) -> np.ndarray:
     """Row of the largest participation of each mode, which is to be positive, (1, s)."""
-    return np.argmax(np.abs(participation), axis=0)[None]
+    row: np.ndarray = np.argmax(np.abs(participation), axis=0)[None]
+    return row
 
 
 def kinds(modes: Modes, axis: int = 0, normal: int = 2) -> tuple[str, ...]:
