@@ -142,3 +142,16 @@ def test_stated_uncertainties_cover_the_truth():
     # of 1920 scores, many of them correlated
     assert 0.92 < np.mean(scores < 1.96) < 0.975
     assert 0.62 < np.mean(scores < 1.0) < 0.75
+
+
+def test_lines_at_a_known_clock_are_the_estimated_ones(motion_1):
+    from microvib.model.expected import expected_lines
+    from microvib.signals.lines import lines_at_known_clock
+
+    expected = expected_lines(motion_1.scenario, 1400.0)
+    full = estimate_lines(motion_1["T_d"], 4096.0, expected)
+    for line in lines_at_known_clock(motion_1["T_d"], 4096.0, expected):
+        if full[line.line].amplitude_n_m > 1e-5:
+            assert line.amplitude_n_m == pytest.approx(full[line.line].amplitude_n_m, rel=2e-4)
+            assert line.decay_per_s == pytest.approx(full[line.line].decay_per_s, rel=1e-3)
+            assert line.frequency_hz == pytest.approx(full[line.line].frequency_hz, rel=1e-6)

@@ -20,7 +20,7 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, estimate_lines
+from microvib.signals.lines import PASSBAND, lines_at_known_clock
 from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.simulate import simulate
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
@@ -412,9 +412,8 @@ def _lines(test: Scenario, evidence: Evidence) -> Simulated:
         if line.name in wanted or line.kind == "array mode"
     ]
     spectrum = amplitude_spectrum(motion["T_d"], motion.sample_rate)
-    return Simulated(
-        estimate_lines(motion["T_d"], motion.sample_rate, expected), spectrum.amplitude, spectrum.resolution
-    )
+    table = lines_at_known_clock(motion["T_d"], motion.sample_rate, expected)
+    return Simulated(table, spectrum.amplitude, spectrum.resolution)
 
 
 def _weight(o: Observation, model_error: float) -> float:
