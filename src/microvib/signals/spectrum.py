@@ -69,8 +69,8 @@ class Density:
     @property
     def cumulative_rms(self) -> np.ndarray:
         """RMS of all that lies up to each bin, (m,): the root of the integral of the density from 0 Hz."""
-        square: np.ndarray = np.sqrt(np.cumsum(self.density) * self.resolution)
-        return square
+        rms: np.ndarray = np.sqrt(np.cumsum(self.density) * self.resolution)
+        return rms
 
     def band_rms(self, low: float, high: float) -> float:
         """RMS between two frequencies [Hz]; a bin that is cut counts with its part. SpectrumError if low is not below high."""
