@@ -1,0 +1,1 @@
+"""The commands, by subject; ``microvib.app.cli`` gathers them."""

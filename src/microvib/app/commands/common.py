@@ -1,0 +1,94 @@
+"""What commands share: reading a scenario with its changes, options, progress on a terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from microvib.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from microvib.model.scenario import Scenario
+    from microvib.signals.preparation import Preparation
+
+set_option = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change a dotted key, e.g. reducer.stiffness='9000 N*m/rad'.",
+)
+
+prepare_option = click.option(
+    "--prepare",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="How to prepare recordings: a YAML file with units, channels, cross_talk, axes, trimming, background.",
+)
+channel_option = click.option(
+    "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
+)
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+
+
+def load(source: str, settings: tuple[str, ...]) -> Scenario:
+    """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied."""
+    from microvib.io.scenario_file import load_scenario, parse_value
+
+    changes = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ScenarioError(f"--set {setting}: KEY=VALUE is wanted, such as reducer.stiffness='9000 N*m/rad'")
+        changes[key.strip()] = parse_value(value)
+    return load_scenario(source, changes)
+
+
+def preparation(file: Path | None) -> Preparation | None:
+    """What a preparation file says; None without one."""
+    from microvib.io.recordings import load_preparation
+
+    return None if file is None else load_preparation(file)
+
+
+class progress_bar:
+    """A progress bar on standard error where that is a terminal, and nothing otherwise."""
+
+    def __init__(self, doing: str = "simulating", unit: str = "s") -> None:
+        self._doing, self._unit = doing, unit
+
+    def __enter__(self) -> Callable[[float, float], None] | None:
+        self._bar: Any = None
+        if not sys.stderr.isatty():
+            return None
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f} of {task.total:.0f} " + self._unit),
+        )
+        self._bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
+        self._bar.start()
+        task = self._bar.add_task(f"{self._doing} (compiles on first use)", total=None)
+        last = 0.0
+
+        def report(done: float, total: float) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last > 0.1 or done >= total:
+                last = now
+                text = "writing lines and report" if done >= total else self._doing
+                self._bar.update(task, completed=done, total=total, description=text)
+
+        return report
+
+    def __exit__(self, *args: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()

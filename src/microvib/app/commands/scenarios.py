@@ -1,0 +1,150 @@
+"""Commands about one scenario: run it, show it, list the catalog, start a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from microvib.app.commands.common import load, progress_bar, set_option
+
+if TYPE_CHECKING:
+    from microvib.app.running import RunResult
+    from microvib.model.scenario import Scenario
+    from microvib.signals.lines import LineTable
+
+
+@click.command()
+@click.argument("scenario")
+@set_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results [default: the scenario's name].")
+@click.option("--overwrite", is_flag=True, help="Replace a run that is in the folder already.")
+@click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
+@click.option(
+    "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
+)
+@click.option(
+    "--steady", is_flag=True, help="Find the periodic steady state directly, without settling; lines are then exact."
+)
+def run(
+    scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
+    steady: bool,
+) -> None:  # fmt: skip
+    """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
+    from microvib.app.running import run_scenario
+    from microvib.io.results import check_folder, free_folder
+
+    loaded = load(scenario, settings)
+    out = out or free_folder(Path(scenario).stem)
+    check_folder(out, overwrite)
+    with progress_bar() as progress:
+        result = run_scenario(
+            loaded,
+            out,
+            overwrite=overwrite,
+            lines_only=lines_only,
+            harmonics=harmonics,
+            steady=steady,
+            progress=progress,
+        )
+    _print_lines(loaded, result.table)
+    if steady:
+        click.echo(_steady_sentence(result))
+    i = result.invariants
+    click.echo(
+        f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
+        f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
+    )
+    click.echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
+
+
+def _steady_sentence(result: RunResult) -> str:
+    solver = result.solver
+    if result.fallback:
+        return f"\nNo steady state: {result.fallback}. Simulated from rest instead."
+    return (
+        f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
+        f" {solver['periods_evaluated']:.3g} periods; of a deviation {solver['multiplier']:.3g} is left after a period."
+    )
+
+
+def _print_lines(loaded: Scenario, table: LineTable) -> None:
+    from microvib.studies.paper import compare_with_paper, paper_state, standing
+
+    click.echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
+    click.echo(table.text(notable=True))
+    if not any(line.status in ("ok", "decaying", "growing") for line in table):
+        click.echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
+    rows = compare_with_paper(loaded, table)
+    if rows:
+        click.echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {standing(loaded)}:\n")
+        click.echo(
+            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
+            f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
+        )
+        for r in rows:
+            click.echo(
+                f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
+                f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
+            )
+    elif paper_state(loaded) not in (None, 1):
+        click.echo("\nThe paper tabulates the lines of state 1 only; for the other states it gives statements.")
+
+
+@click.command()
+def scenarios() -> None:
+    """List the published scenarios of the catalog."""
+    from microvib.io.scenario_file import catalog_names, load_scenario
+
+    for name in catalog_names():
+        loaded = load_scenario(name)
+        mode = loaded.array.modes[0]
+        click.echo(
+            f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode {mode.frequency:g} Hz [{loaded.source}]"
+        )
+
+
+@click.command()
+@click.argument("scenario")
+@set_option
+def show(scenario: str, settings: tuple[str, ...]) -> None:
+    """Print SCENARIO complete, checked, with derived values."""
+    from microvib.app.running import derived
+    from microvib.io.scenario_file import dump_scenario
+
+    loaded = load(scenario, settings)
+    click.echo(dump_scenario(loaded), nl=False)
+    click.echo("\n# Derived:")
+    for text in derived(loaded):
+        click.echo(f"#   {text}")
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def new(file: Path) -> None:
+    """Write FILE, a commented scenario to start from. Never overwrites."""
+    from microvib.errors import OutputError
+    from microvib.io.scenario_file import catalog_text
+
+    made = False
+    try:
+        with file.open("x", encoding="utf-8") as stream:
+            made = True
+            stream.write(catalog_text("new"))
+    except FileExistsError:
+        raise OutputError(f"{file}: exists already; nothing was written") from None
+    except OSError as error:
+        if made:
+            file.unlink(missing_ok=True)
+        raise OutputError(f"{file}: cannot be written: {error.strerror}") from None
+    click.echo(f"Written: {file}. Edit it, then: microvib run {file}")
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON Schema of scenario files."""
+    from microvib.io.results import to_json
+    from microvib.io.scenario_file import json_schema
+
+    click.echo(to_json(json_schema()), nl=False)

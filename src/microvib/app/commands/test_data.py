@@ -1,0 +1,224 @@
+"""Commands that work with test data: analyse, compare, measure, identify, validate."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from microvib.app.commands.common import (
+    channel_option,
+    load,
+    overwrite_option,
+    preparation,
+    prepare_option,
+    progress_bar,
+    set_option,
+)
+from microvib.app.options import band_of, quantity
+from microvib.errors import MicrovibError
+
+if TYPE_CHECKING:
+    pass
+
+
+@click.command()
+@click.argument("source")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and report [default: print only].")
+@overwrite_option
+@channel_option
+@prepare_option
+@click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in a recording.")
+@click.option(
+    "--window",
+    type=click.Choice(["rectangular", "hann", "flat-top"]),
+    default="hann",
+    show_default=True,
+    help="Window.",
+)
+@click.option(
+    "--resolution", metavar="HZ", help="Bins of density and waterfall, such as '0.5 Hz' [default: 8 / record]."
+)
+@click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="RMS of a band, such as '0.5:5 Hz'.")
+def analyse(
+    source: str, out: Path | None, overwrite: bool, channel: str, prepare: Path | None, scenario: str, window: Any,
+    resolution: str | None, bands: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Lines with uncertainties and spectra of SOURCE: a scenario, a run folder or a recording."""
+    from microvib.app.analyses import analysis_text, write_analysis
+    from microvib.io.results import check_folder
+    from microvib.studies.analyse import analyse as run_analysis
+
+    if out is not None:
+        check_folder(out, overwrite)
+    with progress_bar() as progress:
+        analysis = run_analysis(
+            source, scenario=scenario, channel=channel, preparation=preparation(prepare), window=window,
+            resolution=None if resolution is None else quantity("--resolution", resolution, "Hz"),
+            bands=[band_of(text) for text in bands], progress=progress,
+        )  # fmt: skip
+    click.echo(analysis_text(analysis))
+    if out is not None:
+        files = write_analysis(out, analysis, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@click.command()
+@click.argument("a")
+@click.argument("b")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
+@overwrite_option
+@channel_option
+@prepare_option
+@click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in two recordings.")
+def compare(
+    a: str, b: str, out: Path | None, overwrite: bool, channel: str, prepare: Path | None, scenario: str
+) -> None:
+    """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
+    from microvib.app.studies import comparison_text, write_comparison
+    from microvib.io.results import check_folder
+    from microvib.studies.compare import compare as run_comparison
+
+    if out is not None:
+        check_folder(out, overwrite)
+    with progress_bar() as progress:
+        first, second, rows = run_comparison(
+            a, b, scenario=scenario, channel=channel, preparation=preparation(prepare), progress=progress
+        )
+    click.echo(comparison_text(first, second, rows))
+    if out is not None:
+        files = write_comparison(out, first, second, rows, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+@click.command()
+@click.argument("scenario")
+@set_option
+@click.option("--bench", default="force-table", show_default=True, help="Bench: a catalog name or a YAML file.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Recording to write: .uff, .mat or .csv."
+)
+@click.option("--seed", default=1, show_default=True, help="Seed of the noise; the same seed gives the same recording.")
+def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
+    """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
+    from microvib.io.recordings import check_output, write_recording
+    from microvib.io.scenario_file import load_bench
+    from microvib.studies.measure import measure as run_bench
+
+    check_output(output)
+    with progress_bar() as progress:
+        recording = run_bench(load(scenario, settings), load_bench(bench), seed=seed, progress=progress)
+    write_recording(recording, output)
+    for name, x in recording.channels.items():
+        click.echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
+    for note in recording.notes:
+        click.echo(note)
+    click.echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
+
+
+@click.command()
+@click.argument("scenario")
+@click.argument("evidence", nargs=-1, required=True)
+@click.option(
+    "--fit",
+    "keys",
+    multiple=True,
+    required=True,
+    metavar="KEY[=LOW:HIGH]",
+    help="A parameter to identify, with its range.",
+)
+@set_option
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for fit, scenario and report [default: print only]."
+)
+@overwrite_option
+@channel_option
+@prepare_option
+@click.option(
+    "--starts", default=96, show_default=True, type=click.IntRange(2, 100_000), help="Points of the global search."
+)
+@click.option(
+    "--seed", default=1, show_default=True, help="Seed of the global search; the same seed gives the same result."
+)
+@click.option(
+    "--model-error",
+    default="0.4 percent",
+    show_default=True,
+    help="How far amplitudes are trusted beyond their own uncertainty (standard deviation).",
+)
+def identify(
+    scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
+    overwrite: bool, channel: str, prepare: Path | None, starts: int, seed: int, model_error: str,
+) -> None:  # fmt: skip
+    """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
+
+    Several tests at once, each with its own state: FILE@KEY=VALUE@KEY=VALUE, e.g. b.uff@array.inertia='15.69 kg*m^2'.
+    """
+    from microvib.app.studies import fit_text, write_fit
+    from microvib.io.results import check_folder
+    from microvib.io.scenario_file import parse_value
+    from microvib.studies.evidence import read_evidence
+    from microvib.studies.identify import identify as run_identification
+    from microvib.studies.identify import parse_fit
+
+    if out is not None:
+        check_folder(out, overwrite)
+    loaded = load(scenario, settings)
+    fit_keys = [parse_fit(loaded, key) for key in keys]
+    prepared = preparation(prepare)
+    tests = []
+    for item in evidence:
+        source, *changes = item.split("@")
+        changed = {key: parse_value(value) for key, _, value in (change.partition("=") for change in changes)}
+        tests.append((read_evidence(source, loaded.with_(changed) if changed else loaded, channel, prepared), changed))
+    trusted = quantity("--model-error", model_error, "")
+    if not 0.0 < trusted <= 1.0:
+        raise MicrovibError(
+            f"--model-error: {model_error} is not allowed; it must be greater than 0 and at most 100 percent"
+        )
+    fit = run_identification(
+        loaded, tests, fit_keys, seed=seed, starts=starts, model_error=trusted, progress=_best_so_far()
+    )
+    click.echo(fit_text(fit))
+    if out is not None:
+        files = write_fit(out, fit, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None:
+    """Every two seconds a line on standard error with the best fit so far, where that is a terminal."""
+    if not sys.stderr.isatty():
+        return None
+    last = 0.0
+
+    def report(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
+        nonlocal last
+        if time.monotonic() - last > 2.0:
+            last = time.monotonic()
+            values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
+            click.echo(f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}", err=True)
+
+    return report
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
+@overwrite_option
+def validate(out: Path | None, overwrite: bool) -> None:
+    """Run all that the paper claims, and print it beside the paper's and the test's figures."""
+    from microvib.app.validation import validation_text, write_validation
+    from microvib.io.results import check_folder
+    from microvib.studies.validate import validate as run_validation
+
+    if out is not None:
+        check_folder(out, overwrite)
+    tell = (lambda text: click.echo(f"running {text}", err=True)) if sys.stderr.isatty() else None
+    checks, states = run_validation(tell)
+    click.echo(validation_text(checks))
+    if out is not None:
+        files = write_validation(out, checks, states, overwrite)
+        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
