@@ -8,13 +8,13 @@ from typing import Any
 import click
 
 from microvib import __version__
-from microvib.app.commands import arrays, families, scenarios, test_data
+from microvib.app.commands import arrays, campaign, families, scenarios, test_data
 from microvib.errors import MicrovibError
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-_EXTRAS = {"pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data"}
+_EXTRAS = {"pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data", "distributed": "dask"}
 """Extra of the package that brings a library."""
 
 
@@ -61,6 +61,7 @@ for _command in (
     test_data.identify,
     test_data.validate,
     families.rates,
+    campaign.campaign,
     arrays.modes,
     arrays.sas,
     scenarios.scenarios,

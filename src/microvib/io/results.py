@@ -34,6 +34,8 @@ STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
     "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
     "sas.csv", "sas.json", "simulator.yaml", "drawing.png",
+    "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
+    "tornado.png", "sobol.png", "scatter.png", "levels.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

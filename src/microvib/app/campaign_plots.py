@@ -1,0 +1,225 @@
+"""Pictures of a campaign: envelopes, histograms, exceedance, tornado, scatter, Sobol indices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.app import plots
+from microvib.studies.campaign.results import Results
+from microvib.studies.campaign.statistics import (
+    ANY,
+    Indices,
+    LineStatistics,
+    Tornado,
+    exceedance,
+    in_band,
+    independent,
+    largest_line,
+    level_numbers,
+)
+from microvib.studies.campaign.variation import Levels, Uncertain
+from microvib.units import pretty
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Band = tuple[float, float]
+MOST_KEYS = 12
+MOST_POINTS = 5000
+"""Points of a scatter plot; more would only hide each other."""
+
+
+def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
+    """Median, 95 % and 99 % point and largest amplitude of each line."""
+    figure, axes = plots.new_figure(9.0, 1.4 + 0.34 * len(rows))
+    ax, y = axes[0, 0], np.arange(len(rows))[::-1]
+    median, p95 = (np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95"))
+    ax.barh(y, p95 - median, left=median, height=0.5, color="#9ecae8", label="median to 95 % point")
+    ax.plot(median, y, "|", color=plots.BLUE, markersize=13, markeredgewidth=2.2, label="median")
+    ax.plot([r.p99.value for r in rows], y, "d", color=plots.RED, markersize=5, label="99 % point")
+    ax.plot([r.largest for r in rows], y, "x", color="#333333", markersize=5, label="largest")
+    _limit(ax, limit, vertical=True)
+    ax.set_xscale("log")
+    ax.set_yticks(y, [_name(r) for r in rows])
+    ax.set_xlabel("amplitude, 0-to-peak [N m]")
+    ax.legend(
+        loc="upper center", bbox_to_anchor=(0.4, -0.9 / (1.4 + 0.34 * len(rows))), ncols=5, fontsize=8, frameon=False
+    )
+    return figure
+
+
+def _name(row: LineStatistics) -> str:
+    low, high = row.frequency
+    if not math.isfinite(low):
+        return row.line
+    return f"{row.line}  {low:.4g} Hz" if high - low < 1e-3 * high else f"{row.line}  {low:.3g} to {high:.3g} Hz"
+
+
+def _limit(ax: Axes, limit: float | None, vertical: bool = False) -> None:
+    if limit is not None:
+        draw = ax.axvline if vertical else ax.axhline
+        draw(limit, color=plots.RED, linestyle="--", linewidth=1.1, label=f"limit {limit:g} N m")
+
+
+def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band) -> Figure:
+    """Histogram of each line's amplitude over the independent cases."""
+    counted = independent(results.campaign.design)
+    figure, axes = _panels(len(lines))
+    for ax, line in zip(axes, lines, strict=True):
+        x = _amplitudes(results, line, band)[counted]
+        x = 1e3 * x[np.isfinite(x)]
+        ax.hist(x, bins=_bins(x), color=plots.BLUE, edgecolor="white", linewidth=0.4)
+        for q, style in ((0.5, "-"), (0.95, "--"), (0.99, ":")):
+            ax.axvline(
+                float(np.quantile(x, q)), color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %"
+            )
+        _limit_in_milli(ax, limit, x)
+        ax.set(title=line, xlabel="amplitude, 0-to-peak [mN m]", ylabel="cases")
+    axes[0].legend(fontsize=7)
+    return figure
+
+
+def _bins(x: np.ndarray) -> int:
+    return int(np.clip(math.sqrt(x.size), 5, 60))
+
+
+def _limit_in_milli(ax: Axes, limit: float | None, x: np.ndarray) -> None:
+    """The limit, where it is not so far away that the picture would shrink."""
+    if limit is not None and 1e3 * limit < 3.0 * float(x.max(initial=0.0)):
+        ax.axvline(1e3 * limit, color=plots.RED, linestyle="-.", linewidth=1.4, label="limit")
+
+
+def _amplitudes(results: Results, line: str, band: Band) -> np.ndarray:
+    return largest_line(results, band) if line == ANY else in_band(results, line, band)
+
+
+def _panels(count: int, width: float = 3.6, height: float = 2.7, columns: int = 3) -> tuple[Figure, list[Any]]:
+    rows, columns = math.ceil(count / columns), min(count, columns)
+    figure, axes = plots.new_figure(width * columns, height * rows, rows, columns)
+    for ax in list(axes.flat)[count:]:
+        ax.set_visible(False)
+    return figure, list(axes.flat)[:count]
+
+
+def exceedances(results: Results, lines: Sequence[str], limit: float | None, band: Band) -> Figure:
+    """Part of the cases in which a line is larger than an amplitude."""
+    counted = independent(results.campaign.design)
+    figure, axes = plots.new_figure(7.6, 4.2)
+    ax = axes[0, 0]
+    styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
+    for k, line in enumerate(lines):
+        x, part = exceedance(_amplitudes(results, line, band)[counted])
+        colour = plots.COLOURS[k % len(plots.COLOURS)]
+        ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
+    if limit is not None:
+        ax.axvline(1e3 * limit, color=plots.RED, linestyle="-.", linewidth=1.4, label=f"limit {1e3 * limit:g} mN m")
+    ax.set(xscale="log", yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="part of the cases above it")
+    ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
+    ax.legend(fontsize=8, loc="lower left")
+    return figure
+
+
+def tornados(found: Sequence[Tornado]) -> Figure:
+    """Effect of every key on each line, the strongest on top."""
+    keys = min(max(len(t.effects) for t in found), MOST_KEYS)
+    figure, axes = _panels(len(found), width=6.2, height=1.1 + 0.32 * keys, columns=2)
+    for ax, item in zip(axes, found, strict=True):
+        shown = item.effects[:MOST_KEYS]
+        y = np.arange(len(shown))[::-1]
+        for end, colour, label in (("low", "#9ecae8", "at its low end"), ("high", plots.BLUE, "at its high end")):
+            moved = np.array([1e3 * (getattr(e, end) - item.centre) for e in shown])
+            ax.barh(y, moved, left=1e3 * item.centre, height=0.6, color=colour, label=label)
+        ax.axvline(1e3 * item.centre, color="#333333", linewidth=0.9)
+        ax.set_yticks(y, [e.key for e in shown], fontsize=8)
+        explained = f" (R² {item.explained:.2f})" if math.isfinite(item.explained) else ""
+        ax.set(title=f"{item.line}{explained}", xlabel="amplitude, 0-to-peak [mN m]")
+    axes[0].legend(fontsize=7)
+    return figure
+
+
+def scatters(results: Results, line: str, band: Band) -> Figure | None:
+    """Amplitude of a line over every key that is a number."""
+    design = results.campaign.design
+    given: list[Uncertain | Levels] = [*design.uncertain, *design.levels]
+    keys = [x for x in given if _numeric(x)][:MOST_KEYS]
+    if not keys:
+        return None
+    y = 1e3 * _amplitudes(results, line, band)
+    shown = np.flatnonzero(np.isfinite(y))
+    shown = shown[:: max(shown.size // MOST_POINTS, 1)]
+    figure, axes = _panels(len(keys))
+    for ax, item in zip(axes, keys, strict=True):
+        scale = _per_display(item.unit, item.display)
+        x = results.scalar(item.key)[shown] * scale
+        ax.plot(x, y[shown], ".", color=plots.BLUE, markersize=3, alpha=0.6)
+        unit = f" [{pretty(item.display)}]" if item.display else ""
+        ax.set(xlabel=f"{item.key}{unit}", ylabel=f"{line} [mN m]")
+        ax.xaxis.label.set_fontsize(8)
+    return figure
+
+
+def _numeric(item: Uncertain | Levels) -> bool:
+    return isinstance(item, Uncertain) or all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) for v in item.values
+    )
+
+
+def _per_display(unit: str, display: str) -> float:
+    from microvib.units import convert
+
+    return 1.0 / convert(f"1 {display}", unit) if display and display != unit else 1.0
+
+
+def sobol_bars(found: Sequence[Indices]) -> Figure:
+    """First-order and total Sobol indices with their intervals."""
+    figure, axes = _panels(len(found), width=6.2, height=1.2 + 0.4 * len(found[0].keys), columns=2)
+    for ax, item in zip(axes, found, strict=True):
+        order = np.argsort([-t.value for t in item.total])
+        y = np.arange(order.size)[::-1]
+        for estimates, shift, colour, label in (
+            (item.first, 0.18, "#9ecae8", "first order"), (item.total, -0.18, plots.BLUE, "total"),
+        ):  # fmt: skip
+            chosen = [estimates[k] for k in order]
+            value = np.array([e.value for e in chosen])
+            ends = np.abs(np.array([[e.low for e in chosen], [e.high for e in chosen]]) - value)
+            ax.barh(y + shift, value, height=0.34, color=colour, label=label, xerr=ends, error_kw={"elinewidth": 0.9})
+        ax.set_yticks(y, [item.keys[k] for k in order], fontsize=8)
+        ax.set(title=f"{item.line}, {item.points} points", xlabel="part of the variance")
+        ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
+    axes[0].legend(fontsize=7)
+    return figure
+
+
+def over_levels(results: Results, lines: Sequence[str], band: Band) -> Figure:
+    """Median and 5 to 95 % of each line over the levels of every key that has some."""
+    keys = [x for x in results.campaign.design.levels if len(x.values) > 1][:6]
+    figure, axes = _panels(len(keys), width=5.6, height=3.6, columns=2)
+    for ax, levels in zip(axes, keys, strict=True):
+        _over(ax, results, lines, levels, band)
+    axes[0].legend(fontsize=8)
+    return figure
+
+
+def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band: Band) -> None:
+    number = level_numbers(results.campaign.design, levels.key)
+    numeric = _numeric(levels)
+    x = np.array(levels.values, dtype=float) if numeric else np.arange(len(levels.values), dtype=float)
+    x = x * (_per_display(levels.unit, levels.display) if numeric else 1.0)
+    for k, line in enumerate(lines):
+        y = _amplitudes(results, line, band)
+        groups = [y[(number == n) & np.isfinite(y)] for n in range(len(levels.values))]
+        median, low, high = (
+            [1e3 * float(np.quantile(g, q)) if g.size else math.nan for g in groups] for q in (0.5, 0.05, 0.95)
+        )
+        colour = plots.COLOURS[k % len(plots.COLOURS)]
+        ax.plot(x, median, marker="os^Dv*"[k % 6], markersize=4, color=colour, linewidth=1.2, label=line)
+        ax.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+    if not numeric or len(x) <= 8:
+        ax.set_xticks(x, levels.labels if not numeric else [f"{v:g}" for v in x])
+    unit = f" [{pretty(levels.display)}]" if levels.display and numeric else ""
+    ax.set(yscale="log", xlabel=f"{levels.key}{unit}", ylabel="amplitude, 0-to-peak [mN m]")

@@ -1,0 +1,53 @@
+"""The study file: what a campaign varies, how it samples, what it keeps."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+Method = Literal["sobol", "latin-hypercube", "random", "sobol-indices", "one-at-a-time"]
+
+
+class Sampling(Part):
+    """How the distributions are sampled. The same seed gives the same cases."""
+
+    method: Method = Field(
+        default="sobol",
+        description="sobol, latin-hypercube or random points; sobol-indices for a variance decomposition;"
+        " one-at-a-time for each key at its 5 % and 95 % points",
+    )
+    count: int = Field(default=128, ge=1, le=10_000_000, description="points; for sobol-indices the base sample N")
+    seed: int = Field(default=1, ge=0, le=2**32 - 1, description="seed of the random numbers")
+
+
+class Correlation(Part):
+    """Two sampled keys that go together."""
+
+    keys: tuple[str, str] = Field(description="the two keys")
+    coefficient: Annotated[float, Quantity("", "correlation of the normal scores of the two", ge=-1.0, le=1.0)]
+
+
+class Study(Part):
+    """What a campaign computes: a scenario, what of it varies, and what is kept of each case."""
+
+    title: str = Field(default="", max_length=500, description="what is studied, in a few words")
+    scenario: str = Field(description="scenario to vary: a catalog name or a file, relative to the study's folder")
+    set: dict[str, Any] = Field(default_factory=dict, description="changes of the scenario, the same in all cases")
+    vary: dict[str, Any] = Field(
+        default_factory=dict,
+        description="per key a list of values, a grid {from, to, count, spacing} or a distribution",
+    )
+    cases: tuple[dict[str, Any], ...] = Field(default=(), description="combinations of values, each key: value")
+    sampling: Sampling = Sampling()
+    correlations: tuple[Correlation, ...] = Field(default=(), description="keys that are sampled together")
+    solve: Literal["record", "steady"] = Field(
+        default="record", description="record: settle and record in time; steady: find the steady state"
+    )
+    harmonics: int = Field(default=4, ge=1, le=200, description="members of each family of lines")
+    limit: Annotated[float, Quantity("N*m", "largest line that is allowed", gt=0.0, display="mN*m")] | None = None
+    band: str | None = Field(default=None, description="band in which the limit holds, such as 0.5:5 Hz")
+    keep: tuple[Literal["T_d"], ...] = Field(default=(), description="histories to keep of every case")

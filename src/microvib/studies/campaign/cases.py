@@ -1,0 +1,179 @@
+"""A few cases of a campaign, computed: what goes to a worker and what comes back."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.lines import PASSBAND, LineTable, lines_at_known_clock
+from microvib.solve.simulate import simulate
+from microvib.studies.steady import steady
+
+TOGETHER = 32
+"""Cases that are simulated together; bounds the memory of a worker."""
+FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
+"""What is kept of every line."""
+SCALARS = ("peak", "rms", "stuck_output")
+"""What is kept of every case: largest and RMS torque of the record [N m], part of the time that the shaft sticks."""
+
+
+class Work(NamedTuple):
+    """Cases to compute, complete in itself: it needs no file."""
+
+    base: Scenario
+    changes: tuple[dict[str, Any], ...]
+    solve: str
+    harmonics: int
+    keep: tuple[str, ...]
+    deadly: tuple[int, ...] = ()
+    """Positions of cases that ended the worker when they were tried alone; they are not tried again."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Results of consecutive cases; a case that failed has its reason, and no figures."""
+
+    lines: tuple[str, ...]
+    figures: dict[str, np.ndarray]
+    """Of every line, (cases, lines) each; nan where a case has no such line."""
+    status: np.ndarray
+    """Index of the line's status in ``statuses``, (cases, lines)."""
+    statuses: tuple[str, ...]
+    scalars: dict[str, np.ndarray]
+    """Of every case, (cases,) each."""
+    reasons: tuple[str, ...]
+    """Why a case failed; empty where it did not."""
+    notes: tuple[str, ...]
+    """What is to be known of a case, such as that it has no steady state."""
+    histories: dict[int, np.ndarray]
+    """T_d [N m] by position in the chunk, where it is kept."""
+
+    def to_bytes(self) -> bytes:
+        """The same chunk gives the same bytes."""
+        texts = {key: list(getattr(self, key)) for key in ("lines", "statuses", "reasons", "notes")}
+        arrays = {f"figure_{name}": values for name, values in self.figures.items()}
+        arrays |= {f"scalar_{name}": values for name, values in self.scalars.items()}
+        arrays |= {f"history_{k}": values for k, values in self.histories.items()}
+        stream = io.BytesIO()
+        text = np.frombuffer(json.dumps(texts).encode(), dtype=np.uint8)
+        np.savez(stream, texts=text, status=self.status, **arrays)  # type: ignore[arg-type]
+        return stream.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Chunk:
+        """Raises ValueError, OSError or zipfile.BadZipFile where the data are not whole."""
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            texts = json.loads(file["texts"].tobytes())
+            named = {name: file[name] for name in file.files}
+        return cls(
+            lines=tuple(texts["lines"]),
+            figures={name: named[f"figure_{name}"] for name in FIGURES},
+            status=named["status"],
+            statuses=tuple(texts["statuses"]),
+            scalars={name: named[f"scalar_{name}"] for name in SCALARS},
+            reasons=tuple(texts["reasons"]),
+            notes=tuple(texts["notes"]),
+            histories={int(name[8:]): values for name, values in named.items() if name.startswith("history_")},
+        )
+
+
+@dataclass(frozen=True)
+class _Result:
+    """One case."""
+
+    table: LineTable | None = None
+    scalars: tuple[float, ...] = (math.nan,) * len(SCALARS)
+    reason: str = ""
+    note: str = ""
+    T_d: np.ndarray | None = None
+
+
+DEADLY = _Result(reason="its worker died each time it was computed (memory exhausted, killed, or crashed)")
+
+
+def compute(work: Work) -> Chunk:
+    """Compute cases. A case that cannot be computed has its reason and does not stop the others.
+
+    The figures of a case do not depend on what it is computed with.
+    """
+    results: list[_Result] = []
+    for start in range(0, len(work.changes), TOGETHER):
+        results += _some(work, range(start, min(start + TOGETHER, len(work.changes))))
+    return gather(results)
+
+
+def compute_bytes(work: Work) -> bytes:
+    """The chunk of ``compute`` as bytes, which pass between processes and machines and into a file."""
+    return compute(work).to_bytes()
+
+
+def _some(work: Work, positions: Sequence[int]) -> list[_Result]:
+    scenarios = [DEADLY if k in work.deadly else _made(work.base, work.changes[k]) for k in positions]
+    solve = _steady if work.solve == "steady" else _recorded
+    return [item if isinstance(item, _Result) else _guarded(solve, item, work) for item in scenarios]
+
+
+def _made(base: Scenario, changes: dict[str, Any]) -> Scenario | _Result:
+    try:
+        return base.with_(changes)
+    except MicrovibError as error:
+        return _Result(reason=" ".join(str(error).splitlines()))
+
+
+def _guarded(solve: Any, scenario: Scenario, work: Work) -> _Result:
+    try:
+        result: _Result = solve(scenario, work)
+    except MicrovibError as error:
+        return _Result(reason=" ".join(str(error).splitlines()))
+    except Exception as error:  # one bad case of a million must not stop the others, whatever it is
+        return _Result(reason=f"unexpected {type(error).__name__}: {error}")
+    return result
+
+
+def _recorded(scenario: Scenario, work: Work) -> _Result:
+    motion = simulate(scenario, channels=("T_d", "stuck_output"))
+    x = motion["T_d"]
+    expected = expected_lines(scenario, PASSBAND * motion.sample_rate, work.harmonics)
+    table = lines_at_known_clock(x, motion.sample_rate, expected)
+    scalars = (float(np.abs(x).max()), float(x.std()), float(motion["stuck_output"].mean()))
+    return _Result(table, scalars, T_d=x if "T_d" in work.keep else None)
+
+
+def _steady(scenario: Scenario, work: Work) -> _Result:
+    found = steady(scenario, harmonics=work.harmonics)
+    if found.state is None:
+        return _Result(found.lines, note=found.fallback)
+    x = found.state["T_d"]
+    scalars = (float(np.abs(x).max()), float(x.std()), float(found.state["stuck_output"].mean()))
+    return _Result(found.lines, scalars, T_d=x if "T_d" in work.keep else None)
+
+
+def gather(results: Sequence[_Result]) -> Chunk:
+    """Results of single cases as one chunk; unexpected lines are left out, because their names mean nothing across cases."""
+    rows = [[x for x in r.table if x.kind != "other"] if r.table else [] for r in results]
+    names = tuple(dict.fromkeys(line.line for row in rows for line in row))
+    statuses = tuple(sorted({line.status for row in rows for line in row}))
+    shape = (len(results), len(names))
+    column = {name: k for k, name in enumerate(names)}
+    figures = {name: np.full(shape, math.nan) for name in FIGURES}
+    status = np.full(shape, -1, dtype=np.int8)
+    for i, row in enumerate(rows):
+        for line in row:
+            k = column[line.line]
+            status[i, k] = statuses.index(line.status)
+            values = (line.amplitude_n_m, line.frequency_hz, line.bin_amplitude_n_m, line.phase_rad, line.decay_per_s)
+            for name, value in zip(FIGURES, values, strict=True):
+                figures[name][i, k] = value
+    scalars = {name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)}
+    kept = {k: r.T_d for k, r in enumerate(results) if r.T_d is not None}
+    reasons, notes = tuple(r.reason for r in results), tuple(r.note for r in results)
+    return Chunk(names, figures, status, statuses, scalars, reasons, notes, kept)

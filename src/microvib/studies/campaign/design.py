@@ -1,0 +1,250 @@
+"""The cases of a campaign: drawn once, kept, and each the same whoever computes it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import ScenarioError
+from microvib.io.scenario_file import load_scenario, parse_yaml, read_text, scenario_data
+from microvib.model.scenario import Scenario
+from microvib.model.sentences import validated
+from microvib.model.study import Correlation, Study
+from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, variation
+
+MOST_CASES = 10_000_000
+CHECKED = (0.001, 0.999)
+"""Quantiles of a distribution at which the scenario is tried when the campaign is made."""
+ENDS = (0.05, 0.95)
+"""Quantiles that one-at-a-time sampling goes to."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """All cases of a campaign. Case numbers run over combinations, then levels, then samples, the last fastest."""
+
+    study: Study
+    base: Scenario
+    combinations: tuple[dict[str, Any], ...]
+    levels: tuple[Levels, ...]
+    uncertain: tuple[Uncertain, ...]
+    samples: np.ndarray
+    """Values of the sampled keys in SI, (points, keys)."""
+
+    @property
+    def cases(self) -> int:
+        """Number of cases."""
+        levels = math.prod(len(x.values) for x in self.levels)
+        return int(len(self.combinations) * levels * self.samples.shape[0])
+
+    def changes(self, case: int) -> dict[str, Any]:
+        """Dotted key to value of one case, in SI."""
+        rest, point = divmod(case, self.samples.shape[0])
+        chosen: dict[str, Any] = {}
+        for levels in reversed(self.levels):
+            rest, k = divmod(rest, len(levels.values))
+            chosen = {levels.key: levels.values[k], **chosen}
+        sampled = zip((x.key for x in self.uncertain), self.samples[point].tolist(), strict=True)
+        return {**self.combinations[rest], **chosen, **dict(sampled)}
+
+    def labels(self, case: int) -> dict[str, str]:
+        """Dotted key to what a person reads of one case: levels as given, sampled values in their display unit."""
+        quantities = {name: quantity for name, _, quantity in self.base.entries()}
+        named = {x.key: dict(zip(map(_hashable, x.values), x.labels, strict=True)) for x in self.levels}
+        texts = {}
+        for key, value in self.changes(case).items():
+            quantity = quantities.get(key)
+            if key in named:
+                texts[key] = named[key][_hashable(value)]
+            else:
+                texts[key] = quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)
+        return texts
+
+    def scenario(self, case: int) -> Scenario:
+        """Scenario of one case; ScenarioError where it is not allowed."""
+        return self.base.with_(self.changes(case))
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """All keys that vary."""
+        combined = dict.fromkeys(key for combination in self.combinations for key in combination)
+        return (*combined, *(x.key for x in self.levels), *(x.key for x in self.uncertain))
+
+
+def _hashable(value: Any) -> Any:
+    return str(value) if isinstance(value, (dict, list)) else value
+
+
+def read_design(file: Path) -> Design:
+    """Design of a study file; ScenarioError with one sentence per problem."""
+    origin = str(file)
+    data = parse_yaml(read_text(file, "study", ()), origin)
+    return design(validated(Study, data, units_required=True, origin=origin), file.parent, origin)
+
+
+def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design:
+    """Draw the cases of a study; its scenario file is relative to ``folder``. Every level and the ends of every distribution are
+    tried, one by one, so that what cannot be computed is known now."""
+    base = _base(study, folder)
+    parts = [_variation(base, key, spec, folder, origin) for key, spec in study.vary.items()]
+    levels = tuple(x for x in parts if isinstance(x, Levels))
+    uncertain = tuple(x for x in parts if isinstance(x, Uncertain))
+    if not parts and not study.cases:
+        raise ScenarioError(f"{origin}: vary: missing; at least one key to vary, or cases, is wanted")
+    combinations = tuple(_checked(base, item, f"{origin}: cases.{k}") for k, item in enumerate(study.cases)) or ({},)
+    both = {key for item in combinations for key in item} & {x.key for x in parts}
+    if both:
+        raise ScenarioError(f"{origin}: {min(both)} stands in vary and in cases; one place is wanted")
+    total = len(combinations) * math.prod(len(x.values) for x in levels) * _points(study, len(uncertain))
+    if total > MOST_CASES:
+        raise ScenarioError(f"{origin}: makes {total:.3g} cases; at most {MOST_CASES:.0e} are computed")
+    _try(base, parts, origin)
+    return Design(study, base, combinations, levels, uncertain, _sample(study, uncertain, origin))
+
+
+def _base(study: Study, folder: Path) -> Scenario:
+    file = folder / study.scenario
+    source = str(file) if file.is_file() else study.scenario
+    return load_scenario(source, dict(study.set))
+
+
+def _variation(base: Scenario, key: str, spec: Any, folder: Path, origin: str) -> Levels | Uncertain:
+    if key not in ARRAY:
+        return variation(base, key, spec, origin)
+    if not isinstance(spec, list) or not spec:
+        raise ScenarioError(f"{origin}: vary.{key}: {spec!r} is not allowed; a list of files or names is wanted")
+    from microvib.io.scenario_file import with_array
+
+    arrays = []
+    for name in spec:
+        data = scenario_data(base) | {"array": {key.split(".")[1]: str(name)}}
+        arrays.append(with_array(data, folder, f"{origin}: vary.{key}")["array"])
+    return Levels("array", tuple(arrays), tuple(str(name) for name in spec))
+
+
+def _checked(base: Scenario, combination: dict[str, Any], where: str) -> dict[str, Any]:
+    """A combination with its quantities in SI, tried on the scenario."""
+    read: dict[str, Any] = {}
+    for key, value in combination.items():
+        found = variation(base, key, [value], where)
+        assert isinstance(found, Levels)
+        read[key] = found.values[0]
+    _allowed(base, read, where)
+    return read
+
+
+def _try(base: Scenario, parts: Sequence[Levels | Uncertain], origin: str) -> None:
+    for part in parts:
+        if isinstance(part, Levels):
+            several = len(part.values) > 64 and isinstance(part.values[0], float)
+            values: Sequence[Any] = part.values[:: len(part.values) - 1] if several else part.values
+        else:
+            values = part.quantile(np.array(CHECKED)).tolist()
+        for value in values:
+            _allowed(base, {part.key: value}, f"{origin}: vary.{part.key}")
+
+
+def _allowed(base: Scenario, changes: dict[str, Any], where: str) -> None:
+    try:
+        base.with_(changes)
+    except ScenarioError as error:
+        raise ScenarioError("\n".join(f"{where}: {line}" for line in str(error).splitlines())) from None
+
+
+def _points(study: Study, keys: int) -> int:
+    """Rows of the sample."""
+    if keys == 0:
+        return 1
+    sampling = study.sampling
+    return {"sobol-indices": sampling.count * (keys + 2), "one-at-a-time": 1 + 2 * keys}.get(
+        sampling.method, sampling.count
+    )
+
+
+def _sample(study: Study, uncertain: Sequence[Uncertain], origin: str) -> np.ndarray:
+    """Values of the sampled keys, (points, keys)."""
+    if not uncertain:
+        if study.correlations:
+            raise ScenarioError(f"{origin}: correlations: nothing is sampled; give the keys distributions")
+        return np.zeros((1, 0))
+    u = _correlated(_probabilities(study, len(uncertain), origin), study, uncertain, origin)
+    values: np.ndarray = np.column_stack([x.quantile(u[:, k]) for k, x in enumerate(uncertain)])
+    return values
+
+
+def _probabilities(study: Study, d: int, origin: str) -> np.ndarray:
+    """Points of the unit cube, (points, d)."""
+    from scipy.stats import qmc
+
+    sampling = study.sampling
+    rng = np.random.default_rng(sampling.seed)
+    if sampling.method == "one-at-a-time":
+        u = np.full((1 + 2 * d, d), 0.5)
+        for k, end in itertools.product(range(d), range(2)):
+            u[1 + 2 * k + end, k] = ENDS[end]
+        return u
+    if sampling.method == "sobol-indices":
+        return _decomposition(sampling.count, d, rng, study, origin)
+    if sampling.method == "random":
+        return rng.random((sampling.count, d))
+    if sampling.method == "sobol":  # a balanced set is a power of two; its first points are taken
+        points = qmc.Sobol(d, rng=rng).random_base2((sampling.count - 1).bit_length())[: sampling.count]
+    else:
+        points = qmc.LatinHypercube(d, rng=rng).random(sampling.count)
+    return _inside(points)
+
+
+def _inside(u: np.ndarray) -> np.ndarray:
+    """Probabilities kept off 0 and 1, where an unbounded distribution has no value."""
+    kept: np.ndarray = np.clip(u, 1e-12, 1.0 - 1e-12)
+    return kept
+
+
+def _decomposition(n: int, d: int, rng: np.random.Generator, study: Study, origin: str) -> np.ndarray:
+    """A, B, and A with one column of B each (A. Saltelli et al., Comput. Phys. Commun. 181, 2010), (n (d + 2), d)."""
+    from scipy.stats import qmc
+
+    if study.correlations:
+        raise ScenarioError(f"{origin}: sampling.method: sobol-indices wants independent keys; leave out correlations")
+    if n < 2 or n & (n - 1):
+        raise ScenarioError(
+            f"{origin}: sampling.count: {n} is not allowed; sobol-indices wants a power of 2, such as 128"
+        )
+    both = _inside(qmc.Sobol(2 * d, rng=rng).random_base2(n.bit_length() - 1))
+    A, B = both[:, :d], both[:, d:]
+    mixed = [np.where(np.arange(d) == k, B, A) for k in range(d)]
+    return np.concatenate([A, B, *mixed])
+
+
+def _correlated(u: np.ndarray, study: Study, uncertain: Sequence[Uncertain], origin: str) -> np.ndarray:
+    """Probabilities whose normal scores have the correlations of the study (Gaussian copula)."""
+    if not study.correlations:
+        return u
+    from scipy.special import ndtr, ndtri
+
+    R = _matrix(study.correlations, [x.key for x in uncertain], origin)
+    try:
+        L = np.linalg.cholesky(R + 1e-12 * np.eye(R.shape[0]))
+    except np.linalg.LinAlgError:
+        raise ScenarioError(f"{origin}: correlations: contradict each other; no distribution has them all") from None
+    joined: np.ndarray = ndtr(ndtri(u) @ L.T)
+    return _inside(joined)
+
+
+def _matrix(correlations: Sequence[Correlation], keys: list[str], origin: str) -> np.ndarray:
+    R = np.eye(len(keys))
+    for item in correlations:
+        for key in item.keys:
+            if key not in keys:
+                raise ScenarioError(f"{origin}: correlations: {key} has no distribution; allowed are {', '.join(keys)}")
+        a, b = (keys.index(key) for key in item.keys)
+        if a == b:
+            raise ScenarioError(f"{origin}: correlations: {item.keys[0]} is named twice; two keys are wanted")
+        R[a, b] = R[b, a] = item.coefficient
+    return R

@@ -1,0 +1,57 @@
+"""A campaign on Dask: a cluster of this machine, or one that runs already. Workers need no file of the campaign."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from microvib.errors import MicrovibError
+from microvib.studies.campaign.run import Backend
+
+CONNECT = "10s"
+
+
+@dataclass
+class _Dask:
+    """Chunks are sent whole, and come back as bytes."""
+
+    client: Any
+    workers: int
+    deaths: tuple[type[BaseException], ...]
+
+    def executor(self) -> Executor:
+        """The cluster mends itself: it is the same after a worker died."""
+        submitting: Executor = self.client.get_executor(pure=False)  # each chunk is computed, though alike another
+        return submitting
+
+
+@contextmanager
+def dask(workers: int | None = None, scheduler: str | None = None) -> Iterator[Backend]:
+    """A cluster of ``workers`` processes on this machine, or the one at the address ``scheduler``.
+
+    MicrovibError where no scheduler answers there, or it has no workers.
+    """
+    from distributed import Client, LocalCluster
+    from distributed.scheduler import KilledWorker
+
+    if scheduler is None:
+        count = workers or os.cpu_count() or 1
+        with (
+            LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
+            Client(cluster) as client,
+        ):
+            yield _Dask(client, count, (KilledWorker,))
+        return
+    try:
+        client = Client(scheduler, timeout=CONNECT)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise MicrovibError(f"--scheduler {scheduler}: no Dask scheduler answers there: {error}") from None
+    with client:
+        count = len(client.scheduler_info()["workers"])
+        if not count:
+            raise MicrovibError(f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler}")
+        yield _Dask(client, count, (KilledWorker,))

@@ -1,0 +1,226 @@
+"""Results of a campaign as one labelled data set, written chunk by chunk so that memory stays bounded."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import MicrovibError, OutputError
+from microvib.io.results import package_versions
+from microvib.studies.campaign.cases import FIGURES, SCALARS, Chunk
+from microvib.studies.campaign.folder import Campaign
+
+RESULTS = "results.nc"
+MISSING, DONE, FAILED = 0, 1, 2
+"""States of a case."""
+UNITS = {"amplitude": "N*m", "frequency": "Hz", "bin_amplitude": "N*m", "phase": "rad", "decay": "1/s"}
+MEANINGS = {
+    "amplitude": "amplitude of the line, 0-to-peak",
+    "frequency": "frequency of the line",
+    "bin_amplitude": "amplitude of the nearest bin, rectangular window",
+    "phase": "phase of the cosine at the first sample",
+    "decay": "decay rate of the tone",
+    "peak": "largest disturbance torque of the record",
+    "rms": "RMS of the disturbance torque about its mean",
+    "stuck_output": "part of the time that the shaft sticks",
+}
+_SCALAR_UNITS = {"peak": "N*m", "rms": "N*m", "stuck_output": "1"}
+_ROWS = 4096
+"""Cases of one block of the file."""
+
+
+@dataclass(frozen=True)
+class Merged:
+    """What a merge found."""
+
+    cases: int
+    done: int
+    failed: int
+    lines: tuple[str, ...]
+    path: Path
+
+
+def merge(campaign: Campaign) -> Merged:
+    """Write ``results.nc`` of all chunks that are there; the same results give the same numbers whoever computed them.
+
+    Cases that are not computed yet are marked as missing. OutputError where the file cannot be written.
+    """
+    lines = tuple(dict.fromkeys(name for _, chunk in campaign.results() for name in chunk.lines))
+    statuses = tuple(sorted({text for _, chunk in campaign.results() for text in chunk.statuses}))
+    path = campaign.folder / RESULTS
+    with _in_place(path) as temporary:
+        state = _write(campaign, temporary, lines, statuses)
+    return Merged(campaign.design.cases, int(np.sum(state == DONE)), int(np.sum(state == FAILED)), lines, path)
+
+
+@contextmanager
+def _in_place(path: Path) -> Iterator[Path]:
+    """A temporary file that takes its place when it is whole."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        reason = error.strerror or "No space left on device, or the file system failed"
+        raise OutputError(f"{path}: cannot be written: {reason}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _write(campaign: Campaign, path: Path, lines: tuple[str, ...], statuses: tuple[str, ...]) -> np.ndarray:
+    import h5netcdf
+
+    design = campaign.design
+    state = np.full(design.cases, MISSING, dtype=np.int8)
+    with h5netcdf.File(path, "w") as f:
+        f.dimensions = {"case": design.cases, "line": len(lines)}
+        f.attrs["title"] = design.study.title or "microvib campaign"
+        f.attrs["campaign_sha256"] = campaign.identity
+        f.attrs["microvib_version"] = package_versions()["microvib"]
+        _text(f, "line", ("line",), np.array(lines, dtype=object), "name of the line")
+        _parameters(f, campaign)
+        table = {name: _variable(f, name, ("case", "line"), UNITS[name]) for name in FIGURES}
+        columns = {name: _variable(f, name, ("case",), _SCALAR_UNITS[name]) for name in SCALARS}
+        status = _variable(f, "status", ("case", "line"), "1", np.int8, -1)
+        status.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(statuses)) or "none"
+        reasons = np.full(design.cases, "", dtype=object)
+        notes = np.full(design.cases, "", dtype=object)
+        position = {name: k for k, name in enumerate(lines)}
+        for cases, chunk in campaign.results():
+            here = slice(cases.start, cases.stop)
+            state[here] = [FAILED if reason else DONE for reason in chunk.reasons]
+            reasons[here], notes[here] = chunk.reasons, chunk.notes
+            where = [position[name] for name in chunk.lines]
+            for name in FIGURES:
+                table[name][here, :] = _spread(chunk.figures[name], where, len(lines), np.nan)
+            status[here, :] = _spread(_renumbered(chunk, statuses), where, len(lines), -1)
+            for name in SCALARS:
+                columns[name][here] = chunk.scalars[name]
+        _text(f, "reason", ("case",), reasons, "why the case failed; empty where it did not")
+        _text(f, "note", ("case",), notes, "what is to be known of the case")
+        kept = f.create_variable("state", ("case",), data=state)
+        kept.attrs["flag_meanings"] = "0: not computed; 1: done; 2: failed"
+    return state
+
+
+def _spread(values: np.ndarray, where: list[int], width: int, empty: float) -> np.ndarray:
+    """Columns of a chunk at the places that they have in the whole."""
+    whole = np.full((values.shape[0], width), empty, dtype=values.dtype)
+    whole[:, where] = values
+    return whole
+
+
+def _renumbered(chunk: Chunk, statuses: tuple[str, ...]) -> np.ndarray:
+    """Statuses of a chunk by the numbers that they have in the whole."""
+    numbers = np.array([*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int8)
+    renumbered: np.ndarray = numbers[chunk.status]
+    return renumbered
+
+
+def _parameters(f: Any, campaign: Campaign) -> None:
+    """What varies, one variable of the case for each key."""
+    design = campaign.design
+    quantities = {name: quantity for name, _, quantity in design.base.entries()}
+    changes = [design.changes(case) for case in range(design.cases)]
+    for key in design.keys:
+        values = [item.get(key) for item in changes]
+        quantity = quantities.get(key)
+        if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
+            variable = f.create_variable(key, ("case",), data=np.array(values, dtype=float))
+            variable.attrs["units"] = quantity.unit or "1" if quantity else "1"
+            variable.attrs["long_name"] = quantity.meaning if quantity else key
+        else:
+            texts = [str(design.labels(case).get(key, "")) for case in range(design.cases)]
+            _text(f, key, ("case",), np.array(texts, dtype=object), quantity.meaning if quantity else key)
+
+
+def _variable(f: Any, name: str, dims: tuple[str, ...], unit: str, dtype: Any = float, empty: float = np.nan) -> Any:
+    sizes = [f.dimensions[dim].size for dim in dims]
+    blocks = (min(_ROWS, max(sizes[0], 1)), *(1 for _ in sizes[1:]))  # a column is read at once, without the others
+    variable = f.create_variable(name, dims, dtype=dtype, fillvalue=empty, chunks=blocks if min(sizes) else None)
+    variable.attrs["units"] = unit
+    variable.attrs["long_name"] = MEANINGS.get(name, name)
+    return variable
+
+
+def _text(f: Any, name: str, dims: tuple[str, ...], values: np.ndarray, meaning: str) -> None:
+    import h5py
+
+    variable = f.create_variable(name, dims, dtype=h5py.string_dtype(), data=values)
+    variable.attrs["long_name"] = meaning
+
+
+@dataclass(frozen=True)
+class Results:
+    """Merged results, read column by column."""
+
+    campaign: Campaign
+    path: Path
+
+    @property
+    def dataset(self) -> Any:
+        """All of them as an ``xarray.Dataset`` with dimensions ``case`` and ``line``, read when looked at."""
+        import xarray as xr
+
+        return xr.open_dataset(self.path, engine="h5netcdf")
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Names of the lines."""
+        return tuple(text.decode() for text in self._read("line"))
+
+    @property
+    def state(self) -> np.ndarray:
+        """MISSING, DONE or FAILED of each case, (cases,)."""
+        return self._read("state")
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why a case failed, (cases,)."""
+        return [text.decode() for text in self._read("reason")]
+
+    @property
+    def notes(self) -> list[str]:
+        """What is to be known of each case, (cases,)."""
+        return [text.decode() for text in self._read("note")]
+
+    def scalar(self, name: str) -> np.ndarray:
+        """A figure of each case, (cases,): ``peak``, ``rms``, ``stuck_output``, or a number that varies, by its key."""
+        return self._read(name)
+
+    def of(self, line: str, figure: str = "amplitude") -> np.ndarray:
+        """One figure of one line over all cases, (cases,); nan where a case has no such line."""
+        return self._read(figure, self.lines.index(line))
+
+    def _read(self, name: str, column: int | None = None) -> np.ndarray:
+        import h5py
+
+        with h5py.File(self.path) as f:
+            variable = f[name]
+            values: np.ndarray = variable[...] if column is None else variable[:, column]
+        return values
+
+
+def open_results(campaign: Campaign) -> Results:
+    """Merged results of a campaign; MicrovibError where they are not merged, or of another campaign."""
+    import h5py
+
+    path = campaign.folder / RESULTS
+    if not path.is_file():
+        raise MicrovibError(f"{path}: is not there yet; merge them with: microvib campaign merge {campaign.folder}")
+    with h5py.File(path) as f:
+        if f.attrs["campaign_sha256"] != campaign.identity:
+            raise MicrovibError(
+                f"{path}: is of another campaign; merge again: microvib campaign merge {campaign.folder}"
+            )
+    return Results(campaign, path)

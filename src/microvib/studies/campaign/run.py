@@ -1,0 +1,176 @@
+"""Computing what is missing of a campaign, with whatever may die while it runs."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from typing import Protocol
+
+from microvib.errors import MicrovibError
+from microvib.studies.campaign.cases import Work, compute_bytes
+from microvib.studies.campaign.folder import Campaign
+
+STRIKES = 3
+"""Deaths of a worker over one chunk, or over one case alone, after which it is to blame."""
+
+Progress = Callable[[int, int], None]
+"""Cases done and cases in all."""
+
+
+class Backend(Protocol):
+    """Where cases are computed. A new executor is asked for when the last one broke."""
+
+    workers: int
+    deaths: tuple[type[BaseException], ...]
+    """What a future raises whose worker died."""
+
+    def executor(self) -> Executor:
+        """A working executor; called again where the last one lost a worker."""
+        ...
+
+
+@contextmanager
+def local(workers: int | None = None) -> Iterator[Backend]:
+    """Processes on this machine, one per core by default."""
+    pool = _Local(workers or os.cpu_count() or 1)
+    try:
+        yield pool
+    finally:
+        pool.close()
+
+
+class _Local:
+    """A pool of processes on a leash: a pipe whose far end only the coordinator holds. When it closes, because the coordinator
+    ends or is killed, all workers end at once; they have nothing to save."""
+
+    def __init__(self, workers: int) -> None:
+        from concurrent.futures.process import BrokenProcessPool
+
+        self.workers = workers
+        self.deaths: tuple[type[BaseException], ...] = (BrokenProcessPool,)
+        self._context = multiprocessing.get_context("spawn")  # a forked copy of threads and locks may hang
+        self._pool: ProcessPoolExecutor | None = None
+        self._held: Connection | None = None
+
+    def executor(self) -> Executor:
+        self.close()
+        leash, self._held = self._context.Pipe(duplex=False)
+        self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash,))
+        return self._pool
+
+    def close(self) -> None:
+        if self._held is not None:
+            self._held.close()
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _on_leash(leash: Connection) -> None:
+    """In a worker: Ctrl-C is for the coordinator, and the worker's life is the coordinator's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+    def watch() -> None:
+        try:
+            leash.recv_bytes()
+        except (EOFError, OSError):
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def compute_missing(
+    campaign: Campaign, backend: Backend, *, shard: tuple[int, int] = (0, 1), progress: Progress | None = None
+) -> None:
+    """Compute and write all chunks that are missing; of a shard (k, n), every n-th from the k-th on.
+
+    Whenever this ends, by return, error, interrupt or kill, each chunk's file is there whole or not at all. MicrovibError where
+    the disk is full or chunks cannot be computed.
+    """
+    mine = range(shard[0], campaign.chunks, shard[1])
+    missing = [k for k in campaign.missing() if k in mine]
+    total = sum(len(campaign.cases_of(k)) for k in mine)
+    _Coordinator(campaign, backend, missing, total, progress or (lambda done, total: None)).run()
+
+
+class _Coordinator:
+    """Keeps the workers supplied, writes what comes back, finds out which cases kill workers."""
+
+    def __init__(
+        self, campaign: Campaign, backend: Backend, missing: Sequence[int], total: int, progress: Progress
+    ) -> None:
+        self._campaign, self._backend = campaign, backend
+        self._waiting = deque(missing)
+        self._suspects: list[int] = []
+        self._strikes: Counter[int] = Counter()
+        self._progress, self._total = progress, total
+        self._done = total - sum(len(campaign.cases_of(k)) for k in missing)
+        self._executor: Executor | None = None
+
+    def run(self) -> None:
+        self._progress(self._done, self._total)
+        running: dict[Future[bytes], int] = {}
+        while self._waiting or running:
+            while self._waiting and len(running) < 2 * self._backend.workers:  # one in reserve for every worker
+                chunk = self._waiting.popleft()
+                running[self._submit(self._campaign.work(self._campaign.cases_of(chunk)))] = chunk
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                self._collect(future, running.pop(future))
+        for chunk in self._suspects:
+            self._keep(chunk, self._one_by_one(chunk))
+
+    def _submit(self, work: Work) -> Future[bytes]:
+        if self._executor is not None:
+            try:
+                return self._executor.submit(compute_bytes, work)
+            except self._backend.deaths:  # it lost a worker, and with it all that was under way
+                pass
+        self._executor = self._backend.executor()
+        return self._executor.submit(compute_bytes, work)
+
+    def _collect(self, future: Future[bytes], chunk: int) -> None:
+        try:
+            self._keep(chunk, future.result())
+        except self._backend.deaths:
+            self._strikes[chunk] += 1
+            if self._strikes[chunk] < STRIKES:
+                self._waiting.appendleft(chunk)
+            else:
+                self._suspects.append(chunk)
+
+    def _keep(self, chunk: int, data: bytes) -> None:
+        self._campaign.write(chunk, data)
+        self._done += len(self._campaign.cases_of(chunk))
+        self._progress(self._done, self._total)
+
+    def _one_by_one(self, chunk: int) -> bytes:
+        """A chunk whose workers died: was it one of its cases, or only near one that was?"""
+        cases = self._campaign.cases_of(chunk)
+        data = self._alone(cases)
+        if data is None:
+            if self._alone([]) is None:
+                raise MicrovibError("workers end as soon as they start; memory may be short: take fewer --workers")
+            data = self._alone(cases, tuple(k for k, case in enumerate(cases) if self._kills(case)))
+        if data is None:
+            raise MicrovibError(
+                f"chunk {chunk} (cases {cases[0]} to {cases[-1]}) ends its worker, though none of its cases does alone; memory"
+                " may be short: take fewer --workers, or make the campaign again with smaller chunks"
+            )
+        return data
+
+    def _kills(self, case: int) -> bool:
+        return all(self._alone([case]) is None for _ in range(STRIKES))
+
+    def _alone(self, cases: Sequence[int], deadly: tuple[int, ...] = ()) -> bytes | None:
+        """Cases computed with nothing else under way; None where the worker dies."""
+        try:
+            return self._submit(self._campaign.work(cases, deadly)).result()
+        except self._backend.deaths:
+            return None

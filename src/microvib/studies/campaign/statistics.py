@@ -1,0 +1,323 @@
+"""What a campaign says: distributions of lines with their uncertainty, worst cases, which parameter matters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.studies.campaign.design import ENDS, Design
+from microvib.studies.campaign.results import DONE, Results
+
+CONFIDENCE = 0.95
+RESAMPLES = 200
+"""Of the bootstrap."""
+LEAST_CASES = 4
+"""Cases per parameter below which no regression is made."""
+ANY = "any line"
+"""Name of the largest line of a case, whichever it is."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure and its confidence interval; an end is nan where the cases are too few to bound it."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class LineStatistics:
+    """Distribution of one line's amplitude [N m] over the cases that have it."""
+
+    line: str
+    frequency: tuple[float, float]
+    """Smallest and largest frequency [Hz]."""
+    count: int
+    mean: float
+    deviation: float
+    median: Estimate
+    p95: Estimate
+    p99: Estimate
+    largest: float
+    worst: int
+    """Number of the case with the largest amplitude."""
+    exceedance: Estimate | None
+    """Probability of being above the limit; None without a limit."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as they are."""
+
+    key: str
+    low: float
+    high: float
+
+    @property
+    def size(self) -> float:
+        """How far the amplitude moves."""
+        return abs(self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Tornado:
+    """Effects on one line, the strongest first."""
+
+    line: str
+    centre: float
+    effects: tuple[Effect, ...]
+    explained: float
+    """Part of the variance that the effects explain, R²; nan for one-at-a-time."""
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Sobol indices of one line, first order and total, per sampled key, with confidence intervals."""
+
+    line: str
+    keys: tuple[str, ...]
+    first: tuple[Estimate, ...]
+    total: tuple[Estimate, ...]
+    points: int
+
+
+def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
+    """Amplitudes of a line (cases,); nan where it is outside of ``band`` [Hz], absent or not computed."""
+    f = results.of(line, "frequency")
+    with np.errstate(invalid="ignore"):
+        inside = (f >= band[0]) & (f <= band[1])
+    amplitude: np.ndarray = np.where(inside & (results.state == DONE), results.of(line), np.nan)
+    return amplitude
+
+
+def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:
+    """Amplitude of each case's largest line in ``band``, (cases,); nan where it has none."""
+    top = np.full(results.state.size, np.nan)
+    for line in results.lines:
+        top = np.fmax(top, in_band(results, line, band))
+    return top
+
+
+def line_statistics(results: Results, limit: float | None, band: tuple[float, float]) -> list[LineStatistics]:
+    """Statistics of the largest line of each case, then of every line in ``band`` that any case has, the largest median first.
+
+    Of a sample for Sobol indices only the independent part counts; nothing is told of one-at-a-time samples.
+    """
+    counted = independent(results.campaign.design)
+    rows = []
+    for line in results.lines:
+        found = _of_line(line, in_band(results, line, band), results.of(line, "frequency"), counted, limit)
+        rows += [found] if found else []
+    rows.sort(key=lambda row: -row.median.value)
+    top = largest_line(results, band)
+    overall = _of_line(ANY, top, np.full(top.size, np.nan), counted, limit)
+    return [overall, *rows] if overall else []
+
+
+def _of_line(
+    line: str, amplitude: np.ndarray, frequency: np.ndarray, counted: np.ndarray, limit: float | None
+) -> LineStatistics | None:
+    here = counted & np.isfinite(amplitude)
+    if not here.any():
+        return None
+    x, f = amplitude[here], frequency[here]
+    f = f[np.isfinite(f)]
+    return LineStatistics(
+        line=line,
+        frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
+        count=int(x.size),
+        mean=float(x.mean()),
+        deviation=float(x.std(ddof=1)) if x.size > 1 else math.nan,
+        median=quantile(x, 0.5),
+        p95=quantile(x, 0.95),
+        p99=quantile(x, 0.99),
+        largest=float(x.max()),
+        worst=int(np.flatnonzero(here)[int(np.argmax(x))]),
+        exceedance=None if limit is None else proportion(int(np.sum(x > limit)), int(x.size)),
+    )
+
+
+def independent(design: Design) -> np.ndarray:
+    """Which cases are independent draws, (cases,): for Sobol indices the two base samples, for one-at-a-time none."""
+    points = np.arange(design.cases) % design.samples.shape[0]
+    sampling = design.study.sampling
+    if not design.uncertain:
+        return np.ones(design.cases, dtype=bool)
+    if sampling.method == "one-at-a-time":
+        return np.zeros(design.cases, dtype=bool)
+    kept: np.ndarray = points < (2 * sampling.count if sampling.method == "sobol-indices" else design.samples.shape[0])
+    return kept
+
+
+def quantile(x: np.ndarray, q: float) -> Estimate:
+    """Quantile of ``x`` (n,) with the interval between order statistics that covers it, whatever the distribution."""
+    from scipy.stats import binom
+
+    ordered, n = np.sort(x), x.size
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low, high = int(binom.ppf(tail, n, q)) - 1, int(binom.ppf(1.0 - tail, n, q))
+    return Estimate(
+        float(np.quantile(ordered, q)),
+        float(ordered[low]) if low >= 0 else math.nan,
+        float(ordered[high]) if high < n else math.nan,
+    )
+
+
+def proportion(count: int, n: int) -> Estimate:
+    """``count`` of ``n`` as a probability, with the exact interval of Clopper and Pearson."""
+    from scipy.stats import binomtest
+
+    interval = binomtest(count, n).proportion_ci(CONFIDENCE, "exact")
+    return Estimate(count / n, float(interval.low), float(interval.high))
+
+
+def exceedance(amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sorted amplitudes, (n,), and the part of cases that is larger than each, (n,)."""
+    x = np.sort(amplitude[np.isfinite(amplitude)])
+    return x, 1.0 - np.arange(1, x.size + 1) / max(x.size, 1)
+
+
+def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado | None:
+    """Effect of every key on a line. None where the cases are too few.
+
+    A sampled key goes from its 5 % to its 95 % point: directly in a one-at-a-time sample, else along the plane fitted to all
+    cases. A key with levels goes from its lowest to its highest mean.
+    """
+    design = results.campaign.design
+    y = largest_line(results, band) if line == ANY else in_band(results, line, band)
+    if not np.isfinite(y).any():
+        return None
+    effects = [_between_levels(results, x.key, y) for x in design.levels]
+    explained = math.nan
+    if design.uncertain and design.study.sampling.method == "one-at-a-time":
+        effects += _one_at_a_time(design, y)
+    elif design.uncertain:
+        planes = _plane(design, y)
+        if planes is None:
+            return None
+        effects += planes[0]
+        explained = planes[1]
+    effects.sort(key=lambda effect: -effect.size)
+    return Tornado(line, float(np.nanmean(y)), tuple(effects), explained)
+
+
+def _between_levels(results: Results, key: str, y: np.ndarray) -> Effect:
+    levels = next(x for x in results.campaign.design.levels if x.key == key)
+    number = level_numbers(results.campaign.design, key)
+    groups = [y[(number == k) & np.isfinite(y)] for k in range(len(levels.values))]
+    means = [float(group.mean()) for group in groups if group.size]
+    return Effect(key, min(means), max(means))
+
+
+def level_numbers(design: Design, key: str) -> np.ndarray:
+    """Which level of a key each case has, (cases,)."""
+    rest = np.arange(design.cases) // design.samples.shape[0]
+    for levels in reversed(design.levels):
+        if levels.key == key:
+            number: np.ndarray = rest % len(levels.values)
+            return number
+        rest //= len(levels.values)
+    raise KeyError(key)
+
+
+def _one_at_a_time(design: Design, y: np.ndarray) -> list[Effect]:
+    """Means over all levels of what each key does alone; a case that failed leaves its end out."""
+    table = y.reshape(-1, design.samples.shape[0])
+    with np.errstate(invalid="ignore"):
+        means = [float(np.nanmean(c)) if np.isfinite(c).any() else math.nan for c in table.T]
+    return [Effect(x.key, means[1 + 2 * k], means[2 + 2 * k]) for k, x in enumerate(design.uncertain)]
+
+
+def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
+    """Effects along the plane through all cases, levels taken out by their means, and the variance that it explains."""
+    d, points = len(design.uncertain), design.samples.shape[0]
+    table = y.reshape(-1, points)
+    with np.errstate(invalid="ignore"):
+        centred = table - np.array([[np.nanmean(r) if np.isfinite(r).any() else np.nan] for r in table])
+    spread = design.samples - design.samples.mean(axis=0)
+    scale = spread.std(axis=0)
+    X = np.tile(spread / np.where(scale > 0.0, scale, 1.0), (table.shape[0], 1))
+    target = centred.ravel()
+    good = np.isfinite(target)
+    if good.sum() < LEAST_CASES * (d + 1):
+        return None
+    slopes, *_ = np.linalg.lstsq(X[good], target[good], rcond=None)
+    total = float(np.sum(target[good] ** 2))
+    explained = 1.0 - float(np.sum((target[good] - X[good] @ slopes) ** 2)) / total if total > 0.0 else math.nan
+    centre = float(np.nanmean(y))
+    ends = [
+        (x.quantile(np.array(ENDS)) - design.samples[:, k].mean()) / scale[k] for k, x in enumerate(design.uncertain)
+    ]
+    effects = [
+        Effect(x.key, centre + slopes[k] * ends[k][0], centre + slopes[k] * ends[k][1])
+        for k, x in enumerate(design.uncertain)
+    ]
+    return effects, explained
+
+
+def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | None:
+    """Sobol indices of a line's amplitude (estimator of SciPy); None where the sample is not made for them.
+
+    Where a case failed, its point is left out, and then points down to a power of two. With levels the variances are added over
+    the combinations.
+    """
+    design = results.campaign.design
+    if design.study.sampling.method != "sobol-indices" or not design.uncertain:
+        return None
+    y = largest_line(results, band) if line == ANY else in_band(results, line, band)
+    d, n = len(design.uncertain), design.study.sampling.count
+    tables = y.reshape(-1, d + 2, n)
+    good = np.isfinite(tables).all(axis=(0, 1))
+    points = 1 << (int(good.sum()).bit_length() - 1) if good.sum() >= 2 else 0
+    if points < 2:
+        return None
+    kept = tables[:, :, np.flatnonzero(good)[:points]]
+    keys = tuple(x.key for x in design.uncertain)
+    first, total = _indices(kept, points)
+    return Indices(line, keys, first, total, points)
+
+
+def _indices(tables: np.ndarray, points: int) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...]]:
+    """First and total order of ``tables`` (combinations, 2 + keys, points), with bootstrap intervals; the same each time."""
+    rng = np.random.default_rng(1)
+    drawn = [_first_and_total(tables[:, :, rng.integers(points, size=points)], points) for _ in range(RESAMPLES)]
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=0)  # (2, keys) each
+    found = _first_and_total(tables, points)
+    first, total = (
+        tuple(Estimate(*(float(x) for x in ends)) for ends in zip(found[k], low[k], high[k], strict=True))
+        for k in (0, 1)
+    )
+    return first, total
+
+
+def _first_and_total(tables: np.ndarray, points: int) -> np.ndarray:
+    """Indices (2, keys), first order and total, the combinations weighted with their variances."""
+    from scipy.stats import sobol_indices
+
+    f_A, f_B, f_AB = tables[:, 0, :], tables[:, 1, :], np.moveaxis(tables[:, 2:, :], 1, 0)
+    found = sobol_indices(func={"f_A": f_A, "f_B": f_B, "f_AB": f_AB}, n=points)
+    weight = np.var(np.concatenate([f_A, f_B], axis=1), axis=1)
+    weight = weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
+    shape = (weight.size, -1)
+    both: np.ndarray = np.stack([weight @ x.reshape(shape) for x in (found.first_order, found.total_order)])
+    return both
+
+
+def worst_cases(results: Results, line: str, band: tuple[float, float], count: int = 5) -> list[tuple[int, float]]:
+    """Numbers and amplitudes of the cases in which a line is largest."""
+    y = largest_line(results, band) if line == ANY else in_band(results, line, band)
+    order = [int(k) for k in np.argsort(-np.nan_to_num(y, nan=-1.0), kind="stable")[:count]]
+    return [(k, float(y[k])) for k in order if math.isfinite(y[k])]
+
+
+def main_lines(rows: Sequence[LineStatistics], count: int = 6) -> list[str]:
+    """Lines worth a picture: the largest by their 95 % point; sidebands only where they are as large as a fifth of it."""
+    singles = [row for row in rows if row.line != ANY]
+    top = max((row.p95.value for row in singles), default=0.0)
+    worth = [r for r in singles if r.p95.value >= (0.2 if "_plus_" in r.line or "_minus_" in r.line else 1e-2) * top]
+    return [row.line for row in sorted(worth, key=lambda r: -r.p95.value)[:count]]

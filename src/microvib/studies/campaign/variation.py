@@ -1,0 +1,247 @@
+"""What varies: levels that are gone through one by one, and distributions that are sampled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import ScenarioError
+from microvib.model.scenario import Scenario
+from microvib.units import Quantity, convert
+
+MOST_LEVELS = 1_000_000
+ARRAY = ("array.from", "array.fem")
+"""Keys whose levels are arrays, read when the campaign is made."""
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Values of one key, each combined with all levels of the others."""
+
+    key: str
+    values: tuple[Any, ...]
+    """SI numbers, texts, or for an array its parameters."""
+    labels: tuple[str, ...]
+    unit: str = ""
+    display: str = ""
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A key with a distribution; truncated, its probability lies between ``lower`` and ``upper``."""
+
+    key: str
+    kind: str
+    shape: tuple[float, ...]
+    """normal: mean, deviation; uniform: low, high; triangular: low, peak, high; log-normal: median, factor."""
+    lower: float
+    upper: float
+    unit: str
+    display: str
+
+    def quantile(self, u: np.ndarray) -> np.ndarray:
+        """Values (n,) at the probabilities ``u`` (n,)."""
+        frozen = self._frozen()
+        low, high = frozen.cdf(self.lower), frozen.cdf(self.upper)
+        values: np.ndarray = np.clip(frozen.ppf(low + u * (high - low)), self.lower, self.upper)
+        return values
+
+    def _frozen(self) -> Any:
+        from scipy import stats
+
+        p = self.shape
+        if self.kind == "normal":
+            return stats.norm(p[0], p[1])
+        if self.kind == "uniform":
+            return stats.uniform(p[0], p[1] - p[0])
+        if self.kind == "triangular":
+            return stats.triang((p[1] - p[0]) / (p[2] - p[0]), p[0], p[2] - p[0])
+        return stats.lognorm(math.log(p[1]), scale=p[0])
+
+    @property
+    def text(self) -> str:
+        """The distribution in words, in the display unit."""
+        show = Quantity(self.unit, "", display=self.display).show
+        values = {
+            "normal": lambda p: f"mean {show(p[0])}, deviation {show(p[1])}",
+            "uniform": lambda p: f"{show(p[0])} to {show(p[1])}",
+            "triangular": lambda p: f"{show(p[0])} to {show(p[2])}, peak {show(p[1])}",
+            "log-normal": lambda p: f"median {show(p[0])}, factor {p[1]:.4g}",
+        }[self.kind](self.shape)
+        cut = [f"from {show(self.lower)}"] if math.isfinite(self.lower) else []
+        cut += [f"to {show(self.upper)}"] if math.isfinite(self.upper) else []
+        return f"{self.kind}, {values}" + (f", cut {' '.join(cut)}" if cut else "")
+
+
+def variation(scenario: Scenario, key: str, spec: Any, origin: str) -> Levels | Uncertain:
+    """What the study says of one key; ScenarioError where it cannot be."""
+    where = f"{origin}: vary.{key}"
+    found = {name: (value, quantity) for name, value, quantity in scenario.entries()}
+    if key not in found:
+        near = [name for name in found if name.split(".")[0] == key.split(".")[0]] or list(found)
+        raise ScenarioError(f"{where}: is no key of the scenario; allowed are {', '.join(near)}")
+    value, quantity = found[key]
+    if isinstance(spec, list):
+        return _listed(key, spec, quantity, where)
+    if not isinstance(spec, dict):
+        raise ScenarioError(f"{where}: {spec!r} is not allowed; write a list of values, a grid or a distribution")
+    if quantity is None:
+        raise ScenarioError(f"{where}: is no physical quantity; write a list of its values, such as [{value}]")
+    reader = _Reader(where, spec, quantity, value)
+    if "distribution" in spec:
+        return _distribution(key, reader)
+    return _grid(key, reader)
+
+
+def _listed(key: str, values: list[Any], quantity: Quantity | None, where: str) -> Levels:
+    if not values:
+        raise ScenarioError(f"{where}: the list is empty; at least one value is wanted")
+    read = tuple(_level(item, quantity, f"{where}.{k}") for k, item in enumerate(values))
+    unit = quantity.unit if quantity else ""
+    display = (quantity.display or quantity.unit) if quantity else ""
+    return Levels(key, read, tuple(str(item) for item in values), unit, display)
+
+
+def _level(item: Any, quantity: Quantity | None, where: str) -> Any:
+    """A value of a list in SI; what is no number (a word such as ``rigid``) is left to the scenario's own check."""
+    if quantity is None or not isinstance(item, (str, int, float)) or isinstance(item, bool):
+        return item
+    if isinstance(item, str) and not any(c.isdigit() for c in item):
+        return item
+    return number(item, quantity, where)
+
+
+def number(item: Any, quantity: Quantity, where: str) -> float:
+    """A number with its unit as SI; ScenarioError where it is none."""
+    if isinstance(item, str):
+        try:
+            return convert(item, quantity.unit)
+        except ValueError as error:
+            raise ScenarioError(f"{where}: {item!r} {error} ({quantity.meaning})") from None
+    if isinstance(item, bool) or not isinstance(item, (int, float)) or not math.isfinite(item):
+        raise ScenarioError(f"{where}: {item!r} is no quantity ({quantity.meaning})")
+    if quantity.unit:
+        raise ScenarioError(f"{where}: {item} needs a unit, such as '{item} {quantity.display or quantity.unit}'")
+    return float(item)
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Reads the numbers of one entry, each asked for by its name."""
+
+    where: str
+    spec: dict[str, Any]
+    quantity: Quantity
+    now: Any
+    """The scenario's own value."""
+
+    def only(self, allowed: tuple[str, ...]) -> None:
+        unknown = [name for name in self.spec if name not in allowed]
+        if unknown:
+            raise ScenarioError(f"{self.where}.{unknown[0]}: unknown key; allowed here are {', '.join(allowed)}")
+
+    def number(self, name: str, default: float | None = None) -> float:
+        if name not in self.spec:
+            if default is None:
+                raise ScenarioError(f"{self.where}.{name}: missing ({self.quantity.meaning})")
+            return default
+        return number(self.spec[name], self.quantity, f"{self.where}.{name}")
+
+    def ratio(self, name: str) -> float:
+        value = number(self.spec[name], Quantity("", "a plain number or percent"), f"{self.where}.{name}")
+        if not value > 0.0:
+            raise ScenarioError(f"{self.where}.{name}: {self.spec[name]!r} is not allowed; it must be greater than 0")
+        return value
+
+    def centre(self, name: str) -> float:
+        """The value ``name``, or the scenario's own."""
+        return self.number(name, self.now if isinstance(self.now, float) else None)
+
+    def check(self, right: bool, text: str) -> None:
+        if not right:
+            raise ScenarioError(f"{self.where}: {text}")
+
+
+def _grid(key: str, r: _Reader) -> Levels:
+    r.only(("from", "to", "count", "spacing"))
+    first, last = r.number("from"), r.number("to")
+    count: Any = r.spec.get("count")
+    spacing = r.spec.get("spacing", "linear")
+    right = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST_LEVELS
+    r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MOST_LEVELS} is wanted")
+    r.check(spacing in ("linear", "logarithmic"), f"spacing: {spacing!r} is not allowed; write linear or logarithmic")
+    if spacing == "linear":
+        values = np.linspace(first, last, count)
+    else:
+        r.check(first > 0.0 and last > 0.0, "a logarithmic grid goes from and to values greater than 0")
+        values = np.geomspace(first, last, count)
+    show = r.quantity.show
+    return Levels(
+        key, tuple(values.tolist()), tuple(show(v) for v in values), r.quantity.unit, r.quantity.display or r.quantity.unit
+    )  # fmt: skip
+
+
+def _normal(r: _Reader) -> tuple[float, ...]:
+    r.only(("distribution", "mean", "deviation", "relative_deviation", "lower", "upper"))
+    mean = r.centre("mean")
+    r.check(("deviation" in r.spec) != ("relative_deviation" in r.spec), "give deviation or relative_deviation")
+    deviation = r.number("deviation") if "deviation" in r.spec else abs(mean) * r.ratio("relative_deviation")
+    r.check(deviation > 0.0, "deviation: must be greater than 0")
+    return mean, deviation
+
+
+def _uniform(r: _Reader) -> tuple[float, ...]:
+    r.only(("distribution", "low", "high", "within", "lower", "upper"))
+    r.check(("within" in r.spec) != ("low" in r.spec), "give low and high, or within (a fraction of the value)")
+    if "within" in r.spec:
+        part, value = r.ratio("within"), r.centre("value")
+        low, high = sorted((value * (1.0 - part), value * (1.0 + part)))
+    else:
+        low, high = r.number("low"), r.number("high")
+    r.check(low < high, "low: must be below high")
+    return low, high
+
+
+def _triangular(r: _Reader) -> tuple[float, ...]:
+    r.only(("distribution", "low", "peak", "high", "lower", "upper"))
+    low, peak, high = r.number("low"), r.centre("peak"), r.number("high")
+    r.check(low <= peak <= high and low < high, "low, peak and high: must rise in this order")
+    return low, peak, high
+
+
+def _log_normal(r: _Reader) -> tuple[float, ...]:
+    r.only(("distribution", "median", "factor", "lower", "upper"))
+    median = r.centre("median")
+    r.check("factor" in r.spec, "factor: missing (68 % lie between median / factor and median x factor)")
+    factor = r.ratio("factor")
+    r.check(median > 0.0, "median: must be greater than 0")
+    r.check(factor > 1.0, f"factor: {r.spec['factor']!r} is not allowed; it must be greater than 1")
+    return median, factor
+
+
+_KINDS: dict[str, Callable[[_Reader], tuple[float, ...]]] = {
+    "normal": _normal,
+    "uniform": _uniform,
+    "triangular": _triangular,
+    "log-normal": _log_normal,
+}
+
+
+def _distribution(key: str, r: _Reader) -> Uncertain:
+    kind = r.spec["distribution"]
+    r.check(
+        isinstance(kind, str) and kind in _KINDS, f"distribution: {kind!r} is not allowed; write {', '.join(_KINDS)}"
+    )
+    shape = _KINDS[kind](r)
+    lower, upper = r.number("lower", -math.inf), r.number("upper", math.inf)
+    r.check(lower < upper, "lower: must be below upper")
+    q = r.quantity
+    uncertain = Uncertain(key, kind, shape, lower, upper, q.unit, q.display or q.unit)
+    frozen = uncertain._frozen()
+    inside = float(frozen.cdf(upper) - frozen.cdf(lower))
+    r.check(inside > 1e-6, "lower and upper leave nothing of the distribution between them")
+    return uncertain
