@@ -22,6 +22,7 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.studies.campaign.cases import FIGURES, compute
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
+from microvib.studies.campaign.slurm import job_state
 from microvib.studies.campaign.statistics import (
     ANY,
     Estimate,
@@ -84,6 +85,9 @@ def state_text(campaign: Campaign, reasons: bool = False) -> str:
     if done + failed < total:
         text += f"; {total - done - failed} to do: microvib campaign resume {campaign.folder}"
     lines = [text]
+    queued = job_state(campaign)
+    if queued:
+        lines.append(f"Slurm: {queued}")
     if reasons:
         lines += [f"  {count} x {kind} (case {examples[kind]})" for kind, count in why.most_common(MOST_REASONS)]
     return "\n".join(lines)

@@ -54,6 +54,7 @@ _run_options = (
     click.option("--workers", type=click.IntRange(1, 4096), help="Processes, on Slurm jobs [default: all cores; on Slurm 8]."),
     click.option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786."),
     click.option("--shard", metavar="K/N", help="Compute only every N-th chunk, from the K-th (0 to N-1) on."),
+    click.option("--todo", type=click.Path(path_type=Path), hidden=True, help="Chunks that the shards share."),
     click.option("--sbatch", "directives", multiple=True, metavar="OPTION", help="For Slurm, e.g. '--time=02:00:00'."),
     click.option("--no-submit", is_flag=True, help="On Slurm, write the job script only."),
 )  # fmt: skip
@@ -82,13 +83,14 @@ def resume(folder: Path, **options: Any) -> None:
 
 
 def _compute(
-    folder: Path, on: str, workers: int | None, scheduler: str | None, shard: str | None, directives: tuple[str, ...],
-    no_submit: bool,
+    folder: Path, on: str, workers: int | None, scheduler: str | None, shard: str | None, todo: Path | None,
+    directives: tuple[str, ...], no_submit: bool,
 ) -> None:  # fmt: skip
     from microvib.studies.campaign.folder import open_campaign
 
     opened = open_campaign(folder)
     part = _shard(shard)
+    listed = None if todo is None else [int(word) for word in todo.read_text(encoding="utf-8").split()]
     if scheduler is not None and on != "dask":
         raise MicrovibError(f"--scheduler {scheduler}: goes with --on dask")
     if (directives or no_submit) and on != "slurm":
@@ -102,7 +104,7 @@ def _compute(
 
     try:
         with _backend(on, workers, scheduler) as backend, _rate(opened) as progress:
-            compute_missing(opened, backend, shard=part, progress=progress)
+            compute_missing(opened, backend, shard=part, todo=listed, progress=progress)
     except KeyboardInterrupt:
         click.echo(f"Interrupted; what was computed is kept. Go on with: microvib campaign resume {folder}", err=True)
         sys.exit(130)

@@ -63,6 +63,8 @@ class _Local:
         self.close()
         leash, self._held = self._context.Pipe(duplex=False)
         self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash,))
+        with _without_interrupts():  # a worker that is still starting must not answer Ctrl-C with a traceback
+            self._pool.submit(os.getpid)
         return self._pool
 
     def close(self) -> None:
@@ -70,6 +72,19 @@ class _Local:
             self._held.close()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Holds Ctrl-C back; processes that are started in the meantime never hear it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _on_leash(leash: Connection) -> None:
@@ -87,15 +102,21 @@ def _on_leash(leash: Connection) -> None:
 
 
 def compute_missing(
-    campaign: Campaign, backend: Backend, *, shard: tuple[int, int] = (0, 1), progress: Progress | None = None
+    campaign: Campaign,
+    backend: Backend,
+    *,
+    shard: tuple[int, int] = (0, 1),
+    todo: Sequence[int] | None = None,
+    progress: Progress | None = None,
 ) -> None:
-    """Compute and write all chunks that are missing; of a shard (k, n), every n-th from the k-th on.
+    """Compute and write all chunks that are missing, or of ``todo``; of a shard (k, n), every n-th from the k-th on.
 
     Whenever this ends, by return, error, interrupt or kill, each chunk's file is there whole or not at all. MicrovibError where
     the disk is full or chunks cannot be computed.
     """
-    mine = range(shard[0], campaign.chunks, shard[1])
-    missing = [k for k in campaign.missing() if k in mine]
+    mine = (range(campaign.chunks) if todo is None else todo)[shard[0] :: shard[1]]
+    left = set(campaign.missing())
+    missing = [k for k in mine if k in left]
     total = sum(len(campaign.cases_of(k)) for k in mine)
     _Coordinator(campaign, backend, missing, total, progress or (lambda done, total: None)).run()
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from microvib.errors import MicrovibError
 from microvib.studies.campaign.folder import Campaign
 
-SCRIPT, JOBS = "slurm.sh", "slurm.json"
+SCRIPT, JOBS, TODO = "slurm.sh", "slurm.json", "slurm-todo.txt"
 
 
 def submit(campaign: Campaign, jobs: int, directives: Sequence[str] = (), *, only_write: bool = False) -> str:
@@ -26,6 +26,8 @@ def submit(campaign: Campaign, jobs: int, directives: Sequence[str] = (), *, onl
         return f"Nothing to do: all {campaign.chunks} chunks are there."
     _refuse_second(campaign)
     count = min(jobs, len(missing))
+    # What is missing now: while shards work it changes, and they would not agree on who takes what.
+    (campaign.folder / TODO).write_text("\n".join(map(str, missing)) + "\n", encoding="utf-8")
     script = campaign.folder.resolve() / SCRIPT
     script.write_text(_script(campaign, count, directives), encoding="utf-8")
     if only_write:
@@ -44,7 +46,8 @@ def _script(campaign: Campaign, count: int, directives: Sequence[str]) -> str:
     lines = [f"#SBATCH {option}" for option in (*own, *directives)]
     command = shlex.join([sys.executable, "-m", "microvib", "campaign", "run", str(folder)])
     # One process for each CPU that Slurm gives; without a say, one.
-    shard = f'--workers "${{SLURM_CPUS_PER_TASK:-1}}" --shard "$SLURM_ARRAY_TASK_ID/{count}"'
+    todo = shlex.quote(str(folder / TODO))
+    shard = f'--workers "${{SLURM_CPUS_PER_TASK:-1}}" --shard "$SLURM_ARRAY_TASK_ID/{count}" --todo {todo}'
     return "\n".join(["#!/bin/sh", *lines, f"exec {command} {shard}", ""])
 
 

@@ -1,0 +1,574 @@
+"""Campaigns: cases, workers that die, results that do not depend on who computed them."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import stat
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from microvib.errors import MicrovibError, OutputError, ScenarioError
+from microvib.model.sentences import validated
+from microvib.model.study import Study
+from microvib.studies.campaign import cases as computing
+from microvib.studies.campaign.design import Design, design
+from microvib.studies.campaign.folder import Campaign, create, open_campaign
+from microvib.studies.campaign.results import DONE, FAILED, MISSING, merge, open_results
+from microvib.studies.campaign.run import STRIKES, compute_missing, local
+from microvib.studies.campaign.statistics import (
+    ANY,
+    _first_and_total,
+    line_statistics,
+    proportion,
+    quantile,
+    sobol,
+    tornado,
+    worst_cases,
+)
+
+SHORT = {"record.settle": "0.2 s", "record.duration": "1 s", "record.sample_rate": "1024 Hz"}
+EVERYTHING = (0.0, np.inf)
+
+
+def study(**keys) -> Study:
+    data = {"scenario": "state-1", "set": SHORT, "vary": {"driver.microsteps": [8, 16]}, **keys}
+    return validated(Study, data, units_required=True)
+
+
+def spread(count: int = 6, **keys) -> Study:
+    vary = {
+        "driver.microsteps": [8, 16],
+        "reducer.stiffness": {"distribution": "normal", "relative_deviation": "5 percent", "lower": "4000 N*m/rad"},
+        "friction.breakaway": {"distribution": "uniform", "within": "20 percent"},
+    }
+    return study(**{"vary": vary, "sampling": {"method": "random", "count": count, "seed": 3}, **keys})
+
+
+class Inline(Executor):
+    """Computes at once; dies of the cases in ``deadly``, by the value of what varies."""
+
+    def __init__(self, deadly=()) -> None:
+        self.deadly, self.died = deadly, False
+
+    def submit(self, fn, /, work):
+        future: Future[bytes] = Future()
+        lethal = [k for k, item in enumerate(work.changes) if item.get("driver.microsteps") in self.deadly]
+        if self.died:
+            raise BrokenPipeError("this executor is broken")
+        if any(k not in work.deadly for k in lethal):
+            self.died = True
+            future.set_exception(BrokenPipeError("the worker died"))
+        else:
+            future.set_result(fn(work))
+        return future
+
+
+class Fragile:
+    """A backend whose workers die of certain cases."""
+
+    workers = 1
+    deaths = (BrokenPipeError,)
+
+    def __init__(self, deadly=()) -> None:
+        self.deadly = deadly
+
+    def executor(self) -> Executor:
+        return Inline(self.deadly)
+
+
+def made(tmp_path: Path, of: Study, name: str = "c", chunk: int | None = None) -> Campaign:
+    return create(design(of), tmp_path / name, chunk)
+
+
+def bytes_of(campaign: Campaign) -> list[bytes]:
+    return [campaign.file(k).read_bytes() for k in campaign.done()]
+
+
+def figures_of(campaign: Campaign) -> dict[str, np.ndarray]:
+    merge(campaign)
+    with h5py.File(campaign.folder / "results.nc") as f:
+        return {name: f[name][...] for name in ("amplitude", "frequency", "phase", "state", "peak", "rms")}
+
+
+def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
+    return all(np.array_equal(a[name], b[name], equal_nan=True) for name in a)
+
+
+# -- what varies ------------------------------------------------------------------------------------------------------
+
+
+def vary(key: str, spec, **keys) -> Design:
+    return design(study(vary={key: spec}, **keys))
+
+
+def test_levels_combine_and_samples_repeat_at_each_level():
+    d = design(spread(count=5))
+    assert d.cases == 10
+    assert [d.changes(k)["driver.microsteps"] for k in range(10)] == [8] * 5 + [16] * 5
+    stiffness = [d.changes(k)["reducer.stiffness"] for k in range(10)]
+    assert stiffness[:5] == stiffness[5:]
+    assert len(set(stiffness[:5])) == 5
+
+
+def test_combinations_go_with_every_level():
+    d = design(
+        study(cases=[{"tracking.rate": "0.06 deg/s"}, {"tracking.rate": "0.1 deg/s", "array.inertia": "9 kg*m^2"}])
+    )
+    assert d.cases == 4
+    assert d.changes(3) == {"tracking.rate": np.radians(0.1), "array.inertia": 9.0, "driver.microsteps": 16}
+
+
+def test_grids():
+    even = vary("tracking.rate", {"from": "0.02 deg/s", "to": "0.1 deg/s", "count": 5})
+    np.testing.assert_allclose(np.degrees(even.levels[0].values), [0.02, 0.04, 0.06, 0.08, 0.1])
+    steps = {"from": "1000 N*m/rad", "to": "4000 N*m/rad", "count": 3, "spacing": "logarithmic"}
+    np.testing.assert_allclose(vary("reducer.stiffness", steps).levels[0].values, [1000.0, 2000.0, 4000.0])
+
+
+@pytest.mark.parametrize(
+    ("spec", "quantiles"),
+    [
+        ({"distribution": "normal", "mean": "5000 N*m/rad", "deviation": "100 N*m/rad"}, (4900.0, 5000.0, 5100.0)),
+        ({"distribution": "uniform", "low": "4000 N*m/rad", "high": "6000 N*m/rad"}, (4317.31, 5000.0, 5682.69)),
+        ({"distribution": "log-normal", "median": "5000 N*m/rad", "factor": 1.1}, (5000 / 1.1, 5000.0, 5500.0)),
+        ({"distribution": "triangular", "low": "4000 N*m/rad", "peak": "5000 N*m/rad", "high": "6000 N*m/rad"},
+         (4000 + 1000 * np.sqrt(2 * 0.158655), 5000.0, 6000 - 1000 * np.sqrt(2 * 0.158655))),
+    ],
+)  # fmt: skip
+def test_distributions_have_the_quantiles_of_their_names(spec, quantiles):
+    found = vary("reducer.stiffness", spec).uncertain[0].quantile(np.array([0.1586553, 0.5, 0.8413447]))
+    np.testing.assert_allclose(found, quantiles, rtol=1e-5)
+
+
+def test_truncation_keeps_the_shape_inside():
+    spec = {"distribution": "normal", "mean": "5000 N*m/rad", "deviation": "100 N*m/rad", "lower": "5000 N*m/rad"}
+    x = vary("reducer.stiffness", spec, sampling={"method": "random", "count": 4000}).samples[:, 0]
+    assert x.min() >= 5000.0
+    assert np.mean(x) == pytest.approx(5000.0 + 100.0 * np.sqrt(2.0 / np.pi), abs=4.0)  # the mean of a half normal
+
+
+def test_correlation_is_that_of_the_normal_scores():
+    both = {
+        key: {"distribution": "normal", "relative_deviation": "5 percent"}
+        for key in ("reducer.stiffness", "array.inertia")
+    }
+    pair = [{"keys": list(both), "coefficient": 0.8}]
+    x = design(study(vary=both, correlations=pair, sampling={"method": "random", "count": 4000})).samples
+    assert np.corrcoef(x.T)[0, 1] == pytest.approx(0.8, abs=0.02)
+
+
+@pytest.mark.parametrize("method", ["sobol", "latin-hypercube", "random"])
+def test_samples_fill_the_distribution_and_repeat_with_their_seed(method):
+    spec = {"distribution": "uniform", "low": "4000 N*m/rad", "high": "6000 N*m/rad"}
+    first, again, other = (
+        vary("reducer.stiffness", spec, sampling={"method": method, "count": 50, "seed": seed}).samples
+        for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert first.mean() == pytest.approx(5000.0, abs=200.0)
+
+
+def test_arrays_of_several_sources(tmp_path):
+    table = "mode,frequency_hz,effective_inertia_kg_m2,damping\n1,{f},6.0,0.01\n"
+    for name, f in (("a", 1.2), ("b", 1.6)):
+        (tmp_path / f"{name}.yaml").write_text(f"array: {{inertia: 8 kg*m^2, modes: [{{frequency: {f} Hz}}]}}\n")
+    d = design(study(vary={"array.fem": ["reference-sas"]}), tmp_path)
+    assert d.levels[0].key == "array"
+    assert d.scenario(0).array.modes[0].frequency == pytest.approx(1.245, rel=0.05)
+    assert table
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"vary": {}}, "vary: missing; at least one key"),
+        ({"vary": {"reducer.stifness": [1]}}, "vary.reducer.stifness: is no key of the scenario; allowed are reducer.ratio"),
+        ({"vary": {"reducer.stiffness": []}}, "the list is empty"),
+        ({"vary": {"reducer.stiffness": ["5000 kg"]}}, "vary.reducer.stiffness.0: '5000 kg' has the wrong dimension"),
+        ({"vary": {"reducer.stiffness": [5000]}}, "vary.reducer.stiffness.0: 5000 needs a unit, such as '5000 N*m/rad'"),
+        ({"vary": {"reducer.stiffness": ["-1 N*m/rad"]}}, "must be greater than 0 N*m/rad"),
+        ({"vary": {"driver.microsteps": [0]}}, "driver.microsteps: 0 is not allowed; a whole number from 1"),
+        ({"vary": {"driver.microsteps": {"distribution": "uniform"}}}, "is no physical quantity; write a list"),
+        ({"vary": {"reducer.stiffness": {"distribution": "gauss"}}}, "'gauss' is not allowed; write normal, uniform"),
+        ({"vary": {"reducer.stiffness": {"distribution": "normal"}}}, "give deviation or relative_deviation"),
+        ({"vary": {"reducer.stiffness": {"distribution": "normal", "sigma": 1}}}, "sigma: unknown key; allowed here are"),
+        ({"vary": {"reducer.stiffness": {"distribution": "log-normal", "factor": 0.9}}}, "must be greater than 1"),
+        ({"vary": {"reducer.stiffness": {"distribution": "uniform", "low": "2 N*m/rad", "high": "1 N*m/rad"}}}, "low: must be below high"),
+        ({"vary": {"reducer.stiffness": {"from": "1 N*m/rad", "to": "9 N*m/rad"}}}, "count: None is not allowed; a whole number from 2"),
+        ({"vary": {"friction.viscous": {"distribution": "normal", "relative_deviation": 0.9}}}, "must be at least 0"),
+        ({"sampling": {"method": "halton"}}, "sampling.method: 'halton' is not allowed"),
+        ({"correlations": [{"keys": ["reducer.ratio", "motor.current"], "coefficient": 0.5}]}, "correlations: nothing is sampled"),
+        ({"cases": [{"driver.microsteps": 4}]}, "driver.microsteps stands in vary and in cases"),
+        ({"limit": 0.01}, "limit: 0.01 needs a unit, such as '0.01 mN*m'"),
+    ],
+)  # fmt: skip
+def test_a_study_that_cannot_be_says_which_key_and_what_is_allowed(keys, sentence):
+    with pytest.raises(ScenarioError) as caught:
+        design(study(**keys))
+    assert sentence in str(caught.value)
+
+
+def test_correlations_that_contradict_each_other():
+    keys = ["reducer.stiffness", "array.inertia", "motor.current"]
+    some = {key: {"distribution": "normal", "relative_deviation": "2 percent"} for key in keys}
+    pairs = [{"keys": [keys[a], keys[b]], "coefficient": c} for a, b, c in ((0, 1, 0.9), (1, 2, 0.9), (0, 2, -0.9))]
+    with pytest.raises(ScenarioError, match="contradict each other"):
+        design(study(vary=some, correlations=pairs))
+
+
+# -- computing --------------------------------------------------------------------------------------------------------
+
+
+def test_results_do_not_depend_on_chunks_workers_or_order(tmp_path):
+    one, two, three = (made(tmp_path, spread(), f"c{k}", size) for k, size in enumerate((12, 5, 5)))
+    compute_missing(one, Fragile())
+    with local(2) as backend:
+        compute_missing(two, backend)
+    for k in (1, 0):  # shards, the last first
+        compute_missing(three, Fragile(), shard=(k, 2))
+    assert bytes_of(two) == bytes_of(three)
+    assert same(figures_of(one), figures_of(two))
+    assert np.all(figures_of(one)["state"] == DONE)
+
+
+def test_dask_gives_the_same_bytes(tmp_path):
+    from microvib.studies.campaign.on_dask import dask
+
+    one, two = (made(tmp_path, spread(), name, 3) for name in ("inline", "dask"))
+    compute_missing(one, Fragile())
+    with dask(2) as backend:
+        compute_missing(two, backend)
+    assert bytes_of(one) == bytes_of(two)
+
+
+def test_no_scheduler_is_a_sentence(monkeypatch):
+    from microvib.studies.campaign import on_dask
+
+    monkeypatch.setattr(on_dask, "CONNECT", "1s")
+    with pytest.raises(MicrovibError, match="no Dask scheduler answers there"), on_dask.dask(1, "tcp://127.0.0.1:9"):
+        pass
+
+
+def test_a_case_agrees_with_the_run_of_its_scenario(tmp_path):
+    import microvib as mv
+
+    campaign = made(tmp_path, spread(count=1))
+    compute_missing(campaign, Fragile())
+    chunk = campaign.read(0)
+    table = mv.lines(mv.simulate(campaign.design.scenario(1)), harmonics=4)
+    for name in ("drive_1", "drive_2"):
+        k = chunk.lines.index(name)
+        assert chunk.figures["amplitude"][1, k] == pytest.approx(table[name].amplitude_n_m, rel=2e-3)
+
+
+def test_steady_cases(tmp_path):
+    import microvib as mv
+
+    campaign = made(tmp_path, study(solve="steady", vary={"driver.microsteps": [16]}))
+    compute_missing(campaign, Fragile())
+    chunk = campaign.read(0)
+    lines = mv.steady(campaign.design.scenario(0), harmonics=4).lines
+    assert chunk.figures["amplitude"][0, chunk.lines.index("drive_1")] == lines["drive_1"].amplitude_n_m
+
+
+def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
+    rates = ["0.06 deg/s", "50 deg/s", "0.07 deg/s"]  # the motor cannot follow the second
+    spread = {"distribution": "normal", "mean": "6 ohm", "deviation": "6 ohm"}  # negative now and then
+    monkeypatch.setattr("microvib.studies.campaign.design.CHECKED", (0.5,))
+    campaign = made(tmp_path, study(vary={"tracking.rate": rates, "motor.winding_resistance": spread},
+                                    sampling={"method": "random", "count": 8}))  # fmt: skip
+    real = computing.expected_lines
+    broken = campaign.design.scenario(0).motor.winding_resistance
+
+    def sometimes(scenario, *args):
+        if scenario.motor.winding_resistance == broken and scenario.tracking.rate < np.radians(0.065):
+            raise ZeroDivisionError("deliberate")
+        return real(scenario, *args)
+
+    monkeypatch.setattr(computing, "expected_lines", sometimes)
+    compute_missing(campaign, Fragile())
+    merge(campaign)
+    results = open_results(campaign)
+    reasons = results.reasons
+    assert reasons[0] == "unexpected ZeroDivisionError: deliberate"
+    assert all("loss of synchronism" in r or "must be greater than 0 ohm" in r for r in reasons[8:16])
+    negative = [k for k in range(24) if campaign.design.changes(k)["motor.winding_resistance"] <= 0.0]
+    assert negative
+    assert all("motor.winding_resistance" in reasons[k] for k in negative)
+    fine = [k for k in (*range(1, 8), *range(16, 24)) if k not in negative]
+    assert all(results.state[k] == DONE for k in fine)
+    assert np.sum(results.state == FAILED) == 24 - len(fine)
+
+
+def test_a_deadly_case_is_found_and_the_others_are_computed(tmp_path):
+    levels = {"vary": {"driver.microsteps": [4, 8, 16, 32]}}
+    hurt, whole = made(tmp_path, study(**levels), "hurt", 2), made(tmp_path, study(**levels), "whole", 2)
+    compute_missing(hurt, Fragile(deadly=(16,)))
+    compute_missing(whole, Fragile())
+    merge(hurt)
+    results = open_results(hurt)
+    assert "its worker died each time" in results.reasons[2]
+    assert list(results.state) == [DONE, DONE, FAILED, DONE]
+    assert bytes_of(hurt)[0] == bytes_of(whole)[0]
+    assert STRIKES > 1
+
+
+def test_workers_that_cannot_start_are_no_fault_of_the_cases(tmp_path):
+    class Dead(Fragile):
+        def executor(self):
+            executor = Inline()
+            executor.submit = lambda fn, work: (future := Future(), future.set_exception(BrokenPipeError()))[0]
+            return executor
+
+    campaign = made(tmp_path, study())
+    with pytest.raises(MicrovibError, match="workers end as soon as they start"):
+        compute_missing(campaign, Dead())
+    assert campaign.done() == []
+
+
+def test_a_full_disk_leaves_nothing_and_loses_nothing(tmp_path):
+    campaign = made(tmp_path, spread(), chunk=3)
+    compute_missing(campaign, Fragile(), shard=(0, 2))
+    before = bytes_of(campaign)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OutputError, match="what was computed before is kept"):
+            compute_missing(campaign, Fragile())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert bytes_of(campaign) == before
+    assert all(not name.startswith(".") for name in os.listdir(campaign.folder / "chunks"))
+    compute_missing(campaign, Fragile())
+    assert campaign.missing() == []
+
+
+def test_a_damaged_chunk_is_a_sentence_and_is_computed_again(tmp_path):
+    campaign = made(tmp_path, spread(), chunk=3)
+    compute_missing(campaign, Fragile())
+    good = campaign.file(1).read_bytes()
+    campaign.file(1).write_bytes(good[:-100])
+    with pytest.raises(MicrovibError, match="is damaged"):
+        merge(campaign)
+    campaign.file(1).unlink()
+    compute_missing(campaign, Fragile())
+    assert campaign.file(1).read_bytes() == good
+
+
+def test_histories_are_kept_when_asked_for(tmp_path):
+    import microvib as mv
+
+    campaign = made(tmp_path, study(keep=["T_d"]))
+    compute_missing(campaign, Fragile())
+    kept = campaign.read(0).histories
+    motion = mv.simulate(campaign.design.scenario(1), channels=("T_d",))
+    assert sorted(kept) == [0, 1]
+    assert np.abs(kept[1] - motion["T_d"]).max() < 1e-2 * np.abs(motion["T_d"]).max()
+
+
+def test_a_campaign_that_was_changed_is_refused(tmp_path):
+    campaign = made(tmp_path, spread())
+    samples = np.load(campaign.folder / "samples.npy")
+    np.save(campaign.folder / "samples.npy", samples * 1.01)
+    with pytest.raises(MicrovibError, match="were changed after the campaign was made"):
+        open_campaign(campaign.folder)
+
+
+def test_an_opened_campaign_is_the_one_that_was_made(tmp_path):
+    campaign = made(tmp_path, spread())
+    again = open_campaign(campaign.folder)
+    assert again.identity == campaign.identity
+    assert [again.design.changes(k) for k in range(12)] == [campaign.design.changes(k) for k in range(12)]
+    assert [x.text for x in again.design.uncertain] == [x.text for x in campaign.design.uncertain]
+
+
+# -- killed ----------------------------------------------------------------------------------------------------------
+
+
+def microvib(*arguments: object, **options) -> subprocess.Popen:
+    command = [sys.executable, "-m", "microvib", "campaign", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def wait_for(condition, seconds: float = 120.0) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until, "it took too long"
+        time.sleep(0.02)
+
+
+def children(pid: int) -> list[int]:
+    try:
+        return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+@pytest.mark.parametrize("what", ["worker", "coordinator", "group", "interrupt"])
+def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, what):
+    """Kill in the middle, resume, and compare with a run that nothing happened to."""
+    sized = spread(count=20)
+    calm = made(tmp_path, sized, "calm", 4)
+    compute_missing(calm, Fragile())
+    campaign = made(tmp_path, sized, "killed", 4)
+    process = microvib("run", campaign.folder, "--workers", 2, start_new_session=True)
+    wait_for(lambda: len(campaign.done()) >= 2)
+    workers = children(process.pid)
+    if what == "worker":
+        os.kill(max(workers), signal.SIGKILL)
+    elif what == "coordinator":
+        process.kill()
+    elif what == "group":
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    wait_for(lambda: not any(alive(pid) for pid in workers), 20.0)  # no worker goes on without its coordinator
+    if what == "worker":
+        assert process.returncode == 0, err
+        assert "40 of 40 cases computed, 0 of them failed" in out
+    else:
+        assert campaign.missing()
+    if what == "interrupt":
+        assert process.returncode == 130
+        assert "Interrupted; what was computed is kept" in err
+        assert "Traceback" not in err
+    kept = {k: campaign.file(k).stat().st_mtime_ns for k in campaign.done()}
+    again = microvib("resume", campaign.folder, "--workers", 2)
+    out, err = again.communicate(timeout=120)
+    assert again.returncode == 0, err
+    assert bytes_of(campaign) == bytes_of(calm)
+    assert all(campaign.file(k).stat().st_mtime_ns == when for k, when in kept.items())  # not computed twice
+
+
+def test_slurm_shards_are_a_job_array_that_can_be_resumed(tmp_path, monkeypatch):
+    """A stand-in for sbatch runs two of three shards, as if the third had been cancelled."""
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    sbatch = '#!/bin/sh\nfor k in ${RUN_SHARDS}; do SLURM_ARRAY_TASK_ID=$k sh "$2" >> "$2.log" 2>&1 || exit 1; done\necho 17\n'
+    for name, text in (("sbatch", sbatch), ("squeue", "#!/bin/sh\necho invalid job id >&2; exit 1\n")):
+        (tools / name).write_text(text)
+        (tools / name).chmod((tools / name).stat().st_mode | stat.S_IXUSR)
+    environment = os.environ | {"PATH": f"{tools}:{os.environ['PATH']}"}
+    calm, campaign = made(tmp_path, spread(), "calm", 2), made(tmp_path, spread(), "jobs", 2)
+    compute_missing(calm, Fragile())
+    for shards, left in (("0 2", 2), ("0 1", 0)):
+        job = microvib(
+            "resume", campaign.folder, "--on", "slurm", "--workers", 3, env=environment | {"RUN_SHARDS": shards}
+        )
+        out, err = job.communicate(timeout=120)
+        assert job.returncode == 0, err
+        assert "Submitted job 17" in out
+        assert len(campaign.missing()) == left
+    assert bytes_of(campaign) == bytes_of(calm)
+    assert json.loads((campaign.folder / "slurm.json").read_text())["job"] == "17"
+
+
+# -- statistics ------------------------------------------------------------------------------------------------------
+
+
+def test_quantile_intervals_cover_as_often_as_they_say():
+    rng = np.random.default_rng(5)
+    covered = [(e := quantile(rng.exponential(size=400), 0.95)).low <= -np.log(0.05) <= e.high for _ in range(400)]
+    assert 0.92 <= np.mean(covered) <= 0.99
+    assert np.isnan(quantile(rng.random(50), 0.99).high)  # fifty cases do not bound it
+
+
+def test_proportions():
+    none = proportion(0, 100)
+    assert (none.value, none.low) == (0.0, 0.0)
+    assert none.high == pytest.approx(1.0 - 0.025 ** (1 / 100))  # the exact bound
+
+
+def test_sobol_indices_of_a_function_with_known_ones():
+    """Ishigami's function: S = 0.3139, 0.4424, 0; S_T = 0.5576, 0.4424, 0.2437."""
+    n, d = 4096, 3
+    keys = ("motor.current", "reducer.stiffness", "array.inertia")
+    some = {key: {"distribution": "normal", "relative_deviation": "1 percent"} for key in keys}
+    made = design(study(vary=some, sampling={"method": "sobol-indices", "count": n}))
+    u = np.column_stack([x._frozen().cdf(made.samples[:, k]) for k, x in enumerate(made.uncertain)])
+    x = np.pi * (2.0 * u - 1.0)
+    f = np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+    first, total = _first_and_total(f.reshape(1, d + 2, n), n)
+    np.testing.assert_allclose(first, [0.3139, 0.4424, 0.0], atol=0.02)
+    np.testing.assert_allclose(total, [0.5576, 0.4424, 0.2437], atol=0.02)
+
+
+def computed(tmp_path: Path, of: Study):
+    campaign = made(tmp_path, of)
+    compute_missing(campaign, Fragile())
+    merge(campaign)
+    return open_results(campaign)
+
+
+def test_statistics_worst_cases_and_exceedance(tmp_path):
+    results = computed(tmp_path, spread(count=8))
+    rows = {row.line: row for row in line_statistics(results, 1e-9, EVERYTHING)}
+    drive = results.of("drive_1")
+    assert rows["drive_1"].median.value == pytest.approx(np.median(drive))
+    assert rows["drive_1"].worst == int(np.argmax(drive))
+    assert rows["drive_1"].exceedance.value == 1.0
+    assert worst_cases(results, "drive_1", EVERYTHING)[0] == (int(np.argmax(drive)), drive.max())
+    band = line_statistics(results, None, (0.0, 5.0))
+    assert all(row.line == ANY or row.frequency[1] <= 5.0 for row in band)
+    data = results.dataset
+    assert dict(data.sizes) == {"case": 16, "line": len(results.lines)}
+    assert data["reducer.stiffness"].attrs["units"] == "N*m/rad"
+    data.close()
+
+
+def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):
+    campaign = made(tmp_path, spread(), chunk=3)
+    compute_missing(campaign, Fragile(), shard=(0, 2))
+    merge(campaign)
+    results = open_results(campaign)
+    assert int(np.sum(results.state == MISSING)) == 6
+    assert line_statistics(results, None, EVERYTHING)[0].count == 6
+
+
+def test_effects_one_at_a_time_are_those_of_the_cases(tmp_path):
+    results = computed(tmp_path, spread(sampling={"method": "one-at-a-time"}, vary={
+        "reducer.stiffness": {"distribution": "uniform", "within": "20 percent"},
+        "array.inertia": {"distribution": "uniform", "within": "1 percent"},
+    }))  # fmt: skip
+    found = tornado(results, "drive_1", EVERYTHING)
+    drive = results.of("drive_1")
+    by_key = {e.key: (e.low, e.high) for e in found.effects}
+    assert by_key == {"reducer.stiffness": (drive[1], drive[2]), "array.inertia": (drive[3], drive[4])}
+    assert found.effects[0].key == "reducer.stiffness"
+    assert line_statistics(results, None, EVERYTHING) == []
+
+
+def test_effects_of_a_sample_and_sobol_indices_name_what_matters(tmp_path):
+    keys = {
+        "reducer.stiffness": {"distribution": "uniform", "within": "20 percent"},
+        "array.inertia": {"distribution": "uniform", "within": "0.1 percent"},
+    }
+    results = computed(tmp_path, study(vary=keys, sampling={"method": "sobol-indices", "count": 8}))
+    found = tornado(results, "drive_2", EVERYTHING)
+    assert found.effects[0].key == "reducer.stiffness"
+    assert found.explained > 0.8
+    indices = sobol(results, "drive_2", EVERYTHING)
+    assert indices.total[0].value > 10 * abs(indices.total[1].value)
+    assert sobol(results, "drive_2", EVERYTHING) == indices  # the bootstrap too
