@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Band = tuple[float, float]
+LOW, BETWEEN = "#9ecae8", "#b0b0b0"
 MOST_KEYS = 12
 MOST_POINTS = 5000
 """Points of a scatter plot; more would only hide each other."""
@@ -38,15 +39,16 @@ def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     """Median, 95 % and 99 % point and largest amplitude of each line."""
     figure, axes = plots.new_figure(9.0, 1.4 + 0.34 * len(rows))
     ax, y = axes[0, 0], np.arange(len(rows))[::-1]
-    median, p95 = (np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95"))
-    ax.barh(y, p95 - median, left=median, height=0.5, color="#9ecae8", label="median to 95 % point")
+    median, p95 = (1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95"))
+    ax.barh(y, p95 - median, left=median, height=0.5, color=LOW, label="median to 95 % point")
     ax.plot(median, y, "|", color=plots.BLUE, markersize=13, markeredgewidth=2.2, label="median")
-    ax.plot([r.p99.value for r in rows], y, "d", color=plots.RED, markersize=5, label="99 % point")
-    ax.plot([r.largest for r in rows], y, "x", color="#333333", markersize=5, label="largest")
-    _limit(ax, limit, vertical=True)
-    ax.set_xscale("log")
+    ax.plot([1e3 * r.p99.value for r in rows], y, "d", color=plots.RED, markersize=5, label="99 % point")
+    ax.plot([1e3 * r.largest for r in rows], y, "x", color="#333333", markersize=5, label="largest")
+    _limit(ax, limit)
     ax.set_yticks(y, [_name(r) for r in rows])
-    ax.set_xlabel("amplitude, 0-to-peak [N m]")
+    ax.set_xlabel("amplitude, 0-to-peak [mN m]")
+    ax.set_xscale("log")
+    _plain_decades(ax.xaxis)
     ax.legend(
         loc="upper center", bbox_to_anchor=(0.4, -0.9 / (1.4 + 0.34 * len(rows))), ncols=5, fontsize=8, frameon=False
     )
@@ -60,10 +62,18 @@ def _name(row: LineStatistics) -> str:
     return f"{row.line}  {low:.4g} Hz" if high - low < 1e-3 * high else f"{row.line}  {low:.3g} to {high:.3g} Hz"
 
 
-def _limit(ax: Axes, limit: float | None, vertical: bool = False) -> None:
+def _limit(ax: Axes, limit: float | None) -> None:
     if limit is not None:
-        draw = ax.axvline if vertical else ax.axhline
-        draw(limit, color=plots.RED, linestyle="--", linewidth=1.1, label=f"limit {limit:g} N m")
+        ax.axvline(1e3 * limit, color=plots.RED, linestyle="-.", linewidth=1.4, label=f"limit {1e3 * limit:g} mN m")
+
+
+def _plain_decades(axis: Any) -> None:
+    """Plain figures on a logarithmic axis, at 1, 2 and 5 of each decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band) -> Figure:
@@ -116,9 +126,10 @@ def exceedances(results: Results, lines: Sequence[str], limit: float | None, ban
         x, part = exceedance(_amplitudes(results, line, band)[counted])
         colour = plots.COLOURS[k % len(plots.COLOURS)]
         ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
-    if limit is not None:
-        ax.axvline(1e3 * limit, color=plots.RED, linestyle="-.", linewidth=1.4, label=f"limit {1e3 * limit:g} mN m")
-    ax.set(xscale="log", yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="part of the cases above it")
+    _limit(ax, limit)
+    ax.set(yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="part of the cases above it")
+    ax.set_xscale("log")
+    _plain_decades(ax.xaxis)
     ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
     ax.legend(fontsize=8, loc="lower left")
     return figure
@@ -126,19 +137,23 @@ def exceedances(results: Results, lines: Sequence[str], limit: float | None, ban
 
 def tornados(found: Sequence[Tornado]) -> Figure:
     """Effect of every key on each line, the strongest on top."""
+    from matplotlib.patches import Patch
+
     keys = min(max(len(t.effects) for t in found), MOST_KEYS)
     figure, axes = _panels(len(found), width=6.2, height=1.1 + 0.32 * keys, columns=2)
     for ax, item in zip(axes, found, strict=True):
         shown = item.effects[:MOST_KEYS]
         y = np.arange(len(shown))[::-1]
-        for end, colour, label in (("low", "#9ecae8", "at its low end"), ("high", plots.BLUE, "at its high end")):
+        for end, colour in (("low", LOW), ("high", plots.BLUE)):
             moved = np.array([1e3 * (getattr(e, end) - item.centre) for e in shown])
-            ax.barh(y, moved, left=1e3 * item.centre, height=0.6, color=colour, label=label)
+            colours = [BETWEEN if e.levels else colour for e in shown]
+            ax.barh(y, moved, left=1e3 * item.centre, height=0.6, color=colours)
         ax.axvline(1e3 * item.centre, color="#333333", linewidth=0.9)
         ax.set_yticks(y, [e.key for e in shown], fontsize=8)
         explained = f" (R² {item.explained:.2f})" if math.isfinite(item.explained) else ""
         ax.set(title=f"{item.line}{explained}", xlabel="amplitude, 0-to-peak [mN m]")
-    axes[0].legend(fontsize=7)
+    texts = {"at its low end": LOW, "at its high end": plots.BLUE, "between its levels": BETWEEN}
+    axes[0].legend(handles=[Patch(color=colour, label=text) for text, colour in texts.items()], fontsize=7)
     return figure
 
 
@@ -182,7 +197,7 @@ def sobol_bars(found: Sequence[Indices]) -> Figure:
         order = np.argsort([-t.value for t in item.total])
         y = np.arange(order.size)[::-1]
         for estimates, shift, colour, label in (
-            (item.first, 0.18, "#9ecae8", "first order"), (item.total, -0.18, plots.BLUE, "total"),
+            (item.first, 0.18, LOW, "first order"), (item.total, -0.18, plots.BLUE, "total"),
         ):  # fmt: skip
             chosen = [estimates[k] for k in order]
             value = np.array([e.value for e in chosen])
@@ -223,3 +238,4 @@ def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band
         ax.set_xticks(x, levels.labels if not numeric else [f"{v:g}" for v in x])
     unit = f" [{pretty(levels.display)}]" if levels.display and numeric else ""
     ax.set(yscale="log", xlabel=f"{levels.key}{unit}", ylabel="amplitude, 0-to-peak [mN m]")
+    _plain_decades(ax.yaxis)

@@ -51,11 +51,15 @@ class LineStatistics:
 
 @dataclass(frozen=True)
 class Effect:
-    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as they are."""
+    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as they are.
+
+    With ``levels`` they are the lowest and the highest of the means over its levels, in whatever order these come.
+    """
 
     key: str
     low: float
     high: float
+    levels: bool = False
 
     @property
     def size(self) -> float:
@@ -210,7 +214,7 @@ def _between_levels(results: Results, key: str, y: np.ndarray) -> Effect:
     number = level_numbers(results.campaign.design, key)
     groups = [y[(number == k) & np.isfinite(y)] for k in range(len(levels.values))]
     means = [float(group.mean()) for group in groups if group.size]
-    return Effect(key, min(means), max(means))
+    return Effect(key, min(means), max(means), levels=True)
 
 
 def level_numbers(design: Design, key: str) -> np.ndarray:
