@@ -51,7 +51,7 @@ class _Rows(types.Type):
     pass
 
 
-LANES, MASK, ROWS = _Lanes("Lanes"), _Mask("LanesMask"), _Rows("LanesRows")
+LANES, MASK, ROWS = _Lanes(f"Lanes{WIDTH}"), _Mask(f"Mask{WIDTH}"), _Rows(f"Rows{WIDTH}")
 
 
 @register_model(_Lanes)
