@@ -22,7 +22,7 @@ from microvib.solve.kernel import (
     THETA_E, TM, WL, WM, Drive, State, Work, aim, aim_again, dense, derivative, extension, first_length, follow, growth, health,
     interpolate, linearise, margins, next_event, proposal, settle, step, too_small, transmission_error,
 )  # fmt: skip
-from microvib.solve.lanes import WIDTH, rows
+from microvib.solve.lanes import WIDTH, rows, where
 
 LOOP: dict[str, Any] = FORCED | {"cache": False}  # cached as a part of ``advance`` below, under a key of its own
 
@@ -59,7 +59,8 @@ class Company(NamedTuple):
     arrays_of: np.ndarray
     state: np.ndarray  # (n + 2 + N_CLOCK, WIDTH): y, stick, clock
     scratch: np.ndarray
-    length: np.ndarray  # (1, WIDTH)
+    length: np.ndarray  # (1, WIDTH), of each drive's attempt
+    taken: np.ndarray  # (1, WIDTH), 1 where it is to be its step
     verdict: np.ndarray  # (N_VERDICT, WIDTH)
     one: np.ndarray  # scratch of one drive
     # by drive:
@@ -109,16 +110,6 @@ def _fetch(lane, c, y, x):
     x.stick[0], x.stick[1] = c.state[n, lane], c.state[n + 1, lane]
     for j in range(N_CLOCK):
         x.clock[j] = c.state[n + 2 + j, lane]
-
-
-@njit(**INLINE)
-def _put(lane, c, x):
-    n = x.y.size
-    for j in range(n):
-        c.state[j, lane] = x.y[j]
-    c.state[n, lane], c.state[n + 1, lane] = x.stick[0], x.stick[1]
-    for j in range(N_CLOCK):
-        c.state[n + 2 + j, lane] = x.clock[j]
 
 
 @njit(**LOOP)
@@ -192,21 +183,38 @@ def _judge(lane, c):
 @njit(**LOOP)
 def _finish(lane, c, h):
     """Take the step of length ``h``, with the event at its end."""
-    k, g, p = c.control[lane], c.flags[lane], _drive_of(lane, c)
-    x, _ = _one(lane, c)
-    _fetch(lane, c, c.scratch, x)
+    k, g, n = c.control[lane], c.flags[lane], MODES + 2 * c.modes
+    clock, p = n + 2, _drive_of(lane, c)
+    now = c.state[clock + NOW, lane]
     # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
-    end = k[TARGET] if h == k[LEFT] else x.clock[NOW] + h
-    _sample(lane, c, x.clock[NOW], end, h, x.stick[0 if p.rigid else 1] == 0.0, p)
-    x.clock[NOW] = end
+    end = k[TARGET] if h == k[LEFT] else now + h
+    _sample(lane, c, now, end, h, p)
+    c.state[clock + NOW, lane] = end
     c.counters[lane, STEPS] += 1
-    if g[EVENT] >= 0:
-        settle(g[EVENT], x, p)
-    follow(x, p)
-    g[CODE], g[STALLED] = health(x, p, h, g[STALLED])
+    if g[EVENT] >= 0 or p.rigid:
+        x, _ = _one(lane, c)
+        _fetch(lane, c, c.scratch, x)
+        if g[EVENT] >= 0:
+            settle(g[EVENT], x, p)
+        follow(x, p)
+        for j in range(n):
+            c.scratch[Y1 * n + j, lane] = x.y[j]
+        c.state[n, lane], c.state[n + 1, lane] = x.stick[0], x.stick[1]
+    lag = p.z * c.scratch[Y1 * n + TM, lane] - c.state[clock + THETA_E, lane]
+    g[CODE], g[STALLED] = health(lag, h, end, g[STALLED])
     g[STATUS] = FAILED if g[CODE] != OK else RUNNING
     g[PHASE] = BEGIN
-    _put(lane, c, x)
+    c.taken[0, lane] = 1.0
+
+
+@njit(**LOOP)
+def _take(c):
+    """Make the end of the step the state of every drive that has taken its step."""
+    n = MODES + 2 * c.modes
+    y, y1, taken = rows(c.state, 0, n, 1), rows(c.scratch, Y1 * n, n, 1), rows(c.taken, 0, 1, 1)
+    for j in range(n):
+        y[j] = where(taken[0] > 0.0, y1[j], y[j])
+    taken[0] = 0.0
 
 
 @njit(**INLINE)
@@ -224,44 +232,46 @@ def _momentum(s, lane, c, p):
 
 
 @njit(**LOOP)
-def _sample(lane, c, now, end, h, stuck, p):
+def _sample(lane, c, now, end, h, p):
     """Close every sample interval that ends in the step; what an event takes out of the momentum is in none of them."""
     k, g = c.control[lane], c.flags[lane]
     L_a, L_end = _momentum(0.0, lane, c, p), _momentum(1.0, lane, c, p)
     k[IMPULSE] += L_a - L_end
-    if stuck:
+    if c.state[MODES + 2 * c.modes + (0 if p.rigid else 1), lane] == 0.0:
         k[STUCK] += max(min(end, k[RECORDED]) - max(now, k[SETTLED]), 0.0)
-    if end <= k[FIRST]:
+    first, interval = k[FIRST], k[INTERVAL]
+    if end <= first:
         return
-    a = now
-    while a < end and g[CLOSED] < g[ROWS]:
-        inside = a >= k[FIRST]
-        boundary = k[FIRST] + (g[CLOSED] + 1) * k[INTERVAL] if inside else k[FIRST]
-        reaches = boundary <= end + 1e-6 * k[INTERVAL]  # the last digits of two sums may differ
+    a, closed, change, weight = now, g[CLOSED], k[OPEN], k[WEIGHT]
+    while a < end and closed < g[ROWS]:
+        inside = a >= first
+        boundary = first + (closed + 1) * interval if inside else first
+        reaches = boundary <= end + 1e-6 * interval  # the last digits of two sums may differ
         b = min(boundary, end) if reaches else end
         L_b = _momentum((b - now) / h, lane, c, p) if b < end else L_end
         if inside:
-            k[OPEN] += L_a - L_b
-            k[WEIGHT] += b - a
+            change += L_a - L_b
+            weight += b - a
         if inside and reaches:
-            _close(lane, c, k[OPEN] / k[WEIGHT])  # not the width: late in a run it is rounded
-            k[OPEN], k[WEIGHT] = 0.0, 0.0
+            closed += 1
+            _close(lane, c, change / weight, closed)  # not the width: late in a run it is rounded
+            change = weight = 0.0
         a, L_a = b, L_b
+    g[CLOSED], k[OPEN], k[WEIGHT] = closed, change, weight
 
 
 @njit(**LOOP)
-def _close(lane, c, mean):
+def _close(lane, c, mean, closed):
     """Keep an interval's mean; before the first one the torque is taken as it is in it."""
     k, g = c.control[lane], c.flags[lane]
     k[LARGEST] = max(k[LARGEST], math.fabs(mean))
-    if g[CLOSED] == 0:
+    if closed == 1:
         for j in range(g[MISSING]):
             c.buffer[lane, j] = mean
         g[FILLED] = g[MISSING]
     c.buffer[lane, g[FILLED]] = mean
     g[FILLED] += 1
-    g[CLOSED] += 1
-    if g[FILLED] == c.buffer.shape[1] or g[CLOSED] == g[ROWS]:
+    if g[FILLED] == c.buffer.shape[1] or closed == g[ROWS]:
         _decimate(g, c.taps[lane], c.buffer[lane], c.out[lane])
 
 
@@ -347,6 +357,7 @@ def _compiled(sources: int) -> Any:
                     if g[STATUS] == RUNNING and g[PHASE] == BEGIN:
                         _begin(lane, c)
                     waits |= g[STATUS] != RUNNING
+            _take(c)
             if waits:
                 return
             _attempt(c)

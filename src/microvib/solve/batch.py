@@ -195,6 +195,7 @@ def _company(kind: _Kind, factor: int, samples: int) -> abreast.Company:
         state=np.zeros((n + 2 + kernel.N_CLOCK, *lane)),
         scratch=np.zeros((scratch, *lane)),
         length=np.zeros((1, *lane)),
+        taken=np.zeros((1, *lane)),
         verdict=np.zeros((abreast.N_VERDICT, *lane)),
         one=np.zeros((9, max(n, kernel.N_CLOCK))),
         control=np.zeros((*lane, abreast.N_CONTROL)),

@@ -410,6 +410,16 @@ def _solve(inv_g, stick, p, w, r):
         r[MODES + 2 * k + 1] = u_w
 
 
+@njit(**INLINE)
+def _combine(stage, weight, table, y, K, out):
+    """``out = y + weight x`` what row ``stage`` of a table of the method makes of the stages before."""
+    for j in range(y.size):
+        total = y[j]
+        for m in range(stage):
+            total += weight * table[stage, m] * K[m, j]
+        out[j] = total
+
+
 @njit(**FORCED)
 def step(h, x, p, w):
     """One RODAS4 step of size ``h`` from ``x.y`` (whose derivative is ``w.f0``) to ``w.y1``; returns the scaled error."""
@@ -417,25 +427,18 @@ def step(h, x, p, w):
     inv_g, ih = GAMMA * h, 1.0 / h
     _factor(1.0 / inv_g, x.stick, p, w)
     for stage in range(STAGES):
-        for j in range(n):
-            y1[j] = y[j]
-        for m in range(stage):
-            for j in range(n):
-                y1[j] += A[stage, m] * K[m, j]
         if stage == 0:
             for j in range(n):
                 f[j] = w.f0[j]
         else:
+            _combine(stage, 1.0, A, y, K, y1)
             derivative(y1, x.clock, x.stick, p, f, w.q)
-        for m in range(stage):
-            weight = ih * C[stage, m]
-            for j in range(n):
-                f[j] += weight * K[m, j]
+            _combine(stage, ih, C, f, K, f)
         _solve(inv_g, x.stick, p, w, f)
         for j in range(n):
             K[stage, j] = f[j]
     error = 0.0
-    for j in range(n):
+    for j in range(n):  # y1 is that of the last stage
         y1[j] += K[STAGES - 1, j]
         part = K[STAGES - 1, j] * p.scale[j]
         error += part * part
@@ -683,7 +686,7 @@ def first_length(proposed, longest, left):
 @njit(**INLINE)
 def growth(error):
     """Factor on the length of a step for an error estimate of 1."""
-    return min(5.0, max(0.2, 0.9 * error**-0.25)) if error > 0.0 else 5.0
+    return min(5.0, max(0.2, 0.9 / math.sqrt(math.sqrt(error)))) if error > 0.0 else 5.0
 
 
 @njit(**INLINE)
@@ -709,10 +712,10 @@ def follow(x, p):
 
 
 @njit(**INLINE)
-def health(x, p, h, stalled):
-    """Status after a step of length ``h``, and how many in a row were next to nothing."""
-    stalled = stalled + 1 if h < 1e-12 * max(1.0, x.clock[NOW]) else 0
-    if math.fabs(p.z * x.y[TM] - x.clock[THETA_E]) > math.pi:
+def health(lag, h, now, stalled):
+    """Status after a step of length ``h``, for the electrical angle that the rotor lags; steps in a row that were next to nothing."""
+    stalled = stalled + 1 if h < 1e-12 * max(1.0, now) else 0
+    if math.fabs(lag) > math.pi:
         return LOST_SYNCHRONISM, stalled
     return (STEP_TOO_SMALL if stalled > 1000 else OK), stalled
 
@@ -781,7 +784,7 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
         if event >= 0:
             settle(event, x, p)
         follow(x, p)
-        status, stalled = health(x, p, h, stalled)
+        status, stalled = health(p.z * x.y[TM] - clock[THETA_E], h, clock[NOW], stalled)
         if status != OK:
             return status
     return OK
