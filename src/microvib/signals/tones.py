@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class HannSpectrum:
     """Hann-windowed spectrum with interpolation between bins and a local floor."""
 
     def __init__(self, x: np.ndarray, sample_rate: float) -> None:
-        self._set(np.fft.rfft(x * window_values("hann", x.size)) * (2.0 / x.size), x.size, sample_rate)
+        self._set(np.fft.rfft(x * _hann(x.size)) * (2.0 / x.size), x.size, sample_rate)
 
     def _set(self, values: np.ndarray, samples: int, sample_rate: float) -> None:
         self.samples = samples
@@ -115,6 +116,14 @@ class HannSpectrum:
         ratio = neighbour / centre if centre > 0.0 else 0.0
         offset = side * (2.0 * ratio - 1.0) / (ratio + 1.0)
         return (k + offset) * self.sample_rate / self.samples, float(centre)
+
+
+@lru_cache(maxsize=2)
+def _hann(samples: int) -> np.ndarray:
+    """The window, kept: many records of one length come in a row."""
+    window = window_values("hann", samples)
+    window.flags.writeable = False
+    return window
 
 
 def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
@@ -241,15 +250,25 @@ def _fit_decay(line: ExpectedLine, frequency: float, spectrum: HannSpectrum) -> 
 
 
 def _damped_hann(cycles: float, decay: float, k: np.ndarray, samples: int) -> np.ndarray:
-    """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N) under a Hann window, in closed form, scaled as a half tone."""
+    """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N) under a Hann window, in closed form, scaled as a half tone.
 
-    def series(shift: float) -> np.ndarray:
-        z = (2j * np.pi * (cycles + shift - k) - decay) / samples
-        with np.errstate(divide="ignore", invalid="ignore"):
-            total = np.expm1(z * samples) / np.expm1(z)
-        return np.where(np.abs(z) < 1e-15, samples, total)
-
-    result: np.ndarray = (0.5 * series(0.0) - 0.25 * series(1.0) - 0.25 * series(-1.0)) * (2.0 / samples)
+    Three geometric series expm1(N z)/expm1(z), one bin apart: N z differs by whole turns between them and between bins, and
+    the real part of z not at all, so that one sine and one cosine are left for each.
+    """
+    whole = np.rint(cycles)
+    over = cycles - whole
+    top = np.expm1(2j * np.pi * over - decay)
+    growth, less = np.exp(-decay / samples), np.expm1(-decay / samples)
+    turns = (whole - k + np.array([[0.0], [1.0], [-1.0]])) + over
+    half = turns * (np.pi / samples)
+    s, c = np.sin(half), np.cos(half)
+    series = np.empty(half.shape, dtype=complex)
+    series.real, series.imag = less - 2.0 * growth * s * s, 2.0 * growth * s * c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        np.divide(top, series, out=series)
+    if abs(decay) < 1e-15 * samples:
+        series[np.abs(turns) < 1e-15 * samples] = samples
+    result: np.ndarray = (0.5 * series[0] - 0.25 * (series[1] + series[2])) * (2.0 / samples)
     return result
 
 

@@ -12,9 +12,11 @@ line has a / (pi k).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.model.scenario import Scenario
 from microvib.solve.kernel import filter_and_decimate
 
 LEAST_FACTOR = 4
@@ -41,14 +43,48 @@ def half_length(factor: int) -> int:
     return LOBES * factor
 
 
-def _taps(factor: int) -> np.ndarray:
+@dataclass(frozen=True)
+class Window:
+    """The kernel's intervals from which the samples of a record are made."""
+
+    factor: int
+    """Intervals per sample."""
+    width: float
+    """Their width [s]."""
+    first: float
+    """Start of the first [s]."""
+    missing: int
+    """Intervals before the first that the filter takes, but that lie before the start of the motion."""
+    rows: int
+
+    @property
+    def end(self) -> float:
+        """End of the last interval [s]."""
+        return self.first + self.rows * self.width
+
+
+def window(scenario: Scenario, start: float = 0.0) -> Window:
+    """Intervals for the record of ``scenario``, as many before its first sample as there are since ``start`` [s]."""
+    record = scenario.record
+    fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
+    top = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
+    factor = inner_factor(record.sample_rate, top)
+    half, width = half_length(factor), 1.0 / (factor * record.sample_rate)
+    lead = min(half, int((record.settle - start) / width))
+    first = record.settle - (lead + 0.5) * width
+    if first < start:
+        lead, first = lead - 1, first + width
+    return Window(factor, width, first, half - lead, lead + 1 + (record.samples - 1) * factor + half)
+
+
+def taps(factor: int) -> np.ndarray:
     """Linear-phase low-pass at f_s/2 with the inverse of the boxcar's response in its passband, by frequency sampling."""
     grid, half = 1024 * factor, half_length(factor)
     f = np.arange(grid // 2 + 1) / grid  # in cycles per inner interval
     response = np.where(f <= 0.5 / factor, 1.0 / np.sinc(f), 0.0)
     kernel = np.roll(np.fft.irfft(response, grid), half)[: 2 * half + 1]
-    taps = kernel * np.kaiser(2 * half + 1, _BETA)
-    normalised: np.ndarray = taps / taps.sum()
+    shaped = kernel * np.kaiser(2 * half + 1, _BETA)
+    normalised: np.ndarray = shaped / shaped.sum()
     return normalised
 
 
@@ -57,7 +93,7 @@ class Decimator:
 
     def __init__(self, factor: int = LEAST_FACTOR) -> None:
         self._factor = factor
-        self._taps = _taps(factor)
+        self._taps = taps(factor)
         self._left = np.zeros((0, 0))
 
     def push(self, rows: np.ndarray) -> np.ndarray:

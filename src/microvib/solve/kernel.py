@@ -19,6 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from microvib.solve.lanes import exp, sincos, some, where
+
 # No exceptions inside (a division by zero gives inf, which step control catches); products may be fused; no reference
 # counts, which would take half the time: the loop makes no arrays, its scratch comes from outside.
 COMPILE: dict[str, Any] = {
@@ -47,8 +49,10 @@ OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
 # entries of State.counters and State.clock
 STEPS, REJECTED, MICROSTEPS, STICKS, BREAKAWAYS, EVENT_STEPS, N_COUNTERS = range(7)
 NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, N_CLOCK = range(10)
-# rows of the scratch array before K, and of K and the rest
-SCRATCH_ROWS = 18
+# entries of a search for an event
+LO, HI, E_LO, E_HI, ENOUGH, TRIALS, N_SEARCH = range(7)
+MOST_TRIALS, MOST_EVENTS = 80.0, 4
+SCRATCH_ROWS = 19
 
 
 class Drive(NamedTuple):
@@ -69,6 +73,7 @@ class Drive(NamedTuple):
     K_g: float
     C_g: float
     rigid: bool
+    shaped: bool  # a Stribeck shape is not 1
     # friction of rotor and output: sliding level (Coulomb and slip ring), Stribeck excess, 1 / rate, shape, viscous
     m_slide: float
     m_stribeck: float
@@ -81,6 +86,7 @@ class Drive(NamedTuple):
     l_shape: float
     l_viscous: float
     # reciprocals, so that the loop divides little
+    inv_K_P: float  # 0 without a proportional gain
     inv_L: float
     inv_L_D: float  # 1 / (L + K_D): the derivative acts on the measured current
     inv_J_m: float
@@ -91,7 +97,7 @@ class Drive(NamedTuple):
     H: np.ndarray  # (s,)
     D: np.ndarray
     Lam: np.ndarray
-    te: np.ndarray  # (3, harmonics): order, sine and cosine amplitude of the transmission error
+    te: np.ndarray  # order, sine and cosine amplitude of the transmission error, for each of its harmonics
     scale: np.ndarray  # 1 / (tolerance x size) of each state
 
 
@@ -130,6 +136,7 @@ class Work(NamedTuple):
     channels: np.ndarray
     K: np.ndarray
     dense: np.ndarray
+    search: np.ndarray
 
 
 # RODAS4 in the form without matrix products, and its continuous extension of order 3:
@@ -166,29 +173,31 @@ GAUSS = 0.5 / math.sqrt(3.0)
 
 
 @njit(**INLINE)
-def _friction(sign, rate, slide, stribeck, inv_rate, shape, viscous):
+def _friction(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
     """Friction torque and its slope while slipping towards ``sign`` (Eq. 5-7); continued past zero rate."""
     torque, slope = slide, viscous
-    if stribeck != 0.0:
+    if some(stribeck != 0.0):
         x = sign * rate * inv_rate
-        if x <= 0.0:
-            torque += stribeck  # only stages that overshoot a stop come here; the step is then repeated up to the stop
-        elif x < 700.0:
-            power = x if shape == 1.0 else x**shape
-            e = stribeck * math.exp(-power)
-            torque += e
-            slope -= e * inv_rate if shape == 1.0 else e * shape * power / x * inv_rate
+        # Only stages that overshoot a stop have x <= 0; the step is then repeated up to the stop.
+        torque = where(x <= 0.0, torque + stribeck, torque)
+        fading = (x > 0.0) & (x < 700.0)
+        if some(fading):
+            power = x**shape if shaped else x
+            e = stribeck * exp(-power)
+            torque = where(fading, torque + e, torque)
+            steeper = e * shape * power / x * inv_rate if shaped else e * inv_rate
+            slope = where(fading, slope - steeper, slope)
     return sign * torque + viscous * rate, slope
 
 
 @njit(**INLINE)
-def _transmission_error(theta_m, te):
+def transmission_error(theta_m, te):
     """Kinematic error epsilon(theta_m) of the reducer [rad at the output] and its first three derivatives."""
     e0 = e1 = e2 = e3 = 0.0
-    for j in range(te.shape[1]):
-        n = te[0, j]
-        s, c = math.sin(n * theta_m), math.cos(n * theta_m)
-        value, quarter = te[1, j] * s + te[2, j] * c, te[1, j] * c - te[2, j] * s
+    for j in range(te.size // 3):
+        n = te[3 * j]
+        s, c = sincos(n * theta_m)
+        value, quarter = te[3 * j + 1] * s + te[3 * j + 2] * c, te[3 * j + 1] * c - te[3 * j + 2] * s
         e0 += value
         e1 += n * quarter
         e2 -= n * n * value
@@ -199,26 +208,27 @@ def _transmission_error(theta_m, te):
 @njit(**INLINE)
 def _winding(i, x, reference, back_emf, p):
     """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3). Back-calculation anti-windup."""
-    demand = p.K_P * (reference - i) + p.K_I * x
+    demand, dx = p.K_P * (reference - i) + p.K_I * x, reference - i
     di = (demand - p.R * i + back_emf) * p.inv_L_D
     u = demand - p.K_D * di
-    if math.fabs(u) <= p.U_max:
-        return u, di, reference - i, False
-    u = math.copysign(p.U_max, u)
-    dx = (u - p.K_I * x) / p.K_P if p.K_P > 0.0 else 0.0
-    return u, (u - p.R * i + back_emf) * p.inv_L, dx, True
+    limited = math.fabs(u) > p.U_max
+    if some(limited):
+        u = where(limited, math.copysign(p.U_max, u), u)
+        dx = where(limited, (u - p.K_I * x) * p.inv_K_P, dx)
+        di = where(limited, (u - p.R * i + back_emf) * p.inv_L, di)
+    return u, di, dx, limited
 
 
 @njit(**INLINE)
-def _derivative(y, clock, stick, p, f, q):
+def derivative(y, clock, stick, p, f, q):
     """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18)."""
     theta_m, omega_m = y[TM], y[WM]
-    s, c = math.sin(p.z * theta_m), math.cos(p.z * theta_m)
+    s, c = sincos(p.z * theta_m)
     u_A, f[IA], f[XA], _ = _winding(y[IA], y[XA], clock[REF_A], p.K_m * omega_m * s, p)
     u_B, f[IB], f[XB], _ = _winding(y[IB], y[XB], clock[REF_B], -p.K_m * omega_m * c, p)
     sin4 = 4.0 * s * c * (c * c - s * s)  # sin(4 z theta_m)
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * sin4
-    e0, e1, e2, _ = _transmission_error(theta_m, p.te)
+    e0, e1, e2, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
     omega_l = G * omega_m if p.rigid else y[WL]
 
@@ -230,30 +240,27 @@ def _derivative(y, clock, stick, p, f, q):
         f[MODES + 2 * k + 1] = -pull
         modal += p.H[k] * pull
 
-    T_fm, _ = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous)
+    T_fm, _ = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     sign_l = -stick[0] if p.rigid else stick[1]
-    T_f, _ = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous)
+    T_f, _ = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
     if p.rigid:
-        alpha_m = 0.0
-        if stick[0] == 0.0:
+        stuck = stick[0] == 0.0
+        bias = G * e2 * p.J_L * omega_m * omega_m
+        alpha_m = where(stuck, 0.0, (T_e - T_fm + G * (modal - T_f) - bias) / (p.J_m + G * G * p.J_L))
+        if some(stuck):
             # One degree of freedom, two frictions: the hold is shared in proportion to what each can hold.
             limit_m, limit_l = p.m_slide + p.m_stribeck, math.fabs(G) * (p.l_slide + p.l_stribeck)
-            T_fm = (T_e + G * modal) * limit_m / (limit_m + limit_l)
-            T_f = (T_e + G * modal - T_fm) / G
-        else:
-            bias = G * e2 * p.J_L * omega_m * omega_m
-            alpha_m = (T_e - T_fm + G * (modal - T_f) - bias) / (p.J_m + G * G * p.J_L)
+            T_fm = where(stuck, (T_e + G * modal) * limit_m / (limit_m + limit_l), T_fm)
+            T_f = where(stuck, (T_e + G * modal - T_fm) / G, T_f)
         alpha_l = G * alpha_m + e2 * omega_m * omega_m
         T_g = p.J_L * alpha_l + T_f - modal
-        f[TL] = f[WL] = 0.0  # follow from the rotor
+        f[TL], f[WL] = 0.0, 0.0  # follow from the rotor
     else:
         T_g = p.K_g * (e0 - theta_m * p.inv_h - y[TL]) + p.C_g * (G * omega_m - omega_l)
-        if stick[0] == 0.0:
-            T_fm = T_e - G * T_g
-        if stick[1] == 0.0:
-            T_f = T_g + modal
-        alpha_m = 0.0 if stick[0] == 0.0 else (T_e - T_fm - G * T_g) * p.inv_J_m
-        alpha_l = 0.0 if stick[1] == 0.0 else (T_g - T_f + modal) * p.inv_J_L
+        T_fm = where(stick[0] == 0.0, T_e - G * T_g, T_fm)
+        T_f = where(stick[1] == 0.0, T_g + modal, T_f)
+        alpha_m = where(stick[0] == 0.0, 0.0, (T_e - T_fm - G * T_g) * p.inv_J_m)
+        alpha_l = where(stick[1] == 0.0, 0.0, (T_g - T_f + modal) * p.inv_J_L)
         f[TL], f[WL] = omega_l, alpha_l
     f[TM], f[WM] = omega_m, alpha_m
     q[0], q[1], q[2], q[3], q[4], q[5], q[6] = T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l
@@ -262,10 +269,10 @@ def _derivative(y, clock, stick, p, f, q):
 @njit(**INLINE)
 def _channels(y, clock, stick, p, f, q, out):
     """All channels of one instant. ``T_d`` by momentum (Eq. 20), ``T_d_force`` by what the housing feels."""
-    _derivative(y, clock, stick, p, f, q)
+    derivative(y, clock, stick, p, f, q)
     T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l = q[0], q[1], q[2], q[3], q[4], q[5], q[6]
     theta_m, omega_m, alpha_m, theta_l, omega_l = y[TM], y[WM], f[WM], y[TL], y[WL]
-    e0, e1, _, _ = _transmission_error(theta_m, p.te)
+    e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     if p.rigid:
         theta_l, omega_l = e0 - theta_m * p.inv_h, G * omega_m
@@ -296,38 +303,37 @@ def _channels(y, clock, stick, p, f, q, out):
 
 
 @njit(**INLINE)
-def _linearise(x, p, w):
+def linearise(x, p, w):
     """What the Jacobian needs besides constants, at the state whose derivative is in ``w.f0`` and ``w.q``."""
     y, clock, stick, q, jac = x.y, x.clock, x.stick, w.q, w.jac
     theta_m, omega_m = y[TM], y[WM]
-    s, c = math.sin(p.z * theta_m), math.cos(p.z * theta_m)
+    s, c = sincos(p.z * theta_m)
     _, _, _, limited_A = _winding(y[IA], y[XA], clock[REF_A], p.K_m * omega_m * s, p)
     _, _, _, limited_B = _winding(y[IB], y[XB], clock[REF_B], -p.K_m * omega_m * c, p)
     cos4 = 1.0 - 8.0 * s * s * c * c
     stiffness = -p.z * p.K_m * (y[IB] * s + y[IA] * c) - 4.0 * p.z * p.K_d * cos4
-    _, e1, e2, e3 = _transmission_error(theta_m, p.te)
+    _, e1, e2, e3 = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
-    _, slope_m = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous)
+    _, slope_m = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     omega_l, sign_l = (G * omega_m, -stick[0]) if p.rigid else (y[WL], stick[1])
-    _, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous)
+    _, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
     if p.rigid:
         modal = p.J_L * q[6] + q[2] - q[3]
-        stiffness += e2 * (modal - q[2]) - (e2 * e2 + G * e3) * p.J_L * omega_m**2 - 2.0 * G * e2 * p.J_L * w.f0[WM]
+        stiffness += e2 * (modal - q[2]) - (e2 * e2 + G * e3) * p.J_L * omega_m * omega_m - 2.0 * G * e2 * p.J_L * w.f0[WM]
         slope_m += 2.0 * G * e2 * p.J_L * omega_m
     else:
         stiffness -= e2 * q[3]
     jac[0], jac[1], jac[2], jac[3], jac[4], jac[5], jac[6] = s, c, stiffness, slope_m, slope_l, G, e2 * omega_m
-    jac[7], jac[8], jac[9] = 1.0 if limited_A else 0.0, 1.0 if limited_B else 0.0, omega_m
+    jac[7], jac[8], jac[9] = where(limited_A, 1.0, 0.0), where(limited_B, 1.0, 0.0), omega_m
 
 
 @njit(**INLINE)
 def _winding_pivot(g, inv_g, limited, p):
     """Elimination of one phase: 1 / pivot, weight of the integral's residual, 1 / its pivot, its coupling, 1 / L."""
-    if limited:
-        rate = p.K_I / p.K_P if p.K_P > 0.0 else 0.0
-        return 1.0 / (g + p.R * p.inv_L), 0.0, 1.0 / (g + rate), 0.0, p.inv_L
     b = p.K_I * p.inv_L_D * inv_g
-    return 1.0 / (g + (p.K_P + p.R) * p.inv_L_D + b), b, inv_g, 1.0, p.inv_L_D
+    resistance = where(limited, p.R * p.inv_L, (p.K_P + p.R) * p.inv_L_D + b)
+    integral = where(limited, 1.0 / (g + p.K_I * p.inv_K_P), inv_g)
+    return 1.0 / (g + resistance), where(limited, 0.0, b), integral, where(limited, 0.0, 1.0), where(limited, p.inv_L, p.inv_L_D)
 
 
 @njit(**INLINE)
@@ -357,16 +363,13 @@ def _factor(g, stick, p, w):
     gear_theta = p.K_g * G + p.C_g * jac[6]
     gear_m, gear_l = gear_theta * inv_g + p.C_g * G, p.C_g + p.K_g * inv_g
     a11, a12, a22 = p.J_m * g + rotor + G * gear_m, -G * gear_l, p.J_L * g + gear_l + slope_l + modal
-    # Inverse of the 2 x 2 system in the two accelerations (a21 = -gear_m); a stuck body has none.
-    lu[12] = lu[13] = lu[14] = lu[15] = 0.0
+    # Inverse of the 2 x 2 system in the two accelerations (a21 = -gear_m); a stuck body has none and is coupled to nothing.
+    slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
+    a12, a21 = where(slips_m & slips_l, a12, 0.0), where(slips_m & slips_l, -gear_m, 0.0)
+    inverse = 1.0 / (a11 * a22 - a12 * a21)
+    lu[12], lu[13] = where(slips_m, a22 * inverse, 0.0), -a12 * inverse
+    lu[14], lu[15] = -a21 * inverse, where(slips_l, a11 * inverse, 0.0)
     lu[16] = gear_theta
-    if stick[0] != 0.0 and stick[1] != 0.0:
-        inverse = 1.0 / (a11 * a22 + a12 * gear_m)
-        lu[12], lu[13], lu[14], lu[15] = a22 * inverse, -a12 * inverse, gear_m * inverse, a11 * inverse
-    elif stick[0] != 0.0:
-        lu[12] = 1.0 / a11
-    elif stick[1] != 0.0:
-        lu[15] = 1.0 / a22
 
 
 @njit(**INLINE)
@@ -384,21 +387,21 @@ def _solve(inv_g, stick, p, w, r):
     if p.rigid:
         shift = jac[6] * r[TM] * inv_g
         u_m = (lu[15] * r[WM] + rotor + G * (modal - lu[13] * shift)) * lu[12]
-        u_m = 0.0 if stick[0] == 0.0 else u_m
-        u_l = 0.0 if stick[0] == 0.0 else lu[14] * u_m + shift
-        r[TL] = r[WL] = 0.0
+        u_m = where(stick[0] == 0.0, 0.0, u_m)
+        u_l = where(stick[0] == 0.0, 0.0, lu[14] * u_m + shift)
+        r[TL], r[WL] = 0.0, 0.0
     else:
         gear = (lu[16] * r[TM] - p.K_g * r[TL]) * inv_g
         b1 = p.J_m * r[WM] + rotor - G * gear
         b2 = p.J_L * r[WL] + gear + modal
         u_m, u_l = lu[12] * b1 + lu[13] * b2, lu[14] * b1 + lu[15] * b2
-        r[TL] = 0.0 if stick[1] == 0.0 else (r[TL] + u_l) * inv_g
+        r[TL] = where(stick[1] == 0.0, 0.0, (r[TL] + u_l) * inv_g)
         r[WL] = u_l
     r[IA] = alpha_A + lu[5] * u_m
     r[IB] = alpha_B + lu[11] * u_m
     r[XA] = (r[XA] - lu[3] * r[IA]) * lu[2]
     r[XB] = (r[XB] - lu[9] * r[IB]) * lu[8]
-    r[TM] = 0.0 if stick[0] == 0.0 else (r[TM] + u_m) * inv_g
+    r[TM] = where(stick[0] == 0.0, 0.0, (r[TM] + u_m) * inv_g)
     r[WM] = u_m
     for k in range(p.H.size):
         r_eta = r[MODES + 2 * k]
@@ -407,43 +410,47 @@ def _solve(inv_g, stick, p, w, r):
         r[MODES + 2 * k + 1] = u_w
 
 
+@njit(**INLINE)
+def _combine(stage, weight, table, y, K, out):
+    """``out = y + weight x`` what row ``stage`` of a table of the method makes of the stages before."""
+    for j in range(y.size):
+        total = y[j]
+        for m in range(stage):
+            total += weight * table[stage, m] * K[m, j]
+        out[j] = total
+
+
 @njit(**FORCED)
-def _step(h, x, p, w):
+def step(h, x, p, w):
     """One RODAS4 step of size ``h`` from ``x.y`` (whose derivative is ``w.f0``) to ``w.y1``; returns the scaled error."""
     y, y1, f, K, n = x.y, w.y1, w.f, w.K, x.y.size
     inv_g, ih = GAMMA * h, 1.0 / h
     _factor(1.0 / inv_g, x.stick, p, w)
     for stage in range(STAGES):
-        for j in range(n):
-            y1[j] = y[j]
-        for m in range(stage):
-            for j in range(n):
-                y1[j] += A[stage, m] * K[m, j]
         if stage == 0:
             for j in range(n):
                 f[j] = w.f0[j]
         else:
-            _derivative(y1, x.clock, x.stick, p, f, w.q)
-        for m in range(stage):
-            weight = ih * C[stage, m]
-            for j in range(n):
-                f[j] += weight * K[m, j]
+            _combine(stage, 1.0, A, y, K, y1)
+            derivative(y1, x.clock, x.stick, p, f, w.q)
+            _combine(stage, ih, C, f, K, f)
         _solve(inv_g, x.stick, p, w, f)
         for j in range(n):
             K[stage, j] = f[j]
     error = 0.0
-    for j in range(n):
+    for j in range(n):  # y1 is that of the last stage
         y1[j] += K[STAGES - 1, j]
-        error += (K[STAGES - 1, j] * p.scale[j]) ** 2
+        part = K[STAGES - 1, j] * p.scale[j]
+        error += part * part
     # The mean is over the states of a drive with one mode, whatever the number of modes: many must not dilute the drive.
     return math.sqrt(error / 10.0)
 
 
 @njit(**INLINE)
-def _dense(w):
+def dense(w):
     """Coefficients of the step's continuous extension."""
     for i in range(2):
-        for j in range(w.K.shape[1]):
+        for j in range(w.y1.size):
             total = 0.0
             for m in range(STAGES - 1):
                 total += DENSE[i, m] * w.K[m, j]
@@ -451,20 +458,26 @@ def _dense(w):
 
 
 @njit(**INLINE)
-def _interpolate(s, y, w):
-    """State at the fraction ``s`` of the last step, into ``w.between`` (order 3)."""
+def extension(s, y0, y1, d2, d3):
+    """Continuous extension at the fraction ``s`` of a step, of a state or of what is linear in states."""
     r = 1.0 - s
+    return r * y0 + s * (y1 + r * (d2 + s * d3))
+
+
+@njit(**INLINE)
+def interpolate(s, y, w):
+    """State at the fraction ``s`` of the last step, into ``w.between`` (order 3)."""
     for j in range(y.size):
-        w.between[j] = r * y[j] + s * (w.y1[j] + r * (w.dense[0, j] + s * w.dense[1, j]))
+        w.between[j] = extension(s, y[j], w.y1[j], w.dense[0, j], w.dense[1, j])
 
 
 @njit(**INLINE)
 def _holds(y, p):
     """Torque that each friction must hold for its body to stay at rest, rotor and output, and G."""
     theta_m = y[TM]
-    s, c = math.sin(p.z * theta_m), math.cos(p.z * theta_m)
+    s, c = sincos(p.z * theta_m)
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * 4.0 * s * c * (c * c - s * s)
-    e0, e1, _, _ = _transmission_error(theta_m, p.te)
+    e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     omega_l = G * y[WM] if p.rigid else y[WL]
     modal = 0.0
@@ -483,23 +496,21 @@ def _limits(p, G):
 
 
 @njit(**FORCED)
-def _margins(y, stick, p):
+def margins(y, stick, p):
     """What must stay positive while the modes of friction last: slip speed, or what is left of the breakaway torque."""
-    hold_m = hold_l = 0.0
-    G = -p.inv_h
-    if stick[0] == 0.0 or stick[1] == 0.0:
+    slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
+    e_m, e_l = stick[0] * y[WM], stick[1] * y[WL]
+    limit_m, limit_l = _limits(p, -p.inv_h)
+    if some((stick[0] == 0.0) | (stick[1] == 0.0)):
         hold_m, hold_l, G = _holds(y, p)
-    limit_m, limit_l = _limits(p, G)
-    e_m = e_l = 1.0
-    if limit_m > 0.0:
-        e_m = stick[0] * y[WM] if stick[0] != 0.0 else limit_m - math.fabs(hold_m)
-    if limit_l > 0.0:
-        e_l = stick[1] * y[WL] if stick[1] != 0.0 else limit_l - math.fabs(hold_l)
-    return e_m, e_l
+        limit_m, limit_l = _limits(p, G)
+        e_m = where(slips_m, e_m, limit_m - math.fabs(hold_m))
+        e_l = where(slips_l, e_l, limit_l - math.fabs(hold_l))
+    return where(limit_m > 0.0, e_m, 1.0), where(limit_l > 0.0, e_l, 1.0)
 
 
 @njit(**COMPILE)
-def _settle(which, x, p):
+def settle(which, x, p):
     """Decide what a friction does at its event: stick if it can hold, else slip the way it is pushed."""
     was_stuck = x.stick[which] == 0.0
     x.y[WM if which == 0 else WL] = 0.0
@@ -528,49 +539,73 @@ def start(x, p):
 
 
 @njit(**COMPILE)
-def _shorten_to_event(which, h, e_hi, x, p, w):
-    """Repeat the step with the length at which the margin ``which`` is just spent; return that length.
+def aim(which, h, e_hi, x, p, w, search):
+    """Begin to look for the length, below ``h``, at which the margin ``which`` is just spent; the first trial.
 
-    The first trial comes from the continuous extension, the others from the Illinois variant of false position on the
-    step's own end, so that the accuracy of the event is that of the step.
+    It comes from the continuous extension, the others (``aim_again``) from the Illinois variant of false position on the
+    step's own end, so that the accuracy of the event is that of the step. Enough is a thousandth of the tolerance in
+    rate, a millionth of the breakaway torque.
     """
     slips = x.stick[which] != 0.0
     enough = 1e-3 / p.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h)[which]
-    e_lo = _margins(x.y, x.stick, p)[which]
+    e_lo = margins(x.y, x.stick, p)[which]
+    search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = 0.0, h, e_lo, e_hi, enough, 0.0
     s_lo, s_hi, g_lo, g_hi = 0.0, 1.0, e_lo, e_hi
     for _ in range(6):
         s = s_lo + (s_hi - s_lo) * (g_lo / (g_lo - g_hi) if g_lo > 0.0 else 0.25)
-        _interpolate(s, x.y, w)
-        e = _margins(w.between, x.stick, p)[which]
+        interpolate(s, x.y, w)
+        e = margins(w.between, x.stick, p)[which]
         if e < 0.0:
             s_hi, g_hi = s, e
         else:
             s_lo, g_lo = s, e
         if math.fabs(e) < enough:
             break
-    lo, hi = 0.0, h
-    trial = hi * s_hi
-    for iteration in range(80):
-        _step(trial, x, p, w)
+    return h * s_hi
+
+
+@njit(**COMPILE)
+def aim_again(trial, e, search):
+    """The next length to try, after ``trial`` ended with the margin ``e``; the same again where the event is found."""
+    lo, hi, e_lo, e_hi, enough = search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH]
+    if e < 0.0:
+        hi, e_hi = trial, e
+        e_lo *= 0.5 if search[TRIALS] > 0.0 else 1.0
+    else:
+        lo, e_lo = trial, e
+    search[LO], search[HI], search[E_LO], search[E_HI] = lo, hi, e_lo, e_hi
+    search[TRIALS] += 1.0
+    if search[TRIALS] == MOST_TRIALS:
+        return trial
+    if e_hi >= -enough or hi - lo <= 1e-12 * hi:
+        return hi
+    if e_lo > 0.0:
+        # Aim a little past the root: the step must end on its far side.
+        trial = lo + (hi - lo) * (e_lo + 0.5 * enough) / (e_lo - e_hi)
+        return min(max(trial, lo + 1e-3 * (hi - lo)), hi - 1e-3 * (hi - lo))
+    return 0.25 * hi
+
+
+@njit(**INLINE)
+def next_event(which, after_m, after_l):
+    """The friction whose event the step must end at, -1 if none is left: the other one than ``which``, if either is known."""
+    if which < 0:
+        return 0 if after_m < 0.0 else (1 if after_l < 0.0 else -1)
+    other = after_l if which == 0 else after_m
+    return 1 - which if other < 0.0 else -1
+
+
+@njit(**COMPILE)
+def _shorten_to_event(which, h, e_hi, x, p, w):
+    """Repeat the step with the length at which the margin ``which`` is just spent; return that length."""
+    trial = aim(which, h, e_hi, x, p, w, w.search)
+    while True:
+        step(trial, x, p, w)
         x.counters[EVENT_STEPS] += 1
-        e = _margins(w.y1, x.stick, p)[which]
-        if e < 0.0:
-            hi, e_hi = trial, e
-            e_lo *= 0.5 if iteration > 0 else 1.0
-        else:
-            lo, e_lo = trial, e
-        spent = e_hi >= -enough or hi - lo <= 1e-12 * hi
-        if spent and trial == hi:
-            break
-        if spent:
-            trial = hi
-        elif e_lo > 0.0:
-            # Aim a little past the root: the step must end on its far side.
-            trial = lo + (hi - lo) * (e_lo + 0.5 * enough) / (e_lo - e_hi)
-            trial = min(max(trial, lo + 1e-3 * (hi - lo)), hi - 1e-3 * (hi - lo))
-        else:
-            trial = 0.25 * hi
-    return trial
+        following = aim_again(trial, margins(w.y1, x.stick, p)[which], w.search)
+        if following == trial:
+            return trial
+        trial = following
 
 
 @njit(**COMPILE)
@@ -579,22 +614,23 @@ def _end_at_first_event(h, x, p, w):
 
     Margins are looked at in the middle and at the end of the step.
     """
-    _interpolate(0.5, x.y, w)
-    middle, after = _margins(w.between, x.stick, p), _margins(w.y1, x.stick, p)
-    if (middle[0] < 0.0 or middle[1] < 0.0) and after[0] >= 0.0 and after[1] >= 0.0:
+    interpolate(0.5, x.y, w)
+    middle, after = margins(w.between, x.stick, p), margins(w.y1, x.stick, p)
+    if min(middle[0], middle[1]) < 0.0 <= min(after[0], after[1]):
         h *= 0.5
-        _step(h, x, p, w)
-        _dense(w)
-        after = _margins(w.y1, x.stick, p)
-    which = -1
-    for _ in range(4):
-        if (which >= 0 and after[1 - which] >= 0.0) or (after[0] >= 0.0 and after[1] >= 0.0):
+        step(h, x, p, w)
+        dense(w)
+        after = margins(w.y1, x.stick, p)
+    event = -1
+    for _ in range(MOST_EVENTS):
+        which = next_event(event, after[0], after[1])
+        if which < 0:
             break
-        which = 1 - which if which >= 0 else (0 if after[0] < 0.0 else 1)
-        h = _shorten_to_event(which, h, after[which], x, p, w)
-        _dense(w)
-        after = _margins(w.y1, x.stick, p)
-    return h, which
+        event = which
+        h = _shorten_to_event(event, h, after[event], x, p, w)
+        dense(w)
+        after = margins(w.y1, x.stick, p)
+    return h, event
 
 
 @njit(**INLINE)
@@ -616,7 +652,7 @@ def _record(h, end, x, p, w, out):
         weight = (b - a) / nodes
         for node in range(nodes):
             point = 0.5 * (a + b) + (0.0 if nodes == 1 else (2.0 * node - 1.0) * GAUSS * (b - a))
-            _interpolate((point - t) / h, x.y, w)
+            interpolate((point - t) / h, x.y, w)
             _channels(w.between, clock, x.stick, p, w.f, w.q, channels)
             for j in range(N_POWERS):
                 x.energy[j] += weight * channels[POWERS + j]
@@ -639,26 +675,67 @@ def _record(h, end, x, p, w, out):
 
 
 @njit(**INLINE)
-def _accepted_step(left, x, p, w):
-    """Step from ``x.y`` that passes the error test, at most ``left`` long; its length, or -1 where none does."""
-    h = min(x.clock[NEXT_STEP], p.max_step)
+def first_length(proposed, longest, left):
+    """Length of a step's first trial, where ``left`` is left to its target."""
+    h = min(proposed, longest)
     if h >= left:
-        h = left
-    elif 1.5 * h > left:
-        h = 0.5 * left
-    asked = h
+        return left
+    return 0.5 * left if 1.5 * h > left else h
+
+
+@njit(**INLINE)
+def growth(error):
+    """Factor on the length of a step for an error estimate of 1."""
+    return min(5.0, max(0.2, 0.9 / math.sqrt(math.sqrt(error)))) if error > 0.0 else 5.0
+
+
+@njit(**INLINE)
+def proposal(proposed, h, asked, left, factor):
+    """Length for the next step. A step cut short by an event says nothing against the length that was proposed before."""
+    return h * factor if h < asked or h < left else max(h * factor, proposed)
+
+
+@njit(**INLINE)
+def too_small(h, now, error):
+    """Status where a step was refused and is to be ``h`` long."""
+    if h < 1e-14 * max(1.0, now):
+        return STEP_TOO_SMALL if math.isfinite(error) else NOT_FINITE
+    return OK
+
+
+@njit(**INLINE)
+def follow(x, p):
+    """With a rigid reducer the output follows the rotor."""
+    if p.rigid:
+        e0, e1, _, _ = transmission_error(x.y[TM], p.te)
+        x.y[TL], x.y[WL] = e0 - x.y[TM] * p.inv_h, (e1 - p.inv_h) * x.y[WM]
+
+
+@njit(**INLINE)
+def health(lag, h, now, stalled):
+    """Status after a step of length ``h``, for the electrical angle that the rotor lags; steps in a row that were next to nothing."""
+    stalled = stalled + 1 if h < 1e-12 * max(1.0, now) else 0
+    if math.fabs(lag) > math.pi:
+        return LOST_SYNCHRONISM, stalled
+    return (STEP_TOO_SMALL if stalled > 1000 else OK), stalled
+
+
+@njit(**INLINE)
+def _accepted_step(left, x, p, w):
+    """Step from ``x.y`` that passes the error test, at most ``left`` long; its length, and a status code."""
+    h = asked = first_length(x.clock[NEXT_STEP], p.max_step, left)
     while True:
-        error = _step(h, x, p, w)
-        factor = min(5.0, max(0.2, 0.9 * error**-0.25)) if error > 0.0 else 5.0
+        error = step(h, x, p, w)
+        factor = growth(error)
         if error <= 1.0:
             break
         x.counters[REJECTED] += 1
         h *= factor if math.isfinite(error) else 0.1
-        if h < 1e-14 * max(1.0, x.clock[NOW]):
-            return -1.0 if math.isfinite(error) else -2.0
-    # A step cut short by an event says nothing against the length that was proposed before.
-    x.clock[NEXT_STEP] = h * factor if h < asked or h < left else max(h * factor, x.clock[NEXT_STEP])
-    return h
+        status = too_small(h, x.clock[NOW], error)
+        if status != OK:
+            return h, status
+    x.clock[NEXT_STEP] = proposal(x.clock[NEXT_STEP], h, asked, left, factor)
+    return h, OK
 
 
 @njit(**COMPILE)
@@ -671,7 +748,7 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
     n, s = x.y.size, p.H.size
     w = Work(
         scratch[0, :n], scratch[1, :n], scratch[2, :n], scratch[3, :n], scratch[4], scratch[5], scratch[6],
-        scratch[7], scratch[8], scratch[9, : N_CHANNELS + 2 * s], scratch[10 : 10 + STAGES, :n], scratch[16:18, :n],
+        scratch[7], scratch[8], scratch[9, : N_CHANNELS + 2 * s], scratch[10 : 10 + STAGES, :n], scratch[16:18, :n], scratch[18],
     )  # fmt: skip
     clock, coming, stalled = x.clock, 0, 0
     while clock[NOW] < stop:
@@ -688,32 +765,28 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
             x.counters[MICROSTEPS] += 1
             clock[NEXT_STEP] = min(clock[NEXT_STEP], p.layer)
             continue
-        _derivative(x.y, clock, x.stick, p, w.f0, w.q)
-        _linearise(x, p, w)
+        derivative(x.y, clock, x.stick, p, w.f0, w.q)
+        linearise(x, p, w)
         left = target - clock[NOW]
-        h = _accepted_step(left, x, p, w)
-        if h < 0.0:
-            return STEP_TOO_SMALL if h == -1.0 else NOT_FINITE
-        _dense(w)
+        h, status = _accepted_step(left, x, p, w)
+        if status != OK:
+            return status
+        dense(w)
         h, event = _end_at_first_event(h, x, p, w)
         # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
         end = target if h == left else clock[NOW] + h
         if out.width > 0.0:
             _record(h, end, x, p, w, out)
         x.counters[STEPS] += 1
-        stalled = stalled + 1 if h < 1e-12 * max(1.0, clock[NOW]) else 0
         clock[NOW] = end
         for j in range(n):
             x.y[j] = w.y1[j]
         if event >= 0:
-            _settle(event, x, p)
-        if p.rigid:
-            e0, e1, _, _ = _transmission_error(x.y[TM], p.te)
-            x.y[TL], x.y[WL] = e0 - x.y[TM] * p.inv_h, (e1 - p.inv_h) * x.y[WM]
-        if math.fabs(p.z * x.y[TM] - clock[THETA_E]) > math.pi:
-            return LOST_SYNCHRONISM
-        if stalled > 1000:
-            return STEP_TOO_SMALL
+            settle(event, x, p)
+        follow(x, p)
+        status, stalled = health(p.z * x.y[TM] - clock[THETA_E], h, clock[NOW], stalled)
+        if status != OK:
+            return status
     return OK
 
 

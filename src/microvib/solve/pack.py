@@ -114,6 +114,7 @@ def _drive(scenario: Scenario) -> Any:
         K_g=0.0 if reducer.rigid else float(reducer.stiffness),
         C_g=0.0 if reducer.rigid else reducer.damping,
         rigid=reducer.rigid,
+        shaped=rotor[3] != 1.0 or output[3] != 1.0,
         m_slide=rotor[0],
         m_stribeck=rotor[1],
         m_inv_rate=rotor[2],
@@ -124,6 +125,7 @@ def _drive(scenario: Scenario) -> Any:
         l_inv_rate=output[2],
         l_shape=output[3],
         l_viscous=output[4],
+        inv_K_P=1.0 / driver.proportional_gain if driver.proportional_gain > 0.0 else 0.0,
         inv_L=1.0 / L,
         inv_L_D=1.0 / L_D,
         inv_J_m=1.0 / J_m,
@@ -144,7 +146,7 @@ def _transmission_error(scenario: Scenario) -> np.ndarray:
         [e.order, e.amplitude * math.cos(e.phase), e.amplitude * math.sin(e.phase)]
         for e in scenario.reducer.transmission_error
     ]
-    return np.ascontiguousarray(np.array(rows, dtype=float).reshape(-1, 3).T)
+    return np.array(rows, dtype=float).ravel()
 
 
 def _scale(scenario: Scenario) -> np.ndarray:

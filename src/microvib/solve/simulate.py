@@ -12,7 +12,7 @@ from microvib.errors import SimulationError, SynchronismLost
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.decimate import PASSBAND, Decimator, half_length, inner_factor
+from microvib.solve.decimate import PASSBAND, Decimator, window
 from microvib.solve.motion import Invariants, Motion
 from microvib.solve.pack import Packed, pack
 
@@ -69,34 +69,25 @@ class Run:
         self._wanted = channels
         self._packed = packed or pack(scenario)
         self._command = command or Command(scenario)
-        fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
-        top = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
-        self._factor = inner_factor(scenario.record.sample_rate, top)
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         begun = clock_time.perf_counter()
         record, packed = self.scenario.record, self._packed
-        factor, half = self._factor, half_length(self._factor)
-        width = 1.0 / (factor * record.sample_rate)
         t = start = float(packed.state.clock[kernel.NOW])
-        lead = min(half, int((record.settle - start) / width))  # rows before the first sample, as many as there are
-        first = record.settle - (lead + 0.5) * width
-        if first < start:
-            lead, first = lead - 1, first + width
-        total_rows = lead + 1 + (record.samples - 1) * factor + half
-        end = first + total_rows * width
+        intervals = window(self.scenario, start)
+        self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
         before, momentum_before = packed.snapshot(), packed.momentum
         n_chan = packed.channels
         samples = kernel.Samples(first, width, np.zeros((0, n_chan)), np.zeros(n_chan), np.zeros(2, dtype=np.int64))
         while t < first:
             t = self._advance(min(t + CHUNK_TIME, first), end, samples)
-        decimator = Decimator(factor)
+        decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         per_chunk = int(np.clip(CHUNK_TIME / width, 512, CHUNK_BYTES // (8 * n_chan)))
         buffer = np.zeros((per_chunk, n_chan))
         done = made = 0
         while made < record.samples:
-            count = min(per_chunk, total_rows - done)
+            count = min(per_chunk, intervals.rows - done)
             if count > 0:
                 rows = buffer[:count]
                 samples = samples._replace(rows=rows)
@@ -104,7 +95,7 @@ class Run:
                 self._advance(first + (done + count) * width, end, samples)
                 assert samples.cursor[0] == count
                 if done == 0:
-                    rows = np.concatenate([np.repeat(rows[:1], half - lead, axis=0), rows])
+                    rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
                 done += count
             else:  # pad the filter's last block
                 rows = np.repeat(rows[-1:], per_chunk, axis=0)
@@ -119,26 +110,10 @@ class Run:
         clock = self._packed.state.clock
         status = self._packed.advance(stop, samples, *self._command.microsteps(float(clock[kernel.NOW]), stop))
         now = float(clock[kernel.NOW])
-        if status == kernel.LOST_SYNCHRONISM:
-            raise SynchronismLost(self._lost(now), now)
         if status != kernel.OK:
-            what = "the solution is not finite" if status == kernel.NOT_FINITE else "the step became too small"
-            raise SimulationError(
-                f"simulation stopped at t = {now:.6g} s: {what}; check the orders of magnitude of the drive's parameters"
-            )
+            raise stopped(self.scenario, status, now)
         self._progress(stop, end)
         return stop
-
-    def _lost(self, now: float) -> str:
-        scenario = self.scenario
-        times, rates = scenario.tracking.breakpoints()
-        rate = float(np.interp(now, times, rates))
-        f_d = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * rate)
-        return (
-            f"loss of synchronism at t = {now:.4g} s: the rotor is half an electrical turn off its command, at a commanded array"
-            f" rate of {np.degrees(rate):.4g} deg/s ({f_d:.4g} microsteps per second); lower tracking.rate, ramp up to it, or raise"
-            " motor.current"
-        )
 
     def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
         block = channels_of(samples, self._packed.drive.H.size)
@@ -188,6 +163,27 @@ def balance(packed: Packed, before: np.ndarray, momentum_before: float, span: fl
         energy_in=energy_in,
         energy_dissipated=dissipated,
         energy_stored=stored,
+    )
+
+
+def stopped(scenario: Scenario, status: int, now: float) -> SimulationError:
+    """What a status of the kernel at the time ``now`` [s] means to the user."""
+    if status == kernel.LOST_SYNCHRONISM:
+        return SynchronismLost(_lost(scenario, now), now)
+    what = "the solution is not finite" if status == kernel.NOT_FINITE else "the step became too small"
+    return SimulationError(
+        f"simulation stopped at t = {now:.6g} s: {what}; check the orders of magnitude of the drive's parameters"
+    )
+
+
+def _lost(scenario: Scenario, now: float) -> str:
+    times, rates = scenario.tracking.breakpoints()
+    rate = float(np.interp(now, times, rates))
+    f_d = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * rate)
+    return (
+        f"loss of synchronism at t = {now:.4g} s: the rotor is half an electrical turn off its command, at a commanded array"
+        f" rate of {np.degrees(rate):.4g} deg/s ({f_d:.4g} microsteps per second); lower tracking.rate, ramp up to it, or raise"
+        " motor.current"
     )
 
 
