@@ -5,17 +5,17 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, SimulationError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import PASSBAND, LineTable, lines_at_known_clock
-from microvib.solve.simulate import simulate
+from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.steady import steady
 
 TOGETHER = 32
@@ -117,38 +117,56 @@ def compute_bytes(work: Work) -> bytes:
 
 
 def _some(work: Work, positions: Sequence[int]) -> list[_Result]:
-    scenarios = [DEADLY if k in work.deadly else _made(work.base, work.changes[k]) for k in positions]
-    solve = _steady if work.solve == "steady" else _recorded
-    return [item if isinstance(item, _Result) else _guarded(solve, item, work) for item in scenarios]
+    """Cases that share the kernel's lanes, or that are solved one after the other."""
+    results = {k: DEADLY for k in positions if k in work.deadly}
+    scenarios: dict[int, Scenario] = {}
+    for k in positions:
+        if k not in results:
+            made = _made(work.base, work.changes[k])
+            if isinstance(made, Scenario):
+                scenarios[k] = made
+            else:
+                results[k] = made
+    if work.solve == "steady":
+        results |= {k: _guarded(_steady, work, scenario) for k, scenario in scenarios.items()}
+    else:
+        torques = simulate_torques(list(scenarios.values()))
+        for (k, scenario), torque in zip(scenarios.items(), torques, strict=True):
+            results[k] = _guarded(_recorded, work, scenario, torque)
+    return [results[k] for k in positions]
 
 
 def _made(base: Scenario, changes: dict[str, Any]) -> Scenario | _Result:
     try:
         return base.with_(changes)
     except MicrovibError as error:
-        return _Result(reason=" ".join(str(error).splitlines()))
+        return _failed(error)
 
 
-def _guarded(solve: Any, scenario: Scenario, work: Work) -> _Result:
+def _failed(error: MicrovibError) -> _Result:
+    return _Result(reason=" ".join(str(error).splitlines()))
+
+
+def _guarded(solve: Callable[..., _Result], work: Work, *given: Any) -> _Result:
     try:
-        result: _Result = solve(scenario, work)
+        return solve(work, *given)
     except MicrovibError as error:
-        return _Result(reason=" ".join(str(error).splitlines()))
+        return _failed(error)
     except Exception as error:  # one bad case of a million must not stop the others, whatever it is
         return _Result(reason=f"unexpected {type(error).__name__}: {error}")
-    return result
 
 
-def _recorded(scenario: Scenario, work: Work) -> _Result:
-    motion = simulate(scenario, channels=("T_d", "stuck_output"))
-    x = motion["T_d"]
-    expected = expected_lines(scenario, PASSBAND * motion.sample_rate, work.harmonics)
-    table = lines_at_known_clock(x, motion.sample_rate, expected)
-    scalars = (float(np.abs(x).max()), float(x.std()), float(motion["stuck_output"].mean()))
+def _recorded(work: Work, scenario: Scenario, torque: Torque | SimulationError) -> _Result:
+    if isinstance(torque, SimulationError):
+        raise torque
+    x = torque.T_d
+    expected = expected_lines(scenario, PASSBAND * torque.sample_rate, work.harmonics)
+    table = lines_at_known_clock(x, torque.sample_rate, expected)
+    scalars = (float(np.abs(x).max()), float(x.std()), torque.stuck_output)
     return _Result(table, scalars, T_d=x if "T_d" in work.keep else None)
 
 
-def _steady(scenario: Scenario, work: Work) -> _Result:
+def _steady(work: Work, scenario: Scenario) -> _Result:
     found = steady(scenario, harmonics=work.harmonics)
     if found.state is None:
         return _Result(found.lines, note=found.fallback)
