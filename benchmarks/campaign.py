@@ -1,0 +1,127 @@
+"""Cases per second of a campaign: scaling with workers and with cases, and what 1e6 cases on 1000 cores would take.
+
+    python benchmarks/campaign.py [--cases 100,1000,10000] [--settle 2] [--record 4] [--workers 1,2]
+
+All figures of a table are measured in one run, alternating; what counts are their ratios. Overheads are measured apart: start of
+a worker, one chunk's way to a worker and into its file, the merge per case. The projection adds them up; it is arithmetic, not a run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from microvib.model.sentences import validated
+from microvib.model.study import Study
+from microvib.studies.campaign.cases import TOGETHER, compute
+from microvib.studies.campaign.design import design
+from microvib.studies.campaign.folder import Campaign, create
+from microvib.studies.campaign.results import merge
+from microvib.studies.campaign.run import compute_missing, local
+
+
+def study(count: int, settle: float, record: float) -> Study:
+    spread = {"distribution": "normal", "relative_deviation": "3 percent"}
+    keys = ("reducer.stiffness", "motor.friction.viscous", "friction.breakaway", "motor.detent_torque")
+    data = {
+        "scenario": "state-1",
+        "set": {"record.settle": f"{settle} s", "record.duration": f"{record} s"},
+        "vary": dict.fromkeys(keys, spread),
+        "sampling": {"method": "random", "count": count},
+    }
+    return validated(Study, data, units_required=True)
+
+
+def timed(campaign: Campaign, workers: int) -> tuple[float, float]:
+    """Seconds until the first chunk is there, and cases per second after it."""
+    first: list[float] = []
+    begun = time.perf_counter()
+
+    def progress(done: int, total: int) -> None:
+        if done and not first:
+            first.extend((time.perf_counter() - begun, done))
+
+    with local(workers) as backend:
+        compute_missing(campaign, backend, progress=progress)
+    seconds = time.perf_counter() - begun
+    rest = campaign.design.cases - first[1]
+    return first[0], rest / (seconds - first[0]) if rest else campaign.design.cases / seconds
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", default="100,1000,10000")
+    parser.add_argument("--workers", default=",".join(map(str, sorted({1, os.cpu_count() or 1}))))
+    parser.add_argument("--settle", type=float, default=2.0)
+    parser.add_argument("--record", type=float, default=4.0)
+    given = parser.parse_args()
+    sizes = [int(x) for x in given.cases.split(",")]
+    workers = [int(x) for x in given.workers.split(",")]
+    with tempfile.TemporaryDirectory() as folder:
+        per_case = alone(study(4 * TOGETHER, given.settle, given.record))
+        rates, start, merging, written = scaling(Path(folder), sizes, workers, given.settle, given.record)
+    print(f"\none core, no campaign: {1.0 / per_case:.3g} cases/s ({1e3 * per_case:.3g} ms a case)")
+    few, many = min(workers), max(workers)
+    for size in sizes:
+        if few != many:
+            ratio = statistics.median(rates[size, many]) / statistics.median(rates[size, few])
+            print(f"{size} cases: {many} workers / {few}: {ratio:.2f}")
+    project(per_case, start, merging, written)
+
+
+def alone(of: Study) -> float:
+    """Seconds of one case in one process, without a campaign around it."""
+    drawn = design(of)
+    campaign = Campaign(Path(), drawn, drawn.cases)
+    compute(campaign.work(range(TOGETHER)))  # compiled and warm
+    begun = time.perf_counter()
+    compute(campaign.work(range(drawn.cases)))
+    return (time.perf_counter() - begun) / drawn.cases
+
+
+def scaling(
+    folder: Path, sizes: list[int], workers: list[int], settle: float, record: float
+) -> tuple[dict[tuple[int, int], list[float]], float, float, float]:
+    rates: dict[tuple[int, int], list[float]] = {}
+    starts, merging, written = [], 0.0, 0.0
+    print(f"{'cases':>8s} {'workers':>8s} {'first chunk s':>14s} {'cases/s':>9s}")
+    for size in sizes:
+        for again in range(3 if size <= 1000 else 1):
+            for count in workers if again % 2 == 0 else workers[::-1]:
+                campaign = create(design(study(size, settle, record)), folder / f"{size}-{count}-{again}")
+                first, rate = timed(campaign, count)
+                rates.setdefault((size, count), []).append(rate)
+                starts.append(first)
+                print(f"{size:8d} {count:8d} {first:14.2f} {rate:9.1f}", flush=True)
+        data = campaign.file(0).read_bytes()
+        begun = time.perf_counter()
+        campaign.write(0, data)
+        written = time.perf_counter() - begun
+        begun = time.perf_counter()
+        merge(campaign)
+        merging = (time.perf_counter() - begun) / size
+        print(f"{'':8s} merge {1e6 * merging:.0f} us a case; chunk of {campaign.chunk_size}: {len(data) / 1e3:.0f} kB")
+    return rates, float(np.median(starts)), merging, written
+
+
+def project(per_case: float, start: float, merging: float, written: float) -> None:
+    """1e6 cases on 1000 cores, as a Slurm array of 1000 shards with chunks of 256."""
+    cases, cores, chunk = 10**6, 1000, 256
+    chunks = -(-cases // chunk)
+    rounds = -(-chunks // cores)
+    computing = rounds * (chunk * per_case + written)
+    total = start + computing + merging * cases
+    print(
+        f"\n1e6 cases on 1000 cores: start {start:.1f} s + {rounds} chunks of {chunk} a core {computing:.0f} s + merge on one core"
+        f" {merging * cases:.0f} s = {total / 60:.1f} min; parallel efficiency before the merge"
+        f" {100 * cases * per_case / (cores * (start + computing)):.0f} %. Not counted: the scheduler's queue, the file system."
+    )
+
+
+if __name__ == "__main__":
+    main()
