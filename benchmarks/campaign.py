@@ -2,8 +2,8 @@
 
     python benchmarks/campaign.py [--cases 100,1000,10000] [--settle 2] [--record 4] [--workers 1,2]
 
-All figures of a table are measured in one run, alternating; what counts are their ratios. Overheads are measured apart: start of
-a worker, one chunk's way to a worker and into its file, the merge per case. The projection adds them up; it is arithmetic, not a run.
+All figures of a table are measured in one run, alternating; what counts are their ratios. Overheads are measured apart: until the
+first chunk is there, one chunk's way into its file, the merge per case. The projection adds them up; it is arithmetic, not a run.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+
 from microvib.model.sentences import validated
 from microvib.model.study import Study
 from microvib.studies.campaign.cases import TOGETHER, compute

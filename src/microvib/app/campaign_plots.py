@@ -19,7 +19,6 @@ from microvib.studies.campaign.statistics import (
     in_band,
     independent,
     largest_line,
-    level_numbers,
 )
 from microvib.studies.campaign.variation import Levels, Uncertain
 from microvib.units import pretty
@@ -221,7 +220,7 @@ def over_levels(results: Results, lines: Sequence[str], band: Band) -> Figure:
 
 
 def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band: Band) -> None:
-    number = level_numbers(results.campaign.design, levels.key)
+    number = results.campaign.design.level_numbers(levels.key)
     numeric = _numeric(levels)
     x = np.array(levels.values, dtype=float) if numeric else np.arange(len(levels.values), dtype=float)
     x = x * (_per_display(levels.unit, levels.display) if numeric else 1.0)

@@ -70,11 +70,39 @@ class Design:
         """Scenario of one case; ScenarioError where it is not allowed."""
         return self.base.with_(self.changes(case))
 
+    def level_numbers(self, key: str) -> np.ndarray:
+        """Which level of a key each case has, (cases,)."""
+        rest = np.arange(self.cases) // self.samples.shape[0]
+        for levels in reversed(self.levels):
+            if levels.key == key:
+                number: np.ndarray = rest % len(levels.values)
+                return number
+            rest //= len(levels.values)
+        raise KeyError(key)
+
+    def column(self, key: str) -> np.ndarray:
+        """Value of one key in every case, (cases,): SI numbers, or texts where they are not all numbers."""
+        for k, uncertain in enumerate(self.uncertain):
+            if uncertain.key == key:
+                return np.tile(self.samples[:, k], self.cases // self.samples.shape[0])
+        for levels in self.levels:
+            if levels.key == key:
+                return _column(levels.values, levels.labels)[self.level_numbers(key)]
+        values = [item.get(key) for item in self.combinations]
+        each = _column(values, ["" if value is None else str(value) for value in values])
+        repeated: np.ndarray = np.repeat(each, self.cases // len(self.combinations))
+        return repeated
+
     @property
     def keys(self) -> tuple[str, ...]:
         """All keys that vary."""
         combined = dict.fromkeys(key for combination in self.combinations for key in combination)
         return (*combined, *(x.key for x in self.levels), *(x.key for x in self.uncertain))
+
+
+def _column(values: Sequence[Any], labels: Sequence[str]) -> np.ndarray:
+    numbers = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
+    return np.array(values, dtype=float) if numbers else np.array(labels, dtype=object)
 
 
 def _hashable(value: Any) -> Any:

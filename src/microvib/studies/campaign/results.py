@@ -131,17 +131,15 @@ def _parameters(f: Any, campaign: Campaign) -> None:
     """What varies, one variable of the case for each key."""
     design = campaign.design
     quantities = {name: quantity for name, _, quantity in design.base.entries()}
-    changes = [design.changes(case) for case in range(design.cases)]
     for key in design.keys:
-        values = [item.get(key) for item in changes]
-        quantity = quantities.get(key)
-        if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
-            variable = f.create_variable(key, ("case",), data=np.array(values, dtype=float))
-            variable.attrs["units"] = quantity.unit or "1" if quantity else "1"
-            variable.attrs["long_name"] = quantity.meaning if quantity else key
+        values, quantity = design.column(key), quantities.get(key)
+        meaning = quantity.meaning if quantity else key
+        if values.dtype == object:
+            _text(f, key, ("case",), values, meaning)
         else:
-            texts = [str(design.labels(case).get(key, "")) for case in range(design.cases)]
-            _text(f, key, ("case",), np.array(texts, dtype=object), quantity.meaning if quantity else key)
+            variable = f.create_variable(key, ("case",), data=values)
+            variable.attrs["units"] = quantity.unit or "1" if quantity else "1"
+            variable.attrs["long_name"] = meaning
 
 
 def _variable(f: Any, name: str, dims: tuple[str, ...], unit: str, dtype: Any = float, empty: float = np.nan) -> Any:

@@ -211,21 +211,10 @@ def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado |
 
 def _between_levels(results: Results, key: str, y: np.ndarray) -> Effect:
     levels = next(x for x in results.campaign.design.levels if x.key == key)
-    number = level_numbers(results.campaign.design, key)
+    number = results.campaign.design.level_numbers(key)
     groups = [y[(number == k) & np.isfinite(y)] for k in range(len(levels.values))]
     means = [float(group.mean()) for group in groups if group.size]
     return Effect(key, min(means), max(means), levels=True)
-
-
-def level_numbers(design: Design, key: str) -> np.ndarray:
-    """Which level of a key each case has, (cases,)."""
-    rest = np.arange(design.cases) // design.samples.shape[0]
-    for levels in reversed(design.levels):
-        if levels.key == key:
-            number: np.ndarray = rest % len(levels.values)
-            return number
-        rest //= len(levels.values)
-    raise KeyError(key)
 
 
 def _one_at_a_time(design: Design, y: np.ndarray) -> list[Effect]:
