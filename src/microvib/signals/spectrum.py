@@ -209,8 +209,16 @@ def _overlap(overlap: float, segment: int) -> int:
     return int(overlap * segment)
 
 
-def tone_amplitude(x: np.ndarray, sample_rate: float, frequency: float) -> float:
-    """Amplitude of ``x`` at one frequency [Hz], Hann-windowed, wherever the bins fall; for tones apart from others."""
+def tone(x: np.ndarray, sample_rate: float, frequency: float) -> complex:
+    """Complex amplitude of ``x`` at one frequency [Hz], Hann-windowed, wherever the bins fall; for tones apart from others.
+
+    Its phase is that of the cosine at the first sample.
+    """
     w = window_values("hann", x.size)
     phase = np.exp(-2j * np.pi * frequency / sample_rate * np.arange(x.size))
-    return 2.0 * abs(complex(phase @ ((x - x.mean()) * w))) / float(w.sum())
+    return 2.0 * complex(phase @ ((x - x.mean()) * w)) / float(w.sum())
+
+
+def tone_amplitude(x: np.ndarray, sample_rate: float, frequency: float) -> float:
+    """Magnitude of ``tone``."""
+    return abs(tone(x, sample_rate, frequency))
