@@ -73,7 +73,8 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
     rows = [
         (
             "Drive",
-            f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step, reducer {reducer.ratio:g}:1, {stiffness}",
+            f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step, reducer {reducer.ratio:g}:1,"
+            f" {stiffness}",
         ),
         ("Array", f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}"),
         ("Motion", _motion(motion)),
@@ -155,6 +156,9 @@ def _limits(judged: Judgement) -> Iterable[str]:
 
 def _picture(motion: Motion, lines: LineTable, judged: Judgement | None) -> Figure:
     squares = ", squares those above the limit" if judged and judged.above else ""
-    caption = f"Above, amplitude spectrum of T_d, one-sided, 0-to-peak; dots are the estimated lines{squares}. Below, T_d over the record."
+    caption = (
+        f"Above, amplitude spectrum of T_d, one-sided, 0-to-peak; dots are the estimated lines{squares}. Below, T_d over the"
+        " record."
+    )
     alt = "Spectrum of the disturbance torque with named lines, and time history"
     return drawn(plots.draw_front(motion, lines, judged), alt, caption)

@@ -46,9 +46,9 @@ def pdf(document: Document) -> bytes:
     # Texts reach the template as data, so that nothing in them is taken for markup.
     data = json.dumps(_data(document), ensure_ascii=False)
     fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    made = typst.compile(
+    made = typst.compile(  # type: ignore[misc]  # its stub ties the kind of the fonts' paths to that of the input
         _template("report.typ").encode(),
-        font_paths=[fonts],
+        font_paths=[str(fonts)],
         ignore_system_fonts=True,
         sys_inputs={"document": data},
         timestamp=0,

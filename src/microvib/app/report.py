@@ -97,7 +97,8 @@ def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
     if not found:
         return []
     rows = [
-        [r.line, *(f"{f:.7g}" for f in (r.test_hz, r.paper_hz, r.ours_hz)), *(milli(a) for a in (r.test_n_m, r.paper_n_m, r.ours_n_m)),
+        [r.line, *(f"{f:.7g}" for f in (r.test_hz, r.paper_hz, r.ours_hz)),
+         *(milli(a) for a in (r.test_n_m, r.paper_n_m, r.ours_n_m)),
          *(f"{100 * e:+.1f}" for e in (r.paper_error, r.our_error))]
         for r in found
     ]  # fmt: skip

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from microvib.app.document import Form
-from microvib.errors import ScenarioError
+from microvib.errors import MicrovibError, ScenarioError
 
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
@@ -47,6 +47,16 @@ def _form(context: click.Context, parameter: click.Parameter, pdf: bool) -> Form
     if pdf:
         import typst  # noqa: F401
     return Form(pdf, context.find_root().obj or "")
+
+
+def check_target(out: Path | None, overwrite: bool, form: Form) -> None:
+    """MicrovibError where the results could not be written at the end."""
+    from microvib.io.results import check_folder
+
+    if out is not None:
+        check_folder(out, overwrite)
+    elif form.pdf:
+        raise MicrovibError("--pdf: the report is written into a folder; name one with --out")
 
 
 pdf_option = click.option(

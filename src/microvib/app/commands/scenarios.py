@@ -9,6 +9,7 @@ import click
 
 from microvib.app.commands.common import band_option, limit_option, load, pdf_option, progress_bar, set_option
 from microvib.app.document import Form
+from microvib.errors import MicrovibError
 
 if TYPE_CHECKING:
     from microvib.app.running import RunResult
@@ -41,6 +42,8 @@ def run(
     from microvib.io.results import check_folder, free_folder
     from microvib.studies.margins import judge
 
+    if form.pdf and lines_only:
+        raise MicrovibError("--pdf: --lines-only makes no report; leave one of them out")
     allowed = limit_of(limit, band)
     loaded = load(scenario, settings)
     out = out or free_folder(Path(scenario).stem)
