@@ -96,7 +96,7 @@ def _drawn(height: float, draw: Callable[[Any], None], alt: str, made: object) -
 
 def _facts(a: Analysis) -> list[Fact]:
     x = a.recording[a.channel]
-    largest = sorted(_seen(a), key=lambda line: -line.amplitude_n_m)[:2]
+    largest = _largest(a)[:2]
     facts = [
         Fact(f"{milli(line.amplitude_n_m)} m{a.unit}", f"{line.line} at {figure(line.frequency_hz)} Hz")
         for line in largest
@@ -107,8 +107,9 @@ def _facts(a: Analysis) -> list[Fact]:
     return facts
 
 
-def _seen(a: Analysis) -> list[Line]:
-    return [line for line in a.table or () if line.status in ("ok", "decaying", "growing")]
+def _largest(a: Analysis) -> list[Line]:
+    seen = [line for line in a.table or () if line.status in ("ok", "decaying", "growing")]
+    return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MOST_IN_FRONT]
 
 
 def _source(a: Analysis) -> list[tuple[str, str]]:
@@ -123,16 +124,15 @@ def _source(a: Analysis) -> list[tuple[str, str]]:
 def _main_lines(a: Analysis) -> tuple[Table, ...]:
     if a.table is None:
         return ()
-    largest = sorted(_seen(a), key=lambda x: -x.amplitude_n_m)[:_MOST_IN_FRONT]
     rows = [
         [
             x.line,
             figure(x.frequency_hz, 6),
             milli(x.amplitude_n_m),
-            number(1e3 * x.amplitude_uncertainty_n_m, 2),
+            _spread(x.amplitude_uncertainty_n_m),
             x.origin,
         ]
-        for x in sorted(largest, key=lambda x: x.frequency_hz)
+        for x in sorted(_largest(a), key=lambda x: x.frequency_hz)
     ]
     header = ["line", "frequency [Hz]", f"amplitude [m{a.unit}]", f"± [m{a.unit}]", "what it is"]
     return (table(header, rows, "The largest lines. Amplitudes 0-to-peak; ± is one standard uncertainty."),)
@@ -150,12 +150,17 @@ def _all_lines(lines: LineTable) -> tuple[Block, ...]:
         "status",
     ]
     rows = [
-        [x.line, number(x.frequency_hz, 7), number(1e3 * x.frequency_uncertainty_hz, 2), milli(x.amplitude_n_m),
-         number(1e3 * x.amplitude_uncertainty_n_m, 2), number(1e3 * x.floor_n_m, 2), x.origin, x.status]
+        [x.line, number(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
+         _spread(x.amplitude_uncertainty_n_m), number(1e3 * x.floor_n_m, 2), x.origin, x.status]
         for x in lines.notable()
     ]  # fmt: skip
     text = "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty from the floor about the line."
     return Text(text), table(header, rows)
+
+
+def _spread(value: float) -> str:
+    """An uncertainty in thousandths; empty where none could be told."""
+    return number(1e3 * value, 2) if value > 0.0 else ""
 
 
 def _bands(a: Analysis) -> Table:

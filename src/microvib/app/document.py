@@ -83,10 +83,9 @@ class Figure:
 
 @dataclass(frozen=True)
 class Live:
-    """Markup of our own that moves, for HTML only; print says ``instead``."""
+    """Markup of our own that moves: for HTML only, print leaves it out."""
 
     html: str
-    instead: str
 
 
 Block = Text | Code | Table | Figure | Live

@@ -92,10 +92,14 @@ def _motion(motion: Motion) -> str:
     return ", ".join(parts)
 
 
-def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
+def _shown(lines: LineTable, judged: Judgement | None) -> list[Line]:
     """The largest lines, or those with the smallest margins, by frequency."""
     of_limit = [m.line for m in judged.margins[:MOST]] if judged else []
-    shown = sorted(of_limit if judged else _largest(lines)[:MOST], key=lambda x: x.frequency_hz)
+    return sorted(of_limit if judged else _largest(lines)[:MOST], key=lambda x: x.frequency_hz)
+
+
+def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
+    shown = _shown(lines, judged)
     header = ["line", "frequency [Hz]", "amplitude [mN m]", *(JUDGED if judged else ["what it is"])]
     rows = [
         [x.line, figure(x.frequency_hz, 5), milli(x.amplitude_n_m), *(judged_cells(x, judged) if judged else [what(x)])]
@@ -161,4 +165,5 @@ def _picture(motion: Motion, lines: LineTable, judged: Judgement | None) -> Figu
         " record."
     )
     alt = "Spectrum of the disturbance torque with named lines, and time history"
-    return drawn(plots.draw_front(motion, lines, judged), alt, caption)
+    highest = plots.reach(_shown(lines, judged))
+    return drawn(plots.draw_front(motion, lines, highest, judged), alt, caption)

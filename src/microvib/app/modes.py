@@ -74,16 +74,22 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]"]
     rows = []
     cumulative = np.cumsum(m.fraction[m.axis])
+    effective, fraction = _without_noise(m.effective[m.axis], m.inertia), _without_noise(m.fraction[m.axis], 1.0)
     for k, kind in enumerate(mode_kinds(source)):
         rows.append(
-            [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{m.effective[m.axis, k]:.3g}",
-             f"{m.fraction[m.axis, k]:.3g}", f"{cumulative[k]:.4f}"]
+            [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}",
+             f"{fraction[k]:.3g}", f"{cumulative[k]:.4f}"]
         )  # fmt: skip
         if paper:
             rows[-1] += _paper_cells(paper, k, m.frequency[k])
     if not paper:
         return header, rows
-    return [*header, "paper [Hz]", "diff. [%]", "paper [1]"][: len(rows[0])], rows
+    return [*header, "paper [Hz]", "diff. [%]", "paper fraction [1]"][: len(rows[0])], rows
+
+
+def _without_noise(values: np.ndarray, whole: float) -> np.ndarray:
+    """Zero where there is nothing but rounding of the ``whole``."""
+    return np.where(np.abs(values) > 1e-12 * whole, values, 0.0)
 
 
 _PAPER = {
@@ -140,7 +146,7 @@ def modes_report(source: ModalSource, form: Form | None = None) -> Document:
     sections += _spatial(model) if model.spatial else []
     if design is not None:
         origin = (Text(design.source),) if design.source else ()
-        sections.append(Section("Description", (*origin, parameter_table(design))))
+        sections.append(Section("Description", (*origin, parameter_table(design)), new_page=True))
     return study(
         "Modes report",
         f"Modes of {model.title or source.name}",
@@ -180,7 +186,7 @@ def _motion(design: Design, modes: Modes) -> list[Section]:
         return []
     found = kinds(design, modes)
     moving = animation(modes, found, min(_MOST_PICTURED, len(found)))
-    return [Section("In motion", (Live(str(moving), "The report as HTML shows the modes in motion."),))]
+    return [Section("In motion", (Live(str(moving)),))]
 
 
 def _convergence(source: ModalSource) -> Section:
@@ -262,11 +268,8 @@ def _spatial(model: ModalModel) -> list[Section]:
         ]
         for k, f in enumerate(model.frequency)
     ]
-    noise = 1e-12 * np.abs(model.mass).max()
-    rigid = [
-        [name, *(f"{v if abs(v) > noise else 0.0:.5g}" for v in row)]
-        for name, row in zip(DIRECTIONS, model.mass, strict=True)
-    ]
+    mass = _without_noise(model.mass, float(np.abs(model.mass).max()))
+    rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(DIRECTIONS, mass, strict=True)]
     text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulated after the stroke."
     return [
         Section(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,12 +75,17 @@ def plot(motion: Motion, table: LineTable | None = None) -> Figure:
     return figure
 
 
-def draw_front(motion: Motion, table: LineTable, judged: Judgement | None = None) -> Figure:
+def reach(lines: Iterable[Line], least: float = 200.0) -> float:
+    """Upper end [Hz] of a spectrum that shows all the lines."""
+    return max([least, *(1.08 * x.frequency_hz for x in lines)])
+
+
+def draw_front(motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None) -> Figure:
     """The picture of a report's first page: spectrum with named lines and limit, and the time history below it."""
     figure, axes = sheet(5.5, 2, 1)
     spectrum_ax, history_ax = axes[:, 0]
     spectrum_ax.get_gridspec().set_height_ratios((1.7, 1.0))
-    draw_spectrum(spectrum_ax, motion, table, judged=judged)
+    draw_spectrum(spectrum_ax, motion, table, highest, judged)
     draw_history(history_ax, motion)
     return figure
 
@@ -131,12 +136,7 @@ def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> None:
 def draw_spectrum(
     ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0, judged: Judgement | None = None
 ) -> None:
-    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10), and the limit.
-
-    With a limit it reaches to the highest line that is above it.
-    """
-    if judged is not None:
-        highest = max([highest, *(1.1 * m.line.frequency_hz for m in judged.margins if not m.passes)])
+    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10), and the limit."""
     draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table)
     if judged is not None:
         _draw_limit(ax, judged, highest)
@@ -203,7 +203,7 @@ def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
         )
 
 
-_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.75}
+_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.9}
 """Ground of names that stand on lines."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from microvib.app import plots
 from microvib.app.document import Document, Fact, Form, Section, Table, Text, table
-from microvib.app.pieces import drawn, milli, number, study, torque
+from microvib.app.pieces import count, drawn, milli, number, study, torque
 from microvib.app.rendering import report_files
 from microvib.io.results import write_folder
 from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
@@ -192,7 +192,7 @@ def _facts(plan: RatePlan) -> list[Fact]:
             Fact(torque(top), "its largest line"),
         ]
     if plan.limit is not None:
-        facts.append(Fact(torque(plan.limit), f"limit; {len(plan.forbidden)} forbidden bands"))
+        facts.append(Fact(torque(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
     return facts
 
 
@@ -277,7 +277,7 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
 
 def draw_largest(plan: RatePlan) -> Figure:
     """Largest line over rate, with the limit and what it forbids; one panel for each microstep count."""
-    figure, axes = plots.sheet(0.6 + 1.5 * len(plan.counts), len(plan.counts))
+    figure, axes = plots.sheet(min(0.6 + 2.0 * len(plan.counts), 7.6), len(plan.counts))
     tops = [1e3 * line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
     low, high = (0.5 * min(tops), 3.0 * max(tops)) if tops else (1e-3, 1e3)
     limit = None if plan.limit is None else 1e3 * plan.limit

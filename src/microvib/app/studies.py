@@ -24,6 +24,8 @@ _HOW_TO_READ = (
     " below 20 %, it is not at the end of its range, and it can be told from the others."
 )
 _SENSITIVITY = "Relative change of a figure for a relative change of a parameter."
+_MOST_IN_FRONT = 10
+"""Lines on the first page of a comparison."""
 _MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
 
 
@@ -80,15 +82,21 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
     """The report of a comparison: lines wherever the bins fall, the paper's nearest bins, spectra over each other."""
     shown = _worth_a_row(rows)
     defensible = [r for r in shown if math.isfinite(r.error)]
-    exact, nearest = _line_table(defensible), _bin_table([r for r in shown if math.isfinite(r.bin_error)])
-    sections = [Section("Nearest bins (as Tables 5 and 6)", nearest, new_page=bool(defensible))]
+    binned = [r for r in shown if math.isfinite(r.bin_error)]
+    main = sorted(defensible, key=lambda r: -r.a.amplitude)[:_MOST_IN_FRONT]
+    sections = [Section("All lines", _line_table(defensible), new_page=True)] if len(main) < len(defensible) else []
+    sections += [Section("Nearest bins (as Tables 5 and 6)", _bin_table(binned))] if binned else []
     return study(
         "Comparison report",
         "Comparison of disturbance lines",
         f"B against A: {b.name} ({b.kind}) against {a.name} ({a.kind}).",
         facts=_differences(shown),
-        front=(pairs(_side(mark, s) for mark, s in (("A", a), ("B", b))), *exact, *_spectra(a, b)),
-        sections=sections if any(math.isfinite(r.bin_error) for r in shown) else [],
+        front=(
+            pairs(_side(mark, s) for mark, s in (("A", a), ("B", b))),
+            *_line_table([r for r in defensible if r in main]),
+            *_spectra(a, b),
+        ),
+        sections=sections,
         form=form,
     )
 
@@ -98,7 +106,7 @@ def _differences(rows: Sequence[Row]) -> list[Fact]:
     found = [(r, r.error, r.a.amplitude) for r in rows if math.isfinite(r.error)]
     found = found or [(r, r.bin_error, r.a.bin_amplitude) for r in rows if math.isfinite(r.bin_error)]
     found.sort(key=lambda item: -item[2])
-    return [Fact(f"{percent(error)} %", f"amplitude of {r.line}, B against A") for r, error, _ in found[:4]]
+    return [Fact(f"{percent(error)} %", f"{r.line}, B against A") for r, error, _ in found[:4]]
 
 
 def _side(mark: str, side: Side) -> tuple[str, str]:
@@ -140,7 +148,7 @@ def _spectra(a: Side, b: Side) -> tuple[Figure, ...]:
     ]
     if not measured:
         return ()
-    drawing, axes = plots.sheet(3.0, 1, 2)
+    drawing, axes = plots.sheet(3.6, 1, 2)
     for ax, highest in zip(axes[0], (5.0, 200.0), strict=True):
         plots.draw_overlay(ax, measured, highest)
     return (
