@@ -14,9 +14,6 @@ from microvib.io.results import columns_csv, lines_csv, write_folder
 from microvib.signals.lines import Line, LineTable
 from microvib.studies.analyse import Analysis
 
-_SHOWN = 200.0
-"""Upper end of the pictures [Hz], as the paper's Figure 10."""
-
 
 def analysis_text(a: Analysis) -> str:
     """Lines with their uncertainties, how the spectra were made, RMS and bands."""
@@ -63,13 +60,17 @@ _MOST_IN_FRONT = 8
 
 def analysis_report(a: Analysis, form: Form | None = None) -> Document:
     """The report of an analysis: lines with uncertainties, amplitude spectrum, density, waterfall, bands."""
+    reach = plots.reach(_largest(a))
     spectrum = _drawn(
-        3.4, lambda ax: plots.draw_amplitudes(ax, a.spectrum, a.unit, _SHOWN, a.table), "Amplitude spectrum", a.spectrum
+        4.4,
+        lambda ax: plots.draw_amplitudes(ax, a.spectrum, a.unit, reach, a.table),
+        "Amplitude spectrum",
+        a.spectrum,
     )
     density = _drawn(
-        2.7, lambda ax: plots.draw_density(ax, a.density, a.unit, _SHOWN), "Power spectral density", a.density
+        2.7, lambda ax: plots.draw_density(ax, a.density, a.unit, reach), "Power spectral density", a.density
     )
-    fall = _drawn(2.9, lambda ax: plots.draw_waterfall(ax, a.waterfall, a.unit, _SHOWN), "Waterfall", a.waterfall)
+    fall = _drawn(2.9, lambda ax: plots.draw_waterfall(ax, a.waterfall, a.unit, reach), "Waterfall", a.waterfall)
     lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
     return study(
         "Analysis report",

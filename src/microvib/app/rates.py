@@ -102,11 +102,16 @@ def _unsolved(plan: RatePlan) -> list[str]:
     return texts
 
 
+def _short(value: float) -> str:
+    """Three digits, without an exponent."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
 def linear_text(plan: RatePlan) -> str:
     """The linear plan's error against the full model, as text."""
     parts = [
-        f"{n} microsteps: median {100 * median:.3g} %, largest {100 * top:.3g} % of {count} lines"
-        for n, (median, top, count) in linear_error(plan).items()
+        f"{n} microsteps: median {_short(100 * median)} %, largest {_short(100 * top)} % of {lines} lines"
+        for n, (median, top, lines) in linear_error(plan).items()
     ]
     return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."
 

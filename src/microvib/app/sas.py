@@ -305,13 +305,13 @@ def sizing_report(result: Result, drawing: Figure, form: Form | None = None) -> 
         facts=_facts(target),
         front=(settings, *springs),
         sections=(
+            Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
+            Section("Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))),
+            Section("Not checked", (Text(unchecked),)),
             Section(
                 "Drawing",
                 (drawn(drawing, "Dimensioned drawing", "Set to the target; to scale, dimensions in mm.", turned=True),),
             ),
-            Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
-            Section("Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))),
-            Section("Not checked", (Text(unchecked),)),
             Section("Description", (*origin, parameter_table(target.design))),
         ),
         form=form,
