@@ -11,7 +11,7 @@ import numpy as np
 
 from microvib.app.document import Block, Document, Fact, Form, Live, Section, Text, table
 from microvib.app.parameters import parameter_table
-from microvib.app.pieces import drawn, study
+from microvib.app.pieces import drawn, signed, study
 from microvib.app.rendering import report_files
 from microvib.io.modal_sources import Design, ModalSource
 from microvib.io.modal_table import modes_csv
@@ -203,7 +203,7 @@ def _convergence(source: ModalSource) -> Section:
     for k, (key, f) in enumerate(fine.items(), 1):
         g = other.get(key, math.nan)
         rows.append(
-            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", f"{100 * (g / f - 1):+.2f}"] if key in other else ["", ""])]
+            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", signed(100 * (g / f - 1))] if key in other else ["", ""])]
         )
     text = (
         f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"

@@ -65,6 +65,24 @@ def torque(value: float) -> str:
     return f"{figure(value)} N m" if abs(value) >= 1.0 else f"{milli(value)} mN m"
 
 
+def plain(value: float, digits: int = 4) -> str:
+    """A figure with at most so many digits and, up to a million, without an exponent."""
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def signed(value: float, decimals: int = 2) -> str:
+    """A figure with its sign; what rounds to zero is +0."""
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}"
+
+
+def with_error(value: float, error: float) -> str:
+    """A value with its standard error: two digits of the error, and as many decimals of the value."""
+    if not (math.isfinite(error) and error > 0.0):
+        return number(value)
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+
+
 def percent(value: float) -> str:
     """A relative difference in per cent; empty where there is none."""
     return f"{100 * value:+.2f}" if math.isfinite(value) else ""

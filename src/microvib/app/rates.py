@@ -13,7 +13,7 @@ import numpy as np
 
 from microvib.app import plots
 from microvib.app.document import Document, Fact, Form, Section, Table, Text, table
-from microvib.app.pieces import count, drawn, milli, number, study, torque
+from microvib.app.pieces import count, drawn, milli, number, plain, study, torque
 from microvib.app.rendering import report_files
 from microvib.io.results import write_folder
 from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
@@ -102,15 +102,10 @@ def _unsolved(plan: RatePlan) -> list[str]:
     return texts
 
 
-def _short(value: float) -> str:
-    """Three digits, without an exponent."""
-    return f"{float(f'{value:.3g}'):g}"
-
-
 def linear_text(plan: RatePlan) -> str:
     """The linear plan's error against the full model, as text."""
     parts = [
-        f"{n} microsteps: median {_short(100 * median)} %, largest {_short(100 * top)} % of {lines} lines"
+        f"{n} microsteps: median {plain(100 * median, 3)} %, largest {plain(100 * top, 3)} % of {lines} lines"
         for n, (median, top, lines) in linear_error(plan).items()
     ]
     return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."

@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from microvib.app.document import Block, Document, Form
+from microvib.app.document import Block, Document, Form, Table
 from microvib.io.results import Writer
 
 
@@ -35,7 +35,16 @@ def html(document: Document) -> str:
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"address": _address, "inline": _inline, "symbols": _symbols, "key": _key}
     style = Markup(_template("style.css"))
-    return environment.from_string(_template("report.html")).render(style=style, **_data(document))
+    beside = not any(_is_wide(block) for block in document.front if isinstance(block, Table))
+    return environment.from_string(_template("report.html")).render(style=style, beside=beside, **_data(document))
+
+
+def _is_wide(found: Table) -> bool:
+    """Whether a table asks for more than half of a screen: its figures and names do not wrap, its texts do."""
+    cells = [[row.cells[k] for row in found.rows if row.mark != "group"] for k in range(len(found.columns))]
+    longest = [max(map(len, texts), default=0) for texts in cells]
+    wraps = [column.kind == "text" for column in found.columns]
+    return sum(min(n, 20) + 3 if w else n + 3 for n, w in zip(longest, wraps, strict=True)) > 72
 
 
 def pdf(document: Document) -> bytes:

@@ -9,7 +9,7 @@ from typing import Any
 
 from microvib.app import plots
 from microvib.app.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, pairs, table
-from microvib.app.pieces import drawn, figure, milli, number, percent, study
+from microvib.app.pieces import drawn, figure, milli, number, percent, plain, signed, study, with_error
 from microvib.app.rendering import report_files
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
@@ -254,19 +254,18 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
 
 
 def _estimated(e: Estimate) -> Fact:
-    value = f"{e.estimate:.4g} ± {e.standard_error:.2g} {pretty(e.unit)}".rstrip()
+    value = f"{with_error(e.estimate, e.standard_error)} {pretty(e.unit)}".rstrip()
     return Fact(value, f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}")
 
 
 def _estimates(fit: Fit) -> Table:
-    header = ["`parameter`", "estimate [1]", "standard error [1]", "range [1]", "unit", "verdict"]
+    header = ["`parameter`", "estimate ± standard error [1]", "unit", "range [1]", "verdict"]
     rows = [
         [
             e.key,
-            number(e.estimate, 6),
-            number(e.standard_error, 2),
-            f"{number(e.low)} to {number(e.high)}",
+            with_error(e.estimate, e.standard_error),
             pretty(e.unit),
+            f"{plain(e.low)} to {plain(e.high)}",
             e.verdict,
         ]
         for e in fit.estimates
@@ -305,7 +304,7 @@ def _before_and_after_picture(fit: Fit) -> Figure:
     drawing, axes = plots.sheet(3.4)
     test, before, after = ([float(f[k]) for f in amplitudes] for k in (1, 2, 3))
     groups = {"test": test, "before": before, "after": after}
-    plots.draw_pairs(axes[0, 0], [f[0] for f in amplitudes], groups)
+    plots.draw_pairs(axes[0, 0], [f[0].removesuffix(" amplitude") for f in amplitudes], groups)
     return drawn(
         drawing,
         "Amplitudes of the test, before and after",
@@ -318,5 +317,11 @@ def _keys(fit: Fit) -> list[str]:
 
 
 def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
-    short = [f"{'.'.join(key.split('.')[-2:])} [1]" for key in _keys(fit)]
-    return table([of, *short], ([name, *(f"{x:+.2f}" for x in row)] for name, row in rows if "phase" not in name))
+    header = [of, *(f"{_short_key(key)} [1]" for key in _keys(fit))]
+    return table(header, ([name, *(signed(x) for x in row)] for name, row in rows if "phase" not in name))
+
+
+def _short_key(key: str) -> str:
+    """The end of a key that says what it is."""
+    parts = key.split(".")
+    return ".".join(parts[-3 if len(parts) > 2 and parts[-2].isdigit() else -2 :])
