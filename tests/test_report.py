@@ -49,6 +49,12 @@ def folder(tmp_path_factory):
     return out
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """For what is asked of words and figures alone: pictures are left out, for they take the time."""
+    monkeypatch.setattr("microvib.app.plots.svg", lambda drawing: "<svg/>")
+
+
 def pages(content: bytes) -> list[str]:
     from pypdf import PdfReader
 
@@ -103,7 +109,7 @@ def test_what_was_not_found_may_be_as_large_as_its_floor_hides(lines_1):
     assert not judge(replace(lines_1, lines=(hidden,)), LIMIT).margins[0].passes
 
 
-def test_a_line_without_amplitude_is_named_not_passed(lines_1, motion_1):
+def test_a_line_without_amplitude_is_named_not_passed(lines_1, motion_1, undrawn):
     unknown = replace(lines_1["drive_2"], amplitude_n_m=math.nan, frequency_hz=math.nan, status="not resolved: x")
     table_ = replace(lines_1, lines=(lines_1["full_step_1"], unknown))
     judged = judge(table_, LIMIT)
@@ -131,7 +137,7 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
     assert document.sections[0].new_page
 
 
-def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1):
+def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1, undrawn):
     document = run_report(motion_1, lines_1)
     _, main = tables(document.front)
     assert [c.title for c in main.columns] == ["line", "frequency", "amplitude", "what it is"]
@@ -139,7 +145,7 @@ def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1):
     assert not any(fact.status for fact in document.facts)
 
 
-def test_a_small_line_above_a_small_limit_is_listed(motion_1, lines_1):
+def test_a_small_line_above_a_small_limit_is_listed(motion_1, lines_1, undrawn):
     small = min((x for x in lines_1 if x.status == "ok"), key=lambda x: x.amplitude_n_m)
     assert small not in lines_1.notable()
     strict = run_report(motion_1, lines_1, limit=Limit(0.5 * small.amplitude_n_m))
@@ -208,7 +214,7 @@ def test_phasors_of_the_budget_add_up(document, lines_1):
     assert np.angle(phasors[4]) == pytest.approx(lines_1["drive_1"].phase_rad, abs=0.01)
 
 
-def test_invariants_have_a_verdict_in_words(motion_1, lines_1, document):
+def test_invariants_have_a_verdict_in_words(motion_1, lines_1, document, undrawn):
     (held,) = tables(section(document, "Can it be trusted?").blocks)
     assert set(column(held, "verdict")) == {"holds"}
     broken = replace(motion_1, invariants=replace(motion_1.invariants, energy_mechanical=0.5))

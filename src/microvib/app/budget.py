@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 
 import numpy as np
@@ -57,30 +56,25 @@ def _budget(motion: Motion, lines: list[Line]) -> Table:
         "T_d, their sum": motion["T_d"],
         "T_l, load of the array (not in the sum)": motion["T_l"],
     }
-    phasors = {name: [tone(x, motion.sample_rate, line.frequency_hz) for line in lines] for name, x in rows.items()}
-    top = [max(abs(row[k]) for row in phasors.values()) for k in range(len(lines))]
+    torques = np.array(list(rows.values()))
+    at_lines = [tone(torques, motion.sample_rate, line.frequency_hz) for line in lines]
     header = ["contribution", "mean [mN m]", "RMS [mN m]", "largest [mN m]"]
     for line in lines:
         header += [f"{line.line} [mN m]", "phase [°]"]
+    columns = [_phasor_cells(values) for values in at_lines]
+    phasors = [[cell for column in columns for cell in column[k]] for k in range(len(rows))]
     cells = [
-        [
-            name,
-            _milli(float(x.mean())),
-            _milli(float(x.std())),
-            _milli(float(np.abs(x).max())),
-            *_phasor_cells(phasors[name], top),
-        ]
-        for name, x in rows.items()
+        [name, _milli(float(x.mean())), _milli(float(x.std())), _milli(float(np.abs(x).max())), *at]
+        for (name, x), at in zip(rows.items(), phasors, strict=True)
     ]
     return table(header, cells, "", {len(cells) - 2: "strong"})
 
 
-def _phasor_cells(row: list[complex], top: list[float]) -> list[str]:
-    cells = []
-    for value, most in zip(row, top, strict=True):
-        known = abs(value) > _TINY * most
-        cells += [_milli(abs(value)), f"{math.degrees(cmath.phase(value)):+.0f}" if known else ""]
-    return cells
+def _phasor_cells(values: np.ndarray) -> list[tuple[str, str]]:
+    """Amplitude and phase of each contribution at one line."""
+    known = np.abs(values) > _TINY * np.abs(values).max()
+    degrees = np.degrees(np.angle(values))
+    return [(_milli(abs(v)), f"{d:+.0f}" if k else "") for v, d, k in zip(values, degrees, known, strict=True)]
 
 
 def _milli(value: float) -> str:

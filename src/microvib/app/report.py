@@ -60,8 +60,10 @@ def run_report(
 
 
 def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
-    above = [m.line for m in judged.margins if not m.passes] if judged else []
-    shown = tuple(x for x in lines if x in lines.notable() or x in above)
+    worth = {x.line for x in lines.notable()} | {
+        m.line.line for m in (judged.margins if judged else ()) if not m.passes
+    }
+    shown = tuple(x for x in lines if x.line in worth)
     header = [
         "line", "expected [Hz]", "found [Hz]", "amplitude [mN m]", "phase [rad]", "nearest bin [Hz]", "nearest bin [mN m]",
         "what it is", *(["margin [dB]", "verdict"] if judged else []),
@@ -85,7 +87,7 @@ def _line_cells(x: Line) -> list[str]:
 def _left_out(lines: LineTable, shown: tuple[Line, ...]) -> str:
     """A sentence on the lines that are left to the CSV file."""
     faint = [x.line for x in lines if x.status == FAINT]
-    small = len([x for x in lines if x not in shown and x.status != FAINT])
+    small = len([x for x in lines if x.status != FAINT]) - len([x for x in shown if x.status != FAINT])
     parts = [f"{count(small, 'small line')} more in `lines.csv`."] if small else []
     if faint:
         parts.append(f"Looked for and not found above the floor: {', '.join(faint)}.")
