@@ -18,6 +18,7 @@ import microvib as mv
 from microvib.app.budget import contributions
 from microvib.app.cli import main
 from microvib.app.document import Code, Document, Fact, Figure, Form, Live, Row, Section, Table, Text, pairs, table
+from microvib.app.front import judged_cells
 from microvib.app.parameters import STATUSES, Provenance, parameter_blocks, provenance
 from microvib.app.pieces import study
 from microvib.app.rendering import html, pdf, report_files
@@ -102,6 +103,15 @@ def test_only_lines_in_the_band_are_judged(lines_1):
     assert judged.of(lines_1["drive_1"]) is None
     assert "from 0.5 to 5 Hz" in str(judged)
     assert "no line" in str(judge(lines_1, Limit(0.010, 4000.0, 5000.0)))
+
+
+def test_a_line_of_no_amplitude_has_no_figures(lines_1, motion_1, undrawn):
+    table_ = replace(lines_1, lines=(replace(lines_1["drive_1"], amplitude_n_m=0.0),))
+    judged = judge(table_, LIMIT)
+    assert str(judged) == "Limit 10 mN m: pass."
+    assert judged_cells(table_.lines[0], judged) == ["", "", "pass"]
+    assert judged_cells(lines_1["drive_2"], judged) == ["", "", "outside"]
+    assert run_report(motion_1, table_, limit=LIMIT).facts[0].value == "Pass: 1 line"
 
 
 def test_what_was_not_found_may_be_as_large_as_its_floor_hides(lines_1):
@@ -191,6 +201,7 @@ def test_status_of_catalog_parameters():
         ("default", Provenance("default")),
         ("set by the user", Provenance("set by the user")),
         ("computed: from the elements", Provenance("computed", "from the elements")),
+        ("finite elements of wing.yaml, 9 modes", Provenance("computed", "", "finite elements of wing.yaml, 9 modes")),
         ("identified from c:/a.uff: 0.141 ± 0.049 kg*m^2", Provenance("identified", "0.141 ± 0.049 kg m²", "identified from c:/a.uff")),
         ("Appl. Sci. 2021, 11, 9076, Table 2", Provenance("paper", "", "Appl. Sci. 2021, 11, 9076, Table 2")),
     ],

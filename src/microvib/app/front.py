@@ -118,11 +118,15 @@ JUDGED = ["margin [dB]", "factor [1]", "verdict"]
 
 
 def judged_cells(line: Line, judged: Judgement) -> list[str]:
-    """Margin in dB and as a factor, and the verdict in a word."""
+    """Margin in dB and as a factor, and the verdict in a word; a line may also be outside the band."""
     margin = judged.of(line)
     if margin is None:
-        return ["", "", "not judged"]
-    return [f"{margin.decibel:+.1f}", figure(margin.factor, 3), "pass" if margin.passes else "FAIL"]
+        return ["", "", "not judged" if line in judged.unknown else "outside"]
+    return [
+        f"{margin.decibel:+.1f}" if math.isfinite(margin.decibel) else "",
+        figure(margin.factor, 3),
+        "pass" if margin.passes else "FAIL",
+    ]
 
 
 def marks(shown: Sequence[Line], judged: Judgement | None) -> dict[int, Mark]:

@@ -11,13 +11,14 @@ from microvib.app.document import Block, Row, Table, Text, pairs, table
 from microvib.model.linear import coupled_modes
 from microvib.model.part import Part, entries
 from microvib.model.scenario import Scenario
+from microvib.units import Quantity
 
 _STATUS = (
     ("identified", r"identified\b"),
     ("assumed", r"assumed\b"),
     ("default", r"default\b"),
     ("set by the user", r"set by the user\b"),
-    ("computed", r"computed\b"),
+    ("computed", r"(computed|finite elements)\b"),
     ("data sheet", r".*\bdata ?sheet\b"),
     ("paper", r".*(\bAppl\. Sci\.|\bdoi\b|\bTable \d)"),
 )
@@ -43,7 +44,7 @@ def provenance(source: str) -> Provenance:
     if status == "identified":
         reference, _, detail = source.rpartition(": ")
         return Provenance(status, _printed(detail), reference) if reference else Provenance(status, "", source)
-    if status in ("assumed", "computed"):
+    if status in ("assumed", "computed") and source.lower().startswith(status):
         return Provenance(status, source.partition(":")[2].strip() or source.removeprefix(status).strip(" ;,"))
     return Provenance(status, "", source)
 
@@ -65,13 +66,22 @@ def parameter_blocks(scenario: Scenario) -> tuple[Block, ...]:
         if first != group:
             group = first
             rows.append(Row((group,), "group"))
-        shown = quantity.show(value) if quantity and isinstance(value, float) else str(value)
+        shown = _shown(value, quantity)
         meaning = quantity.meaning if quantity else _description(scenario, key)
         found = provenance(scenario.source_of(key))
         rows.append(Row((rest, shown, found.status, _basis(found, references), meaning)))
     columns = table(("`key`", "value [1]", "status", "basis", "meaning"), ()).columns
     listed = pairs((f"[{number}]", text) for text, number in references.items())
     return (Table(columns, tuple(rows)), *((Text("References of the column `basis`:"), listed) if references else ()))
+
+
+def _shown(value: Any, quantity: Quantity | None) -> str:
+    """A value with its unit, which stays on its line; of several, four digits each."""
+    if quantity and isinstance(value, float):
+        return quantity.show(value).replace(" ", "\u00a0")
+    if isinstance(value, tuple):
+        return ", ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in value)
+    return str(value)
 
 
 def _basis(found: Provenance, references: dict[str, int]) -> str:
@@ -97,7 +107,7 @@ def parameter_table(part: Part) -> Table:
         key = key.lstrip(".")
         if value is None or value == () or key in ("title", "source"):
             continue
-        shown = quantity.show(value) if quantity and isinstance(value, float) else str(value)
+        shown = _shown(value, quantity)
         rows.append((key, shown, quantity.meaning if quantity else _description(part, key)))
     return table(("`parameter`", "value [1]", "meaning"), rows)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from microvib.app.analysis import lines as estimate
 from microvib.app.analysis import spectrum
+from microvib.model.linear import coupled_modes
 from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall
 from microvib.solve.motion import Motion
@@ -208,40 +209,45 @@ _PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.9}
 
 
 def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
-    """Spectrum about the array's first modes; clamped and coupled frequency marked."""
+    """Spectrum about the array's first modes; clamped and coupled frequency of the strongest marked."""
     modes = [line for line in table if line.kind == "array mode" and np.isfinite(line.amplitude_n_m)]
     top = 4.0 * min((line.expected_hz for line in modes), default=1.0)
     s = spectrum(motion, window="rectangular")
     keep = (s.frequency <= top) & (s.frequency > 0)
     ax.plot(s.frequency[keep], s.amplitude[keep] * 1e3, color=BLUE, linewidth=1.0, marker=".", markersize=3)
-    for mode, line in list(zip(motion.scenario.array.modes, modes, strict=False))[:3]:
-        if mode.frequency > top:
-            continue
-        ax.axvline(mode.frequency, color=GREY, linestyle=":", linewidth=1.2, label=f"clamped {mode.frequency:.4g} Hz")
-        ax.axvline(
-            line.expected_hz,
-            color=RED,
-            linestyle="--",
-            linewidth=1.2,
-            label=f"through the drive {line.expected_hz:.4g} Hz",
-        )
-    shown = [x for x in table if x.frequency_hz <= top and x.status != FAINT]
-    ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
-    for line in shown:
-        ax.annotate(
-            line.line,
-            (line.frequency_hz, line.amplitude_n_m * 1e3),
-            xytext=(6, 2),
-            textcoords="offset points",
-            fontsize=8,
-        )
+    marked = sorted((x for x in modes if x.expected_hz <= top), key=lambda x: -x.amplitude_n_m)[:2]
+    for line in marked:
+        _mark_mode(ax, motion, line)
+    _name_points(ax, [x for x in table if x.frequency_hz <= top and x.status != FAINT])
     title = f"Array mode ({_made_by(s)})" if modes else f"Low frequencies ({_made_by(s)})"
     ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=title)
     ax.set_xlim(0, top)
-    _headroom(ax, 0.35)
+    _headroom(ax, 0.2 + 0.15 * len(marked))
     ax.set_ylim(bottom=0)
-    if modes:
+    if marked:
         ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+
+
+def _mark_mode(ax: Axes, motion: Motion, line: Line) -> None:
+    """Where a mode is with the shaft held, and where through the drive."""
+    clamped = next((m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.line), None)
+    for f, what, colour, dashes in (
+        (clamped, "clamped", GREY, ":"),
+        (line.expected_hz, "through the drive", RED, "--"),
+    ):
+        if f is not None:
+            label = f"{line.line}, {what} {f:.4g} Hz"
+            ax.axvline(f, color=colour, linestyle=dashes, linewidth=1.2, label=label)
+
+
+def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
+    """Points at the estimated amplitudes [mN m]; those of at least a fiftieth of the largest are named."""
+    ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
+    top = max((x.amplitude_n_m for x in shown), default=0.0)
+    for x in shown:
+        if x.amplitude_n_m >= 0.02 * top > 0.0:
+            at = (x.frequency_hz, x.amplitude_n_m * 1e3)
+            ax.annotate(x.line, at, xytext=(6, 2), textcoords="offset points", fontsize=8)
 
 
 def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:

@@ -210,9 +210,9 @@ def _overlap(overlap: float, segment: int) -> int:
 
 
 def tone(x: np.ndarray, sample_rate: float, frequency: float) -> np.ndarray:
-    """Complex amplitudes, shape (...), of ``x`` (..., n) at one frequency [Hz]; their phase is that of the cosine at the first sample.
+    """Complex amplitudes, shape (...), of ``x`` (..., n) at one frequency [Hz], for tones apart from others.
 
-    Hann-windowed, so that it does not matter where the bins fall; for tones apart from others.
+    Hann-windowed, so that it does not matter where the bins fall; phases are those of cosines at the first sample.
     """
     n = x.shape[-1]
     w = window_values("hann", n)

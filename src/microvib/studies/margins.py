@@ -65,12 +65,14 @@ class Judgement:
         band = f" {self.limit.band}" if self.limit.band else ""
         if not self.margins:
             return f"Limit {1e3 * self.limit.torque:.4g} mN m: no line{band} to judge."
-        worst = self.margins[0]
         verdict = f"FAIL, {self.above} of {len(self.margins)} lines above" if self.above else "pass"
-        return (
-            f"Limit {1e3 * self.limit.torque:.4g} mN m{band}: {verdict}; smallest margin {worst.decibel:+.1f} dB, factor"
-            f" {worst.factor:.3g} ({worst.line.line})."
-        )
+        return f"Limit {1e3 * self.limit.torque:.4g} mN m{band}: {verdict}{self._worst()}."
+
+    def _worst(self) -> str:
+        worst = self.margins[0]
+        if math.isinf(worst.factor):
+            return ""
+        return f"; smallest margin {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
 
 
 def judge(table: LineTable, limit: Limit) -> Judgement:
