@@ -146,8 +146,8 @@ def _notes(motion: Motion, lines: LineTable, judged: Judgement | None) -> list[T
 
 
 def _decaying(motion: Motion, lines: LineTable, judged: Judgement | None) -> Iterable[str]:
-    for x in lines.notable():
-        if x.status == "decaying" and (judged is None or judged.of(x)):
+    for x in _shown(lines, judged):
+        if x.status == "decaying":
             fold = x.decay_per_s * motion.scenario.record.duration
             start = x.amplitude_n_m * fold / -math.expm1(-fold)
             yield f"{x.line} decays: the amplitude is its mean over the record, {torque(start)} at the start."
