@@ -82,9 +82,8 @@ def test_summary_says_how_far_to_trust(finished):
 
 def test_report_is_self_contained(finished):
     page = (finished[0] / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 4
-    assert "http://" not in page
-    assert "https://" not in page
+    assert page.count("data:image/svg+xml;base64,") == 4
+    assert "://" not in page
     for text in ("array_mode_1", "Torque budget", "assumed", "reducer", "N m/rad"):
         assert text in page
 
@@ -245,7 +244,7 @@ def test_modes_of_the_reference_array(tmp_path):
     assert "90 % of the inertia about x is reached with 3 modes" in done.stdout
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"modes.csv", "modes.png", "report.html"}
     report = (tmp_path / "out" / "report.html").read_text()
-    assert "http" not in report.replace("http://www.w3.org", "")
+    assert "://" not in report
     for words in (
         "In motion",
         "Convergence",

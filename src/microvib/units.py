@@ -156,7 +156,7 @@ class Quantity:
 
 def pretty(unit: str) -> str:
     """A unit as print shows it: ``kg*m^2`` becomes ``kg m²``."""
-    powers = {"^2": "²", "^3": "³", "^0.5": "^½"}
+    powers = {"^2": "²", "^3": "³", "^0.5": "^½", "^-1": "⁻¹"}
     for plain, raised in powers.items():
         unit = unit.replace(plain, raised)
     return unit.replace("*", " ").replace("deg", "°").replace("ohm", "Ω").replace("percent", "%")

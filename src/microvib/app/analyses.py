@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from microvib.app import plots
-from microvib.app.report import picture
-from microvib.app.studies import number, page
+from microvib.app.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
+from microvib.app.pieces import drawn, figure, milli, number, study
+from microvib.app.rendering import report_files
 from microvib.io.results import columns_csv, lines_csv, write_folder
+from microvib.signals.lines import Line, LineTable
 from microvib.studies.analyse import Analysis
-
-_SHOWN = 200.0
-"""Upper end of the pictures [Hz], as the paper's Figure 10."""
 
 
 def analysis_text(a: Analysis) -> str:
@@ -36,7 +34,7 @@ def analysis_text(a: Analysis) -> str:
     return "\n".join(rows)
 
 
-def write_analysis(out: Path, a: Analysis, overwrite: bool) -> tuple[str, ...]:
+def write_analysis(out: Path, a: Analysis, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """Tables and report of an analysis; names of the files."""
     centre, rms = a.density.third_octaves()
     unit = "n" if a.unit == "N" else "n_m"
@@ -51,58 +49,122 @@ def write_analysis(out: Path, a: Analysis, overwrite: bool) -> tuple[str, ...]:
             }
         ),
         "third_octaves.csv": columns_csv({"centre_hz": centre, f"rms_{unit}": rms}),
-        "report.html": _report(a),
+        **report_files(analysis_report(a, form), form),
     }
     write_folder(out, files, overwrite)
     return tuple(files)
 
 
-def _report(a: Analysis) -> str:
-    sections: list[dict[str, Any]] = []
-    if a.table is not None:
-        header = [
-            "line",
-            "frequency [Hz]",
-            "± [mHz]",
-            "amplitude [mN m]",
-            "± [mN m]",
-            "floor [mN m]",
-            "origin",
-            "status",
-        ]
-        rows = [
-            [x.line, number(x.frequency_hz, 7), number(1e3 * x.frequency_uncertainty_hz, 2), number(1e3 * x.amplitude_n_m),
-             number(1e3 * x.amplitude_uncertainty_n_m, 2), number(1e3 * x.floor_n_m, 2), x.origin, x.status]
-            for x in a.table.notable()
-        ]  # fmt: skip
-        text = (
-            "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty from the floor about the line."
-        )
-        sections.append({"title": "Lines", "text": text, "header": header, "rows": rows})
-    pictures: tuple[tuple[str, Any, Any], ...] = (
-        ("Amplitude spectrum", a.spectrum, lambda ax: plots.draw_amplitudes(ax, a.spectrum, a.unit, _SHOWN, a.table)),
-        ("Power spectral density", a.density, lambda ax: plots.draw_density(ax, a.density, a.unit, _SHOWN)),
-        ("Waterfall", a.waterfall, lambda ax: plots.draw_waterfall(ax, a.waterfall, a.unit, _SHOWN)),
-    )
-    sections += [{"title": t, "figure": _figure(draw), "caption": str(made)} for t, made, draw in pictures]
-    sections.append(_bands(a))
-    x = a.recording[a.channel]
-    lead = (
-        f"{a.name}, channel {a.channel}: {x.size} samples at {a.recording.sample_rate:g} Hz,"
-        f" {a.recording.duration:g} s. " + "; ".join(note for note in a.recording.notes if note)
-    )
-    return page("Analysis of a torque" if a.unit == "N m" else "Analysis of a force", lead, sections)
+_MOST_IN_FRONT = 8
 
 
-def _figure(draw: Any) -> str:
-    figure, axes = plots.new_figure(11.0, 4.0)
+def analysis_report(a: Analysis, form: Form | None = None) -> Document:
+    """The report of an analysis: lines with uncertainties, amplitude spectrum, density, waterfall, bands."""
+    reach = plots.reach(_largest(a))
+    spectrum = _drawn(
+        4.4,
+        lambda ax: plots.draw_amplitudes(ax, a.spectrum, a.unit, reach, a.table),
+        "Amplitude spectrum",
+        a.spectrum,
+    )
+    density = _drawn(
+        2.7, lambda ax: plots.draw_density(ax, a.density, a.unit, reach), "Power spectral density", a.density
+    )
+    fall = _drawn(2.9, lambda ax: plots.draw_waterfall(ax, a.waterfall, a.unit, reach), "Waterfall", a.waterfall)
+    lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
+    return study(
+        "Analysis report",
+        f"Analysis of {a.name}, channel {a.channel}",
+        "Lines with uncertainties and spectra of a " + ("torque." if a.unit == "N m" else "force."),
+        facts=_facts(a),
+        front=(pairs(_source(a)), *_main_lines(a), spectrum),
+        sections=(
+            *lines,
+            Section("Power spectral density", (density,), new_page=not lines),
+            Section("Waterfall", (fall,)),
+            Section("RMS in bands", (_bands(a), Text("RMS in 1/3-octave bands is in `third_octaves.csv`.", note=True))),
+        ),
+        form=form,
+    )
+
+
+def _drawn(height: float, draw: Callable[[Any], None], alt: str, made: object) -> Figure:
+    drawing, axes = plots.sheet(height)
     draw(axes[0, 0])
-    return picture(figure)
+    text = str(made)
+    return drawn(drawing, alt, text[:1].upper() + text[1:] + ".")
 
 
-def _bands(a: Analysis) -> dict[str, Any]:
-    rows = [[f"{low:g} to {high:g} Hz", number(1e3 * rms)] for low, high, rms in a.bands]
-    x: np.ndarray = a.recording[a.channel]
-    rows.append(["whole record, about its mean", number(1e3 * float(x.std()))])
-    return {"title": "Bands", "header": ["band", f"RMS [m{a.unit}]"], "rows": rows,
-            "text": "RMS in 1/3-octave bands is in third_octaves.csv."}  # fmt: skip
+def _facts(a: Analysis) -> list[Fact]:
+    x = a.recording[a.channel]
+    largest = _largest(a)[:2]
+    facts = [
+        Fact(f"{milli(line.amplitude_n_m)} m{a.unit}", f"{line.line} at {figure(line.frequency_hz)} Hz")
+        for line in largest
+    ]
+    facts.append(Fact(f"{milli(float(x.std()))} m{a.unit}", "RMS about the mean"))
+    if a.clock_ratio is not None:
+        facts.append(Fact(f"{a.clock_ratio:.6f}", "step clock over nominal"))
+    return facts
+
+
+def _largest(a: Analysis) -> list[Line]:
+    seen = [line for line in a.table or () if line.status in ("ok", "decaying", "growing")]
+    return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MOST_IN_FRONT]
+
+
+def _source(a: Analysis) -> list[tuple[str, str]]:
+    recording = a.recording
+    rows = [
+        ("Source", a.name),
+        ("Record", f"{recording.samples} samples at {recording.sample_rate:g} Hz, {recording.duration:g} s"),
+    ]
+    return rows + [("Note", note) for note in recording.notes if note]
+
+
+def _main_lines(a: Analysis) -> tuple[Table, ...]:
+    if a.table is None:
+        return ()
+    rows = [
+        [
+            x.line,
+            figure(x.frequency_hz, 6),
+            milli(x.amplitude_n_m),
+            _spread(x.amplitude_uncertainty_n_m),
+            x.origin,
+        ]
+        for x in sorted(_largest(a), key=lambda x: x.frequency_hz)
+    ]
+    header = ["line", "frequency [Hz]", f"amplitude [m{a.unit}]", f"± [m{a.unit}]", "what it is"]
+    return (table(header, rows, "The largest lines. Amplitudes 0-to-peak; ± is one standard uncertainty."),)
+
+
+def _all_lines(lines: LineTable) -> tuple[Block, ...]:
+    header = [
+        "line",
+        "frequency [Hz]",
+        "± [mHz]",
+        "amplitude [mN m]",
+        "± [mN m]",
+        "floor [mN m]",
+        "what it is",
+        "status",
+    ]
+    rows = [
+        [x.line, number(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
+         _spread(x.amplitude_uncertainty_n_m), number(1e3 * x.floor_n_m, 2), x.origin, x.status]
+        for x in lines.notable()
+    ]  # fmt: skip
+    text = "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty from the floor about the line."
+    return Text(text), table(header, rows)
+
+
+def _spread(value: float) -> str:
+    """An uncertainty in thousandths; empty where none could be told."""
+    return number(1e3 * value, 2) if value > 0.0 else ""
+
+
+def _bands(a: Analysis) -> Table:
+    rows = [[f"{low:g} to {high:g} Hz", milli(rms)] for low, high, rms in a.bands]
+    rows.append(["whole record, about its mean", milli(float(a.recording[a.channel].std()))])
+    return table(["band", f"RMS [m{a.unit}]"], rows)

@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 import os
+import shlex
 from typing import Any
 
 import click
 
 from microvib import __version__
-from microvib.app.commands import arrays, campaign, families, scenarios, test_data
+from microvib.app.commands import arrays, campaign, families, reports, scenarios, test_data
 from microvib.errors import MicrovibError
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-_EXTRAS = {"pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data", "distributed": "dask"}
+_EXTRAS = {
+    "pyfe3d": "fem",
+    "pyyeti": "fem",
+    "pyuff": "test-data",
+    "nptdms": "test-data",
+    "typst": "report",
+    "distributed": "dask",
+}
 """Extra of the package that brings a library."""
 
 
 class _Sentences(click.Group):
     """Turns errors meant for the user into sentences on standard error and an exit status."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.obj = shlex.join(["microvib", *args])  # a report says by which command it was made
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -55,6 +67,7 @@ def main() -> None:
 
 for _command in (
     scenarios.run,
+    reports.report,
     test_data.compare,
     test_data.analyse,
     test_data.measure,

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.app.report import parameter_rows, picture, render
+from microvib.app.document import Block, Document, Fact, Form, Live, Section, Text, table
+from microvib.app.parameters import parameter_table
+from microvib.app.pieces import drawn, signed, study
+from microvib.app.rendering import report_files
 from microvib.io.modal_sources import Design, ModalSource
 from microvib.io.modal_table import modes_csv
-from microvib.io.results import package_versions, read_table, write_folder
+from microvib.io.results import read_table, write_folder
 from microvib.model.modal import DIRECTIONS, ModalModel
 from microvib.model.simulator import SimulatorDesign
 
@@ -71,16 +74,22 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]"]
     rows = []
     cumulative = np.cumsum(m.fraction[m.axis])
+    effective, fraction = _without_noise(m.effective[m.axis], m.inertia), _without_noise(m.fraction[m.axis], 1.0)
     for k, kind in enumerate(mode_kinds(source)):
         rows.append(
-            [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{m.effective[m.axis, k]:.3g}",
-             f"{m.fraction[m.axis, k]:.3g}", f"{cumulative[k]:.4f}"]
+            [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}",
+             f"{fraction[k]:.3g}", f"{cumulative[k]:.4f}"]
         )  # fmt: skip
         if paper:
             rows[-1] += _paper_cells(paper, k, m.frequency[k])
     if not paper:
         return header, rows
-    return [*header, "paper [Hz]", "diff. [%]", "paper [1]"][: len(rows[0])], rows
+    return [*header, "paper [Hz]", "diff. [%]", "paper fraction [1]"][: len(rows[0])], rows
+
+
+def _without_noise(values: np.ndarray, whole: float) -> np.ndarray:
+    """Zero where there is nothing but rounding of the ``whole``."""
+    return np.where(np.abs(values) > 1e-12 * whole, values, 0.0)
 
 
 _PAPER = {
@@ -107,62 +116,80 @@ def _paper_cells(paper: list[dict[str, str]], k: int, frequency: float) -> list[
     return [*cells, f"{float(paper[k]['effective_fraction']):.3g}"] if fractions else cells
 
 
-def write_modes(out: Path, source: ModalSource, overwrite: bool) -> tuple[str, ...]:
-    """``modes.csv``, ``report.html`` and, of finite elements, ``modes.png``; names of the files."""
-    files: dict[str, Any] = {"modes.csv": modes_csv(source.model), "report.html": report(source)}
+def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """``modes.csv``, the report and, of finite elements, ``modes.png``; names of the files."""
+    files: dict[str, Any] = {"modes.csv": modes_csv(source.model)}
+    files |= report_files(modes_report(source, form), form)
     if source.modes is not None:
         from microvib.app.shapes import draw_shapes
 
         figure = draw_shapes(source.modes, mode_kinds(source), _MOST_PICTURED)
-        files["modes.png"] = lambda path: figure.savefig(path, format="png")
+        files["modes.png"] = lambda path: figure.savefig(path, format="png", dpi=200)
     write_folder(out, files, overwrite)
     return tuple(files)
 
 
-def report(source: ModalSource) -> str:
-    """HTML text of the report on the modes of one source."""
-    model = source.model
-    header, rows = table_1(source)
-    sections: list[dict[str, Any]] = [
-        {"title": f"Modes about the drive axis {model.drive_axis} (as Table 1)", "text": enough_sentence(model),
-         "header": header, "rows": rows}
-    ]  # fmt: skip
-    if model.notes:
-        sections.insert(0, {"title": "To be checked", "text": " ".join(model.notes)})
-    if source.modes is not None and source.design is not None:
-        sections += _pictures(source.design, source.modes)
-        sections += [_convergence(source), *_rope(source), _second_order(source.modes, model)]
-    if model.spatial:
-        sections += _spatial(model)
-    if source.design is not None:
-        sections.append(
-            {"title": "Description", "text": source.design.source, "header": ["parameter", "value", "meaning"],
-             "rows": parameter_rows(source.design)}
-        )  # fmt: skip
-    lead = f"{source.name}: {model.frequency.size} modes with the interface clamped."
-    version = package_versions()["microvib"]
-    return render(
-        "study.html", title=f"Modes of {model.title or source.name}", lead=lead, sections=sections, version=version
+def modes_report(source: ModalSource, form: Form | None = None) -> Document:
+    """The report on the modes of one source."""
+    model, design = source.model, source.design
+    front: list[Block] = [table(*table_1(source)), Text(enough_sentence(model))]
+    front += [Text(f"To be checked: {' '.join(model.notes)}")] if model.notes else []
+    sections: list[Section] = []
+    if source.modes is not None and design is not None:
+        front.append(_shapes(design, source.modes))
+        sections = [
+            *_motion(design, source.modes),
+            _convergence(source),
+            *_rope(source),
+            _second_order(source.modes, model),
+        ]
+    sections += _spatial(model) if model.spatial else []
+    if design is not None:
+        origin = (Text(design.source),) if design.source else ()
+        sections.append(Section("Description", (*origin, parameter_table(design)), new_page=True))
+    return study(
+        "Modes report",
+        f"Modes of {model.title or source.name}",
+        f"{source.name}: {model.frequency.size} modes with the interface clamped, drive axis {model.drive_axis} (as Table 1).",
+        facts=_facts(model),
+        front=front,
+        sections=sections,
+        form=form,
     )
 
 
-def _pictures(design: Design, modes: Modes) -> list[dict[str, Any]]:
-    from microvib.app.shapes import animation, draw_shapes
+def _facts(model: ModalModel) -> list[Fact]:
+    dominant = int(np.argmax(model.effective[model.axis]))
+    return [
+        Fact(f"{model.frequency[dominant]:.4g} Hz", f"mode {dominant + 1}, the strongest about {model.drive_axis}"),
+        Fact(f"{100 * model.fraction[model.axis].sum():.1f} %", f"of the inertia about {model.drive_axis} in modes"),
+        Fact(f"{model.inertia:.4g} kg m²", f"inertia about {model.drive_axis}"),
+        Fact(f"{model.J_h:.4g} kg m²", "residual J_h, rigid on the shaft"),
+    ]
+
+
+def _shapes(design: Design, modes: Modes) -> Block:
+    from microvib.app.shapes import draw_shapes
     from microvib.fem.described import kinds, meanings
 
     found = kinds(design, modes)
     legend = "; ".join(f"{key} {meaning}" for key, meaning in meanings(design).items() if key in found)
-    count = min(_MOST_PICTURED, len(found))
-    sections = [
-        {"title": "Mode shapes", "figure": picture(draw_shapes(modes, found, count)),
-         "caption": f"Displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."}
-    ]  # fmt: skip
-    if len(modes.structure.xyz) <= _MOST_NODES:
-        sections.insert(0, {"title": "In motion", "html": animation(modes, found, count)})
-    return sections
+    caption = f"Mode shapes: displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."
+    return drawn(draw_shapes(modes, found, min(_MOST_PICTURED, len(found))), "Mode shapes", caption)
 
 
-def _convergence(source: ModalSource) -> dict[str, Any]:
+def _motion(design: Design, modes: Modes) -> list[Section]:
+    from microvib.app.shapes import animation
+    from microvib.fem.described import kinds
+
+    if len(modes.structure.xyz) > _MOST_NODES:
+        return []
+    found = kinds(design, modes)
+    moving = animation(modes, found, min(_MOST_PICTURED, len(found)))
+    return [Section("In motion", (Live(str(moving)),))]
+
+
+def _convergence(source: ModalSource) -> Section:
     """Frequencies on a mesh of twice the size, mode by mode of each kind."""
     from microvib.fem.described import kinds, solved
 
@@ -176,7 +203,7 @@ def _convergence(source: ModalSource) -> dict[str, Any]:
     for k, (key, f) in enumerate(fine.items(), 1):
         g = other.get(key, math.nan)
         rows.append(
-            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", f"{100 * (g / f - 1):+.2f}"] if key in other else ["", ""])]
+            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", signed(100 * (g / f - 1))] if key in other else ["", ""])]
         )
     text = (
         f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
@@ -184,10 +211,10 @@ def _convergence(source: ModalSource) -> dict[str, Any]:
         " small asks for a finer mesh."
     )
     header = ["mode", "kind", "f [Hz]", "coarser [Hz]", "difference [%]"]
-    return {"title": "Convergence", "text": text, "header": header, "rows": rows}
+    return Section("Convergence", (Text(text), table(header, rows)))
 
 
-def _rope(source: ModalSource) -> list[dict[str, Any]]:
+def _rope(source: ModalSource) -> list[Section]:
     """Frequencies of a simulator without its rope."""
     from microvib.fem.described import solved
 
@@ -200,7 +227,7 @@ def _rope(source: ModalSource) -> list[dict[str, Any]]:
     rows = [[str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"] for k, (f, g) in enumerate(pairs, 1)]
     text = "The same without the rope that hangs it up; the mass of the rope is in neither."
     header = ["mode", "with [Hz]", "without [Hz]", "difference [%]"]
-    return [{"title": "Suspension rope", "text": text, "header": header, "rows": rows}]
+    return [Section("Suspension rope", (Text(text), table(header, rows)))]
 
 
 def _by_kind(frequency: np.ndarray, kinds: Sequence[str]) -> dict[tuple[str, int], float]:
@@ -211,7 +238,7 @@ def _by_kind(frequency: np.ndarray, kinds: Sequence[str]) -> dict[tuple[str, int
     return found
 
 
-def _second_order(modes: Modes, model: ModalModel) -> dict[str, Any]:
+def _second_order(modes: Modes, model: ModalModel) -> Section:
     from microvib.fem.coupling import size
 
     rows = []
@@ -227,28 +254,33 @@ def _second_order(modes: Modes, model: ModalModel) -> dict[str, Any]:
         " column, is in neither equation."
     )
     header = ["rate", "Coriolis [1]", "centrifugal [1]", "frequencies [1]", "torque [1]"]
-    return {"title": "Second-order terms", "text": text, "header": header, "rows": rows}
+    return Section("Second-order terms", (Text(text), table(header, rows)))
 
 
-def _spatial(model: ModalModel) -> list[dict[str, Any]]:
+def _spatial(model: ModalModel) -> list[Section]:
     fraction = model.fraction
     cumulative = np.cumsum(fraction, axis=1)
     rows = [
         [
             str(k + 1),
             f"{f:.4g}",
-            *(f"{100 * a:.3f} / {100 * b:.2f}" for a, b in zip(fraction[:, k], cumulative[:, k], strict=True)),
+            *(f"{100 * a:.2f} / {100 * b:.2f}" for a, b in zip(fraction[:, k], cumulative[:, k], strict=True)),
         ]
         for k, f in enumerate(model.frequency)
     ]
-    noise = 1e-12 * np.abs(model.mass).max()
-    rigid = [
-        [name, *(f"{v if abs(v) > noise else 0.0:.5g}" for v in row)]
-        for name, row in zip(DIRECTIONS, model.mass, strict=True)
-    ]
+    mass = _without_noise(model.mass, float(np.abs(model.mass).max()))
+    rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(DIRECTIONS, mass, strict=True)]
+    text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulated after the stroke."
     return [
-        {"title": "Effective mass in six directions", "header": ["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)],
-         "text": "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface / cumulated.", "rows": rows},
-        {"title": "Rigid body at the interface", "text": "Mass matrix about the interface point.",
-         "header": ["", *(f"{d} [kg, m]" for d in DIRECTIONS)], "rows": rigid},
-    ]  # fmt: skip
+        Section(
+            "Effective mass in six directions",
+            (Text(text), table(["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)], rows)),
+        ),
+        Section(
+            "Rigid body at the interface",
+            (
+                Text("Mass matrix about the interface point, in kg and m."),
+                table(["row", *(f"{d} [1]" for d in DIRECTIONS)], rigid),
+            ),
+        ),
+    ]

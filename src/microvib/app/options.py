@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
 from microvib.errors import MicrovibError
+
+if TYPE_CHECKING:
+    from microvib.studies.margins import Limit
 
 
 def quantity(option: str, text: str, unit: str) -> float:
@@ -28,6 +34,20 @@ def band_of(text: str) -> tuple[float, float]:
     if not 0.0 <= bounds[0] < bounds[1]:
         raise MicrovibError(f"--band: {text!r} is no range; the first bound must be at least 0 and below the second")
     return bounds
+
+
+def limit_of(limit: str | None, band: str | None) -> Limit | None:
+    """The limit on lines that ``--limit`` and ``--band`` state; None without one. MicrovibError where they do not fit."""
+    if limit is None:
+        if band is not None:
+            raise MicrovibError("--band: says where a limit holds; give --limit, such as --limit '10 mN*m'")
+        return None
+    from microvib.studies.margins import Limit
+
+    most = quantity("--limit", limit, "N*m")
+    if not 0.0 < most < math.inf:
+        raise MicrovibError(f"--limit: {limit!r} is not allowed; it must be finite and greater than 0 N*m")
+    return Limit(most, *((0.0, math.inf) if band is None else band_of(band)))
 
 
 def counts_of(text: str) -> tuple[int, ...]:

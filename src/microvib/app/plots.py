@@ -1,14 +1,16 @@
-"""Figures: time history, spectrum with named lines, zoom on the array mode, torques through one full step."""
+"""Figures: time history, spectrum with named lines and limit, zoom on the array mode, torques through one full step."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from microvib.app.analysis import lines as estimate
 from microvib.app.analysis import spectrum
+from microvib.model.linear import coupled_modes
 from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall
 from microvib.solve.motion import Motion
@@ -16,6 +18,8 @@ from microvib.solve.motion import Motion
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from microvib.studies.margins import Judgement
 
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
@@ -37,6 +41,29 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> 
     return figure, axes
 
 
+PAGE = 7.0
+"""Width of a figure in a report [inch], as wide as its page."""
+
+
+def sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """Figure and axes for a report, ``height`` in inches."""
+    return new_figure(PAGE, height, rows, columns)
+
+
+def svg(figure: Figure) -> str:
+    """A figure of a report as SVG, the same text each time; letters are outlines, so that no font is needed."""
+    import matplotlib
+
+    for ax in figure.axes:
+        ax.tick_params(labelsize=7.5)
+        for text, size in ((ax.xaxis.label, 8), (ax.yaxis.label, 8), (ax.title, 8.5)):
+            text.set_fontsize(min(size, text.get_fontsize()))
+    stream = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "microvib", "svg.fonttype": "path"}):
+        figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return stream.getvalue()
+
+
 def plot(motion: Motion, table: LineTable | None = None) -> Figure:
     """Overview of a run: history and a stretch of it, spectrum with named lines, zoom on the array mode."""
     table = table or estimate(motion)
@@ -49,11 +76,26 @@ def plot(motion: Motion, table: LineTable | None = None) -> Figure:
     return figure
 
 
+def reach(lines: Iterable[Line], least: float = 200.0) -> float:
+    """Upper end [Hz] of a spectrum that shows all the lines."""
+    return max([least, *(1.08 * x.frequency_hz for x in lines)])
+
+
+def draw_front(motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None) -> Figure:
+    """The picture of a report's first page: spectrum with named lines and limit, and the time history below it."""
+    figure, axes = sheet(5.5, 2, 1)
+    spectrum_ax, history_ax = axes[:, 0]
+    spectrum_ax.get_gridspec().set_height_ratios((1.7, 1.0))
+    draw_spectrum(spectrum_ax, motion, table, highest, judged)
+    draw_history(history_ax, motion)
+    return figure
+
+
 def draw_history(ax: Axes, motion: Motion) -> None:
     """Disturbance torque over the record (as Figure 9b, drive axis), peaks kept when points are merged."""
-    t, low, high = envelope(motion.time, motion["T_d"])
+    t, low, high = envelope(motion.time, 1e3 * motion["T_d"])
     ax.fill_between(t, low, high, color=BLUE, linewidth=0.4, edgecolor=BLUE)
-    ax.set(xlabel="time [s]", ylabel="disturbance torque $T_d$ [N m]", title="Time history about the drive axis")
+    ax.set(xlabel="time [s]", ylabel="disturbance torque $T_d$ [mN m]", title="Time history about the drive axis")
     ax.margins(x=0)
 
 
@@ -69,10 +111,10 @@ def draw_stretch(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     """A few microsteps at the start of the record, with the time that the shaft sticks shaded."""
     n = _stretch(motion, microsteps)
     t = (motion.time[:n] - motion.time[0]) * 1e3
-    ax.plot(t, motion["T_d"][:n], color=BLUE, linewidth=1.4, label="$T_d$")
+    ax.plot(t, 1e3 * motion["T_d"][:n], color=BLUE, linewidth=1.4, label="$T_d$")
     if "stuck_output" in motion.channels:
         _shade_stuck(ax, t, motion["stuck_output"][:n])
-    ax.set(xlabel="time in the record [ms]", ylabel="$T_d$ [N m]", title=f"{microsteps:g} microsteps")
+    ax.set(xlabel="time in the record [ms]", ylabel="$T_d$ [mN m]", title=f"{microsteps:g} microsteps")
     ax.margins(x=0)
     _headroom(ax, 0.2)
     ax.legend(loc="upper right", fontsize=8, ncols=2)
@@ -92,20 +134,39 @@ def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> None:
         )
 
 
-def draw_spectrum(ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0) -> None:
-    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10)."""
+def draw_spectrum(
+    ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0, judged: Judgement | None = None
+) -> None:
+    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10), and the limit."""
     draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table)
+    if judged is not None:
+        _draw_limit(ax, judged, highest)
+
+
+def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
+    """The limit over its band, and squares about the lines above it."""
+    limit, above = judged.limit, [m.line for m in judged.margins if not m.passes]
+    low, high = ax.get_ylim()
+    height = 1e3 * limit.torque
+    ax.set_ylim(min(low, 0.5 * height), max(high, 4.0 * height))
+    span = [limit.low, min(limit.high, highest)]
+    ax.plot(span, [height] * 2, color="black", linewidth=1.4, linestyle="--", label=f"limit {height:.4g} mN m")
+    ax.plot(
+        [x.frequency_hz for x in above], [1e3 * x.amplitude_n_m for x in above], "s", color=RED, markersize=7, fillstyle="none",
+        markeredgewidth=1.4, label="above the limit" if above else None,
+    )  # fmt: skip
+    ax.legend(loc="upper right", fontsize=7.5, ncols=2)
 
 
 def draw_amplitudes(ax: Axes, s: Spectrum, unit: str, highest: float, table: LineTable | None = None) -> None:
-    """An amplitude spectrum to ``highest`` [Hz], four decades of it, with the lines of ``table`` named."""
+    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``, lines of ``table`` named."""
     highest = min(highest, s.sample_rate / 2)
     keep = (s.frequency <= highest) & (s.frequency > 0)
-    ax.semilogy(s.frequency[keep], np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
+    ax.semilogy(s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
     shown = [x for x in table or () if np.isfinite(x.amplitude_n_m) and x.frequency_hz <= highest]
-    _limits(ax, [x.amplitude_n_m for x in shown] or [float(s.amplitude[keep].max())])
+    _limits(ax, [1e3 * x.amplitude_n_m for x in shown] or [1e3 * float(s.amplitude[keep].max())])
     name_lines(ax, shown, highest)
-    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [{unit}]", title=f"Spectrum ({_made_by(s)})")
+    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [m{unit}]", title=f"Spectrum ({_made_by(s)})")
     ax.set_xlim(0, highest)
 
 
@@ -114,104 +175,108 @@ def _made_by(s: Spectrum) -> str:
 
 
 def _limits(ax: Axes, amplitudes: Sequence[float]) -> None:
-    top = max([a for a in amplitudes if a > 0] or [1e-3])
+    top = max([a for a in amplitudes if a > 0] or [1.0])
     ax.set_ylim(top * 1e-4, top * 12)
 
 
 def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
-    """Mark lines at their estimated amplitude and name those that stand clear of each other, the strongest first."""
+    """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other, the strongest first."""
     bottom = ax.get_ylim()[0]
-    visible = [line for line in shown if line.amplitude_n_m > bottom and line.status != FAINT]
-    ax.plot([x.frequency_hz for x in visible], [x.amplitude_n_m for x in visible], "o", color=RED, markersize=4)
+    visible = [line for line in shown if 1e3 * line.amplitude_n_m > bottom and line.status != FAINT]
+    ax.plot([x.frequency_hz for x in visible], [1e3 * x.amplitude_n_m for x in visible], "o", color=RED, markersize=4, zorder=5)
     placed: list[float] = []
     top = max((line.amplitude_n_m for line in visible), default=0.0)
     for line in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
         if line.amplitude_n_m < 1e-3 * top:
             continue
-        if any(abs(line.frequency_hz - f) < 0.035 * highest for f in placed):
+        if any(abs(line.frequency_hz - f) < 0.055 * highest for f in placed):
             continue
         placed.append(line.frequency_hz)
         ax.annotate(
             f"{line.line}\n{line.frequency_hz:.4g} Hz",
-            (line.frequency_hz, line.amplitude_n_m),
+            (line.frequency_hz, 1e3 * line.amplitude_n_m),
             xytext=(4, 4),
             textcoords="offset points",
             fontsize=7,
             rotation=35,
+            zorder=4,
+            bbox=_PAPER,
         )
 
 
+_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.7}
+"""Ground of names that stand on lines."""
+
+
 def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
-    """Spectrum about the array's first modes; clamped and coupled frequency marked."""
+    """Spectrum about the array's first modes; clamped and coupled frequency of the strongest marked."""
     modes = [line for line in table if line.kind == "array mode" and np.isfinite(line.amplitude_n_m)]
     top = 4.0 * min((line.expected_hz for line in modes), default=1.0)
     s = spectrum(motion, window="rectangular")
     keep = (s.frequency <= top) & (s.frequency > 0)
     ax.plot(s.frequency[keep], s.amplitude[keep] * 1e3, color=BLUE, linewidth=1.0, marker=".", markersize=3)
-    for mode, line in list(zip(motion.scenario.array.modes, modes, strict=False))[:3]:
-        if mode.frequency > top:
-            continue
-        ax.axvline(mode.frequency, color=GREY, linestyle=":", linewidth=1.2, label=f"clamped {mode.frequency:.4g} Hz")
-        ax.axvline(
-            line.expected_hz,
-            color=RED,
-            linestyle="--",
-            linewidth=1.2,
-            label=f"through the drive {line.expected_hz:.4g} Hz",
-        )
-    shown = [x for x in table if x.frequency_hz <= top and x.status != FAINT]
-    ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
-    for line in shown:
-        ax.annotate(
-            line.line,
-            (line.frequency_hz, line.amplitude_n_m * 1e3),
-            xytext=(6, 2),
-            textcoords="offset points",
-            fontsize=8,
-        )
+    marked = sorted((x for x in modes if x.expected_hz <= top), key=lambda x: -x.amplitude_n_m)[:2]
+    for line in marked:
+        _mark_mode(ax, motion, line)
+    _name_points(ax, [x for x in table if x.frequency_hz <= top and x.status != FAINT])
     title = f"Array mode ({_made_by(s)})" if modes else f"Low frequencies ({_made_by(s)})"
     ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=title)
     ax.set_xlim(0, top)
-    _headroom(ax, 0.25)
+    _headroom(ax, 0.2 + 0.15 * len(marked))
     ax.set_ylim(bottom=0)
-    if modes:
-        ax.legend(loc="upper right", fontsize=8)
+    if marked:
+        ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+
+
+def _mark_mode(ax: Axes, motion: Motion, line: Line) -> None:
+    """Where a mode is with the shaft held, and where through the drive."""
+    clamped = next((m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.line), None)
+    for f, what, colour, dashes in (
+        (clamped, "clamped", GREY, ":"),
+        (line.expected_hz, "through the drive", RED, "--"),
+    ):
+        if f is not None:
+            label = f"{line.line}, {what} {f:.4g} Hz"
+            ax.axvline(f, color=colour, linestyle=dashes, linewidth=1.2, label=label)
+
+
+def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
+    """Points at the estimated amplitudes [mN m]; those of at least a fiftieth of the largest are named."""
+    ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
+    top = max((x.amplitude_n_m for x in shown), default=0.0)
+    for x in shown:
+        if x.amplitude_n_m >= 0.02 * top > 0.0:
+            at = (x.frequency_hz, x.amplitude_n_m * 1e3)
+            ax.annotate(x.line, at, xytext=(6, 2), textcoords="offset points", fontsize=8)
 
 
 def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     """Torques through a few microsteps, less their means: which torque goes where."""
-    n = _stretch(motion, microsteps)
-    t = (motion.time[:n] - motion.time[0]) * 1e3
-    names = {
-        "T_d": "$T_d$ on the spacecraft",
-        "T_g": "$T_g$ gear",
-        "T_f": "$T_f$ output friction",
-        "T_l": "$T_l$ array",
-    }
-    for colour, (name, label) in zip(COLOURS, names.items(), strict=False):
-        mean = motion[name].mean()
-        ax.plot(t, motion[name][:n] - mean, color=colour, linewidth=1.3, label=f"{label}, mean {mean:+.3g} N m")
-    _shade_stuck(ax, t, motion["stuck_output"][:n])
-    ax.set(xlabel="time in the record [ms]", ylabel="torque less its mean [N m]", title="Torques at the output")
-    ax.margins(x=0)
-    _headroom(ax, 0.5)
-    ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+    names = {"T_d": "$T_d$ on spacecraft", "T_g": "$T_g$ gear", "T_f": "$T_f$ friction", "T_l": "$T_l$ array"}
+    curves = {label: motion[name] - motion[name].mean() for name, label in names.items()}
+    _draw_curves(ax, motion, curves, microsteps)
+    ax.set(ylabel="torque less its mean [mN m]", title="At the output")
 
 
 def draw_motor_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     """Torques at the rotor through a few microsteps."""
+    gear = motion["T_g"] / motion.scenario.reducer.ratio
+    curves = {"$T_e$ motor": motion["T_e"], "$T_{f,m}$ friction": motion["T_f_m"], "$T_g/h$ gear": gear}
+    _draw_curves(ax, motion, curves, microsteps)
+    ax.set(ylabel="torque [mN m]", title="At the rotor")
+
+
+def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray], microsteps: float) -> None:
+    """Curves over the first microsteps, told apart by colour and by dashes."""
     n = _stretch(motion, microsteps)
     t = (motion.time[:n] - motion.time[0]) * 1e3
-    gear = motion["T_g"] / motion.scenario.reducer.ratio
-    for colour, (label, x) in zip(
-        COLOURS, {"$T_e$ motor": motion["T_e"], "$T_{f,m}$ rotor friction": motion["T_f_m"], "$T_g/h$ gear": gear}.items(),
-        strict=False,
-    ):  # fmt: skip
-        ax.plot(t, x[:n] * 1e3, color=colour, linewidth=1.3, label=f"{label}, mean {x.mean() * 1e3:+.3g} mN m")
-    ax.set(xlabel="time in the record [ms]", ylabel="torque [mN m]", title="Torques at the rotor")
+    for (label, x), colour, dashes in zip(curves.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
+        ax.plot(t, 1e3 * x[:n], color=colour, linestyle=dashes, linewidth=1.3, label=label)
+    _shade_stuck(ax, t, motion["stuck_output"][:n])
+    ax.set(xlabel="time in the record [ms]")
     ax.margins(x=0)
-    _headroom(ax, 0.5)
-    ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+    _headroom(ax, 0.45)
+    ax.legend(loc="upper right", fontsize=7, ncols=2)
 
 
 def _headroom(ax: Axes, share: float) -> None:
@@ -225,38 +290,45 @@ def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highe
     from microvib.signals.spectrum import amplitude_spectrum
 
     widths = np.linspace(2.6, 0.9, max(len(sides), 2))
+    top = 0.0
     for (name, torque, rate), colour, width in zip(sides, COLOURS, widths, strict=False):
         s = amplitude_spectrum(torque, rate, "hann")
         keep = (s.frequency > 0) & (s.frequency <= highest)
-        ax.semilogy(s.frequency[keep], np.maximum(s.amplitude[keep], 1e-9), color=colour, linewidth=width, label=name)
-    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [N m]", title=f"to {highest:g} Hz (hann window)")
+        top = max(top, 1e3 * float(s.amplitude[keep].max()))
+        ax.semilogy(
+            s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-9), color=colour, linewidth=width, label=name
+        )
+    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=f"To {highest:g} Hz (hann window)")
     ax.set_xlim(0, highest)
-    ax.set_ylim(bottom=1e-6)
+    ax.set_ylim(1e-5 * top, top)
     _headroom_log(ax)
-    ax.legend(loc="upper right", fontsize=8)
+    ax.legend(loc="upper right", fontsize=7)
 
 
 def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:
     """Power spectral density, and on a second axis the cumulative RMS."""
     keep = (density.frequency > 0) & (density.frequency <= highest)
     f = density.frequency[keep]
-    ax.semilogy(f, np.maximum(density.density[keep], 1e-24), color=BLUE, linewidth=0.9)
-    ax.set(xlabel="frequency [Hz]", ylabel=f"power spectral density [({unit})²/Hz]", xlim=(0, highest))
-    ax.yaxis.label.set_color(BLUE)
+    ax.semilogy(f, 1e6 * np.maximum(density.density[keep], 1e-24), color=BLUE, linewidth=0.9, label="density")
+    ax.set(xlabel="frequency [Hz]", ylabel=f"power spectral density [(m{unit})²/Hz]", xlim=(0, highest))
     right = ax.twinx()
-    right.plot(f, density.cumulative_rms[keep], color=RED, linewidth=1.6)
-    right.set_ylabel(f"cumulative RMS from 0 Hz [{unit}]", color=RED)
+    right.plot(f, 1e3 * density.cumulative_rms[keep], color=RED, linewidth=1.6, linestyle="--", label="cumulative RMS")
+    right.set_ylabel(f"cumulative RMS from 0 Hz [m{unit}]")
     right.set_ylim(bottom=0)
     right.spines["top"].set_visible(False)
+    _headroom_log(ax)
+    _headroom(right, 0.2)
+    ax.legend(handles=[*ax.lines, *right.lines], loc="upper right", fontsize=7.5, ncols=2)
 
 
 def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
-    """Amplitude over time and frequency, colour in decades below the largest."""
+    """Amplitude in thousandths of ``unit`` over time and frequency, colour in decades below the largest."""
     from matplotlib.colors import LogNorm
 
     keep = (w.frequency > 0) & (w.frequency <= highest)
-    top = float(w.amplitude[:, keep].max())
-    values = np.maximum(w.amplitude[:, keep], 1e-4 * top)
+    amplitude = 1e3 * w.amplitude[:, keep]
+    top = float(np.max(amplitude))
+    values = np.maximum(amplitude, 1e-4 * top)
     mesh = ax.pcolormesh(
         w.frequency[keep],
         w.time,
@@ -266,21 +338,28 @@ def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
         shading="nearest",
         rasterized=True,
     )
-    ax.figure.colorbar(mesh, ax=ax, label=f"amplitude, 0-to-peak [{unit}]")
+    ax.figure.colorbar(mesh, ax=ax, label=f"amplitude, 0-to-peak [m{unit}]")
     ax.set(xlabel="frequency [Hz]", ylabel="time in the record [s]")
     ax.grid(False)
 
 
 def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[float]]) -> None:
-    """Amplitudes [N m] of the same lines on several sides, as points beside each other."""
+    """Amplitudes [N m] of the same lines on several sides, as points beside each other; drawn in mN m."""
     x = np.arange(len(names))
     for k, (label, values) in enumerate(groups.items()):
         offset = (k - 0.5 * (len(groups) - 1)) * 0.16
-        ax.semilogy(x + offset, values, "osD^v"[k % 5], color=COLOURS[k % len(COLOURS)], markersize=7, label=label)
-    ax.set_xticks(x, names, rotation=20, ha="right", fontsize=8)
-    ax.set_ylabel("amplitude, 0-to-peak [N m]")
+        ax.semilogy(
+            x + offset,
+            1e3 * np.asarray(values),
+            "osD^v"[k % 5],
+            color=COLOURS[k % len(COLOURS)],
+            markersize=5,
+            label=label,
+        )
+    ax.set_xticks(x, names, rotation=20, ha="right")
+    ax.set_ylabel("amplitude, 0-to-peak [mN m]")
     _headroom_log(ax)
-    ax.legend(loc="upper right", fontsize=8)
+    ax.legend(loc="upper right", fontsize=7.5, ncols=len(groups))
 
 
 def _headroom_log(ax: Axes) -> None:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.app import plots
-from microvib.app.report import picture
-from microvib.app.studies import number, page
+from microvib.app.document import Document, Fact, Form, Section, Table, Text, table
+from microvib.app.pieces import count, drawn, milli, number, plain, study, torque
+from microvib.app.rendering import report_files
 from microvib.io.results import write_folder
 from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
 
@@ -104,13 +105,13 @@ def _unsolved(plan: RatePlan) -> list[str]:
 def linear_text(plan: RatePlan) -> str:
     """The linear plan's error against the full model, as text."""
     parts = [
-        f"{n} microsteps: median {100 * median:.3g} %, largest {100 * top:.3g} % of {count} lines"
-        for n, (median, top, count) in linear_error(plan).items()
+        f"{n} microsteps: median {plain(100 * median, 3)} %, largest {plain(100 * top, 3)} % of {lines} lines"
+        for n, (median, top, lines) in linear_error(plan).items()
     ]
     return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."
 
 
-def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool) -> tuple[str, ...]:
+def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """Tables, pictures and report of a plan; names of the files."""
     campbell, largest = draw_campbell(plan), draw_largest(plan)
     files: dict[str, Any] = {
@@ -132,9 +133,9 @@ def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool) -> tuple[s
                 for b in plan.forbidden
             ),
         ),
-        "campbell.png": lambda path: campbell.savefig(path, format="png"),
-        "largest.png": lambda path: largest.savefig(path, format="png"),
-        "report.html": _report(plan, text, campbell, largest),
+        "campbell.png": lambda path: campbell.savefig(path, format="png", dpi=200),
+        "largest.png": lambda path: largest.savefig(path, format="png", dpi=200),
+        **report_files(plan_report(plan, text, campbell, largest, form), form),
     }
     write_folder(out, files, overwrite)
     return tuple(files)
@@ -158,44 +159,68 @@ def _csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return stream.getvalue()
 
 
-def _report(plan: RatePlan, text: str, campbell: Figure, largest: Figure) -> str:
-    best = [
-        [str(n), _deg(found[0].rate), number(1e3 * found[1]), number(1e3 * plan.worst(n))]
+def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, form: Form | None = None) -> Document:
+    """The report of a plan: best rates and what to keep away from, largest line over rate, Campbell diagram."""
+    over_rate = drawn(
+        largest,
+        "Largest line over rate",
+        "Largest line over rate. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but the run in time.",
+    )
+    diagram = drawn(
+        campbell, "Campbell diagram", "Dashed: modes as seen through the drive. Rings: where a line meets one."
+    )
+    bands = [Section("Forbidden rates", (_forbidden(plan),))] if plan.forbidden else []
+    met = [Section("Resonances", (Text("The strongest, to forty."), _met(plan)))] if plan.resonances else []
+    return study(
+        "Rate plan",
+        f"Rate plan: {plan.scenario.title or 'drive'}",
+        _how(plan),
+        facts=_facts(plan),
+        front=(_best(plan), *([Text(text, note=True)] if text else []), over_rate),
+        sections=(Section("Campbell diagram", (diagram,), new_page=True), *bands, *met, *_not_solved(plan)),
+        form=form,
+        scenario=plan.scenario,
+    )
+
+
+def _facts(plan: RatePlan) -> list[Fact]:
+    facts = []
+    if found := plan.best():
+        case, top = found
+        facts = [
+            Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps"),
+            Fact(torque(top), "its largest line"),
+        ]
+    if plan.limit is not None:
+        facts.append(Fact(torque(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
+    return facts
+
+
+def _best(plan: RatePlan) -> Table:
+    rows = [
+        [str(n), _deg(found[0].rate), milli(found[1]), milli(plan.worst(n))]
         for n in plan.counts
         if (found := plan.best(n))
     ]
-    bands = [
-        [str(b.microsteps), _deg(b.low), _deg(b.high), b.why, b.line, number(1e3 * b.largest)] for b in plan.forbidden
-    ]
-    met = [
-        [str(r.microsteps), _deg(r.rate), number(r.frequency), number(1e3 * r.amplitude), r.line, r.mode]
+    return table(["microsteps [1]", "best rate [deg/s]", "its largest line [mN m]", "worst of the range [mN m]"], rows)
+
+
+def _forbidden(plan: RatePlan) -> Table:
+    rows = [[str(b.microsteps), _deg(b.low), _deg(b.high), milli(b.largest), b.line, b.why] for b in plan.forbidden]
+    return table(["microsteps [1]", "from [deg/s]", "to [deg/s]", "largest [mN m]", "line", "why"], rows)
+
+
+def _met(plan: RatePlan) -> Table:
+    rows = [
+        [str(r.microsteps), _deg(r.rate), number(r.frequency), milli(r.amplitude), r.line, r.mode]
         for r in strongest(plan.resonances, 40)
     ]
-    sections: list[dict[str, Any]] = [
-        {
-            "title": "Best rates",
-            "header": ["microsteps", "rate [deg/s]", "its largest line [mN m]", "worst of the range [mN m]"],
-            "rows": best,
-            "text": text,
-        },
-        {
-            "title": "Campbell diagram",
-            "figure": picture(campbell),
-            "caption": "Dashed: modes as seen through the drive. Rings: where a line meets one.",
-        },
-        {
-            "title": "Largest line",
-            "figure": picture(largest),
-            "caption": "Shaded: forbidden. Dotted: not a steady state but the run in time.",
-        },
-    ]
-    if bands:
-        header = ["microsteps", "from [deg/s]", "to [deg/s]", "why", "line", "largest [mN m]"]
-        sections.append({"title": "Forbidden rates", "header": header, "rows": bands})
-    if met:
-        header = ["microsteps", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"]
-        sections.append({"title": "Resonances", "header": header, "rows": met, "text": "The strongest, to forty."})
-    return page(f"Rate plan: {plan.scenario.title}", _how(plan), sections)
+    return table(["microsteps [1]", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"], rows)
+
+
+def _not_solved(plan: RatePlan) -> list[Section]:
+    texts = tuple(Text(text) for text in _unsolved(plan) if text)
+    return [Section("Without a steady state", texts)] if texts else []
 
 
 def draw_campbell(plan: RatePlan) -> Figure:
@@ -204,27 +229,27 @@ def draw_campbell(plan: RatePlan) -> Figure:
 
     columns = min(len(plan.counts), 2)
     rows = math.ceil(len(plan.counts) / columns)
-    figure, axes = plots.new_figure(6.4 * columns + 1.0, 4.2 * rows, rows, columns)
-    top = max((x.amplitude for case in plan.cases for x in case.lines), default=1.0)
+    figure, axes = plots.sheet((2.9 if columns == 2 else 3.9) * rows, rows, columns)
+    top = max((1e3 * x.amplitude for case in plan.cases for x in case.lines), default=1.0)
     norm = LogNorm(FAINTEST * top, top)
     for ax, n in zip(axes.flat, plan.counts, strict=False):
         points = _draw_order_lines(ax, plan, n, norm)
     for ax in list(axes.flat)[len(plan.counts) :]:
         ax.set_visible(False)
-    figure.colorbar(points, ax=axes, label="amplitude of the line, 0-to-peak [N m]", pad=0.01)
+    figure.colorbar(points, ax=axes, label="amplitude of the line, 0-to-peak [mN m]", pad=0.01)
     return figure
 
 
 def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
     shown = [
-        (math.degrees(c.rate), x.frequency, x.amplitude)
+        (math.degrees(c.rate), x.frequency, 1e3 * x.amplitude)
         for c in plan.of(n)
         for x in c.lines
-        if x.amplitude >= norm.vmin
+        if 1e3 * x.amplitude >= norm.vmin
     ]
     shown.sort(key=lambda point: point[2])
     rate, frequency, amplitude = np.array(shown).reshape(-1, 3).T
-    points = ax.scatter(rate, frequency, c=amplitude, norm=norm, cmap="viridis_r", s=5.0, linewidths=0)
+    points = ax.scatter(rate, frequency, c=amplitude, norm=norm, cmap="viridis_r", s=5.0, linewidths=0, rasterized=True)
     frequencies = [*frequency, *(m.frequency for m in plan.modes)]
     ax.set_yscale("log")
     ax.set_ylim(0.7 * min(frequencies, default=1.0), 1.6 * max(frequencies, default=10.0))
@@ -234,7 +259,7 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
         ax.axhline(mode.frequency, color=plots.GREY, linestyle="--", linewidth=0.9)
         ax.annotate(
             f"{mode.name} {mode.frequency:.3g} Hz", (1.0, mode.frequency), xycoords=("axes fraction", "data"),
-            xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=7, color="#333333",
+            xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=6.5, color="#333333",
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
         )  # fmt: skip
     met = [r for r in plan.resonances if r.microsteps == n]
@@ -252,28 +277,29 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
 
 def draw_largest(plan: RatePlan) -> Figure:
     """Largest line over rate, with the limit and what it forbids; one panel for each microstep count."""
-    figure, axes = plots.new_figure(9.0, 1.2 + 2.1 * len(plan.counts), len(plan.counts))
-    tops = [line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
-    low, high = (0.5 * min(tops), 3.0 * max(tops)) if tops else (1e-6, 1.0)
+    figure, axes = plots.sheet(min(0.6 + 2.0 * len(plan.counts), 7.6), len(plan.counts))
+    tops = [1e3 * line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
+    low, high = (0.5 * min(tops), 3.0 * max(tops)) if tops else (1e-3, 1e3)
+    limit = None if plan.limit is None else 1e3 * plan.limit
     for ax, n in zip(axes[:, 0], plan.counts, strict=True):
         cases = plan.of(n)
         rate = [math.degrees(case.rate) for case in cases]
-        top = [line.amplitude if (line := case.largest(plan.band)) else math.nan for case in cases]
+        top = [1e3 * line.amplitude if (line := case.largest(plan.band)) else math.nan for case in cases]
         ax.semilogy(rate, top, color=plots.BLUE, linewidth=1.0, marker=".", markersize=3)
-        ax.set_ylim(low if plan.limit is None else min(low, 0.5 * plan.limit), high)
+        ax.set_ylim(low if limit is None else min(low, 0.5 * limit), high if limit is None else max(high, 2.0 * limit))
         for case in cases:
             if case.reason:
                 ax.axvline(math.degrees(case.rate), color=plots.GREY, linewidth=0.8, linestyle=":")
-        if plan.limit is not None:
-            ax.axhline(plan.limit, color=plots.RED, linewidth=1.0, linestyle="--", label=f"limit {plan.limit:g} N m")
-            ax.legend(loc="upper right", fontsize=8)
+        if limit is not None:
+            ax.axhline(limit, color="black", linewidth=1.2, linestyle="--", label=f"limit {limit:.4g} mN m")
+            ax.legend(loc="upper right", fontsize=7.5)
         for b in plan.forbidden:
             if b.microsteps == n:
                 hatch = None if b.why == ABOVE else "///"
                 ax.axvspan(
                     math.degrees(b.low), math.degrees(b.high), color=plots.RED, alpha=0.15, linewidth=0, hatch=hatch
                 )
-        ax.set(ylabel="largest line [N m]", title=f"{n} microsteps per full step{_in_band(plan)}")
+        ax.set(ylabel="largest line [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
         ax.set_xlim(min(rate), max(rate))
     axes[-1, 0].set_xlabel("rate of the array [deg/s]")
     return figure

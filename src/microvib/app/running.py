@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app.analysis import lines
+from microvib.app.document import Form
 from microvib.errors import ScenarioError
 from microvib.io.results import check_room, lines_csv, summary, to_json, write_folder, write_motion
 from microvib.io.scenario_file import dump_scenario
-from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import LineTable
 from microvib.solve.motion import CHANNELS, Invariants
 from microvib.solve.simulate import Progress, simulate
+from microvib.studies.margins import Limit
 from microvib.studies.steady import find_steady
 
 
@@ -41,11 +42,14 @@ def run_scenario(
     lines_only: bool = False,
     harmonics: int = 8,
     steady: bool = False,
+    limit: Limit | None = None,
+    form: Form | None = None,
     progress: Progress | None = None,
 ) -> RunResult:
     """Simulate and write the run's folder; nothing is written unless all of it can be.
 
-    With ``steady`` the lines are those of the steady state, and the record starts in it instead of settling.
+    With ``steady`` the lines are those of the steady state, and the record starts in it instead of settling. The report judges
+    lines by ``limit``, and is also written as ``form`` says.
     """
     begun = time.perf_counter()
     if not lines_only:
@@ -62,9 +66,12 @@ def run_scenario(
         motion = state.motion(progress=progress) if state is not None else simulate(scenario, progress=progress)
         if state is None:
             table, invariants, solver = lines(motion, harmonics=harmonics), motion.invariants, motion.solver
+        from microvib.app.rendering import report_files
         from microvib.app.report import run_report
 
-        files = {"motion.nc": lambda path: write_motion(motion, path), "report.html": run_report(motion, table)}
+        form = form or Form()
+        files = {"motion.nc": lambda path: write_motion(motion, path)}
+        files |= report_files(run_report(motion, table, limit=limit, form=form), form)
     if fallback:
         solver = {**solver, "steady": f"not used: {fallback}"}
     files["lines.csv"] = lines_csv(table)
@@ -88,25 +95,3 @@ def _check_size(scenario: Scenario, out: Path) -> None:
             f" {available / 1e9:.3g} GB are free; shorten record.duration, lower record.sample_rate, or use --lines-only"
         )
     check_room(out, 1.02 * size + 2e6)
-
-
-def derived(scenario: Scenario) -> list[str]:
-    """Values that follow from a scenario and that an engineer wants to see before running it."""
-    motor, driver, reducer, array = scenario.motor, scenario.driver, scenario.reducer, scenario.array
-    step, f_d = driver.full_step(motor), scenario.driving_frequency
-    texts = [
-        f"full step {math.degrees(step):.6g} deg, microstep {math.degrees(step) / driver.microsteps:.6g} deg at the rotor (Eq. 25)",
-        f"driving frequency f_d {f_d:.6g} Hz (Eq. 26)"
-        if f_d
-        else "driving frequency: the rate is zero or changes in the record",
-        f"electromagnetic spring z K_m I {motor.electromagnetic_stiffness:.6g} N m/rad at the rotor,"
-        f" {motor.electromagnetic_stiffness * reducer.ratio**2:.6g} N m/rad at the output",
-        f"breakaway torque of the output {scenario.friction.breakaway_torque:.6g} N m, slip ring included (Eq. 6, 7)",
-        f"rigidly attached inertia J_h {array.J_h:.6g} kg m², of J {array.inertia:.6g} kg m²",
-    ]
-    for mode in coupled_modes(scenario)[:12]:
-        clamped = "" if mode.fixed_frequency is None else f", clamped {mode.fixed_frequency:.6g} Hz"
-        texts.append(
-            f"{mode.name}: {mode.frequency:.6g} Hz through the drive{clamped}, damping ratio {mode.damping:.4g}"
-        )
-    return texts

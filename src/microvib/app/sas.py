@@ -8,18 +8,24 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from microvib.app.report import parameter_rows, picture, render
+from microvib.app.document import Document, Fact, Form, Section, Text, table
+from microvib.app.parameters import parameter_table
+from microvib.app.pieces import drawn, study
+from microvib.app.rendering import report_files
 from microvib.app.sas_drawing import draw_simulator
 from microvib.errors import ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
-from microvib.io.results import package_versions, to_json, write_folder
+from microvib.io.results import to_json, write_folder
 from microvib.io.scenario_file import dump_part
 from microvib.model.modal import ModalModel
 from microvib.model.simulator import SimulatorDesign
 from microvib.studies.sas import Setting, Sizing, State, paper_states, size, state_of_array, tolerance
 from microvib.units import convert
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MODES_OF_ARRAY = 20
 _MOST_STATES = 1000
@@ -227,15 +233,15 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([*lines, ""])
 
 
-def write_sizing(out: Path, result: Result, overwrite: bool) -> tuple[str, ...]:
-    """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, ``report.html``; their names."""
+def write_sizing(out: Path, result: Result, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the report; their names."""
     figure = draw_simulator(result.sizing.target)
     files: dict[str, Any] = {
         "sas.csv": sas_csv(result.sizing),
         "sas.json": to_json(sas_data(result)),
         "simulator.yaml": dump_part(result.sizing.target.design),
         "drawing.png": lambda path: figure.savefig(path, format="png"),
-        "report.html": report(result, picture(figure)),
+        **report_files(sizing_report(result, figure, form), form),
     }
     write_folder(out, files, overwrite)
     return tuple(files)
@@ -275,27 +281,48 @@ def sas_data(result: Result) -> dict[str, Any]:
     }
 
 
-def report(result: Result, drawing: str) -> str:
-    """HTML text of the report."""
+def sizing_report(result: Result, drawing: Figure, form: Form | None = None) -> Document:
+    """The report of a sizing: settings, springs, tolerances, drawing."""
     target = result.sizing.target
-    text = " ".join(part for part in (*spring_sentences(result), array_sentence(result)) if part)
-    sections = [
-        {"title": "Drawing", "figure": drawing, "caption": "Set to the target; to scale, dimensions in mm."},
-        {"title": "Settings", "text": "Asked for, set by hand calculation (arm l, radius r), checked with finite elements (FE).",
-         "header": [x for x in HEADER if x != "spring"], "rows": [row[:3] + row[4:] for row in setting_rows(result.sizing)]},
-        {"title": "Springs", "text": text},
-        {"title": "Equations 21 to 24", "text": equation_sentence(target)},
-        {"title": "Tolerances", "header": TOLERANCE_HEADER, "rows": tolerance_rows(target),
-         "text": "First order. Worst case: all parts at their limits; standard deviation: each of the eight springs, four arms"
-         " and four weights for itself, anywhere within its limits. Springs of one batch are off together, as in the worst case;"
-         " the arm trims that."},
-        {"title": "Not checked", "text": "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders,"
-         " sag of the frame."},
-        {"title": "Description", "text": target.design.source, "header": ["parameter", "value", "meaning"],
-         "rows": parameter_rows(target.design)},
-    ]  # fmt: skip
-    lead = f"Torsion mode {target.state.frequency:.4g} Hz with {target.state.inertia:.4g} kg m² about the drive axis."
-    return render(
-        "study.html", title="Solar array simulator, sized", lead=lead, sections=sections,
-        version=package_versions()["microvib"],
-    )  # fmt: skip
+    caption = "Asked for, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
+    settings = table(
+        [x for x in HEADER if x != "spring"], [row[:3] + row[4:] for row in setting_rows(result.sizing)], caption
+    )
+    springs = [Text(text) for text in (*spring_sentences(result), array_sentence(result)) if text]
+    tolerances = (
+        "First order. Worst case: all parts at their limits; standard deviation: each of the eight springs, four arms and four"
+        " weights for itself, anywhere within its limits. Springs of one batch are off together, as in the worst case; the arm"
+        " trims that."
+    )
+    unchecked = (
+        "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame."
+    )
+    origin = (Text(target.design.source),) if target.design.source else ()
+    return study(
+        "Simulator report",
+        "Solar array simulator, sized",
+        f"Torsion mode {target.state.frequency:.4g} Hz with {target.state.inertia:.4g} kg m² about the drive axis.",
+        facts=_facts(target),
+        front=(settings, *springs),
+        sections=(
+            Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
+            Section("Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))),
+            Section("Not checked", (Text(unchecked),)),
+            Section(
+                "Drawing",
+                (drawn(drawing, "Dimensioned drawing", "Set to the target; to scale, dimensions in mm.", turned=True),),
+            ),
+            Section("Description", (*origin, parameter_table(target.design))),
+        ),
+        form=form,
+    )
+
+
+def _facts(target: Setting) -> list[Fact]:
+    d = target.design
+    return [
+        Fact(f"{d.spring.rate:g} N/m", f"eight springs {d.spring.name}"),
+        Fact(f"{1e3 * d.arm:.1f} mm", "arm l"),
+        Fact(f"{d.counterweight.mass:g} kg at {1e3 * d.counterweight.radius:.1f} mm", "each counterweight"),
+        Fact(f"{target.finite_elements[0]:.4f} Hz", "torsion by finite elements"),
+    ]

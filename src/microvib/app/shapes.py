@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.app.plots import GREY, new_figure
+from microvib.app.plots import GREY, sheet
 from microvib.fem.structure import Beams, Shells, Structure
 
 if TYPE_CHECKING:
@@ -41,14 +41,14 @@ def draw_shapes(modes: Modes, kinds: Sequence[str], count: int) -> Figure:
     count = min(count, len(kinds))
     columns = 3
     rows = -(-(count + 1) // columns)
-    figure, axes = new_figure(11.0, 1.95 * rows, rows, columns)
+    figure, axes = sheet(1.3 * rows, rows, columns)
     shapes, xyz = shown_shapes(modes), modes.structure.xyz
     _draw(axes.flat[0], modes.structure, xyz, None)
-    axes.flat[0].set_title(f"mesh, {modes.structure.dof} degrees of freedom", fontsize=9)
+    axes.flat[0].set_title(f"mesh, {modes.structure.dof} degrees of freedom", fontsize=7.5)
     for k in range(count):
         ax = axes.flat[k + 1]
         _draw(ax, modes.structure, xyz, shapes[:, :, k])
-        ax.set_title(f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz", fontsize=9)
+        ax.set_title(f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz", fontsize=7.5)
     for ax in axes.flat:
         ax.set_axis_off()
         ax.set_aspect("equal")
@@ -76,6 +76,7 @@ def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | No
             facecolors="none" if moved else "#dbe7f0",
             edgecolors="#bbbbbb" if moved else GREY,
             linewidths=0.3,
+            rasterized=True,
         )
     )
     ax.add_collection(LineCollection(list(rest[lines]), colors="#bbbbbb" if moved else GREY, linewidths=1.0))
@@ -90,6 +91,7 @@ def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | No
         cmap="viridis",
         edgecolors="#ffffff60",
         linewidths=0.2,
+        rasterized=True,
     )
     coloured.set_clim(0.0, size.max())  # of the whole structure, of which shells may be the part that hardly moves
     ax.add_collection(coloured)

@@ -1,19 +1,22 @@
-"""Studies from command to folder: comparison and identification, each with its tables and its report."""
+"""Comparison and identification from command to folder: text, tables and report of each."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from microvib.app import plots
-from microvib.app.report import picture, render
+from microvib.app.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, pairs, table
+from microvib.app.pieces import drawn, figure, milli, number, percent, plain, signed, study, with_error
+from microvib.app.rendering import report_files
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
 from microvib.studies.compare import Row, Side, rows_csv
 from microvib.studies.evidence import Evidence, Simulated, predicted
-from microvib.studies.identify import Fit
+from microvib.studies.identify import Estimate, Fit
+from microvib.units import pretty
 
 CALIBRATED = "Calibrated, not predicted: these figures were fitted to."
 _HOW_TO_READ = (
@@ -21,23 +24,9 @@ _HOW_TO_READ = (
     " below 20 %, it is not at the end of its range, and it can be told from the others."
 )
 _SENSITIVITY = "Relative change of a figure for a relative change of a parameter."
+_MOST_IN_FRONT = 10
+"""Lines on the first page of a comparison."""
 _MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
-
-
-def page(title: str, lead: str, sections: list[dict[str, Any]]) -> str:
-    """HTML text of a report in sections, each with text, a table, a figure, or what of these it has."""
-    version = package_versions()["microvib"]
-    return render("study.html", title=title, lead=lead, sections=sections, version=version)
-
-
-def number(value: float, digits: int = 4) -> str:
-    """A figure for a table; empty where there is none."""
-    return f"{value:.{digits}g}" if math.isfinite(value) else ""
-
-
-def percent(value: float) -> str:
-    """A relative difference for a table."""
-    return f"{100 * value:+.2f}" if math.isfinite(value) else ""
 
 
 def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
@@ -79,56 +68,96 @@ def _worth_a_row(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if size(row) >= least(row) * top]
 
 
-def write_comparison(out: Path, a: Side, b: Side, rows: Sequence[Row], overwrite: bool) -> tuple[str, ...]:
-    """``compare.csv`` and ``report.html`` of a comparison; names of the files."""
-    files: dict[str, Any] = {"compare.csv": rows_csv(list(rows)), "report.html": _comparison_report(a, b, rows)}
+def write_comparison(
+    out: Path, a: Side, b: Side, rows: Sequence[Row], overwrite: bool, form: Form | None = None
+) -> tuple[str, ...]:
+    """``compare.csv`` and the report of a comparison; names of the files."""
+    files: dict[str, Any] = {"compare.csv": rows_csv(list(rows))}
+    files |= report_files(comparison_report(a, b, rows, form), form)
     write_folder(out, files, overwrite)
     return tuple(files)
 
 
-def _comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> str:
+def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None = None) -> Document:
+    """The report of a comparison: lines wherever the bins fall, the paper's nearest bins, spectra over each other."""
     shown = _worth_a_row(rows)
-    header = [
-        "line",
-        "A [Hz]",
-        "B [Hz]",
-        "A [mN m]",
-        "B [mN m]",
-        "B - A [mN m]",
-        "B/A - 1 [%]",
-        "over its uncertainty [1]",
-    ]
-    defensible = [
-        [r.line, number(r.a.frequency, 8), number(r.b.frequency, 8), number(1e3 * r.a.amplitude), number(1e3 * r.b.amplitude),
-         number(1e3 * (r.b.amplitude - r.a.amplitude), 3), percent(r.error), number(r.significance, 3)]
-        for r in shown if math.isfinite(r.error)
+    defensible = [r for r in shown if math.isfinite(r.error)]
+    binned = [r for r in shown if math.isfinite(r.bin_error)]
+    main = sorted(defensible, key=lambda r: -r.a.amplitude)[:_MOST_IN_FRONT]
+    sections = [Section("All lines", _line_table(defensible), new_page=True)] if len(main) < len(defensible) else []
+    sections += [Section("Nearest bins (as Tables 5 and 6)", _bin_table(binned))] if binned else []
+    return study(
+        "Comparison report",
+        "Comparison of disturbance lines",
+        f"B against A: {b.name} ({b.kind}) against {a.name} ({a.kind}).",
+        facts=_differences(shown),
+        front=(
+            pairs(_side(mark, s) for mark, s in (("A", a), ("B", b))),
+            *_line_table([r for r in defensible if r in main]),
+            *_spectra(a, b),
+        ),
+        sections=sections,
+        form=form,
+    )
+
+
+def _differences(rows: Sequence[Row]) -> list[Fact]:
+    """Differences of the largest lines: those wherever the bins fall, else those of nearest bins."""
+    found = [(r, r.error, r.a.amplitude) for r in rows if math.isfinite(r.error)]
+    found = found or [(r, r.bin_error, r.a.bin_amplitude) for r in rows if math.isfinite(r.bin_error)]
+    found.sort(key=lambda item: -item[2])
+    return [Fact(f"{percent(error)} %", f"{r.line}, B against A") for r, error, _ in found[:4]]
+
+
+def _side(mark: str, side: Side) -> tuple[str, str]:
+    clock = "" if side.clock_ratio is None else f"; step clock {side.clock_ratio:.7f} of nominal"
+    return mark, f"{side.name} ({side.kind}){clock}"
+
+
+def _line_table(rows: Sequence[Row]) -> tuple[Text | Table, ...]:
+    if not rows:
+        return ()
+    header = ["line", "A [Hz]", "B [Hz]", "A [mN m]", "B [mN m]", "B - A [mN m]", "B/A - 1 [%]", "over uncertainty [1]"]
+    cells = [
+        [r.line, number(r.a.frequency, 7), number(r.b.frequency, 7), milli(r.a.amplitude), milli(r.b.amplitude),
+         milli(r.b.amplitude - r.a.amplitude, 3), percent(r.error), number(r.significance, 3)]
+        for r in rows
     ]  # fmt: skip
-    nearest = [
-        [r.line, number(r.a.bin_frequency, 8), number(r.b.bin_frequency, 8), number(1e3 * r.a.bin_amplitude),
-         number(1e3 * r.b.bin_amplitude), number(1e3 * (r.b.bin_amplitude - r.a.bin_amplitude), 3), percent(r.bin_error)]
-        for r in shown if math.isfinite(r.bin_error)
+    caption = (
+        "Amplitudes 0-to-peak, wherever the bins fall; clocks aligned. The last column is the difference over its standard"
+        " uncertainty: above 2 or so it is no chance. Names with _of_b are lines that only B has."
+    )
+    return (table(header, cells, caption),)
+
+
+def _bin_table(rows: Sequence[Row]) -> tuple[Text | Table, ...]:
+    header = ["line", "A [Hz]", "B [Hz]", "A [mN m]", "B [mN m]", "B - A [mN m]", "B/A - 1 [%]"]
+    cells = [
+        [r.line, number(r.a.bin_frequency, 7), number(r.b.bin_frequency, 7), milli(r.a.bin_amplitude), milli(r.b.bin_amplitude),
+         milli(r.b.bin_amplitude - r.a.bin_amplitude, 3), percent(r.bin_error)]
+        for r in rows
     ]  # fmt: skip
-    sections = []
-    if defensible:
-        text = "Amplitudes 0-to-peak, wherever the bins fall; clocks aligned."
-        sections.append({"title": "Lines", "text": text, "header": header, "rows": defensible})
-    text = "The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low."
-    sections.append({"title": "Nearest bins (Tables 5 and 6)", "text": text, "header": header[:7], "rows": nearest})
+    return Text("The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low."), table(
+        header, cells
+    )
+
+
+def _spectra(a: Side, b: Side) -> tuple[Figure, ...]:
     measured = [
         (f"{mark}: {s.name}", s.torque, s.sample_rate) for mark, s in (("A", a), ("B", b)) if s.torque is not None
     ]
-    if measured:
-        figure, axes = plots.new_figure(11.0, 4.2, 1, 2)
-        for ax, highest in zip(axes[0], (5.0, 200.0), strict=True):
-            plots.draw_overlay(ax, measured, highest)
-        sections.append(
-            {"title": "Spectra", "figure": picture(figure), "caption": "One-sided amplitude spectra, 0-to-peak."}
-        )
-    clocks = "; ".join(
-        f"{s.name}: step clock {s.clock_ratio:.7f} of nominal" for s in (a, b) if s.clock_ratio is not None
+    if not measured:
+        return ()
+    drawing, axes = plots.sheet(3.6, 1, 2)
+    for ax, highest in zip(axes[0], (5.0, 200.0), strict=True):
+        plots.draw_overlay(ax, measured, highest)
+    return (
+        drawn(
+            drawing,
+            "Spectra of both sides",
+            "One-sided amplitude spectra, 0-to-peak; A is drawn wide, B narrow over it.",
+        ),
     )
-    lead = f"A is {a.name} ({a.kind}), B is {b.name} ({b.kind}). {clocks}"
-    return page("Comparison of disturbance lines", lead, sections)
 
 
 def fit_text(fit: Fit) -> str:
@@ -193,61 +222,106 @@ def fit_json(fit: Fit) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write_fit(out: Path, fit: Fit, overwrite: bool) -> tuple[str, ...]:
-    """``fit.json``, ``scenario.yaml`` and ``report.html`` of an identification; names of the files."""
-    files: dict[str, Any] = {
-        "fit.json": to_json(fit_json(fit)),
-        "scenario.yaml": dump_scenario(fit.scenario),
-        "report.html": _fit_report(fit),
-    }
+def write_fit(out: Path, fit: Fit, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """``fit.json``, ``scenario.yaml`` and the report of an identification; names of the files."""
+    files: dict[str, Any] = {"fit.json": to_json(fit_json(fit)), "scenario.yaml": dump_scenario(fit.scenario)}
+    files |= report_files(fit_report(fit, form), form)
     write_folder(out, files, overwrite)
     return tuple(files)
 
 
-def _fit_report(fit: Fit) -> str:
-    estimates = [
+def fit_report(fit: Fit, form: Form | None = None) -> Document:
+    """The report of an identification: parameters with what they are worth, lines before and after, what tells what."""
+    tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
+    stopped = " Interrupted: the best so far." if fit.interrupted else ""
+    return study(
+        "Identification report",
+        f"Identification: {fit.scenario.title or 'drive'}",
+        f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.{stopped}",
+        facts=[_estimated(e) for e in fit.estimates[:4]],
+        front=(_estimates(fit), Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit)),
+        sections=(
+            Section("Before and after", (Text(CALIBRATED), _before_and_after(fit)), new_page=True),
+            Section(
+                "Correlation of the estimates",
+                (_matrix("parameter", fit, zip(_keys(fit), fit.correlation, strict=True)),),
+            ),
+            Section("Sensitivities", (Text(_SENSITIVITY), _matrix("figure", fit, fit.sensitivities.items()))),
+        ),
+        form=form,
+        scenario=fit.scenario,
+    )
+
+
+def _estimated(e: Estimate) -> Fact:
+    value = f"{with_error(e.estimate, e.standard_error)} {pretty(e.unit)}".rstrip()
+    return Fact(value, f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}")
+
+
+def _estimates(fit: Fit) -> Table:
+    header = ["`parameter`", "estimate ± standard error [1]", "unit", "range [1]", "verdict"]
+    rows = [
         [
             e.key,
-            number(e.estimate, 6),
-            number(e.standard_error, 2),
-            e.unit,
-            f"{number(e.low)} to {number(e.high)}",
+            with_error(e.estimate, e.standard_error),
+            pretty(e.unit),
+            f"{plain(e.low)} to {plain(e.high)}",
             e.verdict,
         ]
         for e in fit.estimates
     ]
-    names = [e.key for e in fit.estimates]
-    short = [f"{name.split('.')[-2]}.{name.split('.')[-1]} [1]" for name in names]
-    correlation = [[name, *(f"{x:+.2f}" for x in row)] for name, row in zip(names, fit.correlation, strict=True)]
-    sensitivity = [
-        [figure, *(f"{x:+.2f}" for x in row)] for figure, row in fit.sensitivities.items() if "phase" not in figure
+    marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.estimates) if not e.identifiable}
+    return table(header, rows, "", marks)
+
+
+def _before_and_after(fit: Fit) -> Table:
+    rows = [
+        [name, figure(1e3 * t), figure(1e3 * b), figure(1e3 * a), percent(b / t - 1), percent(a / t - 1)]
+        if _is_torque(name)
+        else [name, figure(t, 6), figure(b, 6), figure(a, 6), percent(b / t - 1), percent(a / t - 1)]
+        for name, t, b, a in _figures(fit)
     ]
-    figures = _figures(fit)
-    rows = [[n, number(t), number(b), number(a), percent(b / t - 1), percent(a / t - 1)] for n, t, b, a in figures]
-    amplitudes = [f for f in figures if "amplitude" in f[0] or "bin" in f[0]][:12]
-    figure, axes = plots.new_figure(11.0, 4.0)
-    groups = {
-        "test": [f[1] for f in amplitudes],
-        "before": [f[2] for f in amplitudes],
-        "after": [f[3] for f in amplitudes],
-    }
-    plots.draw_pairs(axes[0, 0], [f[0] for f in amplitudes], groups)
-    header = ["parameter", "estimate [SI]", "standard error [SI]", "unit", "range", "verdict"]
-    figures_header = ["figure", "test [SI]", "before [SI]", "after [SI]", "before [%]", "after [%]"]
-    sections: list[dict[str, Any]] = [
-        {"title": "Parameters", "header": header, "rows": estimates, "text": _HOW_TO_READ},
-        {
-            "title": "Before and after",
-            "figure": picture(figure),
-            "header": figures_header,
-            "rows": rows,
-            "text": CALIBRATED,
-        },
-        {"title": "Correlation", "header": ["parameter", *short], "rows": correlation},
-        {"title": "Sensitivities", "header": ["figure", *short], "rows": sensitivity, "text": _SENSITIVITY},
+    for row, (name, *_) in zip(rows, _figures(fit), strict=True):
+        row.insert(1, "mN m" if _is_torque(name) else "Hz" if "frequency" in name else "1/s")
+    header = [
+        "figure",
+        "unit",
+        "test [1]",
+        "before [1]",
+        "after [1]",
+        "before against test [%]",
+        "after against test [%]",
     ]
-    tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
-    lead = f"Identified from {tests}. {fit.simulations} simulations, seed {fit.seed}." + (
-        " Interrupted: the best so far." if fit.interrupted else ""
+    return table(header, rows)
+
+
+def _is_torque(figure_name: str) -> bool:
+    return "amplitude" in figure_name or "nearest_bin" in figure_name
+
+
+def _before_and_after_picture(fit: Fit) -> Figure:
+    amplitudes = [f for f in _figures(fit) if _is_torque(f[0])][:12]
+    drawing, axes = plots.sheet(3.4)
+    test, before, after = ([float(f[k]) for f in amplitudes] for k in (1, 2, 3))
+    groups = {"test": test, "before": before, "after": after}
+    plots.draw_pairs(axes[0, 0], [f[0].removesuffix(" amplitude") for f in amplitudes], groups)
+    return drawn(
+        drawing,
+        "Amplitudes of the test, before and after",
+        "Amplitudes of the lines in the test, before and after the fit.",
     )
-    return page(f"Identification: {fit.scenario.title}", lead, sections)
+
+
+def _keys(fit: Fit) -> list[str]:
+    return [e.key for e in fit.estimates]
+
+
+def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
+    header = [of, *(f"{_short_key(key)} [1]" for key in _keys(fit))]
+    return table(header, ([name, *(signed(x) for x in row)] for name, row in rows if "phase" not in name))
+
+
+def _short_key(key: str) -> str:
+    """The end of a key that says what it is."""
+    parts = key.split(".")
+    return ".".join(parts[-3 if len(parts) > 2 and parts[-2].isdigit() else -2 :])

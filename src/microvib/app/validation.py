@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app import plots
-from microvib.app.report import picture
-from microvib.app.studies import number, page
+from microvib.app.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
+from microvib.app.pieces import drawn, number, study
+from microvib.app.rendering import report_files
 from microvib.io.results import write_folder
 from microvib.studies.validate import Check, State, checks_csv
 
 _LEAD = (
-    "The paper's claims on its test states 1 to 5, beside what the catalog's scenarios give. Rows marked calibrated were fitted to"
-    " the test's lines of state 1 and are no evidence; rows marked predicted were not fitted to anything; rows marked computed"
-    " are arithmetic or numerics."
+    "Calibrated rows were fitted to the test's lines of state 1 and are no evidence. Predicted rows were not fitted to anything."
+    " Computed rows are arithmetic or numerics."
 )
 
 
@@ -41,28 +41,77 @@ def summary(checks: list[Check]) -> str:
     return "; ".join(parts) + "."
 
 
-def write_validation(out: Path, checks: list[Check], states: dict[int, State], overwrite: bool) -> tuple[str, ...]:
-    """``validation.csv`` and ``report.html``; names of the files."""
-    files: dict[str, Any] = {"validation.csv": checks_csv(checks), "report.html": _report(checks, states)}
+def write_validation(
+    out: Path, checks: list[Check], states: dict[int, State], overwrite: bool, form: Form | None = None
+) -> tuple[str, ...]:
+    """``validation.csv`` and the report; names of the files."""
+    files: dict[str, Any] = {"validation.csv": checks_csv(checks)}
+    files |= report_files(validation_report(checks, states, form), form)
     write_folder(out, files, overwrite)
     return tuple(files)
 
 
-def _report(checks: list[Check], states: dict[int, State]) -> str:
-    header = ["item", "source", "paper []", "test []", "ours []", "error [%]", "bar", "holds", "status"]
-    rows = [
-        [c.item, c.source, number(c.paper, 6), number(c.test, 6), number(c.ours, 5), number(c.error_percent, 3), c.bar,
-         "yes" if c.holds else "NO", c.status]
-        for c in checks
-    ]  # fmt: skip
-    header = [h.replace(" []", " [ ]") for h in header]
-    sections: list[dict[str, Any]] = [{"title": "All claims", "text": summary(checks), "header": header, "rows": rows}]
-    for title, numbers in (("States 1, 2, 3: frequency of the mode (as Figure 11)", (1, 2, 3)),
-                           ("States 1, 4, 5: inertia (as Figure 12)", (1, 4, 5))):  # fmt: skip
-        figure, axes = plots.new_figure(11.0, 4.2, 1, 2)
-        sides = [(f"state {k}", states[k].motion["T_d"], states[k].motion.sample_rate) for k in numbers]
-        for ax, highest in zip(axes[0], (5.0, 200.0), strict=True):
-            plots.draw_overlay(ax, sides, highest)
-        caption = "One-sided amplitude spectra, 0-to-peak, of the records that the table is made from."
-        sections.append({"title": title, "figure": picture(figure), "caption": caption})
-    return page("Validation against the paper", _LEAD, sections)
+_COMPARISONS = (
+    ("States 1, 2, 3, which differ in the mode's frequency (as Figure 11)", (1, 2, 3)),
+    ("States 1, 4, 5, which differ in inertia (as Figure 12)", (1, 4, 5)),
+)
+
+
+def validation_report(checks: list[Check], states: dict[int, State], form: Form | None = None) -> Document:
+    """The report of the validation: every claim with its verdict, and the spectra of the states."""
+    first, second = (_overlay(title, [(k, states[k]) for k in of]) for title, of in _COMPARISONS)
+    return study(
+        "Validation report",
+        "Validation against the paper",
+        "The claims of Appl. Sci. 2021, 11, 9076 on its test states 1 to 5, beside what the catalog's scenarios give.",
+        facts=[_held(status, checks) for status in dict.fromkeys(c.status for c in checks)],
+        front=(Text(_LEAD), *_failing(checks), first),
+        sections=(
+            Section("All claims", (_claims(checks),), new_page=True),
+            Section("States of other inertia", (second,)),
+        ),
+        form=form,
+    )
+
+
+def _held(status: str, checks: list[Check]) -> Fact:
+    of = [c for c in checks if c.status == status]
+    return Fact(f"{sum(c.holds for c in of)} of {len(of)}", f"{status} rows hold")
+
+
+_HEADER = ["item", "source", "paper [1]", "test [1]", "ours [1]", "error [%]", "bar", "holds"]
+
+
+def _claims(checks: list[Check]) -> Table:
+    """All checks, grouped by status."""
+    rows: list[Row] = []
+    for status in dict.fromkeys(c.status for c in checks):
+        rows.append(Row((status,), "group"))
+        rows += [Row(_cells(c), _mark(c)) for c in checks if c.status == status]
+    return Table(table(_HEADER, ()).columns, tuple(rows))
+
+
+def _failing(checks: list[Check]) -> tuple[Text | Table, ...]:
+    """What does not hold comes first."""
+    fails = [c for c in checks if not c.holds]
+    if not fails:
+        return ()
+    return Text("What does not hold:"), table([*_HEADER[:7], "status"], [[*_cells(c)[:7], c.status] for c in fails])
+
+
+def _cells(c: Check) -> tuple[str, ...]:
+    return (c.item, c.source, number(c.paper, 6), number(c.test, 6), number(c.ours, 4), number(c.error_percent, 3), c.bar,
+            "yes" if c.holds else "NO")  # fmt: skip
+
+
+def _mark(c: Check) -> Mark:
+    return "pass" if c.holds else "fail"
+
+
+def _overlay(title: str, of: list[tuple[int, State]]) -> Figure:
+    drawing, axes = plots.sheet(3.4, 1, 2)
+    sides = [(f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in of]
+    for ax, highest in zip(axes[0], (5.0, 200.0), strict=True):
+        plots.draw_overlay(ax, sides, highest)
+    caption = f"{title}. One-sided amplitude spectra, 0-to-peak, of the records that the table is made from."
+    return drawn(drawing, title, caption)

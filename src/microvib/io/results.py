@@ -33,7 +33,7 @@ Writer = Callable[[Path], None]
 STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
     "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
-    "sas.csv", "sas.json", "simulator.yaml", "drawing.png",
+    "sas.csv", "sas.json", "simulator.yaml", "drawing.png", "report.pdf",
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
     "tornado.png", "sobol.png", "scatter.png", "levels.png",
 )  # fmt: skip
@@ -121,6 +121,25 @@ def write_folder(out: Path, files: dict[str, str | Writer], overwrite: bool = Fa
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_file(path: Path, content: str | bytes, overwrite: bool = False) -> None:
+    """Write one file, whole or not at all; OutputError where it cannot be, or is there already without ``overwrite``."""
+    if path.exists() and not (overwrite and path.is_file()):
+        raise OutputError(f"{path}: exists already; nothing was written")
+    temporary: Path | None = None
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", dir=path.absolute().parent)
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content.encode() if isinstance(content, str) else content)
+        temporary.chmod(0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}; nothing was left behind") from None
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
 
 
 def _put_in_place(temporary: Path, out: Path) -> None:

@@ -209,8 +209,18 @@ def _overlap(overlap: float, segment: int) -> int:
     return int(overlap * segment)
 
 
+def tone(x: np.ndarray, sample_rate: float, frequency: float) -> np.ndarray:
+    """Complex amplitudes, shape (...), of ``x`` (..., n) at one frequency [Hz], for tones apart from others.
+
+    Hann-windowed, so that it does not matter where the bins fall; phases are those of cosines at the first sample.
+    """
+    n = x.shape[-1]
+    w = window_values("hann", n)
+    turning = w * np.exp(-2j * np.pi * frequency / sample_rate * np.arange(n))
+    amplitudes: np.ndarray = (x - x.mean(axis=-1, keepdims=True)) @ turning * (2.0 / w.sum())
+    return amplitudes
+
+
 def tone_amplitude(x: np.ndarray, sample_rate: float, frequency: float) -> float:
-    """Amplitude of ``x`` at one frequency [Hz], Hann-windowed, wherever the bins fall; for tones apart from others."""
-    w = window_values("hann", x.size)
-    phase = np.exp(-2j * np.pi * frequency / sample_rate * np.arange(x.size))
-    return 2.0 * abs(complex(phase @ ((x - x.mean()) * w))) / float(w.sum())
+    """Magnitude of ``tone`` of one signal ``x`` (n,)."""
+    return float(abs(tone(x, sample_rate, frequency)))

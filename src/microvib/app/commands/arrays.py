@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from microvib.app.commands.common import overwrite_option
+from microvib.app.commands.common import overwrite_option, pdf_option
+from microvib.app.document import Form
 from microvib.app.modal_options import import_from, modal_options
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()
@@ -19,8 +17,9 @@ if TYPE_CHECKING:
 @click.option("--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; of a table, all].")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table, pictures, report [default: the name].")
 @overwrite_option
+@pdf_option
 @modal_options
-def modes(source: str, count: int | None, out: Path | None, overwrite: bool, **deck: str | None) -> None:
+def modes(source: str, count: int | None, out: Path | None, overwrite: bool, form: Form, **deck: str | None) -> None:
     """Modes of SOURCE as in the paper's Table 1: `reference-array`, `reference-sas`, a description of an array or a simulator,
     a table of modes, or results of Nastran or Ansys, for which the options say how the deck is meant.
 
@@ -34,7 +33,7 @@ def modes(source: str, count: int | None, out: Path | None, overwrite: bool, **d
     check_folder(out, overwrite)
     found = modal_source(source, count, options=import_from(Path(source), deck))
     click.echo(table_text(found))
-    files = write_modes(out, found, overwrite)
+    files = write_modes(out, found, overwrite, form)
     click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 
@@ -54,7 +53,8 @@ def sas() -> None:
 @click.option("--design", default="reference-sas", show_default=True, help="Simulator to set: a description.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for tables, drawing, report [default: sas].")
 @overwrite_option
-def sas_size(out: Path | None, overwrite: bool, **options: Any) -> None:
+@pdf_option
+def sas_size(out: Path | None, overwrite: bool, form: Form, **options: Any) -> None:
     """Size a simulator for --inertia and --frequency, or for --array, and say how it is set for further states.
 
     The folder's simulator.yaml is a source of modes: `microvib modes sas/simulator.yaml`, or `array: {fem: sas/simulator.yaml}`.
@@ -66,5 +66,5 @@ def sas_size(out: Path | None, overwrite: bool, **options: Any) -> None:
     check_folder(out, overwrite)
     result = sized(**options)
     click.echo(sizing_text(result))
-    files = write_sizing(out, result, overwrite)
+    files = write_sizing(out, result, overwrite, form)
     click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")

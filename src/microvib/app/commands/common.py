@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.errors import ScenarioError
+from microvib.app.document import Form
+from microvib.errors import MicrovibError, ScenarioError
 
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
@@ -32,6 +33,34 @@ prepare_option = click.option(
 )
 channel_option = click.option(
     "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
+)
+limit_option = click.option(
+    "--limit", metavar="TORQUE", help="Largest line that is allowed, e.g. '10 mN*m': margins in the report."
+)
+band_option = click.option(
+    "--band", metavar="LOW:HIGH", help="Where the limit holds, e.g. '0.5:150 Hz' [default: everywhere]."
+)
+
+
+def _form(context: click.Context, parameter: click.Parameter, pdf: bool) -> Form:
+    """What is asked of the report; a library that is missing is told before anything is computed."""
+    if pdf:
+        import typst  # noqa: F401
+    return Form(pdf, context.find_root().obj or "")
+
+
+def check_target(out: Path | None, overwrite: bool, form: Form) -> None:
+    """MicrovibError where the results could not be written at the end."""
+    from microvib.io.results import check_folder
+
+    if out is not None:
+        check_folder(out, overwrite)
+    elif form.pdf:
+        raise MicrovibError("--pdf: the report is written into a folder; name one with --out")
+
+
+pdf_option = click.option(
+    "--pdf", "form", is_flag=True, callback=_form, help="Write the report as PDF too (extra `report`)."
 )
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
 

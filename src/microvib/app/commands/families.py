@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from microvib.app.commands.common import load, overwrite_option, progress_bar, set_option
+from microvib.app.commands.common import check_target, load, overwrite_option, pdf_option, progress_bar, set_option
+from microvib.app.document import Form
 from microvib.app.options import band_of, counts_of, quantity
 from microvib.errors import ScenarioError
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()
@@ -27,19 +24,18 @@ if TYPE_CHECKING:
 @set_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and pictures [default: print only].")
 @overwrite_option
+@pdf_option
 def rates(
     scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
-    linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool,
+    linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool, form: Form,
 ) -> None:  # fmt: skip
     """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
     import math
 
     from microvib.app.rates import linear_text, plan_text, write_plan
-    from microvib.io.results import check_folder
     from microvib.studies.rates import plan_rates, rate_grid
 
-    if out is not None:
-        check_folder(out, overwrite)
+    check_target(out, overwrite, form)
     grid = rate_grid(quantity("--from", low, "rad/s"), quantity("--to", high, "rad/s"), count)
     most = None if limit is None else quantity("--limit", limit, "N*m")
     if most is not None and not most > 0.0:
@@ -52,5 +48,5 @@ def rates(
         text = linear_text(plan) if linear else ""
     click.echo("\n".join(filter(None, (plan_text(plan), text))))
     if out is not None:
-        files = write_plan(out, plan, text, overwrite)
+        files = write_plan(out, plan, text, overwrite, form)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.app.commands.common import load, progress_bar, set_option
+from microvib.app.commands.common import band_option, limit_option, load, pdf_option, progress_bar, set_option
+from microvib.app.document import Form
+from microvib.errors import MicrovibError
 
 if TYPE_CHECKING:
     from microvib.app.running import RunResult
@@ -27,14 +29,22 @@ if TYPE_CHECKING:
 @click.option(
     "--steady", is_flag=True, help="Find the periodic steady state directly, without settling; lines are then exact."
 )
+@limit_option
+@band_option
+@pdf_option
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
-    steady: bool,
+    steady: bool, limit: str | None, band: str | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
+    from microvib.app.options import limit_of
     from microvib.app.running import run_scenario
     from microvib.io.results import check_folder, free_folder
+    from microvib.studies.margins import judge
 
+    if form.pdf and lines_only:
+        raise MicrovibError("--pdf: --lines-only makes no report; leave one of them out")
+    allowed = limit_of(limit, band)
     loaded = load(scenario, settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
@@ -46,9 +56,13 @@ def run(
             lines_only=lines_only,
             harmonics=harmonics,
             steady=steady,
+            limit=allowed,
+            form=form,
             progress=progress,
         )
     _print_lines(loaded, result.table)
+    if allowed is not None:
+        click.echo(f"\n{judge(result.table, allowed)}")
     if steady:
         click.echo(_steady_sentence(result))
     i = result.invariants
@@ -110,7 +124,7 @@ def scenarios() -> None:
 @set_option
 def show(scenario: str, settings: tuple[str, ...]) -> None:
     """Print SCENARIO complete, checked, with derived values."""
-    from microvib.app.running import derived
+    from microvib.app.parameters import derived
     from microvib.io.scenario_file import dump_scenario
 
     loaded = load(scenario, settings)

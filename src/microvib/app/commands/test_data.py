@@ -6,30 +6,31 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from microvib.app.commands.common import (
     channel_option,
+    check_target,
     load,
     overwrite_option,
+    pdf_option,
     preparation,
     prepare_option,
     progress_bar,
     set_option,
 )
+from microvib.app.document import Form
 from microvib.app.options import band_of, quantity
 from microvib.errors import MicrovibError
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()
 @click.argument("source")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and report [default: print only].")
 @overwrite_option
+@pdf_option
 @channel_option
 @prepare_option
 @click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in a recording.")
@@ -45,16 +46,14 @@ if TYPE_CHECKING:
 )
 @click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="RMS of a band, such as '0.5:5 Hz'.")
 def analyse(
-    source: str, out: Path | None, overwrite: bool, channel: str, prepare: Path | None, scenario: str, window: Any,
+    source: str, out: Path | None, overwrite: bool, form: Form, channel: str, prepare: Path | None, scenario: str, window: Any,
     resolution: str | None, bands: tuple[str, ...],
 ) -> None:  # fmt: skip
     """Lines with uncertainties and spectra of SOURCE: a scenario, a run folder or a recording."""
     from microvib.app.analyses import analysis_text, write_analysis
-    from microvib.io.results import check_folder
     from microvib.studies.analyse import analyse as run_analysis
 
-    if out is not None:
-        check_folder(out, overwrite)
+    check_target(out, overwrite, form)
     with progress_bar() as progress:
         analysis = run_analysis(
             source, scenario=scenario, channel=channel, preparation=preparation(prepare), window=window,
@@ -63,7 +62,7 @@ def analyse(
         )  # fmt: skip
     click.echo(analysis_text(analysis))
     if out is not None:
-        files = write_analysis(out, analysis, overwrite)
+        files = write_analysis(out, analysis, overwrite, form)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 
@@ -72,26 +71,32 @@ def analyse(
 @click.argument("b")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
 @overwrite_option
+@pdf_option
 @channel_option
 @prepare_option
 @click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in two recordings.")
 def compare(
-    a: str, b: str, out: Path | None, overwrite: bool, channel: str, prepare: Path | None, scenario: str
+    a: str,
+    b: str,
+    out: Path | None,
+    overwrite: bool,
+    form: Form,
+    channel: str,
+    prepare: Path | None,
+    scenario: str,
 ) -> None:
     """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
     from microvib.app.studies import comparison_text, write_comparison
-    from microvib.io.results import check_folder
     from microvib.studies.compare import compare as run_comparison
 
-    if out is not None:
-        check_folder(out, overwrite)
+    check_target(out, overwrite, form)
     with progress_bar() as progress:
         first, second, rows = run_comparison(
             a, b, scenario=scenario, channel=channel, preparation=preparation(prepare), progress=progress
         )
     click.echo(comparison_text(first, second, rows))
     if out is not None:
-        files = write_comparison(out, first, second, rows, overwrite)
+        files = write_comparison(out, first, second, rows, overwrite, form)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 
@@ -136,6 +141,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     "--out", type=click.Path(path_type=Path), help="Folder for fit, scenario and report [default: print only]."
 )
 @overwrite_option
+@pdf_option
 @channel_option
 @prepare_option
 @click.option(
@@ -152,21 +158,19 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 )
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
-    overwrite: bool, channel: str, prepare: Path | None, starts: int, seed: int, model_error: str,
+    overwrite: bool, form: Form, channel: str, prepare: Path | None, starts: int, seed: int, model_error: str,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
     Several tests at once, each with its own state: FILE@KEY=VALUE@KEY=VALUE, e.g. b.uff@array.inertia='15.69 kg*m^2'.
     """
     from microvib.app.studies import fit_text, write_fit
-    from microvib.io.results import check_folder
     from microvib.io.scenario_file import parse_value
     from microvib.studies.evidence import read_evidence
     from microvib.studies.identify import identify as run_identification
     from microvib.studies.identify import parse_fit
 
-    if out is not None:
-        check_folder(out, overwrite)
+    check_target(out, overwrite, form)
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
     prepared = preparation(prepare)
@@ -185,7 +189,7 @@ def identify(
     )
     click.echo(fit_text(fit))
     if out is not None:
-        files = write_fit(out, fit, overwrite)
+        files = write_fit(out, fit, overwrite, form)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
 
 
@@ -208,17 +212,16 @@ def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
 @overwrite_option
-def validate(out: Path | None, overwrite: bool) -> None:
+@pdf_option
+def validate(out: Path | None, overwrite: bool, form: Form) -> None:
     """Run all that the paper claims, and print it beside the paper's and the test's figures."""
     from microvib.app.validation import validation_text, write_validation
-    from microvib.io.results import check_folder
     from microvib.studies.validate import validate as run_validation
 
-    if out is not None:
-        check_folder(out, overwrite)
+    check_target(out, overwrite, form)
     tell = (lambda text: click.echo(f"running {text}", err=True)) if sys.stderr.isatty() else None
     checks, states = run_validation(tell)
     click.echo(validation_text(checks))
     if out is not None:
-        files = write_validation(out, checks, states, overwrite)
+        files = write_validation(out, checks, states, overwrite, form)
         click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")

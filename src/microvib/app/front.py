@@ -1,0 +1,173 @@
+"""The first page of a run's report: what was simulated, its main lines with margins, the picture that matters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from microvib.app import plots
+from microvib.app.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
+from microvib.app.pieces import count, drawn, figure, milli, short, torque
+from microvib.app.trust import failing
+from microvib.signals.lines import Line, LineTable
+from microvib.solve.motion import Motion
+from microvib.studies.margins import Judgement
+
+MOST = 10
+"""Lines on the first page."""
+
+
+def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Fact, ...]:
+    """The verdict, or without a limit the largest lines; largest torque and RMS."""
+    T_d = motion["T_d"]
+    sizes = (
+        Fact(torque(float(np.abs(T_d).max())), "largest T_d"),
+        Fact(torque(float(T_d.std())), "RMS about the mean"),
+    )
+    doubt = [Fact("NOT to be used", "an invariant does not hold", "fail")] if failing(motion) else []
+    if judged is not None:
+        return (*doubt, *_verdict(judged), *sizes)
+    largest = (Fact(torque(x.amplitude_n_m), f"{x.line} at {figure(x.frequency_hz)} Hz") for x in _largest(lines)[:2])
+    return (*doubt, *largest, *sizes)
+
+
+def _verdict(judged: Judgement) -> list[Fact]:
+    label = f"limit {torque(judged.limit.torque)} {judged.limit.band}".strip()
+    if not judged.margins:
+        return [Fact("no line to judge", label)]
+    worst, total = judged.margins[0], len(judged.margins)
+    whole = (
+        Fact(f"FAIL: {judged.above} of {total} lines", label, "fail")
+        if judged.above
+        else Fact(f"Pass: {count(total, 'line')}", label, "pass")
+    )
+    return [
+        whole,
+        Fact(f"{worst.decibel:+.1f} dB", f"smallest margin, factor {figure(worst.factor, 3)}: {worst.line.line}"),
+    ]
+
+
+def _largest(lines: LineTable) -> list[Line]:
+    seen = [x for x in lines.notable() if x.status in ("ok", "decaying", "growing")]
+    return sorted(seen, key=lambda x: -x.amplitude_n_m)
+
+
+def front(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
+    """What was simulated, the main lines, what they do not say by themselves, and the picture."""
+    return (
+        pairs(_simulated(motion)),
+        _main_lines(lines, judged),
+        *_notes(motion, lines, judged),
+        _picture(motion, lines, judged),
+    )
+
+
+def _simulated(motion: Motion) -> list[tuple[str, str]]:
+    scenario = motion.scenario
+    motor, driver, reducer = scenario.motor, scenario.driver, scenario.reducer
+    array, record = scenario.array, scenario.record
+    stiffness = "rigid" if reducer.rigid else f"{float(reducer.stiffness):.5g} N m/rad"
+    first = f", the first clamped at {array.modes[0].frequency:.5g} Hz" if array.modes else ""
+    rows = [
+        (
+            "Drive",
+            f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step, reducer {reducer.ratio:g}:1,"
+            f" {stiffness}",
+        ),
+        ("Array", f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}"),
+        ("Motion", _motion(motion)),
+        ("Record", f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s"),
+    ]
+    return rows + ([("Values", short(scenario.source, 160))] if scenario.source else [])
+
+
+def _motion(motion: Motion) -> str:
+    rate, f_d = motion.scenario.rate, motion.scenario.driving_frequency
+    parts = ["at a rate that changes" if rate is None else f"at {math.degrees(rate):.6g} deg/s"]
+    parts += [f"driving frequency {f_d:.5g} Hz"] if f_d else []
+    if "stuck_output" in motion.channels:
+        parts.append(f"the shaft sticks {100 * motion['stuck_output'].mean():.3g} % of the time")
+    return ", ".join(parts)
+
+
+def _shown(lines: LineTable, judged: Judgement | None) -> list[Line]:
+    """The largest lines, or those with the smallest margins, by frequency."""
+    of_limit = [m.line for m in judged.margins[:MOST]] if judged else []
+    return sorted(of_limit if judged else _largest(lines)[:MOST], key=lambda x: x.frequency_hz)
+
+
+def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
+    shown = _shown(lines, judged)
+    header = ["line", "frequency [Hz]", "amplitude [mN m]", *(JUDGED if judged else ["what it is"])]
+    rows = [
+        [x.line, figure(x.frequency_hz, 5), milli(x.amplitude_n_m), *(judged_cells(x, judged) if judged else [what(x)])]
+        for x in shown
+    ]
+    which = (
+        f"The {len(shown)} of {len(lines)} lines with the {'smallest margins' if judged else 'largest amplitudes'}. "
+    )
+    return table(
+        header, rows, (which if len(shown) < len(lines) else "") + "Amplitudes 0-to-peak.", marks(shown, judged)
+    )
+
+
+JUDGED = ["margin [dB]", "factor [1]", "verdict"]
+"""Heads of ``judged_cells``."""
+
+
+def judged_cells(line: Line, judged: Judgement) -> list[str]:
+    """Margin in dB and as a factor, and the verdict in a word; a line may also be outside the band."""
+    margin = judged.of(line)
+    if margin is None:
+        return ["", "", "not judged" if line in judged.unknown else "outside"]
+    return [
+        f"{margin.decibel:+.1f}" if math.isfinite(margin.decibel) else "",
+        figure(margin.factor, 3),
+        "pass" if margin.passes else "FAIL",
+    ]
+
+
+def marks(shown: Sequence[Line], judged: Judgement | None) -> dict[int, Mark]:
+    """How the rows of lines stand out."""
+    margins = {} if judged is None else {k: judged.of(x) for k, x in enumerate(shown)}
+    return {k: "pass" if m.passes else "fail" for k, m in margins.items() if m is not None}
+
+
+def what(line: Line) -> str:
+    """Origin of a line, and its status where that is not simply seen."""
+    return line.origin if line.status == "ok" else f"{line.origin}; {line.status}"
+
+
+def _notes(motion: Motion, lines: LineTable, judged: Judgement | None) -> list[Text]:
+    notes = [*_decaying(motion, lines, judged), *(_limits(judged) if judged else [])]
+    return [Text(" ".join(notes), note=True)] if notes else []
+
+
+def _decaying(motion: Motion, lines: LineTable, judged: Judgement | None) -> Iterable[str]:
+    for x in _shown(lines, judged):
+        if x.status == "decaying":
+            fold = x.decay_per_s * motion.scenario.record.duration
+            start = x.amplitude_n_m * fold / -math.expm1(-fold)
+            yield f"{x.line} decays: the amplitude is its mean over the record, {torque(start)} at the start."
+
+
+def _limits(judged: Judgement) -> Iterable[str]:
+    """What a margin is worth, and of which lines there is none."""
+    yield "A margin is limit over amplitude, of this one run, without allowance for the uncertainty of parameters."
+    if judged.unknown:
+        names = [f"{x.line} ({x.status})" for x in judged.unknown]
+        rest = f" and {len(names) - 4} more" if len(names) > 4 else ""
+        yield f"Not judged, for no amplitude is known: {', '.join(names[:4])}{rest}."
+
+
+def _picture(motion: Motion, lines: LineTable, judged: Judgement | None) -> Figure:
+    squares = ", squares those above the limit" if judged and judged.above else ""
+    caption = (
+        f"Above, amplitude spectrum of T_d, one-sided, 0-to-peak; dots are the estimated lines{squares}. Below, T_d over the"
+        " record."
+    )
+    alt = "Spectrum of the disturbance torque with named lines, and time history"
+    highest = plots.reach(_shown(lines, judged))
+    return drawn(plots.draw_front(motion, lines, highest, judged), alt, caption)

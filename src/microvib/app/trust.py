@@ -1,0 +1,44 @@
+"""Whether a run can be trusted: its invariants, each against a bar, with a verdict in words."""
+
+from __future__ import annotations
+
+from microvib.app.document import Mark, Section, Text, table
+from microvib.solve.motion import Motion
+
+_BARS = {
+    "torque_forms": (1e-9, "largest difference of momentum form and force form of T_d, over the largest T_d"),
+    "momentum": (1e-3, "mean torque that the change of angular momentum does not account for, over the largest T_d"),
+    "energy": (1e-3, "|energy in - stored - dissipated| over the electrical energy put in"),
+    "energy_mechanical": (1e-3, "the same over the energy beyond Joule heat, which is the sharper figure"),
+}
+"""Bar of each invariant, and its meaning."""
+
+
+def failing(motion: Motion) -> list[str]:
+    """Names of the invariants that do not hold."""
+    values = vars(motion.invariants)
+    return [name for name, (bar, _) in _BARS.items() if not values[name] <= bar]
+
+
+def trust_section(motion: Motion) -> Section:
+    """Every invariant with its bar and verdict, and what they do not say."""
+    values, fails = vars(motion.invariants), failing(motion)
+    verdict = f"NOT to be used: {', '.join(fails)} above the bar." if fails else "All invariants hold."
+    rows = [
+        (
+            name.replace("_", " "),
+            f"{values[name]:.2g}",
+            f"{bar:g}",
+            meaning,
+            "does NOT hold" if name in fails else "holds",
+        )
+        for name, (bar, meaning) in _BARS.items()
+    ]
+    marks: dict[int, Mark] = {k: "fail" if name in fails else "pass" for k, name in enumerate(_BARS)}
+    energy = (
+        f"Since the start {values['energy_in']:.4g} J of electrical energy were put in, {values['energy_dissipated']:.4g} J"
+        f" dissipated, {values['energy_stored']:.4g} J stored. These invariants do not bound the error of a line. To see the"
+        " lines converge, run again with `--set solver.refinement=2` and `4`: every step is then that many times finer."
+    )
+    header = ["invariant", "value [1]", "at most [1]", "meaning", "verdict"]
+    return Section("Can it be trusted?", (Text(verdict), table(header, rows, "", marks), Text(energy)))

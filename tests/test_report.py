@@ -1,0 +1,422 @@
+"""Reports as data, and as what a reader gets: HTML in one file, PDF on A4 pages."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from baseline import baseline
+from click.testing import CliRunner
+
+import microvib as mv
+from microvib.app.budget import contributions
+from microvib.app.cli import main
+from microvib.app.document import Code, Document, Fact, Figure, Form, Live, Row, Section, Table, Text, pairs, table
+from microvib.app.front import judged_cells
+from microvib.app.parameters import STATUSES, Provenance, parameter_blocks, provenance
+from microvib.app.pieces import study
+from microvib.app.rendering import html, pdf, report_files
+from microvib.app.report import run_report
+from microvib.app.running import run_scenario
+from microvib.io.runs import read_run
+from microvib.signals.lines import FAINT
+from microvib.studies.margins import Limit, judge
+
+LIMIT = Limit(0.010)
+NASTY = '#set text(red) $x^2$ *b* _i_ <script>alert(1)</script> \\ "q" [a](b) @ref // {{ 7*7 }} #image("x") &amp; ✓'
+
+
+@pytest.fixture(scope="module")
+def lines_1(motion_1):
+    return mv.lines(motion_1)
+
+
+@pytest.fixture(scope="module")
+def document(motion_1, lines_1) -> Document:
+    return run_report(motion_1, lines_1, limit=LIMIT, form=Form(command="microvib run state-1"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The folder of a short run."""
+    out = tmp_path_factory.mktemp("report") / "run"
+    run_scenario(baseline().with_({"record.settle": 1.0, "record.duration": 4.0}), out, limit=LIMIT)
+    return out
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """For what is asked of words and figures alone: pictures are left out, for they take the time."""
+    monkeypatch.setattr("microvib.app.plots.svg", lambda drawing: "<svg/>")
+
+
+def pages(content: bytes) -> list[str]:
+    from pypdf import PdfReader
+
+    return [
+        re.sub(r"\s+", " ", page.extract_text().replace("\u200b", "")) for page in PdfReader(io.BytesIO(content)).pages
+    ]
+
+
+def tables(blocks) -> list[Table]:
+    return [block for block in blocks if isinstance(block, Table)]
+
+
+def section(document: Document, title: str) -> Section:
+    (found,) = [s for s in document.sections if s.title == title]
+    return found
+
+
+def column(found: Table, title: str, unit: str | None = None) -> list[str]:
+    (k,) = [k for k, c in enumerate(found.columns) if c.title == title and unit in (None, c.unit)]
+    return [row.cells[k] for row in found.rows if row.mark != "group"]
+
+
+# Margins
+
+
+def test_margins_are_limit_over_amplitude(lines_1):
+    judged = judge(lines_1, LIMIT)
+    margin = judged.of(lines_1["drive_1"])
+    assert margin.factor == pytest.approx(0.010 / lines_1["drive_1"].amplitude_n_m)
+    assert margin.decibel == pytest.approx(20 * math.log10(margin.factor))
+    assert not margin.passes
+    assert [m.factor for m in judged.margins] == sorted(m.factor for m in judged.margins)
+    assert judged.above == sum(x.amplitude_n_m > 0.010 for x in lines_1)
+
+
+def test_a_line_at_the_limit_passes_and_one_just_above_fails(lines_1):
+    amplitude = max(x.amplitude_n_m for x in lines_1)
+    assert judge(lines_1, Limit(amplitude)).above == 0
+    assert judge(lines_1, Limit(amplitude * (1 - 1e-9))).above == 1
+
+
+def test_only_lines_in_the_band_are_judged(lines_1):
+    judged = judge(lines_1, Limit(0.010, 0.5, 5.0))
+    assert {m.line.line for m in judged.margins} == {x.line for x in lines_1 if 0.5 <= x.frequency_hz <= 5.0}
+    assert judged.of(lines_1["drive_1"]) is None
+    assert "from 0.5 to 5 Hz" in str(judged)
+    assert "no line" in str(judge(lines_1, Limit(0.010, 4000.0, 5000.0)))
+
+
+def test_a_line_of_no_amplitude_has_no_figures(lines_1, motion_1, undrawn):
+    table_ = replace(lines_1, lines=(replace(lines_1["drive_1"], amplitude_n_m=0.0),))
+    judged = judge(table_, LIMIT)
+    assert str(judged) == "Limit 10 mN m: pass."
+    assert judged_cells(table_.lines[0], judged) == ["", "", "pass"]
+    assert judged_cells(lines_1["drive_2"], judged) == ["", "", "outside"]
+    assert run_report(motion_1, table_, limit=LIMIT).facts[0].value == "Pass: 1 line"
+
+
+def test_what_was_not_found_may_be_as_large_as_its_floor_hides(lines_1):
+    hidden = replace(lines_1["drive_1"], status=FAINT, amplitude_n_m=1e-6, floor_n_m=0.005)
+    assert not judge(replace(lines_1, lines=(hidden,)), LIMIT).margins[0].passes
+
+
+def test_a_line_without_amplitude_is_named_not_passed(lines_1, motion_1, undrawn):
+    unknown = replace(lines_1["drive_2"], amplitude_n_m=math.nan, frequency_hz=math.nan, status="not resolved: x")
+    table_ = replace(lines_1, lines=(lines_1["full_step_1"], unknown))
+    judged = judge(table_, LIMIT)
+    assert [x.line for x in judged.unknown] == ["drive_2"]
+    notes = [b.text for b in run_report(motion_1, table_, limit=LIMIT).front if isinstance(b, Text)]
+    assert "Not judged, for no amplitude is known: drive_2 (not resolved: x)." in notes[0]
+
+
+# The document of a run
+
+
+def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, lines_1):
+    assert document.facts[0].status == "fail"
+    assert document.facts[0].value.startswith(f"FAIL: {judge(lines_1, LIMIT).above} of ")
+    simulated, main = tables(document.front)
+    assert [row.cells[0] for row in simulated.rows][:4] == ["Drive", "Array", "Motion", "Record"]
+    for row in main.rows:
+        name, _, amplitude, decibel, factor, verdict = row.cells
+        exact = 0.010 / lines_1[name].amplitude_n_m
+        assert float(amplitude) == pytest.approx(1e3 * lines_1[name].amplitude_n_m, rel=1e-3)
+        assert float(decibel) == pytest.approx(20 * math.log10(exact), abs=0.051)
+        assert float(factor) == pytest.approx(exact, rel=6e-3)
+        assert (verdict, row.mark) == (("pass", "pass") if exact >= 1 else ("FAIL", "fail"))
+    assert sum(isinstance(b, Figure) for b in document.front) == 1
+    assert document.sections[0].new_page
+
+
+def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1, undrawn):
+    document = run_report(motion_1, lines_1)
+    _, main = tables(document.front)
+    assert [c.title for c in main.columns] == ["line", "frequency", "amplitude", "what it is"]
+    assert {row.mark for row in main.rows} == {""}
+    assert not any(fact.status for fact in document.facts)
+
+
+def test_a_small_line_above_a_small_limit_is_listed(motion_1, lines_1, undrawn):
+    small = min((x for x in lines_1 if x.status == "ok"), key=lambda x: x.amplitude_n_m)
+    assert small not in lines_1.notable()
+    strict = run_report(motion_1, lines_1, limit=Limit(0.5 * small.amplitude_n_m))
+    (listed,) = tables(section(strict, "All lines").blocks)
+    assert small.line in column(listed, "line")
+    assert listed.rows[column(listed, "line").index(small.line)].cells[-1] == "FAIL"
+
+
+def test_every_parameter_has_a_status(document, motion_1):
+    listed = tables(section(document, "Parameters").blocks)[0]
+    parameters = [key for key, value, _ in motion_1.scenario.entries() if value is not None and value != ()]
+    assert len(column(listed, "key")) == len(parameters)
+    assert set(column(listed, "status")) <= set(STATUSES)
+
+
+def test_status_of_catalog_parameters():
+    parameters, _, references = parameter_blocks(mv.load_scenario("state-1", {"driver.microsteps": 32}))
+    by_key = dict(
+        zip(
+            column(parameters, "key"),
+            zip(column(parameters, "status"), column(parameters, "basis"), strict=True),
+            strict=True,
+        )
+    )
+    assert by_key["microsteps"] == ("set by the user", "")
+    assert by_key["stiffness"][0] == "identified"
+    assert by_key["stiffness"][1].startswith("5053 ± 1600 N m/rad [")
+    assert by_key["damping"] == ("assumed", "1 % of critical for the hub on the reducer")
+    assert by_key["torque_constant"][0] == "paper"
+    number = by_key["torque_constant"][1].strip("[]")
+    assert any(row.cells == (f"[{number}]", mv.load_scenario("state-1").source) for row in references.rows)
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("", Provenance("given")),
+        ("our own records", Provenance("given", "", "our own records")),
+        ("Motor data sheet, rev. C", Provenance("data sheet", "", "Motor data sheet, rev. C")),
+        ("datasheet 4", Provenance("data sheet", "", "datasheet 4")),
+        ("assumed", Provenance("assumed")),
+        ("assumed: none", Provenance("assumed", "none")),
+        ("default", Provenance("default")),
+        ("set by the user", Provenance("set by the user")),
+        ("computed: from the elements", Provenance("computed", "from the elements")),
+        ("finite elements of wing.yaml, 9 modes", Provenance("computed", "", "finite elements of wing.yaml, 9 modes")),
+        ("identified from c:/a.uff: 0.141 ± 0.049 kg*m^2", Provenance("identified", "0.141 ± 0.049 kg m²", "identified from c:/a.uff")),
+        ("Appl. Sci. 2021, 11, 9076, Table 2", Provenance("paper", "", "Appl. Sci. 2021, 11, 9076, Table 2")),
+    ],
+)  # fmt: skip
+def test_status_in_the_words_of_a_source(source, found):
+    assert provenance(source) == found
+
+
+def test_contributions_add_up_to_the_disturbance_torque(motion_1):
+    total = sum(contributions(motion_1).values())
+    assert np.abs(total - motion_1["T_d"]).max() < 1e-9 * np.abs(motion_1["T_d"]).max()
+
+
+def test_phasors_of_the_budget_add_up(document, lines_1):
+    (budget,) = tables(section(document, "Torque budget").blocks)
+    heads = [c.title for c in budget.columns]
+    k = heads.index("drive_1")
+    phasors = [float(row.cells[k]) * np.exp(1j * math.radians(float(row.cells[k + 1]))) for row in budget.rows]
+    assert abs(sum(phasors[:4]) - phasors[4]) < 0.02 * abs(phasors[4])  # phases are printed to a degree
+    assert abs(phasors[4]) == pytest.approx(1e3 * lines_1["drive_1"].amplitude_n_m, rel=1e-3)
+    assert np.angle(phasors[4]) == pytest.approx(lines_1["drive_1"].phase_rad, abs=0.01)
+
+
+def test_invariants_have_a_verdict_in_words(motion_1, lines_1, document, undrawn):
+    (held,) = tables(section(document, "Can it be trusted?").blocks)
+    assert set(column(held, "verdict")) == {"holds"}
+    broken = replace(motion_1, invariants=replace(motion_1.invariants, energy_mechanical=0.5))
+    bad = run_report(broken, lines_1)
+    (found,) = tables(section(bad, "Can it be trusted?").blocks)
+    assert column(found, "verdict")[3] == "does NOT hold"
+    assert bad.facts[0].value == "NOT to be used"
+
+
+def test_it_says_how_to_reproduce(document):
+    assert [b.text for b in section(document, "Versions, and how to reproduce").blocks if isinstance(b, Code)] == [
+        "microvib run scenario.yaml --out again",
+        "microvib run state-1",
+    ]
+
+
+# Tables, HTML and PDF of any document
+
+
+def test_heads_of_tables():
+    columns = table(["line", "amplitude [mN m]", "factor [1]", "`key`"], ()).columns
+    assert [(c.title, c.unit, c.kind) for c in columns] == [
+        ("line", "", "text"), ("amplitude", "mN m", "number"), ("factor", "", "number"), ("key", "", "code"),
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def nasty() -> Document:
+    grouped = Table(
+        table(["name", "value [1]", "`key`"], ()).columns, (Row((NASTY,), "group"), Row((NASTY, "1", "a_b.c#"), "fail"))
+    )
+    blocks = (Text(f"{NASTY} and `{NASTY}`"), Code(NASTY), grouped, pairs([(NASTY, NASTY)]), Live("<b>moves</b>"))
+    return Document("Kind", NASTY, NASTY, (Fact(NASTY, NASTY, "fail"),), blocks[:1], (Section(NASTY, blocks),), NASTY)
+
+
+def test_texts_are_no_markup_in_html(nasty):
+    page = html(nasty)
+    assert "<script" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+    assert "49" not in re.sub(r"<style>.*</style>", "", page, flags=re.DOTALL)  # nor Jinja's
+    assert "<b>moves</b>" in page
+
+
+def test_texts_are_no_markup_in_pdf(nasty):
+    (text,) = pages(pdf(nasty))
+    assert re.sub(r"\s", "", text).count(re.sub(r"\s", "", NASTY)) >= 10
+    assert "moves" not in text
+
+
+def test_html_is_one_file_without_a_network(document):
+    page = html(document)
+    assert "://" not in page
+    assert set(re.findall(r"""(?:src|href|action)\s*=\s*["']?([a-z]+:|[^"'\s>]+)""", page)) == {"data:"}
+    assert not re.search(r"@import|url\(", page)
+    assert page.count("<img ") == sum(isinstance(b, Figure) for s in document.sections for b in s.blocks) + 1
+    assert not re.search(r'<img alt=""', page)
+
+
+def test_pdf_of_a_run(document):
+    content = pdf(document)
+    assert content.startswith(b"%PDF")
+    found = pages(content)
+    assert len(found) == 6
+    assert document.title in found[0]
+    assert "FAIL" in found[0]
+    assert "All lines" not in found[0]  # the first page is a page
+    assert "All lines" in found[1]
+    for k, text in enumerate(found, 1):
+        assert f"page {k} of 6" in text
+        assert document.made.split("…")[0] in text
+
+
+def test_rendering_is_deterministic(document, motion_1, lines_1):
+    again = run_report(motion_1, lines_1, limit=LIMIT, form=Form(command="microvib run state-1"))
+    assert html(again) == html(document)
+    assert pdf(again) == pdf(document)
+
+
+def test_a_long_title_leaves_the_first_page_one_page(motion_1, lines_1):
+    long = replace(motion_1, scenario=motion_1.scenario.with_({"title": "drive " * 80, "source": "sheet " * 300}))
+    found = pages(pdf(run_report(long, lines_1, limit=LIMIT)))
+    assert "All lines" not in found[0]
+    assert "All lines" in found[1]
+
+
+def test_a_study_is_built_in_a_few_lines():
+    made = study("Kind", "Title", "Subtitle", front=[Text("x")], sections=[], form=Form(command="microvib x"))
+    assert [s.title for s in made.sections] == ["Versions, and how to reproduce"]
+    assert sorted(report_files(made, Form(pdf=True))) == ["report.html", "report.pdf"]
+    assert list(report_files(made, None)) == ["report.html"]
+
+
+# A run's folder, and the command
+
+
+def test_a_folder_reads_back_as_it_was_written(folder):
+    run = read_run(folder)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert run.motion.invariants.energy == summary["invariants"]["energy"]
+    assert run.versions == summary["versions"]
+    assert run.motion.time[0] == 1.0
+    assert run.motion["T_d"].size == run.table.samples == 4 * 4096
+    assert np.abs(run.motion["T_d"] - run.motion["T_d_force"]).max() < 1e-14
+    assert run.table["drive_1"].kind == "drive"
+    assert run.table["drive_1"].amplitude_n_m == pytest.approx(mv.lines(run.motion)["drive_1"].amplitude_n_m, rel=1e-8)
+
+
+def without_pictures(page: str) -> str:
+    return re.sub(r"data:image/svg\+xml;base64,[^\"]*", "", page)
+
+
+def test_the_command_makes_the_report_again(folder):
+    written = (folder / "report.html").read_text()
+    done = CliRunner().invoke(main, ["report", str(folder), "--limit", "10 mN*m"])
+    assert done.exit_code == 0, done.output
+    assert without_pictures((folder / "report.html").read_text()) == without_pictures(written)
+    done = CliRunner().invoke(main, ["report", str(folder), "--pdf", "--limit", "1 N*m", "--band", "0.5:60 Hz"])
+    assert done.exit_code == 0, done.output
+    first = pages((folder / "report.pdf").read_bytes())[0]
+    assert "Pass: " in first
+    assert "from 0.5 to 60 Hz" in first
+
+
+def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
+    target = tmp_path / "review.pdf"
+    target.write_text("mine")
+    arguments = ["report", str(folder), "-o", str(target)]
+    refused = CliRunner().invoke(main, arguments)
+    assert refused.exit_code == 1
+    assert "exists already; nothing was written" in refused.output
+    assert target.read_text() == "mine"
+    assert CliRunner().invoke(main, [*arguments, "--overwrite"]).exit_code == 0
+    assert target.read_bytes().startswith(b"%PDF")
+    assert [p.name for p in tmp_path.iterdir()] == ["review.pdf"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["report", "nowhere"], "holds no motion.nc; the folder of a run is wanted"),
+        (["report", "FOLDER", "-o", "x.doc"], "its name must end in .html or .pdf"),
+        (["report", "FOLDER", "--pdf", "-o", "x.html"], "its name must end in .pdf"),
+        (["report", "FOLDER", "--limit", "10"], "--limit: '10' needs a unit"),
+        (["report", "FOLDER", "--limit", "-1 N*m"], "greater than 0"),
+        (["report", "FOLDER", "--limit", "5 Hz"], "wrong dimension"),
+        (["report", "FOLDER", "--band", "1:2 Hz"], "give --limit"),
+        (["run", "state-1", "--lines-only", "--pdf"], "--lines-only makes no report"),
+        (["compare", "paper-test", "paper-simulation", "--pdf"], "name one with --out"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, complaint, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, [str(folder) if text == "FOLDER" else text for text in arguments])
+    assert done.exit_code == 1
+    assert complaint in done.output
+    assert done.output.count("Error:") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("scenario.yaml", "was changed since the run"),
+        ("summary.json", "is no summary of a run"),
+        ("lines.csv", "is no table of lines"),
+        ("motion.nc", "is no motion of a run"),
+    ],
+)
+def test_a_damaged_folder_is_one_sentence(name, complaint, folder, tmp_path):
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / name).write_text("line,kind\na,b\n")
+    done = CliRunner().invoke(main, ["report", str(tmp_path), "-o", str(tmp_path / "x.html")])
+    assert done.exit_code == 1
+    assert complaint in done.output
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_a_missing_library_is_told_before_anything_is_computed(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "typst", None)
+    done = CliRunner().invoke(main, ["run", "state-1", "--pdf", "--out", str(tmp_path / "run")])
+    assert done.exit_code == 1
+    assert "pip install 'microvib[report]'" in done.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_other_commands_write_a_pdf_of_the_same_look(tmp_path):
+    out = tmp_path / "papers"
+    done = CliRunner().invoke(main, ["compare", "paper-test", "paper-simulation", "--out", str(out), "--pdf"])
+    assert done.exit_code == 0, done.output
+    assert sorted(p.name for p in out.iterdir()) == ["compare.csv", "report.html", "report.pdf"]
+    (text,) = pages((out / "report.pdf").read_bytes())
+    assert "Comparison of disturbance lines" in text
+    assert "microvib compare paper-test paper-simulation" in text
