@@ -36,7 +36,7 @@ MOST_POINTS = 5000
 
 def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     """Median, 95 % and 99 % point and largest amplitude of each line."""
-    figure, axes = plots.new_figure(9.0, 1.4 + 0.34 * len(rows))
+    figure, axes = plots.sheet(1.3 + 0.27 * len(rows))
     ax, y = axes[0, 0], np.arange(len(rows))[::-1]
     median, p95 = (1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95"))
     ax.barh(y, p95 - median, left=median, height=0.5, color=LOW, label="median to 95 % point")
@@ -49,7 +49,7 @@ def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     ax.set_xscale("log")
     _plain_decades(ax.xaxis)
     ax.legend(
-        loc="upper center", bbox_to_anchor=(0.4, -0.9 / (1.4 + 0.34 * len(rows))), ncols=5, fontsize=8, frameon=False
+        loc="upper center", bbox_to_anchor=(0.4, -0.9 / (1.3 + 0.27 * len(rows))), ncols=5, fontsize=7, frameon=False
     )
     return figure
 
@@ -107,9 +107,10 @@ def _amplitudes(results: Results, line: str, band: Band) -> np.ndarray:
     return largest_line(results, band) if line == ANY else in_band(results, line, band)
 
 
-def _panels(count: int, width: float = 3.6, height: float = 2.7, columns: int = 3) -> tuple[Figure, list[Any]]:
+def _panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, list[Any]]:
+    """Small panels across the page, each of ``height`` inches."""
     rows, columns = math.ceil(count / columns), min(count, columns)
-    figure, axes = plots.new_figure(width * columns, height * rows, rows, columns)
+    figure, axes = plots.sheet(height * rows, rows, columns)
     for ax in list(axes.flat)[count:]:
         ax.set_visible(False)
     return figure, list(axes.flat)[:count]
@@ -118,7 +119,7 @@ def _panels(count: int, width: float = 3.6, height: float = 2.7, columns: int = 
 def exceedances(results: Results, lines: Sequence[str], limit: float | None, band: Band) -> Figure:
     """Part of the cases in which a line is larger than an amplitude."""
     counted = independent(results.campaign.design)
-    figure, axes = plots.new_figure(7.6, 4.2)
+    figure, axes = plots.sheet(3.4)
     ax = axes[0, 0]
     styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
     for k, line in enumerate(lines):
@@ -130,7 +131,7 @@ def exceedances(results: Results, lines: Sequence[str], limit: float | None, ban
     ax.set_xscale("log")
     _plain_decades(ax.xaxis)
     ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
-    ax.legend(fontsize=8, loc="lower left")
+    ax.legend(fontsize=7, loc="lower left")
     return figure
 
 
@@ -139,7 +140,7 @@ def tornados(found: Sequence[Tornado]) -> Figure:
     from matplotlib.patches import Patch
 
     keys = min(max(len(t.effects) for t in found), MOST_KEYS)
-    figure, axes = _panels(len(found), width=6.2, height=1.1 + 0.32 * keys, columns=2)
+    figure, axes = _panels(len(found), height=0.9 + 0.2 * keys, columns=2)
     for ax, item in zip(axes, found, strict=True):
         shown = item.effects[:MOST_KEYS]
         y = np.arange(len(shown))[::-1]
@@ -148,11 +149,12 @@ def tornados(found: Sequence[Tornado]) -> Figure:
             colours = [BETWEEN if e.levels else colour for e in shown]
             ax.barh(y, moved, left=1e3 * item.centre, height=0.6, color=colours)
         ax.axvline(1e3 * item.centre, color="#333333", linewidth=0.9)
-        ax.set_yticks(y, [e.key for e in shown], fontsize=8)
+        ax.set_yticks(y, [e.key for e in shown], fontsize=6.5)
         explained = f" (R² {item.explained:.2f})" if math.isfinite(item.explained) else ""
         ax.set(title=f"{item.line}{explained}", xlabel="amplitude, 0-to-peak [mN m]")
     texts = {"at its low end": LOW, "at its high end": plots.BLUE, "between its levels": BETWEEN}
-    axes[0].legend(handles=[Patch(color=colour, label=text) for text, colour in texts.items()], fontsize=7)
+    handles = [Patch(color=colour, label=text) for text, colour in texts.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
     return figure
 
 
@@ -173,7 +175,7 @@ def scatters(results: Results, line: str, band: Band) -> Figure | None:
         ax.plot(x, y[shown], ".", color=plots.BLUE, markersize=3, alpha=0.6)
         unit = f" [{pretty(item.display)}]" if item.display else ""
         ax.set(xlabel=f"{item.key}{unit}", ylabel=f"{line} [mN m]")
-        ax.xaxis.label.set_fontsize(8)
+        ax.xaxis.label.set_fontsize(6.5)
     return figure
 
 
@@ -191,7 +193,7 @@ def _per_display(unit: str, display: str) -> float:
 
 def sobol_bars(found: Sequence[Indices]) -> Figure:
     """First-order and total Sobol indices with their intervals."""
-    figure, axes = _panels(len(found), width=6.2, height=1.2 + 0.4 * len(found[0].keys), columns=2)
+    figure, axes = _panels(len(found), height=0.9 + 0.28 * len(found[0].keys), columns=2)
     for ax, item in zip(axes, found, strict=True):
         order = np.argsort([-t.value for t in item.total])
         y = np.arange(order.size)[::-1]
@@ -202,20 +204,21 @@ def sobol_bars(found: Sequence[Indices]) -> Figure:
             value = np.array([e.value for e in chosen])
             ends = np.abs(np.array([[e.low for e in chosen], [e.high for e in chosen]]) - value)
             ax.barh(y + shift, value, height=0.34, color=colour, label=label, xerr=ends, error_kw={"elinewidth": 0.9})
-        ax.set_yticks(y, [item.keys[k] for k in order], fontsize=8)
+        ax.set_yticks(y, [item.keys[k] for k in order], fontsize=6.5)
         ax.set(title=f"{item.line}, {item.points} points", xlabel="part of the variance")
         ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
-    axes[0].legend(fontsize=7)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=7, frameon=False)
     return figure
 
 
 def over_levels(results: Results, lines: Sequence[str], band: Band) -> Figure:
     """Median and 5 to 95 % of each line over the levels of every key that has some."""
     keys = [x for x in results.campaign.design.levels if len(x.values) > 1][:6]
-    figure, axes = _panels(len(keys), width=5.6, height=3.6, columns=2)
+    figure, axes = _panels(len(keys), height=2.8, columns=2)
     for ax, levels in zip(axes, keys, strict=True):
         _over(ax, results, lines, levels, band)
-    axes[0].legend(fontsize=8)
+    axes[0].legend(fontsize=7)
     return figure
 
 

@@ -7,15 +7,25 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from microvib.app import campaign_plots
-from microvib.app.report import picture
-from microvib.app.studies import number, page
+from microvib.app.campaign_report import (
+    Summary,
+    campaign_report,
+    counts,
+    draw,
+    hertz,
+    interval,
+    milli,
+    percent_interval,
+    shown,
+)
+from microvib.app.document import Form
+from microvib.app.pieces import number
+from microvib.app.rendering import report_files
 from microvib.errors import OutputError
 from microvib.io.results import write_folder
 from microvib.io.scenario_file import dump_scenario
@@ -23,48 +33,9 @@ from microvib.studies.campaign.cases import FIGURES, compute
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.studies.campaign.slurm import job_state
-from microvib.studies.campaign.statistics import (
-    ANY,
-    Estimate,
-    Indices,
-    LineStatistics,
-    Tornado,
-    line_statistics,
-    main_lines,
-    sobol,
-    tornado,
-    worst_cases,
-)
+from microvib.studies.campaign.statistics import ANY, Estimate, LineStatistics
 
-WORST = 5
-"""Worst cases that are listed for each line."""
 MOST_REASONS = 10
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What is told of a campaign."""
-
-    results: Results
-    limit: float | None
-    band: tuple[float, float]
-    rows: list[LineStatistics]
-    lines: list[str]
-    """Lines of the pictures."""
-    worst: dict[str, list[tuple[int, float]]]
-    tornados: list[Tornado]
-    indices: list[Indices]
-
-
-def summarise(results: Results, limit: float | None, band: tuple[float, float]) -> Summary:
-    """Statistics, worst cases, effects and Sobol indices of merged results."""
-    rows = line_statistics(results, limit, band)
-    lines = main_lines(rows) or list(results.lines[:4])
-    shown = [ANY, *lines]
-    tornados = [t for line in shown[:4] if (t := tornado(results, line, band)) and t.effects]
-    indices = [i for line in shown[:4] if (i := sobol(results, line, band))]
-    worst = {line: worst_cases(results, line, band, WORST) for line in shown}
-    return Summary(results, limit, band, rows, lines, worst, tornados, indices)
 
 
 def state_text(campaign: Campaign, reasons: bool = False) -> str:
@@ -101,13 +72,13 @@ def _kind_of(reason: str) -> str:
 
 def report_text(s: Summary) -> str:
     """Distributions, exceedance, effects and worst cases as text."""
-    counts = _counts(s.results)
-    lines = [f"{counts[DONE]} cases, {counts[FAILED]} failed, {counts[MISSING]} not computed yet."]
+    cases = counts(s.results)
+    lines = [f"{cases[DONE]} cases, {cases[FAILED]} failed, {cases[MISSING]} not computed yet."]
     if s.rows:
         above = "" if s.limit is None else f"{'above ' + format(1e3 * s.limit, 'g') + ' mN m':>24s}"
         lines += ["", f"{'line':18s} {'Hz':>19s} {'median':>9s} {'P95':>9s} {'P95, 95 % sure':>20s} {'P99':>9s} {'largest':>9s}"
                   f" {'case':>8s}{above}   mN m, 0-to-peak"]  # fmt: skip
-        lines += [_row_text(r) for r in _shown(s)]
+        lines += [_row_text(r) for r in shown(s)]
     for item in s.tornados[:2]:
         effects = ", ".join(f"{e.key} {1e3 * e.low:.4g} to {1e3 * e.high:.4g}" for e in item.effects[:4])
         fit = f" (plane explains {100 * item.explained:.0f} %)" if math.isfinite(item.explained) else ""
@@ -122,92 +93,31 @@ def report_text(s: Summary) -> str:
     return "\n".join(lines)
 
 
-def _shown(s: Summary) -> list[LineStatistics]:
-    """The largest line of each case, and lines of the pictures with what else is at least a hundredth of the largest."""
-    top = s.rows[0].p95.value
-    return [r for r in s.rows if r.line in (ANY, *s.lines) or ("_plus_" not in r.line and "_minus_" not in r.line
-            and r.p95.value > 0.01 * top)]  # fmt: skip
-
-
 def _row_text(r: LineStatistics) -> str:
     text = (
-        f"{r.line:18s} {_hertz(r):>19s} {_milli(r.median.value):>9s} {_milli(r.p95.value):>9s} {_interval(r.p95):>20s}"
-        f" {_milli(r.p99.value):>9s} {_milli(r.largest):>9s} {r.worst:8d}"
+        f"{r.line:18s} {hertz(r):>19s} {milli(r.median.value):>9s} {milli(r.p95.value):>9s} {interval(r.p95):>20s}"
+        f" {milli(r.p99.value):>9s} {milli(r.largest):>9s} {r.worst:8d}"
     )
-    return text if r.exceedance is None else f"{text}{_percent_interval(r.exceedance):>24s}"
+    return text if r.exceedance is None else f"{text}{percent_interval(r.exceedance):>24s}"
 
 
-def _hertz(r: LineStatistics) -> str:
-    low, high = r.frequency
-    if not math.isfinite(low):
-        return ""
-    return f"{low:.5g}" if high - low < 1e-4 * high else f"{low:.4g} to {high:.4g}"
-
-
-def _milli(value: float) -> str:
-    return number(1e3 * value)
-
-
-def _interval(e: Estimate) -> str:
-    """An interval; an open end means that the cases are too few to bound it."""
-    return f"{_milli(e.low) or '?'} to {_milli(e.high) or '?'}"
-
-
-def _percent_interval(e: Estimate) -> str:
-    return f"{100 * e.value:.3g} % ({100 * e.low:.2g} to {100 * e.high:.2g})"
-
-
-def _counts(results: Results) -> dict[int, int]:
-    state = results.state
-    return {code: int(np.sum(state == code)) for code in (MISSING, DONE, FAILED)}
-
-
-def write_report(out: Path, s: Summary) -> tuple[str, ...]:
+def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, ...]:
     """Tables, pictures and report of a campaign; they replace those of an earlier call."""
-    pictures = _pictures(s)
+    pictures = draw(s)
     files: dict[str, Any] = {
         "statistics.csv": _statistics_csv(s.rows),
         "worst.csv": _worst_csv(s),
         "failed.csv": _failed_csv(s.results),
         "effects.csv": _effects_csv(s),
-        **{f"{name}.png": _png(figure) for name, (figure, _) in pictures.items()},
-        "report.html": _report(s, pictures),
+        **{f"{name}.png": _png(picture.drawing) for name, picture in pictures.items()},
+        **report_files(campaign_report(s, pictures, form), form),
     }
     write_folder(out, files, overwrite=True)
     return tuple(files)
 
 
 def _png(figure: Any) -> Any:
-    return lambda path: figure.savefig(path, format="png")
-
-
-def _pictures(s: Summary) -> dict[str, tuple[Any, str]]:
-    """Figures by name, each with its caption."""
-    results, design = s.results, s.results.campaign.design
-    made: dict[str, tuple[Any, str]] = {}
-    if s.rows:
-        text = "Bars from the median to the 95 % point of the cases."
-        made["envelopes"] = campaign_plots.envelopes(_shown(s)[:16], s.limit), text
-        lines = [ANY, *s.lines][:6]
-        text = "Part of the cases above an amplitude."
-        made["exceedance"] = campaign_plots.exceedances(results, lines, s.limit, s.band), text
-        text = "Cases by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point."
-        made["histograms"] = campaign_plots.histograms(results, lines, s.limit, s.band), text
-    if any(len(levels.values) > 1 for levels in design.levels):
-        text = "Median over the levels of a key; shaded, 5 to 95 % of the cases."
-        made["levels"] = campaign_plots.over_levels(results, [ANY, *s.lines][:4], s.band), text
-    if s.tornados:
-        text = "Amplitude from the 5 % to the 95 % point of each key, the others at their mean; levels from lowest to highest mean."
-        made["tornado"] = campaign_plots.tornados(s.tornados), text
-    if s.indices:
-        text = (
-            "Part of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
-        )
-        made["sobol"] = campaign_plots.sobol_bars(s.indices), text
-    scatter = campaign_plots.scatters(results, ANY, s.band)
-    if scatter is not None:
-        made["scatter"] = scatter, "Largest line of each case over what varies."
-    return made
+    return lambda path: figure.savefig(path, format="png", dpi=200)
 
 
 def _csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -261,94 +171,6 @@ def _effects_csv(s: Summary) -> str:
                 [kind, found.line, key, e.low, e.high, e.value] for key, e in zip(found.keys, estimates, strict=True)
             ]
     return _csv(["kind", "line", "key", "low", "high", "value"], rows)
-
-
-def _report(s: Summary, pictures: dict[str, tuple[Any, str]]) -> str:
-    campaign = s.results.campaign
-    design, counts = campaign.design, _counts(s.results)
-    header = ["line", "frequency [Hz]", "median [mN m]", "P95 [mN m]", "its 95 % interval [mN m]", "P99 [mN m]",
-              "largest [mN m]", "in case [1]"]  # fmt: skip
-    header += ["above the limit [1]"] if s.limit is not None else []
-    lines = [
-        [r.line, _hertz(r), _milli(r.median.value), _milli(r.p95.value), _interval(r.p95), _milli(r.p99.value),
-         _milli(r.largest), str(r.worst), *([_percent_interval(r.exceedance)] if r.exceedance else [])]
-        for r in _shown(s)
-    ] if s.rows else []  # fmt: skip
-    sections: list[dict[str, Any]] = []
-    if lines:
-        sections.append({"title": "Lines", "header": header, "rows": lines, "text": _how_to_read(s)})
-    titles = {
-        "envelopes": "Envelopes", "exceedance": "Exceedance", "histograms": "Histograms", "tornado": "What moves the lines",
-        "sobol": "Sobol indices", "scatter": "Cases", "levels": "Over the levels",
-    }  # fmt: skip
-    for name, (figure, caption) in pictures.items():
-        sections.append({"title": titles[name], "figure": picture(figure), "caption": caption})
-    sections += [_worst_section(s), _varied_section(campaign), *_failed_section(s.results)]
-    lead = (
-        f"{counts[DONE]} of {design.cases} cases of {design.base.title or design.study.scenario}, {counts[FAILED]} failed,"
-        f" {counts[MISSING]} not computed. {_sampling(campaign)} Identity {campaign.identity[:16]}."
-    )
-    return page(design.study.title or f"Campaign {campaign.folder.name}", lead, sections)
-
-
-def _how_to_read(s: Summary) -> str:
-    band = "" if s.band == (0.0, math.inf) else f" Lines from {s.band[0]:g} to {s.band[1]:g} Hz."
-    text = (
-        "P95 and P99: amplitudes that 95 % and 99 % of the cases stay below. Intervals hold with 95 % confidence whatever the"
-        " distribution, for independent cases; with '?' the cases are too few."
-    )
-    return text + band + " Figures are the model's for the spread assumed; they are not a measured batch."
-
-
-def _sampling(campaign: Campaign) -> str:
-    design = campaign.design
-    sampling, settings = design.study.sampling, design.base
-    how = (
-        f"Sampling: {sampling.method}, {design.samples.shape[0]} points, seed {sampling.seed}."
-        if design.uncertain
-        else ""
-    )
-    record = settings.record
-    solve = (
-        "steady states"
-        if design.study.solve == "steady"
-        else f"records of {record.duration:g} s after {record.settle:g} s"
-    )
-    return f"{how} Each case: {solve}."
-
-
-def _worst_section(s: Summary) -> dict[str, Any]:
-    design = s.results.campaign.design
-    rows = [
-        [line, str(case), _milli(amplitude), "; ".join(f"{key} {text}" for key, text in design.labels(case).items())]
-        for line, found in s.worst.items()
-        for case, amplitude in found[:3]
-    ]
-    text = f"Each runs again alone: microvib campaign case {s.results.campaign.folder} CASE"
-    return {"title": "Worst cases", "header": ["line", "case [1]", "amplitude [mN m]", "what is varied"], "rows": rows,
-            "text": text}  # fmt: skip
-
-
-def _varied_section(campaign: Campaign) -> dict[str, Any]:
-    design = campaign.design
-    rows = [
-        [x.key, f"{len(x.values)} levels: {', '.join(x.labels[:8])}{', ...' if len(x.labels) > 8 else ''}"]
-        for x in design.levels
-    ]
-    rows += [[x.key, x.text] for x in design.uncertain]
-    rows += [[f"{' and '.join(c.keys)}", f"correlation {c.coefficient:g}"] for c in design.study.correlations]
-    rows += [[f"combination {k}", str(item)] for k, item in enumerate(design.combinations) if item]
-    return {"title": "What varies", "header": ["key", "how"], "rows": rows}
-
-
-def _failed_section(results: Results) -> list[dict[str, Any]]:
-    failed = np.flatnonzero(results.state == FAILED)
-    if not failed.size:
-        return []
-    reasons = results.reasons
-    rows = [[str(case), reasons[case]] for case in failed[:20].tolist()]
-    text = "All of them are in failed.csv." if failed.size > 20 else ""
-    return [{"title": "Failed cases", "header": ["case", "reason"], "rows": rows, "text": text}]
 
 
 def again_text(campaign: Campaign, case: int) -> str:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from microvib.app.commands.common import pdf_option
 from microvib.errors import MicrovibError
 
 if TYPE_CHECKING:
+    from microvib.app.document import Form
     from microvib.studies.campaign.folder import Campaign
 
 _EVERY = 15.0
@@ -203,9 +205,11 @@ def merge(folder: Path) -> None:
 @folder_argument
 @click.option("--limit", metavar="TORQUE", help="Largest line that is allowed [default: the study's].")
 @click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only [default: the study's].")
-def report(folder: Path, limit: str | None, band: str | None) -> None:
+@pdf_option
+def report(folder: Path, limit: str | None, band: str | None, form: Form) -> None:
     """Merge what is there, then write statistics, worst cases, pictures and report into DIR/report."""
-    from microvib.app.campaigns import report_text, summarise, write_report
+    from microvib.app.campaign_report import summarise
+    from microvib.app.campaigns import report_text, write_report
     from microvib.app.options import band_of, quantity
     from microvib.studies.campaign.folder import open_campaign
     from microvib.studies.campaign.results import merge as merge_chunks
@@ -219,7 +223,7 @@ def report(folder: Path, limit: str | None, band: str | None) -> None:
     merge_chunks(opened)
     summary = summarise(open_results(opened), most, band_of(text) if text else (0.0, float("inf")))
     click.echo(report_text(summary))
-    files = write_report(folder / "report", summary)
+    files = write_report(folder / "report", summary, form)
     click.echo(f"\nWritten: {', '.join(str(folder / 'report' / name) for name in files)}")
 
 

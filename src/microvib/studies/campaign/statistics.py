@@ -31,7 +31,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class LineStatistics:
-    """Distribution of one line's amplitude [N m] over the cases that have it."""
+    """Distribution of one line's amplitude [N m] over the independent cases that have it."""
 
     line: str
     frequency: tuple[float, float]
@@ -43,6 +43,7 @@ class LineStatistics:
     p95: Estimate
     p99: Estimate
     largest: float
+    """Of all cases, also those that are no independent draws."""
     worst: int
     """Number of the case with the largest amplitude."""
     exceedance: Estimate | None
@@ -139,8 +140,8 @@ def _of_line(
         median=quantile(x, 0.5),
         p95=quantile(x, 0.95),
         p99=quantile(x, 0.99),
-        largest=float(x.max()),
-        worst=int(np.flatnonzero(here)[int(np.argmax(x))]),
+        largest=float(np.nanmax(amplitude)),
+        worst=int(np.nanargmax(amplitude)),
         exceedance=None if limit is None else proportion(int(np.sum(x > limit)), int(x.size)),
     )
 

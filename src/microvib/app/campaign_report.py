@@ -1,0 +1,249 @@
+"""The report of a campaign: what is told of it, its pictures, its document."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from microvib.app import campaign_plots
+from microvib.app.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
+from microvib.app.pieces import count, drawn, number, short, study, torque
+from microvib.studies.campaign.folder import Campaign
+from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
+from microvib.studies.campaign.statistics import (
+    ANY,
+    Estimate,
+    Indices,
+    LineStatistics,
+    Tornado,
+    independent,
+    line_statistics,
+    main_lines,
+    sobol,
+    tornado,
+    worst_cases,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+WORST = 5
+"""Worst cases that are listed for each line."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What is told of a campaign."""
+
+    results: Results
+    limit: float | None
+    band: tuple[float, float]
+    rows: list[LineStatistics]
+    lines: list[str]
+    """Lines of the pictures."""
+    worst: dict[str, list[tuple[int, float]]]
+    tornados: list[Tornado]
+    indices: list[Indices]
+
+
+def summarise(results: Results, limit: float | None, band: tuple[float, float]) -> Summary:
+    """Statistics, worst cases, effects and Sobol indices of merged results."""
+    rows = line_statistics(results, limit, band)
+    lines = main_lines(rows) or list(results.lines[:4])
+    shown = [ANY, *lines]
+    tornados = [t for line in shown[:4] if (t := tornado(results, line, band)) and t.effects]
+    indices = [i for line in shown[:4] if (i := sobol(results, line, band))]
+    worst = {line: worst_cases(results, line, band, WORST) for line in shown}
+    return Summary(results, limit, band, rows, lines, worst, tornados, indices)
+
+
+def shown(s: Summary) -> list[LineStatistics]:
+    """The largest line of each case, and lines of the pictures with what else is at least a hundredth of the largest."""
+    top = s.rows[0].p95.value
+    return [r for r in s.rows if r.line in (ANY, *s.lines) or ("_plus_" not in r.line and "_minus_" not in r.line
+            and r.p95.value > 0.01 * top)]  # fmt: skip
+
+
+def hertz(r: LineStatistics) -> str:
+    """Frequency of a line, or its range over the cases [Hz]."""
+    low, high = r.frequency
+    if not math.isfinite(low):
+        return ""
+    return f"{low:.5g}" if high - low < 1e-4 * high else f"{low:.4g} to {high:.4g}"
+
+
+def interval(e: Estimate) -> str:
+    """An interval; an open end means that the cases are too few to bound it."""
+    return f"{milli(e.low) or '?'} to {milli(e.high) or '?'}"
+
+
+def percent_interval(e: Estimate) -> str:
+    """A probability with its interval in per cent."""
+    return f"{100 * e.value:.3g} % ({100 * e.low:.2g} to {100 * e.high:.2g})"
+
+
+def counts(results: Results) -> dict[int, int]:
+    """Number of cases in each state."""
+    state = results.state
+    return {code: int(np.sum(state == code)) for code in (MISSING, DONE, FAILED)}
+
+
+def milli(value: float) -> str:
+    """A torque [N m] in mN m; empty where there is none."""
+    return number(1e3 * value)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawing with its caption."""
+
+    title: str
+    drawing: Drawing
+    caption: str
+
+
+def draw(s: Summary) -> dict[str, Picture]:
+    """All pictures of a campaign, by the names of their files."""
+    results, design = s.results, s.results.campaign.design
+    made: dict[str, Picture] = {}
+    if s.rows:
+        text = "Bars from the median to the 95 % point of the cases."
+        made["envelopes"] = Picture("Envelopes", campaign_plots.envelopes(shown(s)[:16], s.limit), text)
+        lines = [ANY, *s.lines][:6]
+        text = "Part of the cases in which a line is larger than an amplitude."
+        made["exceedance"] = Picture("Exceedance", campaign_plots.exceedances(results, lines, s.limit, s.band), text)
+        text = "Cases by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point."
+        made["histograms"] = Picture("Histograms", campaign_plots.histograms(results, lines, s.limit, s.band), text)
+    if any(len(levels.values) > 1 for levels in design.levels):
+        text = "Median over the levels of a key; shaded, 5 to 95 % of the cases."
+        drawing = campaign_plots.over_levels(results, [ANY, *s.lines][:4], s.band)
+        made["levels"] = Picture("Over the levels", drawing, text)
+    if s.tornados:
+        text = (
+            "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean."
+        )
+        made["tornado"] = Picture("What moves the lines", campaign_plots.tornados(s.tornados), text)
+    if s.indices:
+        text = (
+            "Part of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
+        )
+        made["sobol"] = Picture("Sobol indices", campaign_plots.sobol_bars(s.indices), text)
+    scatter = campaign_plots.scatters(results, ANY, s.band)
+    if scatter is not None:
+        made["scatter"] = Picture("Cases", scatter, "Largest line of each case over what varies.")
+    return made
+
+
+def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None = None) -> Document:
+    """The report of a campaign; its first page says what was varied, the lines against the limit, and the envelopes."""
+    campaign = s.results.campaign
+    rest = {name: picture for name, picture in pictures.items() if name != "envelopes"}
+    front: list[Block] = [_lines(s)] if s.rows else []
+    front += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
+    sections = [
+        Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
+        Section("How the figures are meant", (Text(_how_to_read(s)),)),
+        *(Section(picture.title, (_block(picture),)) for picture in rest.values()),
+        Section(
+            "Worst cases", (Text(f"Each runs again alone: `microvib campaign case {campaign.folder} CASE`"), _worst(s))
+        ),
+        *_failed(s.results),
+        Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
+    ]
+    found = counts(s.results)
+    base = campaign.design.base
+    subtitle = f"{found[DONE]} of {campaign.design.cases} cases of {base.title or campaign.design.study.scenario}"
+    title = campaign.design.study.title or f"Campaign {campaign.folder.name}"
+    return study(
+        "Campaign", title, subtitle, facts=_facts(s), front=front, sections=sections, form=form, scenario=base
+    )  # fmt: skip
+
+
+def _block(picture: Picture) -> Figure:
+    return drawn(picture.drawing, picture.title, picture.caption)
+
+
+def _facts(s: Summary) -> list[Fact]:
+    found = counts(s.results)
+    facts = [Fact(str(found[DONE]), "cases")]
+    facts += [Fact(str(found[FAILED]), "failed", "fail")] if found[FAILED] else []
+    facts += [Fact(str(found[MISSING]), "not computed yet", "fail")] if found[MISSING] else []
+    if not s.rows:
+        return facts
+    top = s.rows[0]
+    facts += [
+        Fact(torque(top.p95.value), "largest line, 95 % of the cases below"),
+        Fact(torque(top.largest), "worst case"),
+    ]
+    if top.exceedance is not None and s.limit is not None:
+        e = top.exceedance
+        text = f"above {torque(s.limit)} (95 % interval {100 * e.low:.2g} to {100 * e.high:.2g} %)"
+        facts.insert(0, Fact(f"{100 * e.value:.3g} %", text, "fail" if e.value else "pass"))
+    return facts
+
+
+def _lines(s: Summary) -> Table:
+    header = ["line", "frequency [Hz]", "median [mN m]", "P95 [mN m]", "its interval [mN m]", "P99 [mN m]", "largest [mN m]",
+              "case [1]"]  # fmt: skip
+    header += ["above the limit [1]"] if s.limit is not None else []
+    rows = [
+        [r.line, hertz(r), milli(r.median.value), milli(r.p95.value), interval(r.p95), milli(r.p99.value), milli(r.largest),
+         str(r.worst), *([percent_interval(r.exceedance)] if r.exceedance else [])]
+        for r in shown(s)
+    ]  # fmt: skip
+    return table(header, rows, marks={0: "strong"})
+
+
+def _how_to_read(s: Summary) -> str:
+    band = "" if s.band == (0.0, math.inf) else f" Lines from {s.band[0]:g} to {s.band[1]:g} Hz."
+    text = (
+        "P95 and P99 are amplitudes that 95 % and 99 % of the cases stay below. Intervals hold with 95 % confidence whatever the"
+        " distribution, for independent cases; with '?' the cases are too few to bound them."
+    )
+    design = s.results.campaign.design
+    drawn_apart, total = int(independent(design).sum()), design.cases
+    if drawn_apart < total:
+        text += f" They are of {drawn_apart} of {total} cases, the independent ones; the largest is that of all."
+    return text + band + " All figures are the model's, for the spread that was assumed; they are not a measured batch."
+
+
+def _sampling(campaign: Campaign) -> str:
+    design = campaign.design
+    sampling, record = design.study.sampling, design.base.record
+    points = design.samples.shape[0]
+    how = f"Sampling: {sampling.method}, {count(points, 'point')}, seed {sampling.seed}. " if design.uncertain else ""
+    steady = design.study.solve == "steady"
+    solve = "its steady state" if steady else f"a record of {record.duration:g} s after {record.settle:g} s"
+    return f"{how}Of each case: {solve}."
+
+
+def _varied(campaign: Campaign) -> Table:
+    design = campaign.design
+    rows = [[x.key, short(f"{count(len(x.values), 'level')}: {', '.join(x.labels)}", 120)] for x in design.levels]
+    rows += [[x.key, x.text] for x in design.uncertain]
+    rows += [[" and ".join(c.keys), f"correlation {c.coefficient:g}"] for c in design.study.correlations]
+    rows += [[f"combination {k}", short(str(item), 120)] for k, item in enumerate(design.combinations) if item]
+    return table(["`key`", "how"], rows)
+
+
+def _worst(s: Summary) -> Table:
+    design = s.results.campaign.design
+    rows = [
+        [line, str(case), milli(amplitude), "; ".join(f"{key} {text}" for key, text in design.labels(case).items())]
+        for line, found in s.worst.items()
+        for case, amplitude in found[:3]
+    ]
+    return table(["line", "case [1]", "amplitude [mN m]", "what is varied"], rows)
+
+
+def _failed(results: Results) -> list[Section]:
+    failed = np.flatnonzero(results.state == FAILED)
+    if not failed.size:
+        return []
+    reasons = results.reasons
+    rows = [[str(case), reasons[case]] for case in failed[:20].tolist()]
+    more = [Text("All of them are in `failed.csv`.")] if failed.size > 20 else []
+    return [Section("Failed cases", (table(["case [1]", "reason"], rows), *more))]
