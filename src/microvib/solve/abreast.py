@@ -17,14 +17,9 @@ import numpy as np
 from numba import njit
 
 from microvib.solve import kernel, lanes
-from microvib.solve.kernel import (
-    COMPILE, EVENT_STEPS, FORCED, INLINE, MICROSTEPS, MODES, N_CLOCK, NEXT_STEP, NOW, OK, REF_A, REF_B, REJECTED, STAGES, STEPS,
-    THETA_E, TM, WL, WM, Drive, State, Work, aim, aim_again, dense, derivative, extension, first_length, follow, growth, health,
-    interpolate, linearise, margins, next_event, proposal, settle, step, too_small, transmission_error,
-)  # fmt: skip
 from microvib.solve.lanes import WIDTH, rows, where
 
-LOOP: dict[str, Any] = FORCED | {"cache": False}  # cached as a part of ``advance`` below, under a key of its own
+LOOP: dict[str, Any] = kernel.FORCED | {"cache": False}  # cached as a part of ``advance`` below, under a key of its own
 
 # What a drive is to do next; what it waits for; entries of Company.flags
 BEGIN, TRY, HALVED, LOCATE = range(4)
@@ -34,16 +29,16 @@ RUNNING, DONE, WANTS_MICROSTEPS, FAILED, IDLE = range(5)
 ) = range(17)  # fmt: skip
 # entries of Company.control; a search for an event follows
 (
-    LENGTH, ASKED, LEFT, TARGET, KNOWN_UNTIL, END, FIRST, INTERVAL, SETTLED, RECORDED, OPEN, WEIGHT, LARGEST, STUCK, IMPULSE, SEARCH,
-) = range(16)  # fmt: skip
+    ASKED, LEFT, TARGET, KNOWN_UNTIL, END, FIRST, INTERVAL, SETTLED, RECORDED, OPEN, WEIGHT, LARGEST, STUCK, IMPULSE, SEARCH,
+) = range(15)  # fmt: skip
 N_CONTROL = SEARCH + kernel.N_SEARCH
 # rows of Company.verdict: error, margins in the middle and at the end, angular momentum and its extension
 ERROR, MIDDLE_M, MIDDLE_L, AFTER_M, AFTER_L, L_0, L_1, L_2, L_3, N_VERDICT = range(10)
 ARRAYS = ("H", "D", "Lam", "te", "scale")
 UNIFORM = ("rigid", "shaped")
-NUMBERS = tuple(name for name in Drive._fields if name not in ARRAYS + UNIFORM)
+NUMBERS = tuple(name for name in kernel.Drive._fields if name not in ARRAYS + UNIFORM)
 Y1, BETWEEN, F0, F, DENSE, K = 0, 1, 2, 3, 4, 6  # blocks of n rows in the scratch of all lanes; what is left follows K
-LEFT_OVER = K + STAGES
+LEFT_OVER = K + kernel.STAGES
 N_Q, N_JAC, N_LU = 7, 10, 17
 
 
@@ -74,50 +69,50 @@ class Company(NamedTuple):
     out: np.ndarray  # samples of T_d
 
 
-@njit(**INLINE)
+@njit(**kernel.INLINE)
 def _drive(v, rigid, shaped, H, D, Lam, te, scale):
     """Parameters from the numbers ``v``, which are in the order of NUMBERS."""
-    return Drive(
+    return kernel.Drive(
         v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10], v[11], v[12], v[13], rigid, shaped,
         v[14], v[15], v[16], v[17], v[18], v[19], v[20], v[21], v[22], v[23],
         v[24], v[25], v[26], v[27], v[28], v[29], v[30], v[31], H, D, Lam, te, scale,
     )  # fmt: skip
 
 
-@njit(**INLINE)
+@njit(**kernel.INLINE)
 def _drive_of(lane, c):
     """Parameters of one drive, in floats."""
     s, v = c.modes, c.arrays_of[lane]
-    te = v.size - MODES - 2 * s
+    te = v.size - kernel.MODES - 2 * s
     return _drive(c.numbers_of[lane], c.rigid, c.shaped, v[:s], v[s : 2 * s], v[2 * s : 3 * s], v[3 * s : te], v[te:])
 
 
-@njit(**INLINE)
+@njit(**kernel.INLINE)
 def _one(lane, c):
     """State and scratch for one drive."""
-    n, one = MODES + 2 * c.modes, c.one
-    x = State(one[0, :n], one[1, :2], one[2, :N_CLOCK], c.counters[lane], one[3])
+    n, one = kernel.MODES + 2 * c.modes, c.one
+    x = kernel.State(one[0, :n], one[1, :2], one[2, : kernel.N_CLOCK], c.counters[lane], one[3])
     r = one[4]
-    return x, Work(one[5, :n], one[6, :n], r, r, r, r, r, r, r, r, one[7:9], one[7:9], r)
+    return x, kernel.Work(one[5, :n], one[6, :n], r, r, r, r, r, r, r, r, one[7:9], one[7:9], r)
 
 
-@njit(**INLINE)
+@njit(**kernel.INLINE)
 def _fetch(lane, c, y, x):
     """Copy a drive's state to ``x``, with ``y`` from an array of lanes."""
     n = x.y.size
     for j in range(n):
         x.y[j] = y[j, lane]
     x.stick[0], x.stick[1] = c.state[n, lane], c.state[n + 1, lane]
-    for j in range(N_CLOCK):
+    for j in range(kernel.N_CLOCK):
         x.clock[j] = c.state[n + 2 + j, lane]
 
 
 @njit(**LOOP)
 def _begin(lane, c):
     """Take the microsteps that are due and choose the length of the next step."""
-    k, g, clock = c.control[lane], c.flags[lane], MODES + 2 * c.modes + 2
+    k, g, clock = c.control[lane], c.flags[lane], kernel.MODES + 2 * c.modes + 2
     while True:
-        now = c.state[clock + NOW, lane]
+        now = c.state[clock + kernel.NOW, lane]
         if now >= k[END]:
             g[STATUS] = DONE
             return
@@ -129,14 +124,16 @@ def _begin(lane, c):
             return
         if target > now:
             break
-        c.state[clock + REF_A, lane] = c.references[lane, coming, 0]
-        c.state[clock + REF_B, lane] = c.references[lane, coming, 1]
-        c.state[clock + THETA_E, lane] = c.references[lane, coming, 2]
-        c.state[clock + NEXT_STEP, lane] = min(c.state[clock + NEXT_STEP, lane], c.numbers_of[lane, LAYER])
+        c.state[clock + kernel.REF_A, lane] = c.references[lane, coming, 0]
+        c.state[clock + kernel.REF_B, lane] = c.references[lane, coming, 1]
+        c.state[clock + kernel.THETA_E, lane] = c.references[lane, coming, 2]
+        c.state[clock + kernel.NEXT_STEP, lane] = min(
+            c.state[clock + kernel.NEXT_STEP, lane], c.numbers_of[lane, LAYER]
+        )
         g[COMING] += 1
-        c.counters[lane, MICROSTEPS] += 1
+        c.counters[lane, kernel.MICROSTEPS] += 1
     k[TARGET], k[LEFT] = target, target - now
-    k[ASKED] = first_length(c.state[clock + NEXT_STEP, lane], c.numbers_of[lane, MAX_STEP], k[LEFT])
+    k[ASKED] = kernel.first_length(c.state[clock + kernel.NEXT_STEP, lane], c.numbers_of[lane, MAX_STEP], k[LEFT])
     c.length[0, lane] = k[ASKED]
     g[PHASE] = TRY
 
@@ -144,29 +141,29 @@ def _begin(lane, c):
 @njit(**LOOP)
 def _judge(lane, c):
     """Decide what follows from a drive's attempt: another, with another length, or the end of its step."""
-    k, g, v, n = c.control[lane], c.flags[lane], c.verdict, MODES + 2 * c.modes
+    k, g, v, n = c.control[lane], c.flags[lane], c.verdict, kernel.MODES + 2 * c.modes
     h, error = c.length[0, lane], v[ERROR, lane]
     if g[PHASE] == TRY:
-        factor = growth(error)
+        factor = kernel.growth(error)
         if not error <= 1.0:
-            c.counters[lane, REJECTED] += 1
+            c.counters[lane, kernel.REJECTED] += 1
             c.length[0, lane] = h = h * (factor if math.isfinite(error) else 0.1)
-            g[CODE] = too_small(h, c.state[n + 2 + NOW, lane], error)
-            g[STATUS] = FAILED if g[CODE] != OK else RUNNING
+            g[CODE] = kernel.too_small(h, c.state[n + 2 + kernel.NOW, lane], error)
+            g[STATUS] = FAILED if g[CODE] != kernel.OK else RUNNING
             return
-        proposed = c.state[n + 2 + NEXT_STEP, lane]
-        c.state[n + 2 + NEXT_STEP, lane] = proposal(proposed, h, k[ASKED], k[LEFT], factor)
+        proposed = c.state[n + 2 + kernel.NEXT_STEP, lane]
+        c.state[n + 2 + kernel.NEXT_STEP, lane] = kernel.proposal(proposed, h, k[ASKED], k[LEFT], factor)
         g[EVENT], g[EVENTS] = -1, 0
         if min(v[MIDDLE_M, lane], v[MIDDLE_L, lane]) < 0.0 <= min(v[AFTER_M, lane], v[AFTER_L, lane]):
             c.length[0, lane] = 0.5 * h
             g[PHASE] = HALVED
             return
     elif g[PHASE] == LOCATE:
-        c.counters[lane, EVENT_STEPS] += 1
-        c.length[0, lane] = aim_again(h, v[AFTER_M + g[EVENT], lane], k[SEARCH:])
+        c.counters[lane, kernel.EVENT_STEPS] += 1
+        c.length[0, lane] = kernel.aim_again(h, v[AFTER_M + g[EVENT], lane], k[SEARCH:])
         if c.length[0, lane] != h:
             return
-    event = next_event(g[EVENT], v[AFTER_M, lane], v[AFTER_L, lane])
+    event = kernel.next_event(g[EVENT], v[AFTER_M, lane], v[AFTER_L, lane])
     if event >= 0 and g[EVENTS] < kernel.MOST_EVENTS:
         g[EVENT], g[PHASE] = event, LOCATE
         g[EVENTS] += 1
@@ -175,7 +172,7 @@ def _judge(lane, c):
         for j in range(n):
             w.y1[j] = c.scratch[Y1 * n + j, lane]
             w.dense[0, j], w.dense[1, j] = c.scratch[DENSE * n + j, lane], c.scratch[DENSE * n + n + j, lane]
-        c.length[0, lane] = aim(event, h, v[AFTER_M + event, lane], x, _drive_of(lane, c), w, k[SEARCH:])
+        c.length[0, lane] = kernel.aim(event, h, v[AFTER_M + event, lane], x, _drive_of(lane, c), w, k[SEARCH:])
     else:
         _finish(lane, c, h)
 
@@ -183,26 +180,26 @@ def _judge(lane, c):
 @njit(**LOOP)
 def _finish(lane, c, h):
     """Take the step of length ``h``, with the event at its end."""
-    k, g, n = c.control[lane], c.flags[lane], MODES + 2 * c.modes
+    k, g, n = c.control[lane], c.flags[lane], kernel.MODES + 2 * c.modes
     clock, p = n + 2, _drive_of(lane, c)
-    now = c.state[clock + NOW, lane]
+    now = c.state[clock + kernel.NOW, lane]
     # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
     end = k[TARGET] if h == k[LEFT] else now + h
     _sample(lane, c, now, end, h, p)
-    c.state[clock + NOW, lane] = end
-    c.counters[lane, STEPS] += 1
+    c.state[clock + kernel.NOW, lane] = end
+    c.counters[lane, kernel.STEPS] += 1
     if g[EVENT] >= 0 or p.rigid:
         x, _ = _one(lane, c)
         _fetch(lane, c, c.scratch, x)
         if g[EVENT] >= 0:
-            settle(g[EVENT], x, p)
-        follow(x, p)
+            kernel.settle(g[EVENT], x, p)
+        kernel.follow(x, p)
         for j in range(n):
             c.scratch[Y1 * n + j, lane] = x.y[j]
         c.state[n, lane], c.state[n + 1, lane] = x.stick[0], x.stick[1]
-    lag = p.z * c.scratch[Y1 * n + TM, lane] - c.state[clock + THETA_E, lane]
-    g[CODE], g[STALLED] = health(lag, h, end, g[STALLED])
-    g[STATUS] = FAILED if g[CODE] != OK else RUNNING
+    lag = p.z * c.scratch[Y1 * n + kernel.TM, lane] - c.state[clock + kernel.THETA_E, lane]
+    g[CODE], g[STALLED] = kernel.health(lag, h, end, g[STALLED])
+    g[STATUS] = FAILED if g[CODE] != kernel.OK else RUNNING
     g[PHASE] = BEGIN
     c.taken[0, lane] = 1.0
 
@@ -210,23 +207,27 @@ def _finish(lane, c, h):
 @njit(**LOOP)
 def _take(c):
     """Make the end of the step the state of every drive that has taken its step."""
-    n = MODES + 2 * c.modes
+    n = kernel.MODES + 2 * c.modes
     y, y1, taken = rows(c.state, 0, n, 1), rows(c.scratch, Y1 * n, n, 1), rows(c.taken, 0, 1, 1)
     for j in range(n):
         y[j] = where(taken[0] > 0.0, y1[j], y[j])
     taken[0] = 0.0
 
 
-@njit(**INLINE)
+@njit(**kernel.INLINE)
 def _momentum(s, lane, c, p):
     """Angular momentum at the fraction ``s`` of the step."""
-    v, n, y = c.verdict, MODES + 2 * c.modes, c.scratch
-    L = extension(s, v[L_0, lane], v[L_1, lane], v[L_2, lane], v[L_3, lane])
+    v, n, y = c.verdict, kernel.MODES + 2 * c.modes, c.scratch
+    L = kernel.extension(s, v[L_0, lane], v[L_1, lane], v[L_2, lane], v[L_3, lane])
     if p.rigid:
         two, three = DENSE * n, DENSE * n + n
-        theta = extension(s, c.state[TM, lane], y[TM, lane], y[two + TM, lane], y[three + TM, lane])
-        omega = extension(s, c.state[WM, lane], y[WM, lane], y[two + WM, lane], y[three + WM, lane])
-        _, e1, _, _ = transmission_error(theta, p.te)
+        theta = kernel.extension(
+            s, c.state[kernel.TM, lane], y[kernel.TM, lane], y[two + kernel.TM, lane], y[three + kernel.TM, lane]
+        )
+        omega = kernel.extension(
+            s, c.state[kernel.WM, lane], y[kernel.WM, lane], y[two + kernel.WM, lane], y[three + kernel.WM, lane]
+        )
+        _, e1, _, _ = kernel.transmission_error(theta, p.te)
         L += p.J_L * (e1 - p.inv_h) * omega
     return L
 
@@ -237,7 +238,7 @@ def _sample(lane, c, now, end, h, p):
     k, g = c.control[lane], c.flags[lane]
     L_a, L_end = _momentum(0.0, lane, c, p), _momentum(1.0, lane, c, p)
     k[IMPULSE] += L_a - L_end
-    if c.state[MODES + 2 * c.modes + (0 if p.rigid else 1), lane] == 0.0:
+    if c.state[kernel.MODES + 2 * c.modes + (0 if p.rigid else 1), lane] == 0.0:
         k[STUCK] += max(min(end, k[RECORDED]) - max(now, k[SETTLED]), 0.0)
     first, interval = k[FIRST], k[INTERVAL]
     if end <= first:
@@ -301,53 +302,53 @@ def _decimate(g, taps, buffer, out):
 def _attempt(c):
     """One attempt of every drive, from its state, with its length."""
     s, S, V = c.modes, c.scratch, c.verdict
-    n = MODES + 2 * s
+    n = kernel.MODES + 2 * s
     rest = LEFT_OVER * n
     y, te = rows(c.state, 0, n, 1), c.arrays.shape[0] - n
-    x = State(y, rows(c.state, n, 2, 1), rows(c.state, n + 2, N_CLOCK, 1), c.counters[0], c.one[3])
+    x = kernel.State(y, rows(c.state, n, 2, 1), rows(c.state, n + 2, kernel.N_CLOCK, 1), c.counters[0], c.one[3])
     p = _drive(
         rows(c.numbers, 0, c.numbers.shape[0], 1), c.rigid, c.shaped, rows(c.arrays, 0, s, 1), rows(c.arrays, s, s, 1),
         rows(c.arrays, 2 * s, s, 1), rows(c.arrays, 3 * s, te - 3 * s, 1), rows(c.arrays, te, n, 1),
     )  # fmt: skip
     q = rows(S, rest, N_Q, 1)
     rest += N_Q
-    w = Work(
+    w = kernel.Work(
         rows(S, Y1 * n, n, 1), rows(S, BETWEEN * n, n, 1), rows(S, F0 * n, n, 1), rows(S, F * n, n, 1), q,
         rows(S, rest, N_JAC, 1), rows(S, rest + N_JAC, N_LU, 1),
-        rows(S, rest + N_JAC + N_LU, s, 1), rows(S, rest + N_JAC + N_LU + s, s, 1), q, rows(S, K * n, STAGES * n, n),
+        rows(S, rest + N_JAC + N_LU, s, 1), rows(S, rest + N_JAC + N_LU + s, s, 1), q, rows(S, K * n, kernel.STAGES * n, n),
         rows(S, DENSE * n, 2 * n, n), q,
     )  # fmt: skip
     verdict = rows(V, 0, N_VERDICT, 1)
-    derivative(y, x.clock, x.stick, p, w.f0, w.q)
-    linearise(x, p, w)
-    verdict[ERROR] = step(rows(c.length, 0, 1, 1)[0], x, p, w)
-    dense(w)
-    interpolate(0.5, y, w)
-    verdict[MIDDLE_M], verdict[MIDDLE_L] = margins(w.between, x.stick, p)
-    verdict[AFTER_M], verdict[AFTER_L] = margins(w.y1, x.stick, p)
+    kernel.derivative(y, x.clock, x.stick, p, w.f0, w.q)
+    kernel.linearise(x, p, w)
+    verdict[ERROR] = kernel.step(rows(c.length, 0, 1, 1)[0], x, p, w)
+    kernel.dense(w)
+    kernel.interpolate(0.5, y, w)
+    verdict[MIDDLE_M], verdict[MIDDLE_L] = kernel.margins(w.between, x.stick, p)
+    verdict[AFTER_M], verdict[AFTER_L] = kernel.margins(w.y1, x.stick, p)
     verdict[L_0], verdict[L_1] = _linear_momentum(y, p), _linear_momentum(w.y1, p)
     verdict[L_2] = _linear_momentum(rows(S, DENSE * n, n, 1), p)
     verdict[L_3] = _linear_momentum(rows(S, DENSE * n + n, n, 1), p)
 
 
-@njit(**INLINE)
+@njit(**kernel.INLINE)
 def _linear_momentum(y, p):
     """Angular momentum, as far as it is linear in the state: that of an output that follows its rotor is not."""
-    L = p.J_m * y[WM]
+    L = p.J_m * y[kernel.WM]
     if not p.rigid:
-        L += p.J_L * y[WL]
+        L += p.J_L * y[kernel.WL]
     for k in range(p.H.size):
-        L += p.H[k] * y[MODES + 2 * k + 1]
+        L += p.H[k] * y[kernel.MODES + 2 * k + 1]
     return L
 
 
-def _compiled(sources: int) -> Any:
-    """The loop; ``sources`` is in the key of its cache, for what it calls lies in other files."""
+def _compiled(source: int) -> Any:
+    """The loop; ``source`` is in the key of its cache, for what it calls lies in other files."""
 
-    @njit(**COMPILE)
-    def advance(c):  # type: ignore[no-untyped-def]
+    @njit(**kernel.COMPILE)
+    def advance(c):
         """Advance all drives that run, until one of them has ended or wants more microsteps."""
-        judged, waits = sources < 0, False
+        judged, waits = source < 0, False
         while True:
             for lane in range(WIDTH):
                 g = c.flags[lane]

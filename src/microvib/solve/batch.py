@@ -121,23 +121,23 @@ class _Crew:
 
     def _serve(self, lane: int, waiting: Iterator[int]) -> None:
         """Give a lane what it waits for, microsteps or the next scenario, until it runs or there is none."""
-        flags, berth = self.company.flags[lane], self.berths[lane]
+        flags = self.company.flags[lane]
         while flags[abreast.STATUS] != abreast.RUNNING:
+            berth = self.berths[lane]
             if berth and flags[abreast.STATUS] != abreast.WANTS_MICROSTEPS:
                 self.results[berth.index] = self._result(lane, berth)
-                berth = None
+                berth = self.berths[lane] = None
+            index = berth.index if berth else next(waiting, None)
+            if index is None:
+                flags[abreast.STATUS] = abreast.IDLE
+                return
             try:
-                if berth is None:
-                    index = next(waiting, None)
-                    flags[abreast.STATUS] = abreast.IDLE
-                    if index is None:
-                        break
-                    berth = self._board(lane, index)
+                berth = berth or self._board(lane, index)
                 self._instruct(lane, berth)
             except SimulationError as error:
-                self.results[index if berth is None else berth.index] = error
+                self.results[index] = error
                 berth = None
-        self.berths[lane] = berth
+            self.berths[lane] = berth
 
     def _result(self, lane: int, berth: _Berth) -> Torque | SimulationError:
         c, n = self.company, berth.packed.state.y.size

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -77,6 +78,7 @@ def window(scenario: Scenario, start: float = 0.0) -> Window:
     return Window(factor, width, first, half - lead, lead + 1 + (record.samples - 1) * factor + half)
 
 
+@lru_cache(maxsize=8)
 def taps(factor: int) -> np.ndarray:
     """Linear-phase low-pass at f_s/2 with the inverse of the boxcar's response in its passband, by frequency sampling."""
     grid, half = 1024 * factor, half_length(factor)
@@ -85,6 +87,7 @@ def taps(factor: int) -> np.ndarray:
     kernel = np.roll(np.fft.irfft(response, grid), half)[: 2 * half + 1]
     shaped = kernel * np.kaiser(2 * half + 1, _BETA)
     normalised: np.ndarray = shaped / shaped.sum()
+    normalised.flags.writeable = False
     return normalised
 
 

@@ -10,7 +10,9 @@ Friction is set-valued: a stuck body has velocity zero exactly, and no law with 
 The linear systems of the method are solved by block elimination: windings, angles and array modes are eliminated in
 closed form and a 2 x 2 system in the two velocities is left. Cost is linear in the number of modes.
 
-Everything that the loop calls lives in this file, because the compiled cache is keyed on it.
+Its functions take floats, for one drive, or lanes, for many at once (``microvib.solve.lanes``, ``microvib.solve.abreast``).
+
+Everything else that the loop calls lives in this file, because the compiled cache is keyed on it.
 """
 
 import math
@@ -319,7 +321,9 @@ def linearise(x, p, w):
     _, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
     if p.rigid:
         modal = p.J_L * q[6] + q[2] - q[3]
-        stiffness += e2 * (modal - q[2]) - (e2 * e2 + G * e3) * p.J_L * omega_m * omega_m - 2.0 * G * e2 * p.J_L * w.f0[WM]
+        stiffness += (
+            e2 * (modal - q[2]) - (e2 * e2 + G * e3) * p.J_L * omega_m * omega_m - 2.0 * G * e2 * p.J_L * w.f0[WM]
+        )
         slope_m += 2.0 * G * e2 * p.J_L * omega_m
     else:
         stiffness -= e2 * q[3]
@@ -333,7 +337,13 @@ def _winding_pivot(g, inv_g, limited, p):
     b = p.K_I * p.inv_L_D * inv_g
     resistance = where(limited, p.R * p.inv_L, (p.K_P + p.R) * p.inv_L_D + b)
     integral = where(limited, 1.0 / (g + p.K_I * p.inv_K_P), inv_g)
-    return 1.0 / (g + resistance), where(limited, 0.0, b), integral, where(limited, 0.0, 1.0), where(limited, p.inv_L, p.inv_L_D)
+    return (
+        1.0 / (g + resistance),
+        where(limited, 0.0, b),
+        integral,
+        where(limited, 0.0, 1.0),
+        where(limited, p.inv_L, p.inv_L_D),
+    )
 
 
 @njit(**INLINE)
@@ -713,7 +723,7 @@ def follow(x, p):
 
 @njit(**INLINE)
 def health(lag, h, now, stalled):
-    """Status after a step of length ``h``, for the electrical angle that the rotor lags; steps in a row that were next to nothing."""
+    """Status after a step of length ``h`` with the rotor lagging by an electrical angle; steps next to nothing in a row."""
     stalled = stalled + 1 if h < 1e-12 * max(1.0, now) else 0
     if math.fabs(lag) > math.pi:
         return LOST_SYNCHRONISM, stalled

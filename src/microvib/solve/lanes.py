@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typeconv import Conversion
+from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import (
     intrinsic,
@@ -51,7 +53,9 @@ class _Rows(types.Type):
     pass
 
 
-LANES, MASK, ROWS = _Lanes(f"Lanes{WIDTH}"), _Mask(f"Mask{WIDTH}"), _Rows(f"Rows{WIDTH}")
+# A type's name is in the key of the compiled cache of every function that takes it, and so, with this, is this file.
+_SOURCE = f"{WIDTH}_{crc32(Path(__file__).read_bytes()):08x}"
+LANES, MASK, ROWS = _Lanes(f"Lanes{_SOURCE}"), _Mask(f"Mask{_SOURCE}"), _Rows(f"Rows{_SOURCE}")
 
 
 @register_model(_Lanes)
@@ -146,6 +150,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
     return a if condition else b
 
 
+_function: Any
 for _function, _build in (
     (operator.add, ir.IRBuilder.fadd),
     (operator.sub, ir.IRBuilder.fsub),
@@ -196,11 +201,11 @@ def sincos(x: Any) -> Any:
 
 
 def exp(x: Any) -> Any:
-    """Exponential function; of lanes for |x| < 700 only, elsewhere their result means nothing."""
+    """Exponential function; of lanes for x < 700 only, and not below exp(-700), which is next to nothing."""
     return math.exp(x)
 
 
-_COMPILE: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
+_COMPILE: Any = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
 
 # pi/2 and log 2 in parts, the first of so few bits that their products with whole numbers below 2^20 are exact
 _PI_1, _PI_2, _PI_3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
@@ -212,7 +217,7 @@ def _sincos(x):
     if x == types.float64:
         return lambda x: (math.sin(x), math.cos(x))
 
-    def lanes(x):  # type: ignore[no-untyped-def]
+    def lanes(x):
         # Taylor's series about the nearest multiple of pi/2; the first term left out is below 1e-16
         n = _nearest(x * (2.0 / math.pi))
         r = ((x - n * _PI_1) - n * _PI_2) - n * _PI_3
@@ -247,7 +252,8 @@ def _exp(x):
     if x == types.float64:
         return lambda x: math.exp(x)
 
-    def lanes(x):  # type: ignore[no-untyped-def]
+    def lanes(x):
+        x = where(x > -700.0, x, -700.0)
         n = _nearest(x * (1.0 / math.log(2.0)))
         r = (x - n * _LOG_1) - n * _LOG_2
         e = 1.0 / 6227020800.0
@@ -268,8 +274,7 @@ def _exp(x):
     return lanes
 
 
-@intrinsic
-def rows(typingctx: Any, array: Any, first: Any, size: Any, columns: Any) -> Any:
+def _rows(typingctx: Any, array: Any, first: Any, size: Any, columns: Any) -> Any:
     """Rows ``first`` and on of an array (m, WIDTH) as ``size`` lanes, also counted in two dimensions by ``columns``."""
 
     def build(context: Any, builder: Any, sig: Any, values: Any) -> Any:
@@ -282,13 +287,14 @@ def rows(typingctx: Any, array: Any, first: Any, size: Any, columns: Any) -> Any
     return ROWS(array, types.intp, types.intp, types.intp), build
 
 
+rows: Any = intrinsic(_rows)
+
+
 def _place(context: Any, builder: Any, kind: Any, lanes: Any, index: Any) -> Any:
     """Pointer to the lanes at an index, or at a pair of them."""
     held = cgutils.create_struct_proxy(ROWS)(context, builder, lanes)
     if isinstance(kind, types.BaseTuple):
-        index = builder.add(
-            builder.mul(builder.extract_value(index, 0), held.columns), builder.extract_value(index, 1)
-        )
+        index = builder.add(builder.mul(builder.extract_value(index, 0), held.columns), builder.extract_value(index, 1))
     start = builder.gep(held.data, [builder.mul(index, ir.Constant(_WORD, WIDTH))])
     return builder.bitcast(start, _DOUBLES.as_pointer())
 
@@ -298,12 +304,12 @@ _INDICES = (types.intp, types.UniTuple(types.intp, 2))
 
 @infer_global(operator.getitem)
 class _Get(ConcreteTemplate):
-    cases = [signature(LANES, ROWS, index) for index in _INDICES]
+    cases = tuple(signature(LANES, ROWS, index) for index in _INDICES)
 
 
 @infer_global(operator.setitem)
 class _Set(ConcreteTemplate):
-    cases = [signature(types.none, ROWS, index, LANES) for index in _INDICES]
+    cases = tuple(signature(types.none, ROWS, index, LANES) for index in _INDICES)
 
 
 def _get(context: Any, builder: Any, sig: Any, values: Any) -> Any:
