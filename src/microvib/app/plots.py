@@ -183,7 +183,14 @@ def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
     """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other, the strongest first."""
     bottom = ax.get_ylim()[0]
     visible = [line for line in shown if 1e3 * line.amplitude_n_m > bottom and line.status != FAINT]
-    ax.plot([x.frequency_hz for x in visible], [1e3 * x.amplitude_n_m for x in visible], "o", color=RED, markersize=4, zorder=5)
+    ax.plot(
+        [x.frequency_hz for x in visible],
+        [1e3 * x.amplitude_n_m for x in visible],
+        "o",
+        color=RED,
+        markersize=4,
+        zorder=5,
+    )
     placed: list[float] = []
     top = max((line.amplitude_n_m for line in visible), default=0.0)
     for line in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
