@@ -243,7 +243,7 @@ def test_modes_of_the_reference_array(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "90 % of the inertia about x is reached with 3 modes" in done.stdout
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"modes.csv", "modes.png", "report.html"}
-    report = (tmp_path / "out" / "report.html").read_text()
+    report = (tmp_path / "out" / "report.html").read_text().replace("<wbr>", "")
     assert "://" not in report
     for words in (
         "In motion",

@@ -100,7 +100,8 @@ def _failing(checks: list[Check]) -> tuple[Text | Table, ...]:
 
 
 def _cells(c: Check) -> tuple[str, ...]:
-    return (c.item, c.source, number(c.paper, 6), number(c.test, 6), number(c.ours, 4), number(c.error_percent, 3), c.bar,
+    return (c.item, c.source, number(c.paper, 6), number(c.test, 6), number(c.ours, 6 if abs(c.ours) >= 1.0 else 4),
+            number(c.error_percent, 3), c.bar,
             "yes" if c.holds else "NO")  # fmt: skip
 
 
