@@ -33,6 +33,7 @@ TOP = 1400.0
 """Highest line looked for [Hz]."""
 ONE_BY_ONE = 4
 """Scenarios of each round that run one after the other, too."""
+FINEST = 8
 FLOPS = {"fixed": 1833, "a state": 93, "a mode": 189}
 """Of an attempt with a compliant reducer and no transmission error, counted in the source: additions, multiplications,
 divisions and roots are one each; a sine with its cosine 45, an exponential 33. Six right-hand sides 1188 + 48 a mode, the
@@ -52,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name, cases in (("state 1", [state] * options.cases), ("spread", spread(state, options.cases))):
         print(f"\n{name}, {len(cases)} cases")
         _compare(cases, options.rounds, peaks[1])
+    _converge(state)
     seconds, flops = _attempt(state, options.rounds), _flops(state)
     rate = 1e-9 * flops / seconds
     print(
@@ -174,6 +176,17 @@ def _difference(
         ours, theirs = _lines(scenario, torque.T_d), _lines(scenario, motion["T_d"])
         worst = max(worst, float(np.nanmax(np.abs(ours - theirs)) / np.nanmax(theirs)))
     return worst
+
+
+def _converge(state: mv.Scenario) -> None:
+    """Print how far the lines are from those of much finer steps."""
+    exact = _lines(state, mv.simulate(state.with_({"solver.refinement": FINEST}), channels=("T_d",))["T_d"])
+    print(f"\nlines against simulate() with refinement {FINEST}, largest difference over the largest")
+    for refinement in (1, 2, 4):
+        finer = state.with_({"solver.refinement": refinement})
+        both = mv.simulate(finer, channels=("T_d",))["T_d"], simulate_torques([finer])[0].T_d
+        run, lanes_run = (np.nanmax(np.abs(_lines(state, T_d) - exact)) / np.nanmax(exact) for T_d in both)
+        print(f"refinement {refinement}: simulate() {run:.1e}, simulate_torques {lanes_run:.1e}")
 
 
 def _attempt(scenario: mv.Scenario, rounds: int) -> float:

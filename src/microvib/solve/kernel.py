@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import overload
 
-from microvib.solve.lanes import exp, sincos, some, where
+from microvib.solve.lanes import CALLED, ROWS, exp, sincos, some, where
 
 # No exceptions inside (a division by zero gives inf, which step control catches); products may be fused; no reference
 # counts, which would take half the time: the loop makes no arrays, its scratch comes from outside.
@@ -420,14 +421,30 @@ def _solve(inv_g, stick, p, w, r):
         r[MODES + 2 * k + 1] = u_w
 
 
-@njit(**INLINE)
 def _combine(stage, weight, table, y, K, out):
     """``out = y + weight x`` what row ``stage`` of a table of the method makes of the stages before."""
-    for j in range(y.size):
-        total = y[j]
+
+
+@overload(_combine, jit_options=CALLED)
+def _combine_by_kind(stage, weight, table, y, K, out):
+    """Of one drive the loop over states is the inner one, which makes vectors of it; lanes are vectors, and stay in registers."""
+
+    def one(stage, weight, table, y, K, out):
+        for j in range(y.size):
+            out[j] = y[j]
         for m in range(stage):
-            total += weight * table[stage, m] * K[m, j]
-        out[j] = total
+            scaled = weight * table[stage, m]
+            for j in range(y.size):
+                out[j] += scaled * K[m, j]
+
+    def many(stage, weight, table, y, K, out):
+        for j in range(y.size):
+            total = y[j]
+            for m in range(stage):
+                total += weight * table[stage, m] * K[m, j]
+            out[j] = total
+
+    return many if y == ROWS else one
 
 
 @njit(**FORCED)

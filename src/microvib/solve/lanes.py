@@ -33,6 +33,9 @@ from numba.extending import (
 WIDTH = 8
 """Lanes: two registers of four, so that one computes while the other waits."""
 
+CALLED: Any = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
+"""How an overload is compiled: as the kernel that calls it."""
+
 _DOUBLE, _WORD, _BIT = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
 _DOUBLES, _WORDS, _BITS = (ir.VectorType(of, WIDTH) for of in (_DOUBLE, _WORD, _BIT))
 
@@ -205,14 +208,12 @@ def exp(x: Any) -> Any:
     return math.exp(x)
 
 
-_COMPILE: Any = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
-
 # pi/2 and log 2 in parts, the first of so few bits that their products with whole numbers below 2^20 are exact
 _PI_1, _PI_2, _PI_3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 _LOG_1, _LOG_2 = 0.6931471804855391, 7.440617110012397e-11
 
 
-@overload(sincos, jit_options=_COMPILE)
+@overload(sincos, jit_options=CALLED)
 def _sincos(x):
     if x == types.float64:
         return lambda x: (math.sin(x), math.cos(x))
@@ -247,7 +248,7 @@ def _sincos(x):
     return lanes
 
 
-@overload(exp, jit_options=_COMPILE)
+@overload(exp, jit_options=CALLED)
 def _exp(x):
     if x == types.float64:
         return lambda x: math.exp(x)
