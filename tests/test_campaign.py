@@ -356,6 +356,17 @@ def test_a_full_disk_leaves_nothing_and_loses_nothing(tmp_path):
     assert campaign.missing() == []
 
 
+def test_statuses_of_many_cases_are_few(tmp_path):
+    """Each rate needs a record of its own length; two hundred of such texts would be no status."""
+    rates = {"from": "0.001 deg/s", "to": "0.06 deg/s", "count": 40}
+    campaign = made(tmp_path, study(vary={"tracking.rate": rates}))
+    compute_missing(campaign, Fragile())
+    statuses = {text for _, chunk in campaign.results() for text in chunk.statuses}
+    assert "not resolved" in statuses
+    assert len(statuses) < 40
+    assert not any(c.isdigit() for text in statuses for c in text.partition(" from ")[0])
+
+
 def test_a_damaged_chunk_is_a_sentence_and_is_computed_again(tmp_path):
     campaign = made(tmp_path, spread(), chunk=3)
     compute_missing(campaign, Fragile())

@@ -179,15 +179,15 @@ def gather(results: Sequence[_Result]) -> Chunk:
     """Results of single cases as one chunk; unexpected lines are left out, because their names mean nothing across cases."""
     rows = [[x for x in r.table if x.kind != "other"] if r.table else [] for r in results]
     names = tuple(dict.fromkeys(line.line for row in rows for line in row))
-    statuses = tuple(sorted({line.status for row in rows for line in row}))
+    statuses = tuple(sorted({_brief(line.status) for row in rows for line in row}))
     shape = (len(results), len(names))
     column = {name: k for k, name in enumerate(names)}
     figures = {name: np.full(shape, math.nan) for name in FIGURES}
-    status = np.full(shape, -1, dtype=np.int8)
+    status = np.full(shape, -1, dtype=np.int16)
     for i, row in enumerate(rows):
         for line in row:
             k = column[line.line]
-            status[i, k] = statuses.index(line.status)
+            status[i, k] = statuses.index(_brief(line.status))
             values = (line.amplitude_n_m, line.frequency_hz, line.bin_amplitude_n_m, line.phase_rad, line.decay_per_s)
             for name, value in zip(FIGURES, values, strict=True):
                 figures[name][i, k] = value
@@ -195,3 +195,8 @@ def gather(results: Sequence[_Result]) -> Chunk:
     kept = {k: r.T_d for k, r in enumerate(results) if r.T_d is not None}
     reasons, notes = tuple(r.reason for r in results), tuple(r.note for r in results)
     return Chunk(names, figures, status, statuses, scalars, reasons, notes, kept)
+
+
+def _brief(status: str) -> str:
+    """A status without the figures of its case, so that a million cases share a few."""
+    return status.partition(":")[0].partition(";")[0]

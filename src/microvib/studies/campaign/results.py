@@ -91,7 +91,7 @@ def _write(campaign: Campaign, path: Path, lines: tuple[str, ...], statuses: tup
         _parameters(f, campaign)
         table = {name: _variable(f, name, ("case", "line"), UNITS[name]) for name in FIGURES}
         columns = {name: _variable(f, name, ("case",), _SCALAR_UNITS[name]) for name in SCALARS}
-        status = _variable(f, "status", ("case", "line"), "1", np.int8, -1)
+        status = _variable(f, "status", ("case", "line"), "1", np.int16, -1)
         status.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(statuses)) or "none"
         reasons = np.full(design.cases, "", dtype=object)
         notes = np.full(design.cases, "", dtype=object)
@@ -122,7 +122,7 @@ def _spread(values: np.ndarray, where: list[int], width: int, empty: float) -> n
 
 def _renumbered(chunk: Chunk, statuses: tuple[str, ...]) -> np.ndarray:
     """Statuses of a chunk by the numbers that they have in the whole."""
-    numbers = np.array([*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int8)
+    numbers = np.array([*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16)
     renumbered: np.ndarray = numbers[chunk.status]
     return renumbered
 
