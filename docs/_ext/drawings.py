@@ -1,4 +1,4 @@
-"""Pictures that the repository keeps for readers of its files, drawn anew for the site."""
+"""What the repository's files show or link to for their readers, as the site has it: pictures are drawn anew."""
 
 import tempfile
 from collections.abc import Callable
@@ -22,6 +22,7 @@ def draw_simulator(path: Path) -> None:
 
 
 DRAWINGS: dict[str, Callable[[Path], None]] = {"sas.png": draw_simulator}
+PAGES = {"../benchmarks/README.md": "benchmarks.md"}
 
 
 def draw(app: Sphinx) -> None:
@@ -32,8 +33,8 @@ def draw(app: Sphinx) -> None:
 
 
 def show_ours(app: Sphinx, page: str, source: list[str]) -> None:
-    for name in DRAWINGS:
-        source[0] = source[0].replace(f"]({name})", f"]({(FOLDER / name).as_posix()})")
+    for name, ours in {**PAGES, **{name: (FOLDER / name).as_posix() for name in DRAWINGS}}.items():
+        source[0] = source[0].replace(f"]({name})", f"]({ours})")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
