@@ -64,11 +64,11 @@ def _package_hash() -> str:
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(HERE / "_build" / "executed" / _package_hash())
 nb_execution_in_temp = True
-nb_execution_raise_on_error = True
+nb_execution_show_tb = True  # the warning that a failed cell is says why
 nb_execution_timeout = 600
 nb_merge_streams = True
 nb_number_source_lines = False
 # What the cells call: this environment's commands, and the helpers of the site.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
 os.environ["PYTHONPATH"] = str(HERE / "_ext")
-os.environ["COLUMNS"] = "120"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command line has it

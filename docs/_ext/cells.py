@@ -7,7 +7,7 @@ from sphinx.application import Sphinx
 def without_magic(app: Sphinx, doctree: nodes.document) -> None:
     for block in doctree.findall(nodes.literal_block):
         first, _, rest = block.astext().partition("\n")
-        if first == "%%sh":
+        if first == "%%console":
             block["language"] = "console"
         elif first.startswith("%%writefile "):
             block["language"] = "yaml"

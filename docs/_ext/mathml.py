@@ -1,14 +1,20 @@
 """Formulas as MathML, which browsers draw themselves: no script, no fonts from elsewhere."""
 
+import re
+
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.util.math import get_node_equation_number
 
 
+FUNCTION = re.compile(r"(?<=[\w}])\s*(\\(?:sin|cos))\s+")
+
+
 def mathml(source: str, display: str) -> str:
     """MathML of a LaTeX formula; ``display`` is inline or block."""
-    return convert(source.replace("{aligned}", "{align*}"), display=display)
+    spaced = FUNCTION.sub(r"\\,\1\\,", source)  # the converter sets functions without their thin spaces
+    return convert(spaced.replace("{aligned}", "{align*}"), display=display)
 
 
 def visit_inline(translator, node: nodes.math) -> None:
