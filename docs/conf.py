@@ -9,10 +9,10 @@ import os
 import sys
 from pathlib import Path
 
+import microvib
+
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
-
-import microvib
 
 project = "microvib"
 author = "The microvib developers"
@@ -44,6 +44,7 @@ html_show_search_summary = False  # would fetch the pages, which a browser forbi
 html_theme_options = {"navigation_with_keys": True}
 
 math_renderer = html_math_renderer = "mathml"
+numfig = math_numfig = True
 highlight_language = "none"
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
@@ -67,6 +68,7 @@ nb_execution_in_temp = True
 nb_execution_show_tb = True  # the warning that a failed cell is says why
 nb_execution_timeout = 600
 nb_merge_streams = True
+nb_render_markdown_format = "myst"
 nb_number_source_lines = False
 # What the cells call: this environment's commands, and the helpers of the site.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"

@@ -8,9 +8,13 @@ from pathlib import Path
 
 from sphinx.application import Sphinx
 
+import microvib
 from microvib.app.cli import main
 
-FOLDER = Path("_build") / "drawings"
+
+def folder(app: Sphinx) -> Path:
+    """Where drawings are kept, relative to the pages: by the package's hash, as executed pages are."""
+    return Path("_build") / "drawings" / Path(app.config.nb_execution_cache_path).name
 
 
 def draw_simulator(path: Path) -> None:
@@ -21,19 +25,26 @@ def draw_simulator(path: Path) -> None:
         path.write_bytes((out / "drawing.png").read_bytes())
 
 
-DRAWINGS: dict[str, Callable[[Path], None]] = {"sas.png": draw_simulator}
+def draw_state_1(path: Path) -> None:
+    """The picture of the notebook lines in the README."""
+    microvib.plot(microvib.simulate(microvib.load_scenario("state-1"))).savefig(path)
+
+
+DRAWINGS: dict[str, Callable[[Path], None]] = {"sas.png": draw_simulator, "state-1.png": draw_state_1}
 PAGES = {"../benchmarks/README.md": "benchmarks.md"}
 
 
 def draw(app: Sphinx) -> None:
-    folder = Path(app.srcdir) / FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    place = Path(app.srcdir) / folder(app)
+    place.mkdir(parents=True, exist_ok=True)
     for name, make in DRAWINGS.items():
-        make(folder / name)
+        if not (place / name).exists():
+            make(place / name)
 
 
 def show_ours(app: Sphinx, page: str, source: list[str]) -> None:
-    for name, ours in {**PAGES, **{name: (FOLDER / name).as_posix() for name in DRAWINGS}}.items():
+    drawn = {name: (folder(app) / name).as_posix() for name in DRAWINGS}
+    for name, ours in {**PAGES, **drawn}.items():
         source[0] = source[0].replace(f"]({name})", f"]({ours})")
 
 

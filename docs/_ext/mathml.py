@@ -7,7 +7,6 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.util.math import get_node_equation_number
 
-
 FUNCTION = re.compile(r"(?<=[\w}])\s*(\\(?:sin|cos))\s+")
 
 
@@ -29,7 +28,7 @@ def visit_block(translator, node: nodes.math_block) -> None:
         translator.body.append(f'<span class="eqno">({number})')
         translator.add_permalink_ref(node, "Link to this equation")
         translator.body.append("</span>")
-    translator.body.append(mathml(node.astext(), "block") + "</div>\n")
+    translator.body.append(f'<div class="formula">{mathml(node.astext(), "block")}</div></div>\n')
     raise nodes.SkipNode
 
 

@@ -57,7 +57,9 @@ def _symbol(text: str) -> str:
 
 def _range(bounds: Any) -> str:
     signs = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
-    return ", ".join(f"{sign}{bound:g}" for name, sign in signs.items() if (bound := getattr(bounds, name, None)) is not None)
+    return ", ".join(
+        f"{sign}{bound:g}" for name, sign in signs.items() if (bound := getattr(bounds, name, None)) is not None
+    )
 
 
 def _allowed(field: FieldInfo) -> str:

@@ -7,7 +7,9 @@ import click
 
 @click.command()
 @click.option("--path", "path_only", is_flag=True, help="Print where the site is, and open nothing.")
-@click.option("--build", is_flag=True, help="Build the site into the package first: in a checkout, with the extra 'docs'.")
+@click.option(
+    "--build", is_flag=True, help="Build the site into the package first: in a checkout, with the extra 'docs'."
+)
 def docs(path_only: bool, build: bool) -> None:
     """Open the documentation, a site that needs no network, in the browser."""
     import webbrowser
