@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -33,18 +32,16 @@ def build_site() -> None:
         )
     from sphinx.cmd.build import build_main
 
-    html, doctrees = SOURCE / "_build" / "html", SOURCE / "_build" / "doctrees"
-    if build_main(["-W", "--keep-going", "-q", "-d", str(doctrees), str(SOURCE), str(html)]) != 0:
-        raise MicrovibError("the site was not built, for the reasons above; the one that was there is unchanged")
-    _put_in_place(html)
-
-
-def _put_in_place(html: Path) -> None:
+    doctrees = SOURCE / "_build" / "doctrees"
     try:
         with tempfile.TemporaryDirectory(prefix=".site-", dir=PACKAGE) as temporary:
-            shutil.copytree(html, Path(temporary) / "new")
+            new = Path(temporary) / "new"
+            if build_main(["-W", "--keep-going", "-q", "-d", str(doctrees), str(SOURCE), str(new)]) != 0:
+                raise MicrovibError(
+                    "the site was not built, for the reasons above; the one that was there is unchanged"
+                )
             if SITE.exists():
                 SITE.rename(Path(temporary) / "old")
-            (Path(temporary) / "new").rename(SITE)
+            new.rename(SITE)
     except OSError as error:
         raise OutputError(f"{SITE}: cannot be written: {error.strerror or error}") from None
