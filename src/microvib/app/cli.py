@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from microvib import __version__
-from microvib.app.commands import arrays, campaign, families, reports, scenarios, test_data
+from microvib.app.commands import arrays, campaign, docs, families, reports, scenarios, test_data
 from microvib.errors import MicrovibError
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
@@ -22,6 +22,7 @@ _EXTRAS = {
     "nptdms": "test-data",
     "typst": "report",
     "distributed": "dask",
+    "sphinx": "docs",
 }
 """Extra of the package that brings a library."""
 
@@ -81,5 +82,6 @@ for _command in (
     scenarios.show,
     scenarios.new,
     scenarios.schema,
+    docs.docs,
 ):
     main.add_command(_command)

@@ -66,9 +66,9 @@ class Invariants:
     torque_forms: float
     """Largest difference of the two forms of T_d over the largest T_d (algebra: rounding is expected)."""
     momentum: float
-    """Mean torque that the change of momentum does not account for, |Delta L + integral of T_d dt| / t, over the largest T_d."""
+    """Mean torque that the change of momentum leaves over, ``|Delta L + integral of T_d dt| / t``, over the largest T_d."""
     energy: float
-    """|energy in - stored - dissipated| over the electrical energy put in."""
+    """``|energy in - stored - dissipated|`` over the electrical energy put in."""
     energy_mechanical: float
     """The same over the energy that passed the shaft of the motor (without Joule heat, so the sharper figure)."""
     energy_in: float

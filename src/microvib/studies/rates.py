@@ -189,7 +189,7 @@ def linear_case(scenario: Scenario, rate: float, microsteps: int) -> Case:
 def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float, int]]:
     """Error of a linear plan's drive_1 to drive_3 against the full model at ``count`` rates of each microstep count.
 
-    Median and largest |linear/full - 1|, and how many lines were compared.
+    Median and largest ``|linear/full - 1|``, and how many lines were compared.
     """
     result = {}
     for n in plan.counts:

@@ -1,0 +1,115 @@
+"""The site builds without a warning, needs no network, finds what is searched for; `microvib docs` opens it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from microvib.app import site
+from microvib.app.cli import main
+
+ROOT = Path(__file__).parents[1]
+EXECUTED = ("tutorial", "howto/rate", "theory/array", "theory/lines", "validation-table", "reference/scenario")
+PAGES = sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)
+# what a browser loads by itself: scripts, styles, pictures, frames, fonts; not the links that a reader may follow
+LOADED = re.compile(
+    r"""(?:<(?:script|img|iframe|source|video|audio|embed)\b[^>]*\bsrc=|<link\b[^>]*\bhref=|url\(|@import\s|\bfetch\()\s*["']?((?:https?:)?//[^"'\s)]+)"""
+)
+
+
+def built(out: Path) -> Path:
+    """The site as CI builds it: warnings are errors, and a cell that fails is one."""
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-d", str(out / "doctrees")]
+    done = subprocess.run([*command, str(ROOT / "docs"), str(out / "html")], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return out / "html"
+
+
+def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
+    html = built(tmp_path)
+    pages = {p.relative_to(html).with_suffix("").as_posix(): p.read_text("utf-8") for p in html.rglob("*.html")}
+    assert {"index", "search", "genindex", *EXECUTED} <= set(pages)
+    files = [*html.rglob("*.html"), *html.rglob("*.css"), *html.rglob("*.js")]
+    loaded = {str(f): found for f in files if (found := LOADED.findall(f.read_text("utf-8")))}
+    assert loaded == {}
+    # a script, which a page from a file may load, and not a request
+    assert '<script src="searchindex.js"' in pages["search"]
+    index = (html / "searchindex.js").read_text("utf-8")
+    assert all(word in index for word in ("breakaway", "campbel", "stribeck", "tutori"))
+    assert pages["theory/motor"].count("<math") > 20
+    assert 'class="math' in pages["theory/torque"]
+    assert "\\frac" not in "".join(pages[name] for name in pages if name.startswith("theory/"))
+    for name in EXECUTED:
+        assert "cell_output" in pages[name], name
+    assert "motor.rotor_teeth" in pages["reference/scenario"]
+    assert 'id="microvib-rates"' in pages["reference/cli"]
+
+
+def test_what_a_browser_loads_is_told_from_what_a_reader_follows():
+    assert LOADED.findall('<script async src="https://cdn.example/x.js">') == ["https://cdn.example/x.js"]
+    assert LOADED.findall("@font-face { src: url(//fonts.example/a.woff2) }") == ["//fonts.example/a.woff2"]
+    assert LOADED.findall('<a href="https://pypi.org/project/pyfe3d/"> <script src="_static/x.js">') == []
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *PAGES])
+def test_links_between_the_repository_s_files_lead_somewhere(page):
+    file = ROOT / page
+    links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", file.read_text("utf-8"))
+    missing = [link for link in links if "://" not in link and not (file.parent / link).exists()]
+    assert missing == []
+
+
+def docs(*arguments: str):
+    return CliRunner().invoke(main, ["docs", *arguments])
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    monkeypatch.setattr(site, "SITE", tmp_path / "site")
+    monkeypatch.setattr(site, "PACKAGE", tmp_path)
+    return tmp_path
+
+
+def test_docs_opens_the_site_that_is_in_the_package(installed, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
+    (installed / "site").mkdir()
+    (installed / "site" / "index.html").write_text("<html>")
+    assert docs().output.strip() == str(installed / "site" / "index.html")
+    assert opened == [(installed / "site" / "index.html").as_uri()]
+    assert docs("--path").output.strip() == str(installed / "site" / "index.html")
+    assert len(opened) == 1
+    monkeypatch.setattr("webbrowser.open", lambda url: False)
+    assert docs().output.startswith("No browser could be started; open ")
+
+
+def test_docs_says_how_to_get_the_site_where_there_is_none(installed, monkeypatch):
+    result = docs()
+    assert result.exit_code == 1
+    assert result.output.startswith("Error: the site is not in this installation; build it")
+    monkeypatch.setattr(site, "SOURCE", installed / "no-docs")
+    result = docs("--build")
+    assert result.exit_code == 1
+    assert "needs a checkout of the repository" in result.output
+
+
+def test_a_site_that_cannot_be_built_leaves_the_old_one(installed, monkeypatch):
+    source = installed / "docs"
+    source.mkdir()
+    (source / "conf.py").write_text("")
+    (source / "index.md").write_text("")  # no page that Sphinx can read: a warning
+    (installed / "site").mkdir()
+    (installed / "site" / "index.html").write_text("old")
+    monkeypatch.setattr(site, "SOURCE", source)
+    result = docs("--build")
+    assert result.exit_code == 1
+    assert "the one that was there is unchanged" in result.output
+    assert (installed / "site" / "index.html").read_text() == "old"
+    (source / "index.md").unlink()
+    (source / "index.rst").write_text("A page\n======\n")
+    assert docs("--build", "--path").exit_code == 0
+    assert "A page" in (installed / "site" / "index.html").read_text()
+    assert sorted(p.name for p in installed.iterdir()) == ["docs", "site"]
