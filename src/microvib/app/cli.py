@@ -8,13 +8,13 @@ from typing import Any
 import click
 
 from microvib import __version__
-from microvib.app.commands import arrays, families, scenarios, test_data
+from microvib.app.commands import arrays, families, scenarios, test_data, web
 from microvib.errors import MicrovibError
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-_EXTRAS = {"pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data"}
+_EXTRAS = {"pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data", "fastapi": "serve", "uvicorn": "serve"}
 """Extra of the package that brings a library."""
 
 
@@ -63,6 +63,7 @@ for _command in (
     families.rates,
     arrays.modes,
     arrays.sas,
+    web.serve,
     scenarios.scenarios,
     scenarios.show,
     scenarios.new,

@@ -58,9 +58,16 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     name = str(source)
     published = name in catalog_names()
     text = catalog_text(name) if published else read_text(Path(source))
-    data = parse_yaml(text, name)
+    return scenario_of(parse_yaml(text, name), name, changes, Path() if published else Path(source).parent)
+
+
+def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, folder: Path = Path()) -> Scenario:
+    """A scenario from the data of a scenario file called ``name``, as ``load_scenario`` makes it; ``data`` is changed.
+
+    Files that ``array`` names are found relative to ``folder``.
+    """
     if isinstance(data, dict):
-        data = with_array(data, Path() if published else Path(source).parent, name)
+        data = with_array(data, folder, name)
     if not changes or not isinstance(data, dict):
         return scenario_from(data, units_required=True, origin=name)
     before = scenario_from(data, units_required=True, origin=name) if "sources" in data else None

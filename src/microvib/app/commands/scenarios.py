@@ -110,7 +110,7 @@ def scenarios() -> None:
 @set_option
 def show(scenario: str, settings: tuple[str, ...]) -> None:
     """Print SCENARIO complete, checked, with derived values."""
-    from microvib.app.running import derived
+    from microvib.app.derived import derived
     from microvib.io.scenario_file import dump_scenario
 
     loaded = load(scenario, settings)

@@ -1,0 +1,176 @@
+"""Computations in worker processes: each in one of its own, so that its end, however bad, is the end of nothing else."""
+
+from __future__ import annotations
+
+import multiprocessing
+import secrets
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any
+
+from microvib.app.web.limits import Limits
+from microvib.app.web.worker import work
+
+ENDED = ("done", "failed", "cancelled")
+_STARTING = "starting a worker; the very first compiles the kernel, which takes up to a minute"
+
+
+class Busy(Exception):
+    """As many computations as are allowed wait already."""
+
+
+@dataclass
+class Job:
+    """One computation: what is to be done, how far it is, how it ended."""
+
+    task: str
+    arguments: dict[str, Any]
+    kind: str = ""
+    title: str = ""
+    id: str = field(default_factory=lambda: secrets.token_hex(8))
+    state: str = "queued"
+    progress: dict[str, Any] = field(
+        default_factory=lambda: {"done": 0.0, "total": None, "unit": "", "text": "waiting"}
+    )
+    error: str | None = None
+    value: Any = None
+    """What the task returned."""
+    pid: int | None = None
+    ended: threading.Event = field(default_factory=threading.Event)
+    stop: Callable[[], None] | None = None
+
+    def end(self, state: str, error: str | None = None) -> None:
+        """The first end counts."""
+        if self.state not in ENDED:
+            self.error, self.state = error, state
+            self.ended.set()
+
+
+class _Worker:
+    """A process that warms up and then does one piece of work."""
+
+    def __init__(self, context: Any, memory: int) -> None:
+        self.pipe: Connection
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=work, args=(theirs, memory), daemon=True)
+        self.process.start()
+        theirs.close()
+
+    def kill(self) -> None:
+        self.process.kill()
+
+    def close(self) -> None:
+        self.kill()
+        self.process.join()
+        self.pipe.close()
+
+
+class Lane:
+    """Some computations at a time, in the order of their arrival, each in a worker that was warm before it was asked."""
+
+    def __init__(self, at_once: int, limits: Limits) -> None:
+        self._limits = limits
+        # A fork of a process that has everything loaded is warm at once; elsewhere each worker warms up by itself.
+        self._context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+        if sys.platform == "linux":
+            self._context.set_forkserver_preload(["microvib.app.web.preload"])
+        self._queue: deque[Job] = deque()
+        self._change = threading.Condition()
+        self._closed = False
+        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(at_once)]
+        for thread in self._threads:
+            thread.start()
+
+    def submit(self, job: Job) -> Job:
+        """Put a job at the end of the queue; Busy where it is full."""
+        with self._change:
+            if self._closed or len(self._queue) >= self._limits.waiting:
+                raise Busy
+            self._queue.append(job)
+            self._change.notify()
+        return job
+
+    def cancel(self, job: Job) -> None:
+        """End a job, whether it waits or runs."""
+        with self._change:
+            if job in self._queue:
+                self._queue.remove(job)
+            job.end("cancelled")
+            if job.stop is not None:
+                job.stop()
+
+    def close(self) -> None:
+        """End everything."""
+        with self._change:
+            self._closed = True
+            waiting = list(self._queue)
+            self._queue.clear()
+            self._change.notify_all()
+        for job in waiting:
+            job.end("cancelled")
+
+    def join(self, seconds: float = 5.0) -> None:
+        """Wait for the workers to end."""
+        for thread in self._threads:
+            thread.join(seconds)
+
+    def _serve(self) -> None:
+        while not self._closed:
+            worker = _Worker(self._context, self._limits.memory)
+            try:
+                job = self._next()
+                if job is not None:
+                    self._follow(job, worker)
+            finally:
+                worker.close()
+
+    def _next(self) -> Job | None:
+        with self._change:
+            while not self._queue and not self._closed:
+                self._change.wait()
+            return None if self._closed else self._queue.popleft()
+
+    def _follow(self, job: Job, worker: _Worker) -> None:
+        with self._change:
+            if job.state != "queued":
+                return
+            job.state, job.pid, job.stop = "running", worker.process.pid, worker.kill
+            job.progress = job.progress | {"text": _STARTING}
+        deadline: float | None = None
+        try:
+            while job.state == "running":
+                if self._closed:
+                    job.end("cancelled")
+                elif deadline is not None and time.monotonic() > deadline:
+                    job.end("failed", f"stopped after {self._limits.wall_s:g} s, the longest that is allowed here")
+                elif worker.pipe.poll(0.2):
+                    deadline = self._hear(job, worker.pipe.recv(), worker.pipe, deadline)
+        except (EOFError, OSError):
+            worker.process.join(2.0)
+            job.end("failed", _death(worker.process.exitcode))
+
+    def _hear(self, job: Job, message: tuple[Any, ...], pipe: Connection, deadline: float | None) -> float | None:
+        """Take in one message of a worker; when it must be through."""
+        kind, content = message
+        if kind == "ready":
+            pipe.send((job.task, job.arguments))
+            return time.monotonic() + self._limits.wall_s
+        if kind == "progress":
+            job.progress = content
+        elif kind == "done":
+            job.value = content
+            job.end("done")
+        else:
+            job.end("failed", content)
+        return deadline
+
+
+def _death(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"its process was killed by signal {-code}, perhaps for want of memory; nothing else was harmed"
+    return f"its process ended unexpectedly (status {code}); nothing else was harmed"

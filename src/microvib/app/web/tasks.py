@@ -1,0 +1,200 @@
+"""What workers do. Each task leaves ``result.json`` in its folder, and what belongs to it; errors are MicrovibErrors."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.app.web.worker import Tell
+from microvib.io.results import to_json
+
+
+def _write(folder: str, data: dict[str, Any], names: dict[str, str] | None = None) -> None:
+    """``result.json``, with what the user calls them instead of the server's own files."""
+    text = to_json(data)
+    for path, name in (names or {}).items():
+        text = text.replace(path, name)
+    (Path(folder) / "result.json").write_text(text, encoding="utf-8")
+
+
+def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
+    """Simulate a scenario (YAML); leaves channels as ``NAME.npy`` beside tables and scenario."""
+    from microvib.app.analysis import lines
+    from microvib.app.web.answers import run_answer
+    from microvib.io.results import lines_csv, summary
+    from microvib.io.scenario_file import dump_scenario, parse_yaml, scenario_of
+    from microvib.solve.simulate import simulate
+    from microvib.studies.steady import find_steady
+
+    loaded = scenario_of(parse_yaml(scenario, "scenario"), "scenario")
+
+    def progress(done: float, total: float) -> None:
+        tell(done, total, "s", "simulating" if done < total else "finding the lines")
+
+    state, fallback = find_steady(loaded) if steady else (None, "")
+    motion = state.motion(progress=progress) if state is not None else simulate(loaded, progress=progress)
+    table = lines(motion if state is None else state)
+    solver = dict(motion.solver if state is None else state.solver)
+    if fallback:
+        solver["steady"] = f"not used: {fallback}"
+    where = Path(folder)
+    for name, x in motion.channels.items():
+        np.save(where / f"{name}.npy", x)
+    loads = motion.interface_loads()
+    if loads is not None:
+        np.save(where / "loads.npy", loads)
+    (where / "lines.csv").write_text(lines_csv(table), encoding="utf-8")
+    (where / "scenario.yaml").write_text(dump_scenario(loaded), encoding="utf-8")
+    invariants = motion.invariants if state is None else state.invariants
+    text = to_json(summary(loaded, invariants, solver, table, simulate=float(solver["wall_s"])))
+    (where / "summary.json").write_text(text, encoding="utf-8")
+    with (where / "run.pickle").open("wb") as stream:
+        pickle.dump((loaded, table, motion.time, motion.invariants, motion.solver), stream)
+    axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
+    (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
+    _write(folder, run_answer(motion, table, invariants, solver))
+
+
+def file(folder: str, name: str, tell: Tell) -> None:
+    """``motion.nc`` or ``report.html`` of a run's folder, made when it is asked for."""
+    from microvib.app.report import run_report
+    from microvib.io.results import write_motion
+    from microvib.solve.motion import CHANNELS, MODAL, Motion
+
+    where = Path(folder)
+    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this server
+        scenario, table, time, invariants, solver = pickle.load(stream)
+    names = [*CHANNELS, *MODAL]
+    channels = {n: np.load(where / f"{n}.npy") for n in names if (where / f"{n}.npy").is_file()}
+    motion = Motion(scenario, time, channels, invariants, solver)
+    new = where / f"new-{name}"
+    if name == "motion.nc":
+        write_motion(motion, new)
+    else:
+        new.write_text(run_report(motion, table), encoding="utf-8")
+    new.replace(where / name)
+
+
+def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
+    """What is in a recording."""
+    from microvib.io.recordings import read_recording
+    from microvib.signals.recording import RecordingError
+
+    try:
+        found = read_recording(path)
+    except RecordingError as error:
+        raise RecordingError(str(error).replace(path, name)) from None
+    channels = [
+        {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x))} for key, x in found.channels.items()
+    ]
+    facts = {"channels": channels, "sample_rate": found.sample_rate, "samples": found.samples}
+    return dict(json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)})))
+
+
+def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """A scenario that needs finite elements, as the form shows it."""
+    from microvib.app.web.forms import Spec, view_of
+
+    return view_of(Spec(**spec))
+
+
+def analysis(
+    folder: str, recording: str, scenario: str, channel: str, names: dict[str, str], tell: Tell
+) -> None:
+    """Lines with uncertainties and spectra of a recording."""
+    from microvib.app.web.answers import analysis_answer
+    from microvib.studies.analyse import analyse
+
+    tell(0, None, "", "reading and finding the lines")
+    guide = _put(folder, scenario)
+    with _named(names):
+        _write(folder, analysis_answer(analyse(recording, scenario=guide, channel=channel)), names)
+
+
+def comparison(folder: str, recording: str, run: str, channel: str, names: dict[str, str], tell: Tell) -> None:
+    """Lines of a recording beside those of a run's scenario, simulated at the clock that the recording shows."""
+    from microvib.app.web.answers import comparison_answer
+    from microvib.studies.compare import compare
+
+    with _named(names):
+        found = compare(
+            recording, run, channel=channel, progress=lambda done, total: tell(done, total, "s", "simulating")
+        )
+        _write(folder, comparison_answer(*found), names)
+
+
+def identification(
+    folder: str, recordings: list[str], scenario: str, channel: str, fit: list[str], starts: int, names: dict[str, str],
+    tell: Tell,
+) -> None:  # fmt: skip
+    """Parameters from recordings."""
+    from microvib.app.web.answers import identification_answer
+    from microvib.io.scenario_file import load_scenario
+    from microvib.studies.evidence import read_evidence
+    from microvib.studies.identify import identify, parse_fit
+
+    def progress(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
+        values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
+        tell(simulations, None, "simulations", f"{stage} search, best so far: {values}")
+
+    loaded = load_scenario(_put(folder, scenario))
+    keys = [parse_fit(loaded, text) for text in fit]
+    with _named(names):
+        tests: list[tuple[Any, dict[str, object]]] = [(read_evidence(p, loaded, channel), {}) for p in recordings]
+        found = identify(loaded, tests, keys, starts=starts, progress=progress)
+        _write(folder, identification_answer(found, loaded), names)
+
+
+def rates(
+    folder: str, scenario: str, low: float, high: float, count: int, microsteps: list[int], limit: float | None,
+    band: tuple[float, float], linear: bool, tell: Tell,
+) -> None:  # fmt: skip
+    """A rate plan."""
+    from microvib.app.web.answers import rates_answer
+    from microvib.io.scenario_file import load_scenario
+    from microvib.studies.rates import plan_rates, rate_grid
+
+    loaded = load_scenario(_put(folder, scenario))
+    plan = plan_rates(
+        loaded, rate_grid(low, high, count), microsteps or [loaded.driver.microsteps], limit=limit, band=band,
+        linear=linear, progress=lambda done, total: tell(done, total, "cases", "solving"),
+    )  # fmt: skip
+    _write(folder, rates_answer(plan))
+
+
+def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
+    """A simulator's sizing."""
+    from microvib.app.sas import sized
+    from microvib.app.web.answers import sas_answer
+
+    tell(0, None, "", "sizing, and checking with finite elements")
+    _write(folder, sas_answer(sized(array=None, file=None, design="reference-sas", **options)))
+
+
+def _put(folder: str, scenario: str) -> str:
+    path = Path(folder) / "guide.yaml"
+    path.write_text(scenario, encoding="utf-8")
+    return str(path)
+
+
+class _named:
+    """Errors speak of files by the names that the user gave them."""
+
+    def __init__(self, names: dict[str, str]) -> None:
+        self._names = names
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        from microvib.errors import MicrovibError
+
+        if isinstance(error, MicrovibError):
+            text = str(error)
+            for path, name in self._names.items():
+                text = text.replace(path, name)
+            raise MicrovibError(text) from None
