@@ -5,6 +5,9 @@ from __future__ import annotations
 import secrets
 import shutil
 import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +23,6 @@ class Upload:
     id: str
     name: str
     path: Path
-    facts: dict[str, Any]
 
 
 class Desk:
@@ -32,13 +34,16 @@ class Desk:
         self._jobs: dict[str, Job] = {}
         self._uploads: dict[str, Upload] = {}
         self._lock = threading.Lock()
-        self._lane = Lane(limits.at_once, limits)
-        self._quick = Lane(1, limits)
-        """What a page waits for: it must not stand behind long computations."""
+        self.views: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        """Scenarios with finite elements, as the form shows them."""
+        self._receiving = threading.BoundedSemaphore(limits.receiving)
+        self._lane = Lane(limits.at_once, limits.wall_s, limits)
+        # What a page waits for must not stand behind long computations.
+        self._quick = Lane(2, limits.quick_s, limits)
 
-    def submit(self, kind: str, title: str, task: str, **arguments: Any) -> Job:
-        """Start a job; lanes.Busy where too many wait."""
-        job = Job(task, {}, kind, title)
+    def submit(self, kind: str, title: str, **arguments: Any) -> Job:
+        """Start the task that is called as its kind; lanes.Busy where too many wait."""
+        job = Job(kind, {}, kind, title)
         folder = self.folder(job)
         job.arguments = {"folder": str(folder), **arguments}
         folder.mkdir()
@@ -98,9 +103,25 @@ class Desk:
         """A name that nothing has yet."""
         return self.root / f"{secrets.token_hex(8)}{suffix}"
 
-    def keep(self, name: str, path: Path, facts: dict[str, Any]) -> Upload:
+    @contextmanager
+    def receiving(self) -> Iterator[bool]:
+        """Whether a recording may be taken in now."""
+        free = self._receiving.acquire(blocking=False)
+        try:
+            yield free
+        finally:
+            if free:
+                self._receiving.release()
+
+    def keep_view(self, spec: str, view: dict[str, Any]) -> None:
+        """Keep what a worker found out about a scenario."""
+        self.views[spec] = view
+        while len(self.views) > 16:
+            self.views.popitem(last=False)
+
+    def keep(self, name: str, path: Path) -> Upload:
         """Keep a recording that was read."""
-        upload = Upload(path.stem, name, path, facts)
+        upload = Upload(path.stem, name, path)
         with self._lock:
             self._uploads[upload.id] = upload
             surplus = list(self._uploads)[: max(len(self._uploads) - self.limits.recordings, 0)]

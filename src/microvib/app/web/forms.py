@@ -26,7 +26,7 @@ from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity
 
-GROUPS = {
+TITLES = {
     "motor": "Motor",
     "driver": "Driver",
     "reducer": "Reducer",
@@ -69,14 +69,12 @@ class Spec(BaseModel):
         return self.base or NAME
 
 
-def schema() -> dict[str, Any]:
+def groups() -> list[dict[str, Any]]:
     """Groups of fields, as the drive is built."""
-    return {
-        "groups": [
-            {"key": key, "title": title, "fields": _fields(_part(Scenario.model_fields[key].annotation), f"{key}.")}
-            for key, title in GROUPS.items()
-        ]
-    }
+    return [
+        {"key": key, "title": title, "fields": _fields(_part(Scenario.model_fields[key].annotation), f"{key}.")}
+        for key, title in TITLES.items()
+    ]
 
 
 def _fields(part: Any, prefix: str) -> list[dict[str, Any]]:
@@ -166,7 +164,7 @@ def _changes(spec: Spec) -> dict[str, Any]:
     return {key: parse_value(value) for key, value in spec.changes.items()}
 
 
-def elements_of(spec: Spec) -> bool:
+def names_elements(spec: Spec) -> bool:
     """Whether the scenario takes its array from finite elements, which takes a while; ScenarioError where it names a file."""
     data, changes = _data(spec), _changes(spec)
     groups = [data.get("array") if isinstance(data, dict) else None, changes.get("array")]
@@ -184,14 +182,16 @@ def elements_of(spec: Spec) -> bool:
 
 def scenario(spec: Spec) -> Scenario:
     """The scenario that is meant; ScenarioError says what is wrong."""
-    elements_of(spec)
+    names_elements(spec)
     return _bounded(scenario_of(_data(spec), spec.name, _changes(spec)))
 
 
 def _bounded(loaded: Scenario) -> Scenario:
     n = len(loaded.array.modes)
     if n > MOST_MODES:
-        raise ScenarioError(f"array.modes: has {n} modes; the page takes at most {MOST_MODES}, `microvib run` takes all")
+        raise ScenarioError(
+            f"array.modes: has {n} modes; the page takes at most {MOST_MODES}, `microvib run` takes all"
+        )
     return loaded
 
 

@@ -12,6 +12,8 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from starlette.requests import ClientDisconnect
+
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
@@ -51,11 +53,7 @@ class Guard:
         self._app, self._access, self._body, self._recording = app, access, body, recording
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
-            return
-        if scope["type"] != "http":
-            return
+        """Answer one HTTP request."""
         headers = {key.decode("latin-1").lower(): value.decode("latin-1") for key, value in scope["headers"]}
         begun = False
 
@@ -74,6 +72,8 @@ class Guard:
         else:
             try:
                 await self._app(scope, receive, answer)
+            except ClientDisconnect:
+                return
             except Exception as error:
                 logging.getLogger("microvib.serve").exception("%s %s: %s", scope["method"], scope["path"], error)
                 if not begun:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import multiprocessing
 import secrets
 import sys
@@ -14,7 +16,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from microvib.app.web.limits import Limits
-from microvib.app.web.worker import work
+from microvib.app.web.worker import step, work
 
 ENDED = ("done", "failed", "cancelled")
 _STARTING = "starting a worker; the very first compiles the kernel, which takes up to a minute"
@@ -34,9 +36,7 @@ class Job:
     title: str = ""
     id: str = field(default_factory=lambda: secrets.token_hex(8))
     state: str = "queued"
-    progress: dict[str, Any] = field(
-        default_factory=lambda: {"done": 0.0, "total": None, "unit": "", "text": "waiting"}
-    )
+    progress: dict[str, Any] = field(default_factory=lambda: step(text="waiting"))
     error: str | None = None
     value: Any = None
     """What the task returned."""
@@ -61,11 +61,8 @@ class _Worker:
         self.process.start()
         theirs.close()
 
-    def kill(self) -> None:
-        self.process.kill()
-
     def close(self) -> None:
-        self.kill()
+        self.process.kill()
         self.process.join()
         self.pipe.close()
 
@@ -73,8 +70,8 @@ class _Worker:
 class Lane:
     """Some computations at a time, in the order of their arrival, each in a worker that was warm before it was asked."""
 
-    def __init__(self, at_once: int, limits: Limits) -> None:
-        self._limits = limits
+    def __init__(self, at_once: int, wall_s: float, limits: Limits) -> None:
+        self._wall_s, self._limits = wall_s, limits
         # A fork of a process that has everything loaded is warm at once; elsewhere each worker warms up by itself.
         self._context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
         if sys.platform == "linux":
@@ -108,11 +105,9 @@ class Lane:
         """End everything."""
         with self._change:
             self._closed = True
-            waiting = list(self._queue)
-            self._queue.clear()
             self._change.notify_all()
-        for job in waiting:
-            job.end("cancelled")
+        for job in list(self._queue):
+            self.cancel(job)
 
     def join(self, seconds: float = 5.0) -> None:
         """Wait for the workers to end."""
@@ -120,14 +115,26 @@ class Lane:
             thread.join(seconds)
 
     def _serve(self) -> None:
+        worker: _Worker | None = None
         while not self._closed:
-            worker = _Worker(self._context, self._limits.memory)
-            try:
-                job = self._next()
-                if job is not None:
-                    self._follow(job, worker)
-            finally:
+            worker = worker or self._worker()
+            job = self._next()
+            if worker is not None and not worker.process.is_alive():  # it died while it was idle
+                worker = self._worker()
+            if job is not None and worker is not None:
+                self._follow(job, worker)
+            elif job is not None:
+                job.end("failed", "no process could be started for it; the server's log says more")
+            if worker is not None:
                 worker.close()
+            worker = None
+
+    def _worker(self) -> _Worker | None:
+        try:
+            return _Worker(self._context, self._limits.memory)
+        except (OSError, EOFError) as error:
+            logging.getLogger("microvib.serve").error("no worker could be started: %s", error)
+            return None
 
     def _next(self) -> Job | None:
         with self._change:
@@ -139,35 +146,34 @@ class Lane:
         with self._change:
             if job.state != "queued":
                 return
-            job.state, job.pid, job.stop = "running", worker.process.pid, worker.kill
-            job.progress = job.progress | {"text": _STARTING}
-        deadline: float | None = None
+            job.state, job.pid, job.stop = "running", worker.process.pid, worker.process.kill
+            job.progress = step(text=_STARTING)
+        deadline = math.inf
         try:
             while job.state == "running":
                 if self._closed:
                     job.end("cancelled")
-                elif deadline is not None and time.monotonic() > deadline:
-                    job.end("failed", f"stopped after {self._limits.wall_s:g} s, the longest that is allowed here")
+                elif time.monotonic() > deadline:
+                    job.end("failed", f"stopped after {self._wall_s:g} s, the longest that is allowed here")
                 elif worker.pipe.poll(0.2):
-                    deadline = self._hear(job, worker.pipe.recv(), worker.pipe, deadline)
+                    kind, content = worker.pipe.recv()
+                    if kind == "ready":
+                        deadline = time.monotonic() + self._wall_s
+                        worker.pipe.send((job.task, job.arguments))
+                    self._note(job, kind, content)
         except (EOFError, OSError):
             worker.process.join(2.0)
             job.end("failed", _death(worker.process.exitcode))
 
-    def _hear(self, job: Job, message: tuple[Any, ...], pipe: Connection, deadline: float | None) -> float | None:
-        """Take in one message of a worker; when it must be through."""
-        kind, content = message
-        if kind == "ready":
-            pipe.send((job.task, job.arguments))
-            return time.monotonic() + self._limits.wall_s
-        if kind == "progress":
-            job.progress = content
-        elif kind == "done":
+    def _note(self, job: Job, kind: str, content: Any) -> None:
+        """Take in what a worker says."""
+        if kind == "done":
             job.value = content
             job.end("done")
-        else:
+        elif kind == "failed":
             job.end("failed", content)
-        return deadline
+        else:
+            job.progress = content
 
 
 def _death(code: int | None) -> str:

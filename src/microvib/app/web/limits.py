@@ -14,21 +14,23 @@ class Limits:
     waiting: int = 20
     wall_s: float = 1200.0
     """Time of one computation [s]."""
-    memory: int = 4_000_000_000
+    quick_s: float = 120.0
+    """Time of what a page waits for: reading a recording, writing a report [s]."""
+    memory: int = 3_000_000_000
     """Address space of one worker process [bytes]; not on Windows."""
-    record: int = 800_000_000
+    record: int = 400_000_000
     """Samples of one run, all channels [bytes]."""
-    modes: int = 100
-    """Modes of an array."""
     cases: int = 4000
     """Rates times microstep counts of a plan."""
     kept: int = 40
     """Ended computations that are kept; the one not used for longest goes first."""
-    stored: int = 4_000_000_000
+    stored: int = 2_000_000_000
     """Their files [bytes]."""
     body: int = 2_000_000
     """A request [bytes], unless it is a recording."""
     recording: int = 200_000_000
     """A recording [bytes]."""
-    recordings: int = 20
+    recordings: int = 10
     """Recordings that are kept."""
+    receiving: int = 3
+    """Recordings that are taken in at a time."""

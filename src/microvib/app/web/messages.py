@@ -150,7 +150,7 @@ class Progress(BaseModel):
 
 
 class JobState(BaseModel):
-    """A job."""
+    """A computation and how it stands."""
 
     id: str
     kind: Literal["run", "analysis", "comparison", "identification", "rates", "sas"]

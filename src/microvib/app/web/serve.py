@@ -38,7 +38,7 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     with tempfile.TemporaryDirectory(prefix="microvib-", ignore_cleanup_errors=True) as root:
         desk = Desk(Path(root), Limits())
         app = create_app(desk, access)
-        server = _Server(uvicorn.Config(app, log_level="warning", access_log=False, server_header=False), desk.close)
+        server = _Server(_config(app), desk.close)
         tell(f"microvib serves at {url}   (Ctrl-C ends it)")
         if browser:
             threading.Timer(0.5, webbrowser.open, [url]).start()
@@ -49,6 +49,13 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
             desk.close()
             desk.join()
             sock.close()
+
+
+def _config(app: Any) -> uvicorn.Config:
+    return uvicorn.Config(
+        app, log_level="warning", access_log=False, server_header=False, lifespan="off", ws="none", http="h11",
+        limit_concurrency=200, timeout_graceful_shutdown=3,
+    )  # fmt: skip
 
 
 class _Server(uvicorn.Server):
@@ -76,7 +83,7 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError as error:
         raise MicrovibError(f"--host {host}: is no address of this machine ({error.strerror})") from None
-    if not ip_address(address[0].split("%")[0]).is_loopback and not remote:
+    if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
         raise MicrovibError(
             f"--host {host}: others could reach the server there; add --allow-remote if that is meant (a token is then needed)"
         )

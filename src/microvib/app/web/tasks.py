@@ -4,21 +4,34 @@ from __future__ import annotations
 
 import json
 import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from microvib.app.web.worker import Tell
+from microvib.errors import MicrovibError
 from microvib.io.results import to_json
 
 
 def _write(folder: str, data: dict[str, Any], names: dict[str, str] | None = None) -> None:
-    """``result.json``, with what the user calls them instead of the server's own files."""
-    text = to_json(data)
-    for path, name in (names or {}).items():
-        text = text.replace(path, name)
+    text = to_json(_renamed(data, names or {}))
     (Path(folder) / "result.json").write_text(text, encoding="utf-8")
+
+
+def _renamed(data: Any, names: dict[str, str]) -> Any:
+    """What users call their files, wherever a text names the server's."""
+    if isinstance(data, str):
+        for path, name in names.items():
+            data = data.replace(path, name)
+        return data
+    if isinstance(data, dict):
+        return {key: _renamed(value, names) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_renamed(value, names) for value in data]
+    return data
 
 
 def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
@@ -82,12 +95,9 @@ def file(folder: str, name: str, tell: Tell) -> None:
 def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
     """What is in a recording."""
     from microvib.io.recordings import read_recording
-    from microvib.signals.recording import RecordingError
 
-    try:
+    with _speaking_of({path: name}):
         found = read_recording(path)
-    except RecordingError as error:
-        raise RecordingError(str(error).replace(path, name)) from None
     channels = [
         {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x))} for key, x in found.channels.items()
     ]
@@ -102,16 +112,14 @@ def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
     return view_of(Spec(**spec))
 
 
-def analysis(
-    folder: str, recording: str, scenario: str, channel: str, names: dict[str, str], tell: Tell
-) -> None:
+def analysis(folder: str, recording: str, scenario: str, channel: str, names: dict[str, str], tell: Tell) -> None:
     """Lines with uncertainties and spectra of a recording."""
     from microvib.app.web.answers import analysis_answer
     from microvib.studies.analyse import analyse
 
     tell(0, None, "", "reading and finding the lines")
     guide = _put(folder, scenario)
-    with _named(names):
+    with _speaking_of(names):
         _write(folder, analysis_answer(analyse(recording, scenario=guide, channel=channel)), names)
 
 
@@ -120,7 +128,7 @@ def comparison(folder: str, recording: str, run: str, channel: str, names: dict[
     from microvib.app.web.answers import comparison_answer
     from microvib.studies.compare import compare
 
-    with _named(names):
+    with _speaking_of(names):
         found = compare(
             recording, run, channel=channel, progress=lambda done, total: tell(done, total, "s", "simulating")
         )
@@ -143,7 +151,7 @@ def identification(
 
     loaded = load_scenario(_put(folder, scenario))
     keys = [parse_fit(loaded, text) for text in fit]
-    with _named(names):
+    with _speaking_of(names):
         tests: list[tuple[Any, dict[str, object]]] = [(read_evidence(p, loaded, channel), {}) for p in recordings]
         found = identify(loaded, tests, keys, starts=starts, progress=progress)
         _write(folder, identification_answer(found, loaded), names)
@@ -172,7 +180,9 @@ def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
     from microvib.app.web.answers import sas_answer
 
     tell(0, None, "", "sizing, and checking with finite elements")
-    _write(folder, sas_answer(sized(array=None, file=None, design="reference-sas", **options)))
+    given = {key: value for key, value in options.items() if value is not None}
+    asked = {"amplitude": "2 deg", "rate": "0.06 deg/s", **given}
+    _write(folder, sas_answer(sized(array=None, file=None, design="reference-sas", **asked)))
 
 
 def _put(folder: str, scenario: str) -> str:
@@ -181,20 +191,10 @@ def _put(folder: str, scenario: str) -> str:
     return str(path)
 
 
-class _named:
-    """Errors speak of files by the names that the user gave them."""
-
-    def __init__(self, names: dict[str, str]) -> None:
-        self._names = names
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        from microvib.errors import MicrovibError
-
-        if isinstance(error, MicrovibError):
-            text = str(error)
-            for path, name in self._names.items():
-                text = text.replace(path, name)
-            raise MicrovibError(text) from None
+@contextmanager
+def _speaking_of(names: dict[str, str]) -> Iterator[None]:
+    """Errors speak of files by the names that their users gave them."""
+    try:
+        yield
+    except MicrovibError as error:
+        raise MicrovibError(_renamed(str(error), names)) from None

@@ -19,13 +19,18 @@ Tell = Callable[[float, float | None, str, str], None]
 _OUT_OF_MEMORY = "memory is exhausted; shorten record.duration or lower record.sample_rate"
 
 
+def step(done: float = 0.0, total: float | None = None, unit: str = "", text: str = "") -> dict[str, Any]:
+    """How far a job is."""
+    return {"done": float(done), "total": total, "unit": unit, "text": text}
+
+
 def work(pipe: Connection, memory: int) -> None:
     """Warm up, say so, do the one task that comes, tell how it went."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends its workers itself
     import_module("microvib.app.web.preload")
     _bound(memory)
     try:
-        pipe.send(("ready", None))
+        pipe.send(("ready", step(text="begun")))
         task, arguments = pipe.recv()
         pipe.send(_done(task, arguments, _telling(pipe)))
     except (EOFError, OSError):  # the server is gone
@@ -47,7 +52,7 @@ def _done(task: str, arguments: dict[str, Any], tell: Tell) -> tuple[str, Any]:
     try:
         return "done", getattr(tasks, task)(tell=tell, **arguments)
     except MicrovibError as error:
-        return "failed", str(error)
+        return "failed", str(error).removeprefix("--")  # options of commands are keys here
     except MemoryError:
         return "failed", _OUT_OF_MEMORY
     except ModuleNotFoundError as error:
@@ -67,6 +72,6 @@ def _telling(pipe: Connection) -> Tell:
         now = time.monotonic()
         if now - last > 0.05 or done == total:
             last = now
-            pipe.send(("progress", {"done": float(done), "total": total, "unit": unit, "text": text}))
+            pipe.send(("progress", step(done, total, unit, text)))
 
     return tell
