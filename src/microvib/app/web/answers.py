@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from microvib.app.web.series import loudest
-from microvib.io.results import scenario_hash
-from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import LineTable
-from microvib.solve.motion import CHANNELS, INTERFACE, Invariants, Motion
+from microvib.solve.motion import CHANNELS, INTERFACE, Motion
 from microvib.studies.analyse import Analysis
 from microvib.studies.compare import Row, Side
 from microvib.studies.evidence import predicted
@@ -25,21 +23,21 @@ BUDGET = ("T_d", "T_e", "T_f_m", "T_f", "T_g", "T_l")
 _POINTS = 6000
 
 
-def run_answer(motion: Motion, table: LineTable, invariants: Invariants, solver: dict[str, Any]) -> dict[str, Any]:
-    """Everything of a run but its samples."""
+def run_answer(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict[str, Any]:
+    """Everything of a run but its samples; ``summed`` is its ``summary.json``."""
     scenario = motion.scenario
     return {
         "title": scenario.title,
         "lines": [asdict(line) for line in table],
         "notable": [line.line for line in table.notable()],
-        "facts": _facts(motion, table, solver),
+        "facts": _facts(motion, summed),
         "budget": _budget(motion, table),
-        "invariants": asdict(invariants),
-        "solver": solver,
+        "invariants": summed["invariants"],
+        "solver": summed["solver"],
         "paper": [asdict(row) for row in compare_with_paper(scenario, table)],
         "standing": standing(scenario),
         "drivetrain": _drivetrain(motion),
-        "modes": [asdict(mode) for mode in coupled_modes(scenario)],
+        "modes": summed["natural_frequencies"],
         "channels": _channels(motion),
         "t0": float(motion.time[0]),
         "t1": float(motion.time[-1]),
@@ -47,20 +45,18 @@ def run_answer(motion: Motion, table: LineTable, invariants: Invariants, solver:
     }
 
 
-def _facts(motion: Motion, table: LineTable, solver: dict[str, Any]) -> dict[str, Any]:
-    T_d = motion["T_d"]
+def _facts(motion: Motion, summed: dict[str, Any]) -> dict[str, Any]:
+    solver = summed["solver"]
     return {
-        "T_d_peak": float(np.abs(T_d).max()),
-        "T_d_rms": float(T_d.std()),
-        "T_d_mean": float(T_d.mean()),
+        **{f"T_d_{name}": value for name, value in _statistics(motion["T_d"]).items()},
         "rate": motion.scenario.rate,
         "f_d": motion.scenario.driving_frequency,
-        "clock_ratio": table.clock_ratio,
-        "samples": int(T_d.size),
-        "simulated_s": float(solver.get("simulated_s", 0.0)),
-        "wall_s": float(solver.get("wall_s", 0.0)),
+        "clock_ratio": summed["clock_ratio_found"],
+        "samples": motion.time.size,
+        "simulated_s": solver.get("simulated_s"),
+        "wall_s": solver.get("wall_s"),
         "steady": solver.get("steady"),
-        "scenario_sha256": scenario_hash(motion.scenario),
+        "scenario_sha256": summed["scenario_sha256"],
     }
 
 

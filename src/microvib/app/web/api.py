@@ -17,7 +17,7 @@ from microvib import __version__
 from microvib.app.web import results, scenarios, starts
 from microvib.app.web.common import Refused, refusals, refused
 from microvib.app.web.desk import Desk
-from microvib.app.web.guard import Access, Guard
+from microvib.app.web.guard import FAULT, Access, Guard
 from microvib.errors import MicrovibError
 
 _PLAIN = {
@@ -43,6 +43,7 @@ def create_app(desk: Desk, access: Access | None = None) -> Guard:
     app.add_exception_handler(MicrovibError, _say_error)
     app.add_exception_handler(RequestValidationError, _say_invalid)
     app.add_exception_handler(HTTPException, _say_http)
+    app.add_exception_handler(Exception, _say_fault)  # the guard writes the log
     return Guard(app, access or Access(), desk.limits.body, desk.limits.recording)
 
 
@@ -82,6 +83,10 @@ def _say_error(request: Request, error: Any) -> JSONResponse:
 
 def _say_http(request: Request, error: Any) -> JSONResponse:
     return _answer(error.status_code, _PLAIN.get(error.status_code, str(error.detail)))
+
+
+def _say_fault(request: Request, error: Any) -> JSONResponse:
+    return _answer(500, FAULT)
 
 
 def _say_invalid(request: Request, error: Any) -> JSONResponse:

@@ -61,15 +61,11 @@ def asked(desk: Desk, task: str, **arguments: Any) -> Any:
 
 
 def view(desk: Desk, spec: Spec) -> dict[str, Any]:
-    """A scenario as the form shows it; with finite elements it is made by a worker, and kept."""
-    try:
-        meshed = forms.names_elements(spec)
-    except MicrovibError:  # what is wrong is in the view
-        meshed = False
-    if not meshed:
+    """A scenario as the form shows it; what takes long is found out by a worker, and kept."""
+    if not forms.slow(spec):
         return forms.view_of(spec)
     text = spec.model_dump_json()
-    found = desk.views.get(text)
+    found: dict[str, Any] | None = desk.views.get(text)
     if found is None:
         found = asked(desk, "view", spec=spec.model_dump())
         desk.keep_view(text, found)
@@ -79,14 +75,14 @@ def view(desk: Desk, spec: Spec) -> dict[str, Any]:
 def meant(desk: Desk, spec: Spec) -> Scenario:
     """The scenario of a request; Refused with what is wrong with it."""
     try:
-        if not forms.names_elements(spec):
+        if not forms.slow(spec):
             return forms.scenario(spec)
-        shown = view(desk, spec)
-        if not shown["errors"]:
-            return forms.scenario(Spec(text=shown["yaml"]))
     except MicrovibError as error:
         raise refused(error, spec.name) from None
-    raise Refused(422, **_first(shown["errors"]))
+    shown = view(desk, spec)
+    if shown["errors"]:
+        raise Refused(422, **_first(shown["errors"]))
+    return forms.scenario(Spec(text=shown["yaml"]))
 
 
 def refused(error: MicrovibError, name: str = forms.NAME) -> Refused:

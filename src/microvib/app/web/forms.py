@@ -37,6 +37,8 @@ TITLES = {
     "solver": "Solver",
 }
 MOST_MODES = 100
+LONG_TEXT = 20_000
+"""Characters from which reading YAML takes most of a second."""
 NAME = "scenario"
 """What a scenario of the page is called in messages, if anything."""
 
@@ -180,6 +182,16 @@ def names_elements(spec: Spec) -> bool:
     return bool(found)
 
 
+def slow(spec: Spec) -> bool:
+    """Whether the scenario takes long to read, so that a worker should do it."""
+    if len(spec.text or "") > LONG_TEXT:
+        return True
+    try:
+        return names_elements(spec)
+    except MicrovibError:  # told soon
+        return False
+
+
 def scenario(spec: Spec) -> Scenario:
     """The scenario that is meant; ScenarioError says what is wrong."""
     names_elements(spec)
@@ -201,14 +213,16 @@ def view_of(spec: Spec) -> dict[str, Any]:
     base = _tried(spec.model_copy(update={"changes": {}}), errors)
     found = _tried(spec, errors) if spec.changes and not errors else base
     base_values = {} if base is None else _values(base)
-    values = (base_values if found is None else _values(found)) | ({} if found is not None else spec.changes)
+    values = base_values if found is None else _values(found)
+    changed = [key for key in values if base_values.get(key) != values[key]]
+    typed = {key: text for key, text in spec.changes.items() if found is None or key in changed}
     shown = found or base
     return {
         "title": shown.title if shown else "",
-        "values": values,
+        "values": values | typed,
         "base_values": base_values,
         "sources": {key: shown.source_of(key) for key in values} if shown else {},
-        "changed": [key for key, text in values.items() if base_values.get(key) != text],
+        "changed": changed if found else list(typed),
         "errors": errors,
         "derived": derived(found) if found else [],
         "yaml": dump_scenario(found) if found else None,

@@ -31,6 +31,7 @@ _HEADERS = [
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 ]
+FAULT = "the server met a fault of its own; its log says more"
 _SAFE = ("GET", "HEAD", "OPTIONS")
 
 
@@ -77,7 +78,7 @@ class Guard:
             except Exception as error:
                 logging.getLogger("microvib.serve").exception("%s %s: %s", scope["method"], scope["path"], error)
                 if not begun:
-                    await _say(answer, 500, "the server met a fault of its own; its log says more")
+                    await _say(answer, 500, FAULT)
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str] | None:
         host = headers.get("host", "")

@@ -146,7 +146,7 @@ def _channel(folder: Path, name: str) -> np.ndarray:
 
 @routes.get(
     "/runs/{id}/files/{name}", response_class=FileResponse,
-    responses=refusals(409, 429) | {200: {"content": dict.fromkeys(FILES.values(), {})}},
+    responses=refusals(409, 429) | {200: {"content": {kind: {} for kind in FILES.values()}}},
 )  # fmt: skip
 def file_of(id: Id, name: str, desk: At) -> FileResponse:
     """A file of a run; motion and report are made when they are first asked for."""

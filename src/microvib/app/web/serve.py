@@ -19,6 +19,7 @@ from typing import Any
 
 import uvicorn
 
+from microvib.app.web import forms
 from microvib.app.web.api import create_app
 from microvib.app.web.desk import Desk
 from microvib.app.web.guard import Access
@@ -40,6 +41,7 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
         app = create_app(desk, access)
         server = _Server(_config(app), desk.close)
         tell(f"microvib serves at {url}   (Ctrl-C ends it)")
+        threading.Thread(target=_warm, daemon=True).start()
         if browser:
             threading.Timer(0.5, webbrowser.open, [url]).start()
         try:
@@ -49,6 +51,12 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
             desk.close()
             desk.join()
             sock.close()
+
+
+def _warm() -> None:
+    """Load what the form needs while the page is being opened."""
+    forms.groups()
+    forms.view_of(forms.Spec(base="state-1"))
 
 
 def _config(app: Any) -> uvicorn.Config:

@@ -39,7 +39,7 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
     from microvib.app.analysis import lines
     from microvib.app.web.answers import run_answer
     from microvib.io.results import lines_csv, summary
-    from microvib.io.scenario_file import dump_scenario, parse_yaml, scenario_of
+    from microvib.io.scenario_file import parse_yaml, scenario_of
     from microvib.solve.simulate import simulate
     from microvib.studies.steady import find_steady
 
@@ -61,15 +61,15 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
     if loads is not None:
         np.save(where / "loads.npy", loads)
     (where / "lines.csv").write_text(lines_csv(table), encoding="utf-8")
-    (where / "scenario.yaml").write_text(dump_scenario(loaded), encoding="utf-8")
+    (where / "scenario.yaml").write_text(scenario, encoding="utf-8")
     invariants = motion.invariants if state is None else state.invariants
-    text = to_json(summary(loaded, invariants, solver, table, simulate=float(solver["wall_s"])))
-    (where / "summary.json").write_text(text, encoding="utf-8")
+    summed = summary(loaded, invariants, solver, table, simulate=float(solver["wall_s"]))
+    (where / "summary.json").write_text(to_json(summed), encoding="utf-8")
     with (where / "run.pickle").open("wb") as stream:
         pickle.dump((loaded, table, motion.time, motion.invariants, motion.solver), stream)
     axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
     (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
-    _write(folder, run_answer(motion, table, invariants, solver))
+    _write(folder, run_answer(motion, table, summed))
 
 
 def file(folder: str, name: str, tell: Tell) -> None:
