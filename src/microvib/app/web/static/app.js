@@ -60,16 +60,16 @@ async function open(file) {
 async function go() {
   await scenario.remember();
   await scenario.check();
-  const { errors } = scenario.checked();
-  if (errors.length) {
-    const field = errors[0].key && document.getElementById(`field-${errors[0].key}`);
-    field?.focus();
-    announce(errors[0].error, { error: true });
-    return;
-  }
+  const [first] = scenario.checked().errors;
+  if (first) return wrong(first.error, first.key);
   openTab(tabs[0]);
   await begin(scenario.current(), scenario.shortName());
   if (matchMedia("(max-width: 900px)").matches) $("#results").scrollIntoView();
+}
+
+function wrong(sentence, key) {
+  document.getElementById(`field-${key}`)?.focus();
+  announce(sentence, { error: true });
 }
 
 async function begin(what, name) {
@@ -77,7 +77,7 @@ async function begin(what, name) {
   try {
     await runs.start(what, steady ? `${name}, steady` : name, steady);
   } catch (error) {
-    announce(error.message, { error: true });
+    wrong(error.message, error.key);
   }
 }
 
@@ -116,7 +116,13 @@ $("#go").addEventListener("click", go);
 $("#five").addEventListener("click", five);
 $("#copy").addEventListener("click", copy);
 $("#save").addEventListener("click", saveScenario);
-window.addEventListener("popstate", () => scenario.restore());
+window.addEventListener("popstate", () => {
+  document.activeElement?.blur(); // a field that is being typed in would keep its text
+  scenario.restore();
+});
+document.addEventListener("click", (event) => {
+  for (const menu of document.querySelectorAll("details.menu[open]")) menu.open = menu.contains(event.target) && !event.target.closest("a");
+});
 await scenario.restore();
 await runs.restore();
 document.documentElement.dataset.ready = "";

@@ -40,7 +40,8 @@ export const DASH = "–";
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
   if (value === 0) return "0";
-  const text = Math.abs(value) < 1e-4 ? value.toExponential(digits - 1) : value.toPrecision(digits);
+  const size = Math.abs(value);
+  const text = size < 1e-4 ? value.toExponential(digits - 1) : size >= 10 ** digits && size < 1e9 ? value.toFixed(0) : value.toPrecision(digits);
   return text.replaceAll("-", "−");
 }
 

@@ -49,7 +49,7 @@ export async function update() {
   const [from, to] = view.window ?? [undefined, undefined];
   const series = await Promise.all(shown.map((run) => {
     const channels = run === chosen ? [...new Set([view.channel, ...Object.keys(CURRENTS), ...Object.keys(STICK)])] : [view.channel];
-    return get(`/api/runs/${run.id}/series`, { channels: channels.join(","), from, to, points: 2000 });
+    return get(`/api/runs/${run.id}/series`, { channels: channels.join(","), from, to, points: 1500 });
   }));
   if (turn !== last) return;
   const traces = shown.map((run, k) => curve(run, series[k]));

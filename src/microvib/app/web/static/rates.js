@@ -41,7 +41,8 @@ async function show(plan) {
   const largest = h("div", { class: "plot", id: "largest-plot", role: "img", "aria-label": "Largest line over rate" });
   campbell.style.height = `${330 * Math.ceil(counts.length / 2) + 40}px`;
   result.replaceChildren(card("Campbell diagram", told(plan), campbell), card("Largest line over rate", "", largest),
-    h("div", { class: "pair" }, card("Resonances", "Where a line of the step clock meets a mode; the strongest.", resonances(plan)), card("Forbidden rates", plan.limit === null ? "Give a limit to see which rates it forbids." : "", forbidden(plan))));
+    card("Forbidden rates", plan.limit === null ? "Give a limit to see which rates it forbids." : `For a limit of ${quantity(plan.limit, "N*m")}.`, forbidden(plan)),
+    card("Resonances", "Where a line of the step clock meets a mode; the strongest.", resonances(plan)));
   await Promise.all([drawCampbell(campbell, plan, counts), drawLargest(largest, plan, counts)]);
 }
 
@@ -58,12 +59,12 @@ function drawCampbell(place, plan, counts) {
   const columns = Math.min(counts.length, 2);
   const top = plan.cases.flatMap((item) => item.lines).reduce((most, line) => Math.max(most, line.amplitude), 1e-12);
   const traces = [];
-  const layout = { grid: { rows: Math.ceil(counts.length / columns), columns, pattern: "independent", xgap: 0.12, ygap: 0.2 }, shapes: [], annotations: [], showlegend: false, coloraxis: scale(top), margin: { l: 60, r: 10, t: 30, b: 44 } };
+  const layout = { grid: { rows: Math.ceil(counts.length / columns), columns, pattern: "independent", xgap: 0.2, ygap: 0.24 }, shapes: [], annotations: [], showlegend: false, coloraxis: scale(top), margin: { l: 60, r: 10, t: 30, b: 44 } };
   counts.forEach((n, k) => {
     const tail = k ? String(k + 1) : "";
     traces.push(...panel(plan, n, tail, top));
     layout[`xaxis${tail}`] = { title: { text: "rate of the array [deg/s]", standoff: 4 }, hoverformat: ".5g" };
-    layout[`yaxis${tail}`] = { title: { text: "frequency [Hz]" }, type: "log" };
+    layout[`yaxis${tail}`] = { title: { text: "frequency [Hz]" }, type: "log", dtick: 1 };
     layout.annotations.push({ text: `<b>${n} microsteps per full step</b>`, xref: `x${tail} domain`, yref: `y${tail} domain`, x: 0, y: 1.01, yanchor: "bottom", xanchor: "left", showarrow: false });
     for (const mode of plan.modes) layout.shapes.push({ type: "line", xref: `x${tail} domain`, yref: `y${tail}`, x0: 0, x1: 1, y0: mode.frequency, y1: mode.frequency, line: { color: ink(), width: 0.9, dash: "dash" }, opacity: 0.6 });
     for (const mode of plan.modes) layout.annotations.push({ text: `${mode.name.replaceAll("_", " ")} ${number(mode.frequency, 3)} Hz`, xref: `x${tail} domain`, yref: `y${tail}`, x: 1, y: Math.log10(mode.frequency), xanchor: "right", yanchor: "bottom", showarrow: false, font: { size: 10 } });

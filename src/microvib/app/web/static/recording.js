@@ -1,13 +1,13 @@
 // The Recording tab: a test's file, what is in it, beside the current run, and parameters from it.
 
-import { post, upload } from "./api.js";
+import { get, post, upload } from "./api.js";
 import { announce, h, number, onDrop, quantity, unitText } from "./dom.js";
 import { makeFit } from "./fit.js";
 import { draw } from "./plots.js";
 import { work } from "./progress.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
-import { table } from "./tables.js";
+import { shortTable } from "./tables.js";
 
 let recording = null;
 const file = h("input", { type: "file", id: "recording-file", class: "away", accept: ".uff,.unv,.mat,.tdms,.csv,.txt" });
@@ -71,8 +71,7 @@ async function analyse() {
   const answer = await work(working, `Analysis of ${channel.value}`, () => post("/api/analyses", body));
   if (!answer) return;
   analysis = answer;
-  const clock = answer.clock_ratio ? `step clock at ${number(answer.clock_ratio, 6)} of the scenario's` : "no line of the step clock";
-  notes.textContent = [clock, ...(answer.notes ?? [])].join("; ");
+  notes.textContent = answer.clock_ratio ? `step clock at ${number(answer.clock_ratio, 6)} of its nominal rate` : "no line of the step clock is seen";
   lines.replaceChildren(linesTable(answer));
   await Promise.all([drawSpectrum(), drawDensity()]);
 }
@@ -84,7 +83,7 @@ function turn() {
 
 const seen = () => analysis.lines.filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor");
 
-function drawSpectrum() {
+async function drawSpectrum() {
   const { f, amplitude } = analysis.spectrum;
   const unit = unitText(analysis.unit);
   const log = logY.getAttribute("aria-pressed") === "true";
@@ -95,10 +94,18 @@ function drawSpectrum() {
     error_y: { type: "data", array: seen().map((line) => line.amplitude_uncertainty_n_m ?? 0), visible: true, color: "#D55E00", thickness: 1.5, width: 4 },
     marker: { color: "#D55E00", size: 7, line: { color: "#fff", width: 0.8 } }, hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${unit}<extra></extra>`,
   };
-  return draw(spectrumPlot, [curve, marks], {
+  return draw(spectrumPlot, [...(await beside()), curve, marks], {
     xaxis: { title: { text: "frequency [Hz]" }, range: [0, Math.min(200, f.at(-1))] },
-    yaxis: { title: { text: `amplitude [${unit}]` }, type: log ? "log" : "linear", range: log ? [Math.log10(largest) - 4.5, Math.log10(largest) + 0.4] : [0, 1.1 * largest] },
+    yaxis: { title: { text: `amplitude [${unit}]` }, type: log ? "log" : "linear", dtick: log ? 1 : undefined, range: log ? [Math.log10(largest) - 4.5, Math.log10(largest) + 0.4] : [0, 1.1 * largest] },
   });
+}
+
+/** The chosen run's torque under the recording's, where both are torques. */
+async function beside() {
+  const run = runs.selected();
+  if (run?.state !== "done" || unitText(analysis.unit) !== "N m") return [];
+  const { f, amplitude } = await get(`/api/runs/${run.id}/spectrum`, { channel: "T_d", points: 6000 }).catch(() => ({ f: [], amplitude: [] }));
+  return [{ x: f, y: amplitude, mode: "lines", name: `T_d of ${run.name}`, line: { color: "#E69F00", width: 2.2 }, opacity: 0.75, hovertemplate: "%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>" }];
 }
 
 function drawDensity() {
@@ -110,12 +117,12 @@ function drawDensity() {
 const hz = (value) => number(value, 7);
 const milli = (digits) => (value) => number(value === null ? null : 1e3 * value, digits);
 
-function linesTable({ lines: rows, unit }) {
+function linesTable({ lines: rows, notable, unit }) {
   const small = `m${unitText(unit)}`;
-  return table([
+  return shortTable([
     { key: "line", title: "line" }, { key: "frequency_hz", title: "frequency", unit: "Hz", show: hz }, { key: "frequency_uncertainty_hz", title: "±", unit: "Hz", show: (value) => number(value, 2) },
     { key: "amplitude_n_m", title: "amplitude", unit: small, show: milli(4) }, { key: "amplitude_uncertainty_n_m", title: "±", unit: small, show: milli(2) },
-    { key: "floor_n_m", title: "floor", unit: small, show: milli(2) }, { key: "origin", title: "what it is" }, { key: "status", title: "status" }], rows, { caption: "Lines of the recording" });
+    { key: "floor_n_m", title: "floor", unit: small, show: milli(2) }, { key: "origin", title: "what it is" }, { key: "status", title: "status" }], rows, (line) => notable.includes(line.line), { caption: "Lines of the recording" });
 }
 
 async function compare() {
@@ -132,7 +139,7 @@ async function compare() {
   const { a, b, rows } = answer;
   result.replaceChildren(
     h("p", { class: "soft" }, `${a.name} (${a.kind}) and ${b.name} (${b.kind}).`),
-    table([{ key: "line", title: "line" }, { key: "a_hz", title: "recording", unit: "Hz", show: hz }, { key: "b_hz", title: "run", unit: "Hz", show: hz },
+    shortTable([{ key: "line", title: "line" }, { key: "a_hz", title: "recording", unit: "Hz", show: hz }, { key: "b_hz", title: "run", unit: "Hz", show: hz },
       { key: "a_n_m", title: "recording", unit: "mN m", show: milli(4) }, { key: "b_n_m", title: "run", unit: "mN m", show: milli(4) },
-      { key: "error", title: "run against recording", show: (value) => (value === null ? "–" : `${value > 0 ? "+" : ""}${number(100 * value, 3)} %`) }], rows, { caption: "Recording beside run" }));
+      { key: "error", title: "run against recording", show: (value) => (value === null ? "–" : `${value > 0 ? "+" : ""}${number(100 * value, 3)} %`) }], rows, (row) => analysis.notable.includes(row.line), { caption: "Recording beside run" }));
 }

@@ -8,7 +8,7 @@ import { progressRow } from "./progress.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import * as spectrum from "./spectrum.js";
-import { table } from "./tables.js";
+import { shortTable, table } from "./tables.js";
 
 const bars = new Map();
 const chips = h("ul", { class: "chips", "aria-label": "Runs" });
@@ -129,10 +129,7 @@ function tablesOf({ result }) {
     { key: "amplitude_n_m", title: "amplitude", unit: "mN m", show: mN(5), note: "0-to-peak" }, { key: "amplitude_uncertainty_n_m", title: "±", unit: "mN m", show: mN(2) },
     { key: "phase_rad", title: "phase", unit: "rad", show: (value) => fixed(value, 3) },
     { key: "origin", title: "what it is" }, { key: "status", title: "status" }];
-  const lines = h("div", {});
-  const fill = (rows) => lines.replaceChildren(table(columns, rows, { caption: "Lines of the disturbance torque" }), rows.length < result.lines.length
-    ? h("button", { type: "button", class: "quiet", onclick: () => fill(result.lines) }, `Show all ${result.lines.length} lines`) : "");
-  fill(result.lines.filter((line) => result.notable.includes(line.line)));
+  const lines = shortTable(columns, result.lines, (line) => result.notable.includes(line.line), { caption: "Lines of the disturbance torque" });
   const budget = table([
     { key: "torque", title: "torque", show: (value) => `${value} ${TORQUES[value] ?? ""}` }, { key: "mean", title: "mean", unit: "mN m", show: mN() }, { key: "rms", title: "RMS", unit: "mN m", show: mN() }, { key: "peak", title: "largest", unit: "mN m", show: mN() },
     { key: "drive_1_amplitude", title: "at f_d", unit: "mN m", show: mN() }, { key: "drive_1_phase", title: "phase", unit: "rad", show: (value) => fixed(value, 2) }],

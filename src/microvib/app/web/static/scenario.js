@@ -28,12 +28,12 @@ export function fieldOf(key) {
   return fields.get(key) ?? fields.get(list)?.items?.find((field) => field.key === item);
 }
 
-/** A short name: the base, and what was changed. */
+/** A short name: the base, and what was changed last. */
 export function shortName() {
   const base = state.text === null ? state.base : seen.title || "uploaded";
   const changes = Object.entries(state.changes).map(([key, text]) => `${key.split(".").slice(-2).join(" ")} ${text}`);
   const more = changes.length > 2 ? ` and ${changes.length - 2} more` : "";
-  return [base, ...changes.slice(0, 2)].join(", ") + more;
+  return [base, ...changes.slice(-2).reverse()].join(", ") + more;
 }
 
 /** Change one key; the text of the base takes the change back. */

@@ -39,6 +39,16 @@ export function table(columns, rows, { caption, sort } = {}) {
   return h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": caption }, h("table", {}, h("caption", { class: "away" }, caption), h("thead", {}, h("tr", {}, heads)), body));
 }
 
+/** The rows that matter, with a button that shows all. */
+export function shortTable(columns, rows, matters, options) {
+  const place = h("div", {});
+  const few = rows.filter(matters);
+  const all = () => place.replaceChildren(table(columns, rows, options));
+  const more = few.length < rows.length && h("button", { type: "button", class: "quiet", onclick: all }, `Show all ${rows.length} lines`);
+  place.append(table(columns, few, options), more || "");
+  return place;
+}
+
 // What is not known stands last, whichever way.
 function compare(a, b) {
   if (a === null || a === undefined) return 1;
