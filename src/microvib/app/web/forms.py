@@ -243,7 +243,7 @@ _KEY = re.compile(r"[A-Za-z_]\w*(\.\w+)*(?=:)")
 def sentences(text: str, name: str = NAME) -> list[dict[str, Any]]:
     """Each line of an error with the key that it is about, None where it names none."""
     found = []
-    for line in text.splitlines():
+    for line in filter(None, text.split("\n")):
         sentence = line.removeprefix(f"{name}: ").removeprefix("--set: ")
         match = _KEY.match(sentence)
         known = match is not None and match.group().split(".")[0] in Scenario.model_fields

@@ -78,7 +78,7 @@ class Lane:
             self._context.set_forkserver_preload(["microvib.app.web.preload"])
         self._queue: deque[Job] = deque()
         self._change = threading.Condition()
-        self._closed = False
+        self._closed = self._warm = False
         self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(at_once)]
         for thread in self._threads:
             thread.start()
@@ -88,6 +88,8 @@ class Lane:
         with self._change:
             if self._closed or len(self._queue) >= self._limits.waiting:
                 raise Busy
+            if not self._warm:
+                job.progress = step(text=_STARTING)
             self._queue.append(job)
             self._change.notify()
         return job
@@ -131,7 +133,9 @@ class Lane:
 
     def _worker(self) -> _Worker | None:
         try:
-            return _Worker(self._context, self._limits.memory)
+            worker = _Worker(self._context, self._limits.memory)
+            self._warm = True
+            return worker
         except (OSError, EOFError) as error:
             logging.getLogger("microvib.serve").error("no worker could be started: %s", error)
             return None
