@@ -295,6 +295,11 @@ def test_zoom_asks_for_the_window_and_keeps_peaks(visit: Callable[..., Any]) -> 
     t, y = page.evaluate("(({x, y}) => [x, y])(document.querySelector('#history-plot').data[0])")
     assert np.diff(t) == pytest.approx(1 / 4096)
     assert y == pytest.approx(motion["T_d"][: len(y)])
+    page.get_by_role("button", name="Slow motion").click()
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_label("Instant of the record").fill("10")
+    shown = f"{1e3 * motion['T_d'][10]:+#.4g} mN m".replace("-", "−")
+    api.expect(page.locator("svg.drive .whole")).to_contain_text(shown)
 
 
 def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:

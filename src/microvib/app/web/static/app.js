@@ -106,6 +106,10 @@ function saveScenario() {
 }
 
 makeTabs();
+await scenario.load().catch((error) => {
+  announce(error.message, { error: true });
+  throw error;
+});
 makeBase();
 makeForm();
 makeRun($("#run"));
@@ -121,7 +125,8 @@ window.addEventListener("popstate", () => {
   scenario.restore();
 });
 document.addEventListener("click", (event) => {
-  for (const menu of document.querySelectorAll("details.menu[open]")) menu.open = menu.contains(event.target) && !event.target.closest("a");
+  for (const menu of document.querySelectorAll("details.menu[open]"))
+    menu.open = menu.contains(event.target) && !event.target.closest("a");
 });
 await scenario.restore();
 await runs.restore();

@@ -41,7 +41,12 @@ export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
   if (value === 0) return "0";
   const size = Math.abs(value);
-  const text = size < 1e-4 ? value.toExponential(digits - 1) : size >= 10 ** digits && size < 1e9 ? value.toFixed(0) : value.toPrecision(digits);
+  const text =
+    size < 1e-4
+      ? value.toExponential(digits - 1)
+      : size >= 10 ** digits && size < 1e9
+        ? value.toFixed(0)
+        : value.toPrecision(digits);
   return text.replaceAll("-", "−");
 }
 
@@ -52,12 +57,17 @@ export function unitText(unit) {
   return !unit || unit === "1" ? "" : unit.replaceAll("*", " ").replaceAll("^2", "²").replaceAll("^0.5", "^½");
 }
 
-const PREFIXES = [[1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]];
+const PREFIXES = [
+  [1, ""],
+  [1e-3, "m"],
+  [1e-6, "µ"],
+  [1e-9, "n"],
+];
 
 /** A value in its unit with a prefix that leaves digits before the point: 0.0366 N*m is 36.6 mN m. */
 export function quantity(value, unit, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
-  const [scale, prefix] = value === 0 ? PREFIXES[0] : PREFIXES.find(([scale]) => Math.abs(value) >= scale) ?? PREFIXES.at(-1);
+  const [scale, prefix] = value === 0 ? PREFIXES[0] : (PREFIXES.find(([scale]) => Math.abs(value) >= scale) ?? PREFIXES.at(-1));
   return `${number(value / scale, digits)} ${prefix}${unitText(unit)}`;
 }
 

@@ -5,7 +5,13 @@ import * as scenario from "./scenario.js";
 
 const rows = new Map();
 const groups = new Map();
-const TITLES = { slip_ring: "slip ring", transmission_error: "transmission error", modes: "mode", profile: "leg", friction: "friction" };
+const TITLES = {
+  slip_ring: "slip ring",
+  transmission_error: "transmission error",
+  modes: "mode",
+  profile: "leg",
+  friction: "friction",
+};
 
 export function makeForm() {
   $("#search").addEventListener("input", filter);
@@ -45,7 +51,7 @@ function showRow(key, row, seen, changes, errors) {
   row.input.setAttribute("aria-invalid", error ? "true" : "false");
   if (row.error.textContent !== (error ?? "")) row.error.textContent = error ?? "";
   row.source.textContent = changed ? "set by you" : (seen.sources[key] ?? "");
-  const status = changed ? "" : /^(assumed|identified)/.exec(seen.sources[key] ?? "")?.[0] ?? "";
+  const status = changed ? "" : (/^(assumed|identified)/.exec(seen.sources[key] ?? "")?.[0] ?? "");
   row.status.textContent = status;
 }
 
@@ -85,7 +91,9 @@ function makeGroup(name, title, keys, open) {
 }
 
 function partTitle(inner) {
-  const words = inner.split(".").map((word) => (/^\d+$/.test(word) ? String(Number(word) + 1) : (TITLES[word] ?? word.replaceAll("_", " "))));
+  const words = inner
+    .split(".")
+    .map((word) => (/^\d+$/.test(word) ? String(Number(word) + 1) : (TITLES[word] ?? word.replaceAll("_", " "))));
   return words.join(" ");
 }
 
@@ -98,8 +106,21 @@ function makeRow(key) {
   const source = h("span", { class: "source" });
   const status = h("span", { class: "tag" });
   const name = key.split(".").at(-1).replaceAll("_", " ");
-  const label = h("label", { for: id, title: `${key}: ${field.meaning}` }, field.symbol ? symbol(field.symbol) : null, h("span", {}, field.meaning || name), status);
-  const facts = [h("code", {}, key), field.range ? ` ${field.range}.` : "", field.unit ? ` Unit: ${field.unit}, or one like it.` : "", field.items ? ` A list such as [{${field.items.map((item) => `${item.key}: …`).join(", ")}}].` : "", " ", source];
+  const label = h(
+    "label",
+    { for: id, title: `${key}: ${field.meaning}` },
+    field.symbol ? symbol(field.symbol) : null,
+    h("span", {}, field.meaning || name),
+    status,
+  );
+  const facts = [
+    h("code", {}, key),
+    field.range ? ` ${field.range}.` : "",
+    field.unit ? ` Unit: ${field.unit}, or one like it.` : "",
+    field.items ? ` A list such as [{${field.items.map((item) => `${item.key}: …`).join(", ")}}].` : "",
+    " ",
+    source,
+  ];
   const help = h("p", { class: "help", id: `${id}-help` }, ...facts);
   const element = h("div", { class: "field", "data-key": key }, label, input, undo, error, help);
   return { element, input, undo, error, source, status, words: `${key} ${field.meaning} ${field.symbol ?? ""}`.toLowerCase() };
@@ -112,7 +133,14 @@ function makeInput(field, id, key) {
     const choices = field.choices ?? ["true", "false"];
     return h("select", { ...common, oninput: edit }, ...choices.map((choice) => h("option", { value: choice }, choice)));
   }
-  return h("input", { ...common, type: "text", spellcheck: "false", placeholder: field.optional ? "none" : null, oninput: edit, onkeydown: (event) => keys(event, key) });
+  return h("input", {
+    ...common,
+    type: "text",
+    spellcheck: "false",
+    placeholder: field.optional ? "none" : null,
+    oninput: edit,
+    onkeydown: (event) => keys(event, key),
+  });
 }
 
 async function back(key, input) {

@@ -3,10 +3,10 @@
 
 import { get } from "./api.js";
 import { h, unitText } from "./dom.js";
-import { draw, envelopeTrace, ink, onWindow } from "./plots.js";
+import { draw, envelopeTrace, ink, onZoom } from "./plots.js";
 import * as runs from "./runs.js";
 
-const view = { channel: "T_d", window: null };
+const view = { channel: "T_d", window: null, y: null };
 const CURRENTS = { i_A: ["#0072B2", "solid"], i_B: ["#D55E00", "dash"], i_ref_A: ["#56B4E9", "dot"], i_ref_B: ["#E69F00", "dot"] };
 const STICK = { stuck_output: ["#009E73", "shaft sticks"], stuck_rotor: ["#CC79A7", "rotor sticks"] };
 
@@ -15,15 +15,26 @@ const channel = h("select", { id: "history-channel", onchange: () => set({ chann
 const note = h("span", { class: "soft note" });
 const button = (text, action) => h("button", { type: "button", onclick: action }, text);
 
-export const card = h("section", { class: "card" },
-  h("div", { class: "bar" },
-    h("h2", {}, "Time history"), h("label", { for: "history-channel", class: "away" }, "Channel"), channel,
-    button("Whole record", () => set({ window: null })), button("One second", () => set({ window: stretch(1) })),
-    button("Full step", () => set({ window: stretch(microstep() * microsteps()) })), button("4 microsteps", () => set({ window: stretch(4 * microstep()) })), note),
-  plot);
+export const card = h(
+  "section",
+  { class: "card" },
+  h(
+    "div",
+    { class: "bar" },
+    h("h2", {}, "Time history"),
+    h("label", { for: "history-channel", class: "away" }, "Channel"),
+    channel,
+    button("Whole record", () => set({ window: null })),
+    button("One second", () => set({ window: stretch(1) })),
+    button("Full step", () => set({ window: stretch(microstep() * microsteps()) })),
+    button("4 microsteps", () => set({ window: stretch(4 * microstep()) })),
+    note,
+  ),
+  plot,
+);
 
 function set(changes) {
-  Object.assign(view, changes);
+  Object.assign(view, { y: null }, changes);
   return update();
 }
 
@@ -47,42 +58,59 @@ export async function update() {
   fillChannels(chosen);
   const turn = ++last;
   const [from, to] = view.window ?? [undefined, undefined];
-  const series = await Promise.all(shown.map((run) => {
-    const channels = run === chosen ? [...new Set([view.channel, ...Object.keys(CURRENTS), ...Object.keys(STICK)])] : [view.channel];
-    return get(`/api/runs/${run.id}/series`, { channels: channels.join(","), from, to, points: 1500 });
-  }));
+  const series = await Promise.all(
+    shown.map((run) => {
+      const channels =
+        run === chosen ? [...new Set([view.channel, ...Object.keys(CURRENTS), ...Object.keys(STICK)])] : [view.channel];
+      return get(`/api/runs/${run.id}/series`, { channels: channels.join(","), from, to, points: 1500 });
+    }),
+  );
   if (turn !== last) return;
   const traces = shown.map((run, k) => curve(run, series[k]));
   if (chosen) traces.push(...below(series[shown.indexOf(chosen)]));
   await draw(plot, traces, layout(series, chosen));
-  if (!listening) onWindow(plot, (window) => set({ window }));
+  if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x, y }));
   listening = true;
 }
 
 function fillChannels(run) {
   const channels = run?.result.channels ?? [];
   if (channel.options.length === channels.length) return;
-  channel.replaceChildren(...channels.map((item) => h("option", { value: item.name, title: item.meaning }, `${item.name}  ${item.meaning}`)));
+  channel.replaceChildren(
+    ...channels.map((item) => h("option", { value: item.name, title: item.meaning }, `${item.name}  ${item.meaning}`)),
+  );
   channel.value = view.channel;
 }
 
 function curve(run, series) {
   const data = series.channels[view.channel];
   return {
-    ...envelopeTrace(series.t, data, series.exact), name: run.name, mode: "lines",
-    line: { color: run.colour, dash: series.exact ? run.dash : "solid", width: series.exact ? 1.6 : 1 }, opacity: runs.shown().length > 1 && !series.exact ? 0.7 : 1,
+    ...envelopeTrace(series.t, data, series.exact),
+    name: run.name,
+    mode: "lines",
+    line: { color: run.colour, dash: series.exact ? run.dash : "solid", width: series.exact ? 1.6 : 1 },
+    opacity: runs.shown().length > 1 && !series.exact ? 0.7 : 1,
     hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${unitText(data.unit)}<extra>${run.name}</extra>`,
   };
 }
 
 function below(series) {
   const currents = Object.entries(CURRENTS).map(([name, [color, dash]]) => ({
-    ...envelopeTrace(series.t, series.channels[name], series.exact), name, mode: "lines", yaxis: "y2", line: { color, dash, width: 1.2 },
+    ...envelopeTrace(series.t, series.channels[name], series.exact),
+    name,
+    mode: "lines",
+    yaxis: "y2",
+    line: { color, dash, width: 1.2 },
     hovertemplate: `%{x:.6g} s<br>${name} %{y:.4g} A<extra></extra>`,
   }));
   const stick = Object.entries(STICK).map(([name, [color, words]], k) => ({
-    ...envelopeTrace(series.t, series.channels[name], series.exact), name: words, mode: "lines", yaxis: "y3", fill: k ? undefined : "tozeroy",
-    line: { color, width: 1.2, dash: k ? "dash" : "solid" }, hovertemplate: `%{x:.6g} s<br>${words}: %{y:.3g} of the sample<extra></extra>`,
+    ...envelopeTrace(series.t, series.channels[name], series.exact),
+    name: words,
+    mode: "lines",
+    yaxis: "y3",
+    fill: k ? undefined : "tozeroy",
+    line: { color, width: 1.2, dash: k ? "dash" : "solid" },
+    hovertemplate: `%{x:.6g} s<br>${words}: %{y:.3g} of the sample<extra></extra>`,
   }));
   return [...currents, ...stick];
 }
@@ -94,7 +122,7 @@ function layout(series, chosen) {
   const [t0, t1] = view.window ?? [chosen?.result.t0 ?? 0, chosen?.result.t1 ?? 1];
   return {
     xaxis: { title: { text: "time [s]" }, range: [t0, t1], anchor: "y3", hoverformat: ".6f" },
-    yaxis: { title: { text: `${view.channel}${unit ? ` [${unit}]` : ""}` }, domain: [0.46, 1] },
+    yaxis: { title: { text: `${view.channel}${unit ? ` [${unit}]` : ""}` }, domain: [0.46, 1], range: view.y ?? undefined },
     yaxis2: { title: { text: "currents [A]" }, domain: [0.18, 0.41] },
     yaxis3: { title: { text: "sticks" }, domain: [0, 0.13], range: [-0.08, 1.08], tickvals: [0, 1], fixedrange: true },
     legend: { orientation: "h", x: 0, y: 1.01, yanchor: "bottom", font: { size: 11, color: ink() } },

@@ -4,7 +4,11 @@ import { debounce, h } from "./dom.js";
 
 // Plotly is large: the form does not wait for it, and its first drawing, which is its slowest, is of nothing.
 const loaded = new Promise((resolve, reject) => {
-  const script = h("script", { src: "/static/plotly.min.js", onload: resolve, onerror: () => reject(new Error("The plots' script did not load.")) });
+  const script = h("script", {
+    src: "/static/plotly.min.js",
+    onload: resolve,
+    onerror: () => reject(new Error("The plots' script did not load.")),
+  });
   document.head.append(script);
 }).then(async () => {
   const place = h("div", { class: "away plot" });
@@ -25,33 +29,56 @@ export const ink = () => colour("--ink");
 /** Draw or redraw a plot; texts and lines take the page's colours. */
 export async function draw(place, data, layout) {
   plots.set(place, { data, layout });
-  await (await loaded).react(place, data, themed(layout), {
-    responsive: true, displaylogo: false, showTips: false, scrollZoom: false, doubleClick: "reset",
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  await (
+    await loaded
+  ).react(place, data, themed(layout), {
+    responsive: true,
+    displaylogo: false,
+    showTips: false,
+    scrollZoom: false,
+    doubleClick: "reset",
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]], // none that would send data away
     toImageButtonOptions: { format: "svg", filename: "microvib" },
   });
 }
 
 function themed(layout) {
-  const axis = { gridcolor: colour("--grid"), linecolor: colour("--rule"), zerolinecolor: colour("--rule"), automargin: true, exponentformat: "power", hoverformat: ".5~g" };
-  const axes = Object.fromEntries(Object.entries(layout).filter(([key]) => /^[xy]axis\d*$/.test(key)).map(([key, own]) => [key, { ...axis, ...own }]));
+  const axis = {
+    gridcolor: colour("--grid"),
+    linecolor: colour("--rule"),
+    zerolinecolor: colour("--rule"),
+    automargin: true,
+    exponentformat: "power",
+    hoverformat: ".5~g",
+  };
+  const axes = Object.fromEntries(
+    Object.entries(layout)
+      .filter(([key]) => /^[xy]axis\d*$/.test(key))
+      .map(([key, own]) => [key, { ...axis, ...own }]),
+  );
   return {
-    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: "closest",
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
+    hovermode: "closest",
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     margin: { l: 62, r: 14, t: 12, b: 40 },
     hoverlabel: { bgcolor: colour("--paper"), bordercolor: colour("--rule"), font: { color: colour("--ink") } },
     legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
     modebar: { color: colour("--soft"), activecolor: colour("--accent"), bgcolor: "rgba(0,0,0,0)" },
-    ...layout, ...axes,
+    ...layout,
+    ...axes,
   };
 }
 
-/** Call `action` with the x window [from, to] that a person zoomed to, null for the whole. */
-export function onWindow(place, action) {
+/** Call `action` with what a person zoomed to: {x: [from, to]}, {y: [low, high]} or both; nulls are the whole. */
+export function onZoom(place, action) {
   const later = debounce(action, 60);
   place.on("plotly_relayout", (event) => {
-    if (event["xaxis.range[0]"] !== undefined) later([Number(event["xaxis.range[0]"]), Number(event["xaxis.range[1]"])]);
-    else if (event["xaxis.autorange"]) later(null);
+    const range = (axis) =>
+      event[`${axis}.range[0]`] !== undefined && [Number(event[`${axis}.range[0]`]), Number(event[`${axis}.range[1]`])];
+    const [x, y] = [range("xaxis"), range("yaxis")];
+    if (x || y) later({ ...(x && { x }), ...(y && { y }) });
+    else if (event["xaxis.autorange"] || event["xaxis.range"]) later({ x: null, y: null }); // a double click, or the button for it
   });
 }
 

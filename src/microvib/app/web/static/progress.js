@@ -7,7 +7,14 @@ import { announce, h, number } from "./dom.js";
 export function progressRow(name, cancel) {
   const bar = h("progress", { "aria-label": `Progress of ${name}` });
   const words = h("span", { class: "words soft" }, "starts");
-  const element = h("div", { class: "job" }, h("b", {}, name), bar, words, h("button", { type: "button", class: "cancel", "aria-label": `Cancel ${name}`, onclick: cancel }, "Cancel"));
+  const element = h(
+    "div",
+    { class: "job" },
+    h("b", {}, name),
+    bar,
+    words,
+    h("button", { type: "button", class: "cancel", "aria-label": `Cancel ${name}`, onclick: cancel }, "Cancel"),
+  );
   return { element, show };
 
   function show({ state, progress }) {
@@ -37,7 +44,9 @@ export async function work(place, name, begin) {
     announce(`${name}: done.`);
     return result;
   } catch (error) {
-    place.replaceChildren(h("p", { class: cancelled ? "soft" : "error block", role: "alert" }, cancelled ? `${name} was cancelled.` : error.message));
+    place.replaceChildren(
+      h("p", { class: cancelled ? "soft" : "error block", role: "alert" }, cancelled ? `${name} was cancelled.` : error.message),
+    );
     return null;
   }
 }

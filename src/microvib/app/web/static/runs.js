@@ -5,8 +5,13 @@ import { announce } from "./dom.js";
 
 // Okabe and Ito's colours, which colour-blind people can tell apart, and a dash for those who see none.
 const STYLES = [
-  ["#0072B2", "solid"], ["#D55E00", "dash"], ["#009E73", "dot"], ["#E69F00", "dashdot"],
-  ["#CC79A7", "longdash"], ["#56B4E9", "longdashdot"], ["#8c8c8c", "solid"],
+  ["#0072B2", "solid"],
+  ["#D55E00", "dash"],
+  ["#009E73", "dot"],
+  ["#E69F00", "dashdot"],
+  ["#CC79A7", "longdash"],
+  ["#56B4E9", "longdashdot"],
+  ["#8c8c8c", "solid"],
 ];
 const KEPT = "microvib.runs";
 
@@ -16,7 +21,8 @@ const listeners = new Set();
 
 export const all = () => runs;
 /** Runs that are drawn; the chosen one last, so that it lies on top. */
-export const shown = () => runs.filter((run) => run.state === "done" && run.visible).sort((a, b) => (a === chosen) - (b === chosen));
+export const shown = () =>
+  runs.filter((run) => run.state === "done" && run.visible).sort((a, b) => (a === chosen) - (b === chosen));
 export const selected = () => chosen;
 export const onChange = (listener) => listeners.add(listener);
 const tell = (what) => listeners.forEach((listener) => listener(what));

@@ -12,9 +12,15 @@ let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], 
 let running;
 const listeners = new Set();
 
-export const catalog = await get("/api/catalog");
-export const schema = (await get("/api/schema")).groups;
-export const fields = new Map(schema.flatMap((group) => group.fields.map((field) => [field.key, field])));
+export let catalog = [];
+export let schema = [];
+let fields = new Map();
+
+/** Ask the server for its catalog and what it says of each field. */
+export async function load() {
+  [catalog, { groups: schema }] = await Promise.all([get("/api/catalog"), get("/api/schema")]);
+  fields = new Map(schema.flatMap((group) => group.fields.map((field) => [field.key, field])));
+}
 
 /** The scenario as the server wants it. */
 export const current = () => ({ base: state.text === null ? state.base : null, text: state.text, changes: { ...state.changes } });
@@ -119,7 +125,9 @@ export const baseName = () => (state.text === null ? state.base : null);
 async function packed(text) {
   const stream = new Blob([text]).stream().pipeThrough(new CompressionStream("deflate-raw"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join("")).replaceAll("+", "-").replaceAll("/", "_");
+  return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""))
+    .replaceAll("+", "-")
+    .replaceAll("/", "_");
 }
 
 async function unpacked(text) {

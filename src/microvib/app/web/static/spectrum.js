@@ -2,33 +2,45 @@
 
 import { get } from "./api.js";
 import { h, number, quantity, unitText } from "./dom.js";
-import { draw, ink, onWindow } from "./plots.js";
+import { draw, ink, onZoom } from "./plots.js";
 import * as runs from "./runs.js";
 
 const HIGHEST = 200;
 const NAMED = 7;
 const APART = 0.045;
 
-const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true };
+const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, y: null };
 const plot = h("div", { class: "plot tall", id: "spectrum-plot", role: "img", "aria-label": "Amplitude spectrum of the runs" });
 const channel = h("select", { id: "spectrum-channel", onchange: () => set({ channel: channel.value }) });
 const logX = button("log f", () => set({ logX: !view.logX }));
 const logY = button("log amplitude", () => set({ logY: !view.logY }));
 const note = h("span", { class: "soft note" });
 
-export const card = h("section", { class: "card" },
-  h("div", { class: "bar" },
-    h("h2", {}, "Spectrum"), h("label", { for: "spectrum-channel", class: "away" }, "Channel"), channel, logY, logX,
-    button("0–200 Hz", () => set({ window: [0, HIGHEST] })), button("Array mode", () => set({ window: arrayWindow(), logX: false })),
-    button("All", () => set({ window: null })), note),
-  plot);
+export const card = h(
+  "section",
+  { class: "card" },
+  h(
+    "div",
+    { class: "bar" },
+    h("h2", {}, "Spectrum"),
+    h("label", { for: "spectrum-channel", class: "away" }, "Channel"),
+    channel,
+    logY,
+    logX,
+    button("0–200 Hz", () => set({ window: [0, HIGHEST] })),
+    button("Array mode", () => set({ window: arrayWindow(), logX: false })),
+    button("All", () => set({ window: null })),
+    note,
+  ),
+  plot,
+);
 
 function button(text, action) {
   return h("button", { type: "button", onclick: action }, text);
 }
 
 function set(changes) {
-  Object.assign(view, changes);
+  Object.assign(view, { y: null }, changes);
   return update();
 }
 
@@ -46,21 +58,25 @@ export async function update() {
   fillChannels(shown);
   const turn = ++last;
   const [from, to] = view.window ?? [undefined, undefined];
-  const spectra = await Promise.all(shown.map((run) => get(`/api/runs/${run.id}/spectrum`, { channel: view.channel, window: "hann", from, to, points: 4000 })));
+  const spectra = await Promise.all(
+    shown.map((run) => get(`/api/runs/${run.id}/spectrum`, { channel: view.channel, window: "hann", from, to, points: 4000 })),
+  );
   if (turn !== last) return;
   logX.setAttribute("aria-pressed", view.logX);
   logY.setAttribute("aria-pressed", view.logY);
   const traces = shown.flatMap((run, k) => [curve(run, spectra[k]), ...(view.channel === "T_d" ? [dots(run)] : [])]);
   if (view.channel === "T_d") traces.push(...paperDots(shown));
   await draw(plot, traces, layout(shown, spectra));
-  if (!listening) onWindow(plot, (window) => set({ window: fromAxis(window) }));
+  if (!listening) onZoom(plot, ({ x, y = view.y }) => set({ window: x === undefined ? view.window : fromAxis(x), y }));
   listening = true;
 }
 
 function fillChannels(shown) {
   const channels = shown[0]?.result.channels ?? [];
   if (channel.options.length === channels.length) return;
-  channel.replaceChildren(...channels.map((item) => h("option", { value: item.name, title: item.meaning }, `${item.name}  ${item.meaning}`)));
+  channel.replaceChildren(
+    ...channels.map((item) => h("option", { value: item.name, title: item.meaning }, `${item.name}  ${item.meaning}`)),
+  );
   channel.value = view.channel;
 }
 
@@ -72,7 +88,11 @@ function fromAxis(window) {
 
 function curve(run, spectrum) {
   return {
-    x: spectrum.f, y: spectrum.amplitude, name: run.name, mode: "lines", line: { color: run.colour, dash: run.dash, width: 1.2 },
+    x: spectrum.f,
+    y: spectrum.amplitude,
+    name: run.name,
+    mode: "lines",
+    line: { color: run.colour, dash: run.dash, width: 1.2 },
     hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unitText(spectrum.unit)}<extra>${run.name}</extra>`,
   };
 }
@@ -82,8 +102,12 @@ const seenLines = (run) => run.result.lines.filter((line) => line.amplitude_n_m 
 function dots(run) {
   const lines = seenLines(run);
   return {
-    x: lines.map((line) => line.frequency_hz), y: lines.map((line) => line.amplitude_n_m), mode: "markers", showlegend: false,
-    marker: { color: run.colour, size: 6, line: { color: "#fff", width: 0.8 } }, text: lines.map((line) => `${line.line}<br>${line.origin}`),
+    x: lines.map((line) => line.frequency_hz),
+    y: lines.map((line) => line.amplitude_n_m),
+    mode: "markers",
+    showlegend: false,
+    marker: { color: run.colour, size: 6, line: { color: "#fff", width: 0.8 } },
+    text: lines.map((line) => `${line.line}<br>${line.origin}`),
     hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} N m<extra>${run.name}</extra>`,
   };
 }
@@ -91,11 +115,17 @@ function dots(run) {
 function paperDots(shown) {
   const rows = shown.find((run) => run.result.paper.length)?.result.paper ?? [];
   if (!rows.length) return [];
-  return [{
-    x: rows.map((row) => row.test_hz), y: rows.map((row) => row.test_n_m), name: "paper's test", mode: "markers",
-    marker: { symbol: "diamond-open", size: 11, color: ink(), line: { width: 1.8 } }, text: rows.map((row) => row.line),
-    hovertemplate: "paper's test, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
-  }];
+  return [
+    {
+      x: rows.map((row) => row.test_hz),
+      y: rows.map((row) => row.test_n_m),
+      name: "paper's test",
+      mode: "markers",
+      marker: { symbol: "diamond-open", size: 11, color: ink(), line: { width: 1.8 } },
+      text: rows.map((row) => row.line),
+      hovertemplate: "paper's test, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
+    },
+  ];
 }
 
 function layout(shown, spectra) {
@@ -108,15 +138,29 @@ function layout(shown, spectra) {
   note.textContent = spectra.length ? "0-to-peak, Hann window" : "";
   return {
     xaxis: { title: { text: "frequency [Hz]" }, type: view.logX ? "log" : "linear", range: x },
-    yaxis: { title: { text: `amplitude [${unitText(spectra[0]?.unit ?? "N*m")}]` }, type: view.logY ? "log" : "linear", range: y, dtick: view.logY ? 1 : undefined },
-    annotations: [...named, ...modeNames(run, [low, high], view.logX)], shapes: modes(run, [low, high]),
+    yaxis: {
+      title: { text: `amplitude [${unitText(spectra[0]?.unit ?? "N*m")}]` },
+      type: view.logY ? "log" : "linear",
+      range: view.y ?? y,
+      dtick: view.logY ? 1 : undefined,
+    },
+    annotations: [...named, ...modeNames(run, [low, high], view.logX)],
+    shapes: modes(run, [low, high]),
   };
+}
+
+function seenAt(amplitude, largest) {
+  const y = view.logY ? Math.log10(amplitude) : amplitude;
+  return view.y ? y > view.y[0] && y < view.y[1] : amplitude > 4e-4 * largest;
 }
 
 /** Names of the strongest lines in the window that stand clear of each other. */
 function names(run, [low, high], largest) {
-  const place = (f) => (view.logX ? Math.log10(f / Math.max(low, 0.05)) / Math.log10(high / Math.max(low, 0.05)) : (f - low) / (high - low));
-  const inside = seenLines(run).filter((line) => line.frequency_hz >= low && line.frequency_hz <= high && line.amplitude_n_m > 4e-4 * largest);
+  const place = (f) =>
+    view.logX ? Math.log10(f / Math.max(low, 0.05)) / Math.log10(high / Math.max(low, 0.05)) : (f - low) / (high - low);
+  const inside = seenLines(run).filter(
+    (line) => line.frequency_hz >= low && line.frequency_hz <= high && seenAt(line.amplitude_n_m, largest),
+  );
   inside.sort((a, b) => (b.kind === "array mode") - (a.kind === "array mode") || b.amplitude_n_m - a.amplitude_n_m);
   const taken = [];
   for (const line of inside) {
@@ -124,23 +168,49 @@ function names(run, [low, high], largest) {
     if (taken.length < NAMED && taken.every((other) => Math.abs(other.x - x) > APART)) taken.push({ x, line });
   }
   return taken.map(({ line }) => ({
-    x: view.logX ? Math.log10(line.frequency_hz) : line.frequency_hz, y: view.logY ? Math.log10(line.amplitude_n_m) : line.amplitude_n_m,
+    x: view.logX ? Math.log10(line.frequency_hz) : line.frequency_hz,
+    y: view.logY ? Math.log10(line.amplitude_n_m) : line.amplitude_n_m,
     text: `<b>${line.line}</b><br>${number(line.frequency_hz, 4)} Hz · ${quantity(line.amplitude_n_m, "N*m", 3)}`,
-    showarrow: true, arrowhead: 0, arrowwidth: 0.8, arrowcolor: ink(), ax: 6, ay: -18, xanchor: "left", yanchor: "bottom", align: "left", font: { size: 10.5 },
+    showarrow: true,
+    arrowhead: 0,
+    arrowwidth: 0.8,
+    arrowcolor: ink(),
+    ax: 6,
+    ay: -18,
+    xanchor: "left",
+    yanchor: "bottom",
+    align: "left",
+    font: { size: 10.5 },
   }));
 }
 
-const modesIn = (run, [low, high]) => (run?.result?.modes ?? []).filter((mode) => mode.frequency >= low && mode.frequency <= high && mode.damping < 0.3);
+const modesIn = (run, [low, high]) =>
+  (run?.result?.modes ?? []).filter((mode) => mode.frequency >= low && mode.frequency <= high && mode.damping < 0.3);
 
 function modeNames(run, window, log) {
   return modesIn(run, window).map((mode) => ({
-    x: log ? Math.log10(mode.frequency) : mode.frequency, yref: "paper", y: 0.02, yanchor: "bottom", xanchor: "left", textangle: -90, showarrow: false,
-    text: mode.name.replaceAll("_", " "), font: { size: 10 }, opacity: 0.75,
+    x: log ? Math.log10(mode.frequency) : mode.frequency,
+    yref: "paper",
+    y: 0.02,
+    yanchor: "bottom",
+    xanchor: "left",
+    textangle: -90,
+    showarrow: false,
+    text: mode.name.replaceAll("_", " "),
+    font: { size: 10 },
+    opacity: 0.75,
   }));
 }
 
 function modes(run, window) {
   return modesIn(run, window).map((mode) => ({
-    type: "line", x0: mode.frequency, x1: mode.frequency, yref: "paper", y0: 0, y1: 1, line: { color: ink(), width: 0.8, dash: "dot" }, opacity: 0.6,
+    type: "line",
+    x0: mode.frequency,
+    x1: mode.frequency,
+    yref: "paper",
+    y0: 0,
+    y1: 1,
+    line: { color: ink(), width: 0.8, dash: "dot" },
+    opacity: 0.6,
   }));
 }

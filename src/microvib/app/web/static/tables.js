@@ -9,8 +9,11 @@ export function table(columns, rows, { caption, sort } = {}) {
   const order = { key: sort?.key ?? null, down: sort?.down ?? false };
   const heads = columns.map((column) => {
     const words = column.unit ? `${column.title} [${column.unit}]` : column.title;
-    return h("th", { class: numeric.has(column.key) ? "n" : null, scope: "col", title: column.note },
-      h("button", { type: "button", onclick: () => by(column.key) }, words, h("span", { "aria-hidden": "true", class: "way" })));
+    return h(
+      "th",
+      { class: numeric.has(column.key) ? "n" : null, scope: "col", title: column.note },
+      h("button", { type: "button", onclick: () => by(column.key) }, words, h("span", { "aria-hidden": "true", class: "way" })),
+    );
   });
 
   function by(key) {
@@ -20,8 +23,17 @@ export function table(columns, rows, { caption, sort } = {}) {
   }
 
   function fill() {
-    const sorted = order.key === null ? rows : [...rows].sort((a, b) => compare(a[order.key], b[order.key]) * (order.down ? -1 : 1));
-    body.replaceChildren(...sorted.map((row) => h("tr", {}, columns.map((column) => cell(column, row)))));
+    const sorted =
+      order.key === null ? rows : [...rows].sort((a, b) => compare(a[order.key], b[order.key]) * (order.down ? -1 : 1));
+    body.replaceChildren(
+      ...sorted.map((row) =>
+        h(
+          "tr",
+          {},
+          columns.map((column) => cell(column, row)),
+        ),
+      ),
+    );
     columns.forEach((column, k) => {
       const way = column.key !== order.key ? "none" : order.down ? "descending" : "ascending";
       heads[k].setAttribute("aria-sort", way);
@@ -36,7 +48,11 @@ export function table(columns, rows, { caption, sort } = {}) {
   }
 
   fill();
-  return h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": caption }, h("table", {}, h("caption", { class: "away" }, caption), h("thead", {}, h("tr", {}, heads)), body));
+  return h(
+    "div",
+    { class: "wide", tabindex: "0", role: "region", "aria-label": caption },
+    h("table", {}, h("caption", { class: "away" }, caption), h("thead", {}, h("tr", {}, heads)), body),
+  );
 }
 
 /** The rows that matter, with a button that shows all. */
@@ -44,7 +60,8 @@ export function shortTable(columns, rows, matters, options) {
   const place = h("div", {});
   const few = rows.filter(matters);
   const all = () => place.replaceChildren(table(columns, rows, options));
-  const more = few.length < rows.length && h("button", { type: "button", class: "quiet", onclick: all }, `Show all ${rows.length} lines`);
+  const more =
+    few.length < rows.length && h("button", { type: "button", class: "quiet", onclick: all }, `Show all ${rows.length} lines`);
   place.append(table(columns, few, options), more || "");
   return place;
 }
