@@ -14,7 +14,14 @@ from microvib.errors import MicrovibError
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-_EXTRAS = {"pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data", "fastapi": "serve", "uvicorn": "serve"}
+_EXTRAS = {
+    "pyfe3d": "fem",
+    "pyyeti": "fem",
+    "pyuff": "test-data",
+    "nptdms": "test-data",
+    "fastapi": "serve",
+    "uvicorn": "serve",
+}
 """Extra of the package that brings a library."""
 
 

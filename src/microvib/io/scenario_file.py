@@ -6,6 +6,7 @@ import io
 import math
 from dataclasses import replace
 from importlib import resources
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
 
 LARGEST_FILE = 1_000_000
 """Bytes of the largest scenario file that is read."""
+
+
+DEEPEST = 100
+"""Brackets that may be open at a time in a scenario file."""
+_BRACKETS = {"[": 1, "{": 1, "]": -1, "}": -1}
 
 
 def catalog_names() -> tuple[str, ...]:
@@ -218,6 +224,8 @@ def parse_yaml(text: str, origin: str) -> Any:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
+    if max(accumulate(_BRACKETS.get(c, 0) for c in text), default=0) > DEEPEST:  # for which the parser takes minutes
+        raise ScenarioError(f"{origin}: is not YAML that can be read: nested too deeply")
     try:
         if "&" in text and any(getattr(event, "anchor", None) for event in YAML(typ="safe", pure=True).parse(text)):
             raise ScenarioError(
