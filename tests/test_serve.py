@@ -114,6 +114,10 @@ def test_the_drive_train_balances(client, finished, motion):
     assert power["electrical"] == pytest.approx(spent, rel=1e-3)
     assert found["T_d"]["peak"] == np.abs(motion["T_d"]).max()
     assert found["i_rms"] == pytest.approx(0.6 / np.sqrt(2), rel=0.01)  # sine of 0.6 A
+    torques = {row["torque"]: row for row in result(client, finished)["budget"]}
+    drive_1 = mv.lines(motion)["drive_1"]
+    assert torques["T_d"]["drive_1_amplitude"] == pytest.approx(drive_1.amplitude_n_m, rel=1e-3)
+    assert torques["T_d"]["drive_1_phase"] == pytest.approx(drive_1.phase_rad, abs=1e-2)
     assert found["stuck_output"] == motion["stuck_output"].mean()
 
 
@@ -211,6 +215,18 @@ def test_what_differs_from_the_catalog_is_marked(client):
     again = client.post("/api/scenario", json={"text": answer["yaml"]}).json()
     assert again["values"]["motor.current"] == "0.70000000000000007 A"  # to the last digit
     assert again["yaml"] == answer["yaml"]
+
+
+def test_a_wrong_file_is_shown_with_what_is_wrong_and_can_be_mended(client):
+    text = catalog_text("state-1").replace("current: 0.6 A", "current: 0.6 V")
+    shown = client.post("/api/scenario", json={"text": text}).json()
+    assert [e["key"] for e in shown["errors"]] == ["motor.current"]
+    assert (shown["values"]["motor.current"], shown["values"]["array.modes.0.frequency"]) == ("0.6 V", "1.2459 Hz")
+    assert shown["yaml"] is None
+    plain = re.sub(r"sources:\n(  .*\n)*", "", text)
+    mended = client.post("/api/scenario", json={"text": plain, "changes": {"motor.current": "0.5 A"}}).json()
+    assert mended["errors"] == []
+    assert "current: 0.5 A" in mended["yaml"]
 
 
 def test_every_value_as_typed_reads_back(client):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, Literal, get_args, get_origin
 
@@ -184,7 +185,7 @@ def names_elements(spec: Spec) -> bool:
 
 def slow(spec: Spec) -> bool:
     """Whether the scenario takes long to read, so that a worker should do it."""
-    if len(spec.text or "") > LONG_TEXT:
+    if len(spec.text or "") + sum(map(len, spec.changes.values())) > LONG_TEXT:
         return True
     try:
         return names_elements(spec)
@@ -209,12 +210,11 @@ def _bounded(loaded: Scenario) -> Scenario:
 
 def view_of(spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it, also one that is wrong."""
-    errors: list[dict[str, Any]] = []
-    base = _tried(spec.model_copy(update={"changes": {}}), errors)
-    found = _tried(spec, errors) if spec.changes and not errors else base
+    base, errors = _tried(spec.model_copy(update={"changes": {}}))
+    found, errors = _tried(spec) if spec.changes else (base, errors)
     base_values = {} if base is None else _values(base)
-    values = base_values if found is None else _values(found)
-    changed = [key for key in values if base_values.get(key) != values[key]]
+    values = _values(found) if found else base_values or _written(spec)
+    changed = [key for key in values if base_values.get(key) != values[key]] if found else []
     typed = {key: text for key, text in spec.changes.items() if found is None or key in changed}
     shown = found or base
     return {
@@ -222,19 +222,37 @@ def view_of(spec: Spec) -> dict[str, Any]:
         "values": values | typed,
         "base_values": base_values,
         "sources": {key: shown.source_of(key) for key in values} if shown else {},
-        "changed": changed if found else list(typed),
+        "changed": changed or list(typed),
         "errors": errors,
         "derived": derived(found) if found else [],
         "yaml": dump_scenario(found) if found else None,
     }
 
 
-def _tried(spec: Spec, errors: list[dict[str, Any]]) -> Scenario | None:
+def _tried(spec: Spec) -> tuple[Scenario | None, list[dict[str, Any]]]:
+    """The scenario, or what is wrong with it."""
     try:
-        return scenario(spec)
+        return scenario(spec), []
     except MicrovibError as error:
-        errors += sentences(str(error), spec.name)
-        return None
+        return None, sentences(str(error), spec.name)
+
+
+def _written(spec: Spec) -> dict[str, str]:
+    """What a file says of the form's keys, where it is no scenario."""
+    try:
+        data = _data(spec)
+    except MicrovibError:
+        return {}
+    groups = data.items() if isinstance(data, dict) else ()
+    return dict(item for key, value in groups if key in TITLES for item in _flat(key, value))
+
+
+def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, (dict, list)) and value:
+        for name, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _flat(f"{key}.{name}", item)
+    else:
+        yield key, "" if value is None else str(value)
 
 
 _KEY = re.compile(r"[A-Za-z_]\w*(\.\w+)*(?=:)")

@@ -26,7 +26,7 @@ class Busy(Exception):
     """As many computations as are allowed wait already."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Job:
     """One computation: what is to be done, how far it is, how it ended."""
 

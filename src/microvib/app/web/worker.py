@@ -30,7 +30,7 @@ def work(pipe: Connection, memory: int) -> None:
     import_module("microvib.app.web.preload")
     _bound(memory)
     try:
-        pipe.send(("ready", step(text="begun")))
+        pipe.send(("ready", step(text="at work")))
         task, arguments = pipe.recv()
         pipe.send(_done(task, arguments, _telling(pipe)))
     except (EOFError, OSError):  # the server is gone
