@@ -39,8 +39,6 @@ export const upload = async (path, query, body) => {
   return (await request(`${path}?${new URLSearchParams(query)}`, { method: "POST", headers, body })).json();
 };
 
-export const download = async (path) => (await request(path)).blob();
-
 export const drop = (id) => request(`/api/jobs/${id}`, { method: "DELETE" });
 
 const ENDED = ["done", "failed", "cancelled"];

@@ -1,15 +1,14 @@
 // The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
 
-import { download } from "./api.js";
-import { announce, h, number, quantity, s, save } from "./dom.js";
+import { announce, h, number, quantity, s } from "./dom.js";
 import { drawing } from "./drive.js";
 import * as history from "./history.js";
 import { progressRow } from "./progress.js";
+import { tablesOf } from "./result.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import { makeSlowMotion } from "./slow.js";
 import * as spectrum from "./spectrum.js";
-import { tablesOf } from "./result.js";
 
 const bars = new Map();
 const chips = h("ul", { class: "chips", "aria-label": "Runs" });
@@ -27,8 +26,8 @@ const FILES = [
   ["summary.json", "summary"],
   ["motion.nc", "data set (netCDF)"],
   ["report.html", "report (HTML)"],
-  ["report.pdf", "report (PDF)"],
 ];
+
 export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
   picture.append(sketch, slow, caption);
@@ -170,27 +169,6 @@ function headOf(run) {
 }
 
 function menu(run) {
-  const links = FILES.map(([file, words]) =>
-    h(
-      "a",
-      {
-        href: `/api/runs/${run.id}/files/${file}`,
-        download: file,
-        onclick: (event) => file === "report.pdf" && fetched(event, run, file),
-      },
-      words,
-    ),
-  );
+  const links = FILES.map(([file, words]) => h("a", { href: `/api/runs/${run.id}/files/${file}`, download: file }, words));
   return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
-}
-
-// The PDF may not be to be had; then the page says why instead of the browser saving the reason as a file.
-async function fetched(event, run, file) {
-  event.preventDefault();
-  announce("Making the PDF …");
-  try {
-    save(await download(`/api/runs/${run.id}/files/${file}`), file);
-  } catch (error) {
-    announce(error.message, { error: true });
-  }
 }

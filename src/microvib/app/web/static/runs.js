@@ -55,7 +55,7 @@ async function finish(run) {
     if (!runs.includes(run)) return;
     run.state = run.cancelled ? "cancelled" : "failed";
     run.error = error.message;
-    announce(`${run.name}: ${run.error}`, { error: !run.cancelled });
+    announce(`${run.name}: ${run.state}.`);
   }
   tell("runs");
 }

@@ -7,7 +7,7 @@ import * as runs from "./runs.js";
 
 const HIGHEST = 200;
 const NAMED = 7;
-const APART = 0.045;
+const APART = 38; // pixels
 
 const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, y: null };
 const plot = h("div", { class: "plot tall", id: "spectrum-plot", role: "img", "aria-label": "Amplitude spectrum of the runs" });
@@ -165,7 +165,7 @@ function names(run, [low, high], largest) {
   const taken = [];
   for (const line of inside) {
     const x = place(line.frequency_hz);
-    if (taken.length < NAMED && taken.every((other) => Math.abs(other.x - x) > APART)) taken.push({ x, line });
+    if (taken.length < NAMED && taken.every((other) => Math.abs(other.x - x) * plot.clientWidth > APART)) taken.push({ x, line });
   }
   return taken.map(({ line }) => ({
     x: view.logX ? Math.log10(line.frequency_hz) : line.frequency_hz,
