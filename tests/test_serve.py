@@ -18,6 +18,7 @@ import httpx2 as httpx
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from scipy.io import savemat
 
 import microvib as mv
 from microvib.app.running import run_scenario
@@ -378,12 +379,19 @@ def test_a_parameter_is_identified_from_the_page(client, loaded):
     assert found["scenario_changes"]["motor.friction.viscous"].endswith("N*m*s/rad")
 
 
+def matlab(**arrays) -> bytes:
+    stream = io.BytesIO()
+    savemat(stream, arrays)
+    return stream.getvalue()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "status", "words"),
     [
         ("x.exe", b"MZ", 422, "'.exe' is not known"),
         ("x.uff", b"no uff", 422, "x.uff: is truncated, or no UFF"),
         ("x.mat", b"\x89HDF\r\n\x1a\n" + b"junk" * 100, 422, "x.mat: is broken or truncated"),
+        ("x.mat", matlab(fs=np.nan, Mz=np.arange(9.0)), 422, "x.mat: its sample rate, nan Hz, is none"),
         ("x.nc", b"", 422, "x.nc: is broken or truncated"),
         ("../../x.csv", b"a,b\n1,2\n", 422, "x.csv: has 2 rows"),
         ("x.csv", b"t,Mz\n" + b"0,1\n" * 1_000_000, 413, "at most 3 MB"),

@@ -27,7 +27,7 @@ from microvib.app.web.guard import Access
 from microvib.app.web.limits import Limits
 
 CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
-ODD = settings(deadline=None, max_examples=12, suppress_health_check=list(HealthCheck), derandomize=True)
+ODD = settings(deadline=None, max_examples=8, suppress_health_check=list(HealthCheck), derandomize=True)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ CHANGES = st.dictionaries(
 
 
 @given(changes=CHANGES)
-@settings(ODD, max_examples=80)
+@settings(ODD, max_examples=50)
 def test_whatever_is_typed_gets_an_answer_with_sentences(app, changes):
     """Any text in any field: the form answers, and what it calls right can be read back."""
     answer = TestClient(app).post("/api/scenario", json={"base": "state-1", "changes": changes})
@@ -112,7 +112,7 @@ def test_whatever_is_typed_gets_an_answer_with_sentences(app, changes):
 
 
 @given(text=st.one_of(st.text(max_size=200), st.sampled_from(KEYS).map(lambda key: f"{key}: [1, {{a: 2}}]")))
-@settings(ODD, max_examples=60)
+@settings(ODD, max_examples=40)
 def test_whatever_is_uploaded_gets_a_sentence(app, text):
     answer = TestClient(app).post("/api/scenario", json={"text": text})
     assert answer.status_code == 200, answer.text

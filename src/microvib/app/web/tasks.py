@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from microvib.app.web.worker import Tell
 from microvib.errors import MicrovibError
 from microvib.io.results import to_json
+
+if TYPE_CHECKING:
+    from microvib.signals.lines import LineTable
+    from microvib.solve.motion import Motion
 
 
 def _write(folder: str, data: dict[str, Any], names: dict[str, str] | None = None) -> None:
@@ -35,7 +42,7 @@ def _renamed(data: Any, names: dict[str, str]) -> Any:
 
 
 def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
-    """Simulate a scenario (YAML); leaves channels as ``NAME.npy`` beside tables and scenario."""
+    """Simulate a scenario (YAML); leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
     from microvib.app.analysis import lines
     from microvib.app.web.answers import run_answer
     from microvib.io.results import lines_csv, summary
@@ -50,41 +57,46 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
 
     state, fallback = find_steady(loaded) if steady else (None, "")
     motion = state.motion(progress=progress) if state is not None else simulate(loaded, progress=progress)
-    table = lines(motion if state is None else state)
-    solver = dict(motion.solver if state is None else state.solver)
-    if fallback:
-        solver["steady"] = f"not used: {fallback}"
-    where = Path(folder)
+    source = motion if state is None else state
+    table = lines(source)
+    solver = source.solver | ({"steady": f"not used: {fallback}"} if fallback else {})
+    summed = summary(loaded, source.invariants, solver, table, simulate=float(solver["wall_s"]))
+    _keep(Path(folder), motion, table)
+    texts = {"scenario.yaml": scenario, "lines.csv": lines_csv(table), "summary.json": to_json(summed)}
+    for name, text in texts.items():
+        (Path(folder) / name).write_text(text, encoding="utf-8")
+    _write(folder, run_answer(motion, table, summed))
+
+
+def _keep(where: Path, motion: Motion, table: LineTable) -> None:
     for name, x in motion.channels.items():
         np.save(where / f"{name}.npy", x)
     loads = motion.interface_loads()
     if loads is not None:
         np.save(where / "loads.npy", loads)
-    (where / "lines.csv").write_text(lines_csv(table), encoding="utf-8")
-    (where / "scenario.yaml").write_text(scenario, encoding="utf-8")
-    invariants = motion.invariants if state is None else state.invariants
-    summed = summary(loaded, invariants, solver, table, simulate=float(solver["wall_s"]))
-    (where / "summary.json").write_text(to_json(summed), encoding="utf-8")
-    with (where / "run.pickle").open("wb") as stream:
-        pickle.dump((loaded, table, motion.time, motion.invariants, motion.solver), stream)
     axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
     (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
-    _write(folder, run_answer(motion, table, summed))
+    with (where / "run.pickle").open("wb") as stream:
+        pickle.dump((replace(motion, channels={}), table), stream)
+
+
+def _kept(where: Path) -> tuple[Motion, LineTable]:
+    from microvib.solve.motion import CHANNELS, MODAL
+
+    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this very server
+        motion, table = pickle.load(stream)
+    files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}
+    return replace(motion, channels={name: np.load(file) for name, file in files.items() if file.is_file()}), table
 
 
 def file(folder: str, name: str, tell: Tell) -> None:
     """``motion.nc`` or ``report.html`` of a run's folder, made when it is asked for."""
     from microvib.app.report import run_report
     from microvib.io.results import write_motion
-    from microvib.solve.motion import CHANNELS, MODAL, Motion
 
     where = Path(folder)
-    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this server
-        scenario, table, time, invariants, solver = pickle.load(stream)
-    names = [*CHANNELS, *MODAL]
-    channels = {n: np.load(where / f"{n}.npy") for n in names if (where / f"{n}.npy").is_file()}
-    motion = Motion(scenario, time, channels, invariants, solver)
-    new = where / f"new-{name}"
+    motion, table = _kept(where)
+    new = where / f"{os.getpid()}-{name}"  # two may ask at once
     if name == "motion.nc":
         write_motion(motion, new)
     else:
@@ -95,11 +107,15 @@ def file(folder: str, name: str, tell: Tell) -> None:
 def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
     """What is in a recording."""
     from microvib.io.recordings import read_recording
+    from microvib.signals.recording import RecordingError
 
     with _speaking_of({path: name}):
         found = read_recording(path)
+        if not 0.0 < found.sample_rate < math.inf:
+            raise RecordingError(f"{path}: its sample rate, {found.sample_rate:g} Hz, is none")
     channels = [
-        {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x))} for key, x in found.channels.items()
+        {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x)) if x.size else math.nan}
+        for key, x in found.channels.items()
     ]
     facts = {"channels": channels, "sample_rate": found.sample_rate, "samples": found.samples}
     return dict(json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)})))
