@@ -16,8 +16,8 @@ class Limits:
     """Time of one computation [s]."""
     quick_s: float = 120.0
     """Time of what a page waits for: reading a recording, writing a report [s]."""
-    memory: int = 3_000_000_000
-    """Address space of one worker process [bytes]; not on Windows."""
+    memory: int = 2_500_000_000
+    """Address space of one computation, beyond what is loaded [bytes]; bounded on Linux only."""
     record: int = 400_000_000
     """Samples of one run, all channels [bytes]."""
     cases: int = 4000
