@@ -195,6 +195,20 @@ def test_changes_are_marked_found_and_undone(visit: Callable[..., Any]) -> None:
     api.expect(row).to_have_class("field")
 
 
+def test_a_list_is_edited_as_a_whole_and_its_items_appear(visit: Callable[..., Any]) -> None:
+    page = visit()
+    write(page, "array.rigid_inertia", "")
+    page.get_by_role("button", name="Add or take out modes").click()
+    modes = field(page, "array.modes")
+    api.expect(modes).to_have_value("[{frequency: 1.2459 Hz, damping: 1.041 percent}]")
+    damped = "damping: 1 percent, effective_inertia"
+    modes.fill(f"[{{frequency: 1.2 Hz, {damped}: 6 kg*m^2}}, {{frequency: 4 Hz, {damped}: 2 kg*m^2}}]")
+    api.expect(field(page, "array.modes.1.frequency")).to_have_value("4 Hz")
+    api.expect(modes).to_be_focused()  # the form has grown while it was typed in
+    page.locator(".field[data-key='array.modes'] .undo").click()
+    api.expect(field(page, "array.modes.1.frequency")).to_have_count(0)
+
+
 def test_cancel(visit: Callable[..., Any]) -> None:
     page = visit()
     write(page, "record.settle", "5000 s")

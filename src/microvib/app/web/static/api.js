@@ -42,7 +42,7 @@ export const upload = async (path, query, body) => {
 export const drop = (id) => request(`/api/jobs/${id}`, { method: "DELETE" });
 
 const ENDED = ["done", "failed", "cancelled"];
-const PAUSE = 150;
+const PAUSE = 100;
 const watched = new Map();
 let looking = false;
 

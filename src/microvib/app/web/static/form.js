@@ -3,6 +3,7 @@
 import { $, h, symbol } from "./dom.js";
 import * as scenario from "./scenario.js";
 
+const LONG = 60; // characters of a meaning, of which the label then shows the beginning
 const rows = new Map();
 const groups = new Map();
 const TITLES = {
@@ -22,7 +23,7 @@ export function makeForm() {
 
 /** Bring the form in line with what the server said; fields keep focus and what is being typed. */
 function show(seen) {
-  const keys = Object.keys(seen.values);
+  const keys = keysOf(seen);
   if (keys.length && (keys.length !== rows.size || keys.some((key) => !rows.has(key)))) build(keys);
   const errors = new Map(seen.errors.map((item) => [item.key, item.error]));
   const changes = scenario.current().changes;
@@ -37,6 +38,17 @@ function show(seen) {
   $("#undo-all").disabled = !count;
   $("#derived")?.replaceChildren(...seen.derived.map((text) => h("li", {}, text)));
   if ($("#only-changed").checked) filter();
+}
+
+/** All keys that are set; a list or group that was changed as one stands before its items. */
+function keysOf({ values }) {
+  const keys = Object.keys(values);
+  if (!keys.length) return keys;
+  for (const whole of Object.keys(scenario.current().changes).filter((key) => !(key in values))) {
+    const first = keys.findIndex((key) => key.startsWith(`${whole}.`));
+    keys.splice(first < 0 ? keys.length : first, 0, whole);
+  }
+  return keys;
 }
 
 function showRow(key, row, seen, changes, errors) {
@@ -64,16 +76,30 @@ function showGroup(name, group, errors, changes) {
 }
 
 function build(keys) {
+  const wasTyping = typing();
   const open = new Set([...groups].filter(([, group]) => group.element.open).map(([name]) => name));
   rows.clear();
   groups.clear();
   const known = scenario.schema.map((group) => [group.key, group.title]);
   for (const [name, title] of known) {
-    const own = keys.filter((key) => key.startsWith(`${name}.`));
+    const inside = keys.filter((key) => key.startsWith(`${name}.`));
+    const single = (key) => key.split(".").length === 2;
+    const own = [...inside.filter(single), ...inside.filter((key) => !single(key))]; // what has a heading of its own comes last
     if (own.length) groups.set(name, makeGroup(name, title, own, open.size ? open.has(name) : name === "motor"));
   }
   const derived = h("details", { class: "group" }, h("summary", {}, "What follows from it"), h("ul", { id: "derived" }));
   $("#form").replaceChildren(...[...groups.values()].map((group) => group.element), derived);
+  const again = rows.get(wasTyping?.key)?.input;
+  if (!again) return;
+  again.value = wasTyping.text; // what is being typed goes on
+  again.focus();
+  again.setSelectionRange?.(wasTyping.from, wasTyping.to);
+}
+
+/** The field that has the focus, with what stands in it and where the cursor is. */
+function typing() {
+  const { name, form, value, selectionStart, selectionEnd } = document.activeElement ?? {};
+  return form === $("#form") ? { key: name, text: value, from: selectionStart, to: selectionEnd } : null;
 }
 
 function makeGroup(name, title, keys, open) {
@@ -87,7 +113,26 @@ function makeGroup(name, title, keys, open) {
     rows.set(key, makeRow(key));
     element.append(rows.get(key).element);
   }
+  for (const list of new Set(keys.flatMap((key) => /^(.*)\.\d+\./.exec(key)?.[1] ?? []))) {
+    if (!keys.includes(list)) element.append(wholeButton(list));
+  }
   return { element, mark };
+}
+
+/** Turns the items of a list into one text, in which items can be added and taken out. */
+function wholeButton(list) {
+  const name = list.split(".").at(-1).replaceAll("_", " ");
+  return h("button", { type: "button", class: "quiet", onclick: () => editWhole(list) }, `Add or take out ${name}…`);
+}
+
+async function editWhole(list) {
+  const items = [];
+  for (const [key, text] of Object.entries(scenario.checked().values)) {
+    const [, n, name] = key.startsWith(`${list}.`) ? /^(\d+)\.(.*)$/.exec(key.slice(list.length + 1)) : [];
+    if (name && text) (items[n] ??= []).push(`${name}: ${text}`);
+  }
+  await scenario.changeAll({ [list]: `[${items.map((item) => `{${item.join(", ")}}`).join(", ")}]` });
+  rows.get(list)?.input.focus();
 }
 
 function partTitle(inner) {
@@ -110,19 +155,21 @@ function makeRow(key) {
     "label",
     { for: id, title: `${key}: ${field.meaning}` },
     field.symbol ? symbol(field.symbol) : null,
-    h("span", {}, field.meaning || name),
+    h("span", {}, field.meaning.length > LONG ? `${field.meaning.slice(0, LONG)}…` : field.meaning || name),
     status,
   );
+  const parts = scenario.partsOf(key);
   const facts = [
+    field.meaning.length > LONG ? `${field.meaning}. ` : "",
     h("code", {}, key),
     field.range ? ` ${field.range}.` : "",
     field.unit ? ` Unit: ${field.unit}, or one like it.` : "",
-    field.items ? ` A list such as [{${field.items.map((item) => `${item.key}: …`).join(", ")}}].` : "",
+    parts.length ? ` Written as ${field.items ? "a list of " : ""}{${parts.map((item) => `${item.key}: …`).join(", ")}}.` : "",
     " ",
     source,
   ];
   const help = h("p", { class: "help", id: `${id}-help` }, ...facts);
-  const element = h("div", { class: "field", "data-key": key }, label, input, undo, error, help);
+  const element = h("div", { class: field.items ? "field long" : "field", "data-key": key }, label, input, undo, error, help);
   return { element, input, undo, error, source, status, words: `${key} ${field.meaning} ${field.symbol ?? ""}`.toLowerCase() };
 }
 
@@ -133,6 +180,7 @@ function makeInput(field, id, key) {
     const choices = field.choices ?? ["true", "false"];
     return h("select", { ...common, oninput: edit }, ...choices.map((choice) => h("option", { value: choice }, choice)));
   }
+  if (field.items) return h("textarea", { ...common, rows: 3, spellcheck: "false", placeholder: "none", oninput: edit });
   return h("input", {
     ...common,
     type: "text",

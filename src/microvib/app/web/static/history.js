@@ -13,7 +13,7 @@ const STICK = { stuck_output: ["#009E73", "shaft sticks"], stuck_rotor: ["#CC79A
 const plot = h("div", { class: "plot taller", id: "history-plot", role: "img", "aria-label": "Time history of the runs" });
 const channel = h("select", { id: "history-channel", onchange: () => set({ channel: channel.value }) });
 const note = h("span", { class: "soft note" });
-const button = (text, action) => h("button", { type: "button", onclick: action }, text);
+const button = (text, action, title) => h("button", { type: "button", onclick: action, title, "aria-label": title }, text);
 
 export const card = h(
   "section",
@@ -28,6 +28,8 @@ export const card = h(
     button("One second", () => set({ window: stretch(1) })),
     button("Full step", () => set({ window: stretch(microstep() * microsteps()) })),
     button("4 microsteps", () => set({ window: stretch(4 * microstep()) })),
+    button("‹", () => shift(-0.5), "Earlier"),
+    button("›", () => shift(0.5), "Later"),
     note,
   ),
   plot,
@@ -46,6 +48,15 @@ function stretch(length) {
   const { t0, t1 } = result() ?? { t0: 0, t1: 1 };
   const from = view.window ? Math.max((view.window[0] + view.window[1] - length) / 2, t0) : t0;
   return [from, Math.min(from + length, t1)];
+}
+
+/** Move the window by a part of its length, within the record. */
+function shift(part) {
+  const { t0, t1 } = result() ?? {};
+  if (!view.window || t0 === undefined) return;
+  const length = view.window[1] - view.window[0];
+  const from = Math.min(Math.max(view.window[0] + part * length, t0), t1 - length);
+  set({ window: [from, from + length] });
 }
 
 let listening = false;

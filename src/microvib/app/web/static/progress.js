@@ -26,7 +26,7 @@ export function progressRow(name, cancel) {
   }
 }
 
-/** Start a job and show it in `place` until it ends; its result, or null where it failed (which is then said there). */
+/** Start a job and show it in `place` until it ends; its result, or null where it failed (which is then said there, at the field it is about). */
 export async function work(place, name, begin) {
   let id = null;
   let cancelled = false;
@@ -47,6 +47,8 @@ export async function work(place, name, begin) {
     place.replaceChildren(
       h("p", { class: cancelled ? "soft" : "error block", role: "alert" }, cancelled ? `${name} was cancelled.` : error.message),
     );
+    const field = error.key && place.parentElement.querySelector(`[name="${CSS.escape(error.key)}"]`);
+    field?.focus();
     return null;
   }
 }

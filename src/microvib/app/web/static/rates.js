@@ -23,7 +23,14 @@ const HINTS = { limit: "such as 30 mN*m", band: "such as 0.5:5 Hz" };
 const inputs = Object.fromEntries(
   ASKED.map(([key, , value]) => [
     key,
-    h("input", { type: "text", id: `rates-${key}`, value, placeholder: HINTS[key] ?? "", class: key === "count" ? "short" : "" }),
+    h("input", {
+      type: "text",
+      id: `rates-${key}`,
+      name: key,
+      value,
+      placeholder: HINTS[key] ?? "",
+      class: key === "count" ? "short" : "",
+    }),
   ]),
 );
 const linear = h("input", { type: "checkbox", id: "rates-linear" });

@@ -16,7 +16,13 @@ const ASKED = [
 const inputs = Object.fromEntries(
   ASKED.map(([key, , value]) => [
     key,
-    h("input", { type: "text", id: `sas-${key}`, value, placeholder: key === "states" ? "the paper's, or 1.19:8.18 …" : "" }),
+    h("input", {
+      type: "text",
+      id: `sas-${key}`,
+      name: key,
+      value,
+      placeholder: key === "states" ? "the paper's, or 1.19:8.18 …" : "",
+    }),
   ]),
 );
 const place = h("div", {});

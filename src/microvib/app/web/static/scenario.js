@@ -34,6 +34,13 @@ export function fieldOf(key) {
   return fields.get(key) ?? fields.get(list)?.items?.find((field) => field.key === item);
 }
 
+/** What a group or a list's item is made of, as declarations; empty where it is a single value. */
+export function partsOf(key) {
+  const list = fields.get(key)?.items;
+  const inside = [...fields.keys()].filter((name) => name.startsWith(`${key}.`));
+  return list ?? inside.map((name) => ({ ...fields.get(name), key: name.slice(key.length + 1) }));
+}
+
 /** A short name: the base, and what was changed last. */
 export function shortName() {
   const base = state.text === null ? state.base : seen.title || "uploaded";
