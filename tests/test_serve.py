@@ -11,6 +11,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -616,25 +618,39 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_line_in_the_log(client, monk
 # The command
 
 
-def microvib(*arguments: str) -> subprocess.Popen[str]:
+@contextmanager
+def microvib(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "microvib", "serve", "--no-browser", *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        try:
+            yield server
+        finally:
+            server.kill()
+
+
+def told(*arguments: str) -> tuple[int, str]:
+    """Exit status and what is said of a server that should not start."""
+    with microvib(*arguments) as server:
+        said = server.communicate(timeout=60)[1]
+        return server.returncode, said
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch):
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
+def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    server = microvib("--port", "0")
-    url, port = re.search(r"(http://127.0.0.1:(\d+))/", server.stdout.readline()).groups()
-    with httpx.Client(base_url=url, timeout=60.0) as client:
-        assert "<html" in client.get("/").text
-        assert client.get("/static/plotly.min.js").headers["content-type"].startswith("text/javascript")
-        second = microvib("--port", port).communicate(timeout=60)[1]
-        assert second == f"Error: --port {port}: is in use; choose another, or end what uses it\n"
-        wait(client, start(client, LONG), "running")
-        server.send_signal(signal.SIGTERM)
-        _, said = server.communicate(timeout=60)
-    assert (server.returncode, said) == (0, "")
+    with microvib("--port", "0") as server:
+        url, port = re.search(r"(http://127.0.0.1:(\d+))/", server.stdout.readline()).groups()
+        with httpx.Client(base_url=url, timeout=60.0) as client:
+            assert "<html" in client.get("/").text
+            assert client.get("/static/plotly.min.js").headers["content-type"].startswith("text/javascript")
+            if end == signal.SIGTERM:
+                used = f"Error: --port {port}: is in use; choose another, or end what uses it\n"
+                assert told("--port", port) == (1, used)
+                wait(client, start(client, LONG), "running")
+            server.send_signal(end)
+            _, said = server.communicate(timeout=60)
+        assert (server.returncode, said) == (0, "")
     assert not list(tmp_path.glob("microvib-*"))
 
 
@@ -646,11 +662,9 @@ def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch):
     ],
 )
 def test_addresses_that_are_refused(arguments, words):
-    server = microvib("--port", "0", *arguments)
-    _, said = server.communicate(timeout=60)
-    assert server.returncode == 1
+    status, said = told("--port", "0", *arguments)
+    assert (status, said.count("\n")) == (1, 1)
     assert words in said
-    assert said.count("\n") == 1
 
 
 def test_channels_of_the_page_are_those_of_a_motion(client, finished):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 import shutil
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -146,10 +147,11 @@ class Desk:
         for job in self.jobs():
             self._lane.cancel(job)
 
-    def join(self) -> None:
-        """Wait until all workers have ended."""
-        self._lane.join()
-        self._quick.join()
+    def join(self, seconds: float = 3.0) -> None:
+        """Wait for all workers to end, but no longer."""
+        until = time.monotonic() + seconds
+        self._lane.join(until)
+        self._quick.join(until)
 
 
 def _size(folder: Path) -> int:

@@ -111,10 +111,10 @@ class Lane:
         for job in list(self._queue):
             self.cancel(job)
 
-    def join(self, seconds: float = 5.0) -> None:
-        """Wait for the workers to end."""
+    def join(self, until: float) -> None:
+        """Wait for the workers to end, at most until then on the monotonic clock; one that is starting ends by itself."""
         for thread in self._threads:
-            thread.join(seconds)
+            thread.join(max(until - time.monotonic(), 0.0))
 
     def _serve(self) -> None:
         worker: _Worker | None = None

@@ -31,26 +31,31 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     """Serve the page until SIGINT or SIGTERM; MicrovibError where the address cannot be had."""
     sock = _bound(host, port, remote)
     address, port = sock.getsockname()[:2]
-    shown = f"[{address}]" if ":" in address else address
     access = _access(host, port, remote)
-    url = f"http://{shown}:{port}/" + (f"?token={access.token}" if access.token else "")
+    url = _url(address, port, access.token)
     logging.basicConfig(stream=sys.stderr, format="%(message)s")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="microvib-", ignore_cleanup_errors=True) as root:
         desk = Desk(Path(root), Limits())
-        app = create_app(desk, access)
-        server = _Server(_config(app), desk.close)
-        tell(f"microvib serves at {url}   (Ctrl-C ends it)")
-        threading.Thread(target=_warm, daemon=True).start()
-        if browser:
-            threading.Timer(0.5, webbrowser.open, [url]).start()
+        server = _Server(_config(create_app(desk, access)), desk.close)
         try:
             with contextlib.suppress(KeyboardInterrupt):
+                threading.Thread(target=_warm, daemon=True).start()
+                tell(f"microvib serves at {url}   (Ctrl-C ends it)")
+                if browser:
+                    threading.Timer(0.5, webbrowser.open, [url]).start()
                 server.run(sockets=[sock])
         finally:
             desk.close()
             desk.join()
             sock.close()
+
+
+def _url(address: str, port: int, token: str) -> str:
+    """What to open; where it listens at every address, by the name of this machine."""
+    ip = ip_address(address)
+    shown = socket.gethostname() if ip.is_unspecified else f"[{address}]" if ip.version == 6 else address
+    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
 
 
 def _warm() -> None:
