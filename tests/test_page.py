@@ -118,7 +118,9 @@ def drawn(page: Any, runs: int) -> None:
 
 def amplitude(page: Any, line: str, tab: str = "#run") -> str:
     """Amplitude of a line [mN m] as the page shows it."""
-    row = page.locator(f"{tab} tr").filter(has=page.locator("td[data-key=line]", has_text=re.compile(f"^{line}$"))).first
+    row = (
+        page.locator(f"{tab} tr").filter(has=page.locator("td[data-key=line]", has_text=re.compile(f"^{line}$"))).first
+    )
     return str(row.locator("td[data-key=amplitude_n_m]").inner_text())
 
 
@@ -141,7 +143,8 @@ def test_edit_run_and_read_what_the_command_line_says(visit: Callable[..., Any],
     lines = {row["line"]: row["amplitude_n_m"] for row in csv.DictReader(io.StringIO(printed))}
     assert amplitude(page, "drive_1") == f"{1e3 * float(lines['drive_1']):#.5g}"
     assert amplitude(page, "drive_2") == f"{1e3 * float(lines['drive_2']):#.5g}"
-    assert page.locator("#spectrum-plot .main-svg").count() and page.locator("#history-plot .main-svg").count()
+    assert page.locator("#spectrum-plot .main-svg").count()
+    assert page.locator("#history-plot .main-svg").count()
     assert "mean" in page.locator("svg.drive").get_attribute("aria-label")
     found = downloads(page, tmp_path)
     assert found["lines.csv"].decode() == printed
@@ -225,13 +228,18 @@ def test_upload_a_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
     page = visit()
     mine = baseline().with_({"motor.current": 0.45, **SHORT}).model_copy(update={"title": "my own drive"})
     (tmp_path / "mine.yaml").write_text(dump_scenario(mine), encoding="utf-8")
-    (tmp_path / "broken.yaml").write_text("motor: {current: 3 parsec}\n", encoding="utf-8")
+    (tmp_path / "broken.yaml").write_text("motor: [", encoding="utf-8")
+    wrong = dump_scenario(mine.with_sources({})).replace("sources: {}\n", "").replace("0.45 A", "3 parsec")
+    (tmp_path / "wrong.yaml").write_text(wrong, encoding="utf-8")
     page.set_input_files("#upload", tmp_path / "mine.yaml")
     api.expect(page.locator("#title")).to_have_text("my own drive")
     api.expect(field(page, "motor.current")).to_have_value("0.45 A")
     page.set_input_files("#upload", tmp_path / "broken.yaml")
     api.expect(page.locator("#alert")).to_contain_text("broken.yaml: ")
     api.expect(page.locator("#title")).to_have_text("my own drive")
+    page.set_input_files("#upload", tmp_path / "wrong.yaml")
+    api.expect(page.locator("[id='field-motor.current-error']")).to_contain_text("parsec")
+    write(page, "motor.current", "0.45 A")  # mended
     run(page)
     table = mv.lines(mv.simulate(mine))
     assert amplitude(page, "drive_1") == f"{1e3 * table['drive_1'].amplitude_n_m:#.5g}"
@@ -289,7 +297,9 @@ def test_runs_are_kept_overlaid_and_removed(visit: Callable[..., Any]) -> None:
     run(page)
     names = page.locator("#spectrum-plot .legendtext").all_text_contents()
     assert len(names) == len(set(names)) >= 2
-    colours = page.evaluate("document.querySelector('#spectrum-plot').data.filter(t => t.mode === 'lines').map(t => t.line)")
+    colours = page.evaluate(
+        "document.querySelector('#spectrum-plot').data.filter(t => t.mode === 'lines').map(t => t.line)"
+    )
     assert len({c["color"] for c in colours}) == len({c["dash"] for c in colours}) == 2
     page.reload()
     drawn(page, 2)

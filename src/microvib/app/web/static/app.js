@@ -51,7 +51,8 @@ function makeBase() {
 async function open(file) {
   try {
     await scenario.startFrom({ text: await file.text() });
-    announce(`${file.name} is open.`);
+    const wrong = scenario.checked().errors.length;
+    announce(`${file.name} is open${wrong ? `; to correct: ${wrong}` : ""}.`);
   } catch (error) {
     announce(`${file.name}: ${error.message}`, { error: true });
   }

@@ -75,17 +75,17 @@ export async function undoAll() {
   await check();
 }
 
-/** Start from a catalog scenario, or from a text. Refused leaves everything as it was. */
+/** Start from a catalog scenario, or from a text, which may have values to correct. One that cannot be read changes nothing. */
 export async function startFrom({ base = null, text = null }) {
-  if (text !== null) await acceptable(text);
+  if (text !== null) await readable(text);
   Object.assign(state, { base, text, changes: {} });
   remember();
   await check();
 }
 
-async function acceptable(text) {
+async function readable(text) {
   const answer = await post("/api/scenario", { base: null, text, changes: {} });
-  if (answer.errors.length) throw new Error(answer.errors.map((item) => item.error).join(" "));
+  if (!Object.keys(answer.values).length) throw new Error(answer.errors.map((item) => item.error).join(" "));
 }
 
 const soon = debounce(() => check(), DELAY);
