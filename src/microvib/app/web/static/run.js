@@ -45,11 +45,12 @@ async function show() {
   head.replaceChildren(...(run?.result ? headOf(run) : run?.error ? [failure(run)] : runs.all().length ? [] : [welcome()]));
   tables.replaceChildren(...(run?.result ? tablesOf(run) : []));
   const shown = runs.shown();
+  const names = shown.map((item) => item.id).join(" ");
   figures.hidden = !shown.length;
-  if (figures.hidden) return;
+  if (figures.hidden || names === figures.dataset.drawn) return;
   await Promise.all([spectrum.update(), history.update()]).catch((error) => announce(error.message, { error: true }));
   performance.mark("run-drawn");
-  figures.dataset.drawn = shown.map((item) => item.id).join(" ");
+  figures.dataset.drawn = names;
 }
 
 function welcome() {
