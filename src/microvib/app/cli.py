@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from microvib import __version__
-from microvib.app.commands import arrays, campaign, docs, families, reports, scenarios, test_data
+from microvib.app.commands import arrays, campaign, docs, families, reports, scenarios, test_data, web
 from microvib.errors import MicrovibError
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
@@ -23,6 +23,8 @@ _EXTRAS = {
     "typst": "report",
     "distributed": "dask",
     "sphinx": "docs",
+    "fastapi": "serve",
+    "uvicorn": "serve",
 }
 """Extra of the package that brings a library."""
 
@@ -78,6 +80,7 @@ for _command in (
     campaign.campaign,
     arrays.modes,
     arrays.sas,
+    web.serve,
     scenarios.scenarios,
     scenarios.show,
     scenarios.new,

@@ -33,7 +33,7 @@ def html(document: Document) -> str:
     from markupsafe import Markup
 
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"address": _address, "inline": _inline, "symbols": _symbols, "key": _key}
+    environment.filters |= {"address": address, "inline": _inline, "symbols": _symbols, "key": _key}
     style = Markup(_template("style.css"))
     beside = not any(_is_wide(block) for block in document.front if isinstance(block, Table))
     return environment.from_string(_template("report.html")).render(style=style, beside=beside, **_data(document))
@@ -106,6 +106,6 @@ def _key(text: str) -> Any:
     return Markup(re.sub(r"([._])", r"\1<wbr>", str(escape(text))))
 
 
-def _address(svg: str) -> str:
+def address(svg: str) -> str:
     """A picture as a data address, so that the page needs no other file."""
     return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode()

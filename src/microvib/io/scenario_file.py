@@ -6,6 +6,7 @@ import io
 import math
 from dataclasses import replace
 from importlib import resources
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
 
 LARGEST_FILE = 1_000_000
 """Bytes of the largest scenario file that is read."""
+
+
+DEEPEST = 100
+"""Brackets that may be open at a time in a scenario file."""
+_BRACKETS = {"[": 1, "{": 1, "]": -1, "}": -1}
 
 
 def catalog_names() -> tuple[str, ...]:
@@ -58,9 +64,16 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     name = str(source)
     published = name in catalog_names()
     text = catalog_text(name) if published else read_text(Path(source))
-    data = parse_yaml(text, name)
+    return scenario_of(parse_yaml(text, name), name, changes, Path() if published else Path(source).parent)
+
+
+def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, folder: Path = Path()) -> Scenario:
+    """A scenario from the data of a scenario file called ``name``, as ``load_scenario`` makes it; ``data`` is changed.
+
+    Files that ``array`` names are found relative to ``folder``.
+    """
     if isinstance(data, dict):
-        data = with_array(data, Path() if published else Path(source).parent, name)
+        data = with_array(data, folder, name)
     if not changes or not isinstance(data, dict):
         return scenario_from(data, units_required=True, origin=name)
     before = scenario_from(data, units_required=True, origin=name) if "sources" in data else None
@@ -211,6 +224,8 @@ def parse_yaml(text: str, origin: str) -> Any:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
+    if max(accumulate(_BRACKETS.get(c, 0) for c in text), default=0) > DEEPEST:  # for which the parser takes minutes
+        raise ScenarioError(f"{origin}: is not YAML that can be read: nested too deeply")
     try:
         if "&" in text and any(getattr(event, "anchor", None) for event in YAML(typ="safe", pure=True).parse(text)):
             raise ScenarioError(

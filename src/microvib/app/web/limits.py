@@ -1,0 +1,36 @@
+"""What the server allows at most, so that it can be left running."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of one server."""
+
+    at_once: int = 2
+    """Computations at a time; further ones wait."""
+    waiting: int = 20
+    wall_s: float = 1200.0
+    """Time of one computation [s]."""
+    quick_s: float = 120.0
+    """Time of what a page waits for: reading a recording, writing a report [s]."""
+    memory: int = 2_500_000_000
+    """Address space of one computation, beyond what is loaded [bytes]; bounded on Linux only."""
+    record: int = 400_000_000
+    """Samples of one run, all channels [bytes]."""
+    cases: int = 4000
+    """Rates times microstep counts of a plan."""
+    kept: int = 40
+    """Ended computations that are kept; the one not used for longest goes first."""
+    stored: int = 2_000_000_000
+    """Their files [bytes]."""
+    body: int = 2_000_000
+    """A request [bytes], unless it is a recording."""
+    recording: int = 200_000_000
+    """A recording [bytes]."""
+    recordings: int = 10
+    """Recordings that are kept."""
+    receiving: int = 3
+    """Recordings that are taken in at a time."""

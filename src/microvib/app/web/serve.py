@@ -1,0 +1,114 @@
+"""``microvib serve``: one process that answers, until it is told to end."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import secrets
+import signal
+import socket
+import sys
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from microvib.app.web import forms
+from microvib.app.web.api import create_app
+from microvib.app.web.desk import Desk
+from microvib.app.web.guard import Access
+from microvib.app.web.limits import Limits
+from microvib.errors import MicrovibError
+
+
+def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str], None]) -> None:
+    """Serve the page until SIGINT or SIGTERM; MicrovibError where the address cannot be had."""
+    sock = _bound(host, port, remote)
+    address, port = sock.getsockname()[:2]
+    access = _access(host, port, remote)
+    url = _url(address, port, access.token)
+    logging.basicConfig(stream=sys.stderr, format="%(message)s")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with tempfile.TemporaryDirectory(prefix="microvib-", ignore_cleanup_errors=True) as root:
+        desk = Desk(Path(root), Limits())
+        server = _Server(_config(create_app(desk, access)), desk.close)
+        try:
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Thread(target=_warm, daemon=True).start()
+                tell(f"microvib serves at {url}   (Ctrl-C ends it)")
+                if browser:
+                    threading.Timer(0.5, webbrowser.open, [url]).start()
+                server.run(sockets=[sock])
+        finally:
+            desk.close()
+            desk.join()
+            sock.close()
+
+
+def _url(address: str, port: int, token: str) -> str:
+    """What to open; where it listens at every address, by the name of this machine."""
+    ip = ip_address(address)
+    shown = socket.gethostname() if ip.is_unspecified else f"[{address}]" if ip.version == 6 else address
+    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
+
+
+def _warm() -> None:
+    """Load what the form needs while the page is being opened."""
+    forms.groups()
+    forms.view_of(forms.Spec(base="state-1"))
+
+
+def _config(app: Any) -> uvicorn.Config:
+    return uvicorn.Config(
+        app, log_level="warning", access_log=False, server_header=False, lifespan="off", ws="none", http="h11",
+        limit_concurrency=200, timeout_graceful_shutdown=3,
+    )  # fmt: skip
+
+
+class _Server(uvicorn.Server):
+    """A server that lets its computations go first, so that nothing waits for them."""
+
+    def __init__(self, config: uvicorn.Config, leave: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._leave = leave
+
+    def handle_exit(self, sig: int, frame: Any) -> None:
+        self._leave()
+        super().handle_exit(sig, frame)
+
+
+def _access(host: str, port: int, remote: bool) -> Access:
+    if not remote:
+        return Access()
+    names = frozenset({"localhost", host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()})
+    return Access(names, True, secrets.token_urlsafe(24), f"microvib-{port}")
+
+
+def _bound(host: str, port: int, remote: bool) -> socket.socket:
+    """A listening socket at the address."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise MicrovibError(f"--host {host}: is no address of this machine ({error.strerror})") from None
+    if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
+        raise MicrovibError(
+            f"--host {host}: others could reach the server there; add --allow-remote if that is meant (a token is then needed)"
+        )
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if sys.platform != "win32":  # there it would share the port
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(address)
+        sock.listen(128)
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise MicrovibError(f"--port {port}: is in use; choose another, or end what uses it") from None
+        raise MicrovibError(f"--host {host} --port {port}: cannot be used: {error.strerror}") from None
+    return sock

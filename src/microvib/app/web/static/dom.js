@@ -1,0 +1,114 @@
+// Elements, numbers and messages: what all parts of the page share.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** An element with attributes and children; `on*` are listeners, `css` goes through the style object (the page's policy allows no style attributes). */
+export function h(tag, attributes = {}, ...children) {
+  return fill(document.createElement(tag), attributes, children);
+}
+
+/** The same for SVG. */
+export function s(tag, attributes = {}, ...children) {
+  return fill(document.createElementNS(SVG, tag), attributes, children);
+}
+
+function fill(element, attributes, children) {
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === undefined || value === null || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name === "css") for (const [key, item] of Object.entries(value)) element.style.setProperty(key, item);
+    else if (name === "value") element.value = value;
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+export const $ = (selector, root = document) => root.querySelector(selector);
+
+/** A symbol such as K_m or T_f,m as an element with its index set low. */
+export function symbol(text) {
+  const [head, ...rest] = text.split("_");
+  return h("i", { class: "symbol" }, GREEK[head] ?? head, rest.length ? h("sub", {}, rest.join(",")) : null);
+}
+
+const GREEK = { omega: "ω", mu: "μ", sigma: "σ", delta: "δ", xi: "ξ", gamma: "γ", "Omega/2pi": "Ω/2π", "H^2": "H²" };
+
+export const DASH = "–";
+
+/** A number with `digits` significant digits. */
+export function number(value, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  const text =
+    size < 1e-4
+      ? value.toExponential(digits - 1)
+      : size >= 10 ** digits && size < 1e9
+        ? value.toFixed(0)
+        : value.toPrecision(digits);
+  return text.replaceAll("-", "−");
+}
+
+export const fixed = (value, digits) => (value === null || value === undefined ? DASH : value.toFixed(digits).replace("-", "−"));
+
+/** Units as people write them: N*m to N m, kg*m^2 to kg m². */
+export function unitText(unit) {
+  return !unit || unit === "1" ? "" : unit.replaceAll("*", " ").replaceAll("^2", "²").replaceAll("^0.5", "^½");
+}
+
+const PREFIXES = [
+  [1, ""],
+  [1e-3, "m"],
+  [1e-6, "µ"],
+  [1e-9, "n"],
+];
+
+/** A value in its unit with a prefix that leaves digits before the point: 0.0366 N*m is 36.6 mN m. */
+export function quantity(value, unit, digits = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
+  const [scale, prefix] = value === 0 ? PREFIXES[0] : (PREFIXES.find(([scale]) => Math.abs(value) >= scale) ?? PREFIXES.at(-1));
+  return `${number(value / scale, digits)} ${prefix}${unitText(unit)}`;
+}
+
+export function signed(value, unit, digits = 3) {
+  return (value > 0 ? "+" : "") + quantity(value, unit, digits);
+}
+
+export function debounce(action, delay) {
+  let timer;
+  return (...values) => {
+    clearTimeout(timer);
+    timer = setTimeout(() => action(...values), delay);
+  };
+}
+
+/** Say something to those who hear the page, and show it for a while to those who see it. */
+export function announce(text, { error = false } = {}) {
+  const place = $(error ? "#alert" : "#status");
+  place.textContent = text;
+  place.classList.add("fresh");
+  clearTimeout(announce.timers?.[place.id]);
+  announce.timers = { ...announce.timers, [place.id]: setTimeout(() => place.classList.remove("fresh"), error ? 9000 : 3500) };
+}
+
+/** Hand a text or blob to the user as a file. */
+export function save(content, name) {
+  const address = URL.createObjectURL(content instanceof Blob ? content : new Blob([content]));
+  h("a", { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 10_000);
+}
+
+/** Let files be dropped on an element. */
+export function onDrop(element, action) {
+  element.addEventListener("dragover", (event) => {
+    event.preventDefault();
+    element.classList.add("over");
+  });
+  element.addEventListener("dragleave", () => element.classList.remove("over"));
+  element.addEventListener("drop", (event) => {
+    event.preventDefault();
+    element.classList.remove("over");
+    if (event.dataTransfer.files.length) action(event.dataTransfer.files[0]);
+  });
+}

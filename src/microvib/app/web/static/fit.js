@@ -1,0 +1,132 @@
+// Identification: which parameters, within which ranges; what came out, and taking it over into the form.
+
+import { post } from "./api.js";
+import { announce, h, number, unitText } from "./dom.js";
+import { work } from "./progress.js";
+import * as scenario from "./scenario.js";
+import { table } from "./tables.js";
+
+const FIRST = ["reducer.stiffness", "motor.friction.viscous", "array.rigid_inertia"];
+
+const chosen = h("div", { class: "fits" });
+const starts = h("input", { type: "text", class: "short", id: "fit-starts", value: "3", inputmode: "numeric" });
+const place = h("div", {});
+const result = h("div", {});
+
+/** The part of the page; `evidence` gives recordings and channel when asked. */
+export function makeFit(evidence) {
+  scenario.onCheck(() => !chosen.children.length && add(FIRST[0]));
+  return h(
+    "div",
+    {},
+    h(
+      "p",
+      { class: "soft" },
+      "Parameters are searched for from several starts and refined until the lines of complete simulations agree with the recording's. Without a range: a factor of four each way, ten per cent for a frequency.",
+    ),
+    chosen,
+    h(
+      "div",
+      { class: "ask" },
+      h("button", { type: "button", onclick: () => add(next()) }, "Add a parameter"),
+      h("label", {}, "starts", starts),
+      h("button", { type: "button", class: "primary", onclick: () => identify(evidence()) }, "Identify"),
+    ),
+    place,
+    result,
+  );
+}
+
+const used = () => [...chosen.querySelectorAll("select")].map((select) => select.value);
+const next = () => FIRST.find((key) => !used().includes(key)) ?? numbers().find((key) => !used().includes(key));
+
+function numbers() {
+  return Object.keys(scenario.checked().values).filter(
+    (key) => scenario.fieldOf(key)?.kind === "quantity" && !/^(solver|record)\./.test(key),
+  );
+}
+
+function add(key) {
+  if (!key || !numbers().includes(key)) return;
+  const select = h(
+    "select",
+    { "aria-label": "Parameter to identify", onchange: () => hint() },
+    numbers().map((name) => h("option", { value: name }, name)),
+  );
+  const low = h("input", { type: "text", "aria-label": "From", placeholder: "from" });
+  const high = h("input", { type: "text", "aria-label": "To", placeholder: "to" });
+  const now = h("span", { class: "soft note" });
+  const hint = () => (now.textContent = `now ${scenario.checked().values[select.value]}`);
+  const row = h(
+    "div",
+    { class: "fit" },
+    select,
+    low,
+    high,
+    now,
+    h("button", { type: "button", class: "quiet", "aria-label": "Take this parameter out", onclick: () => row.remove() }, "×"),
+  );
+  select.value = key;
+  hint();
+  chosen.append(row);
+}
+
+function wanted() {
+  return [...chosen.children].map((row) => {
+    const [low, high] = [...row.querySelectorAll("input")].map((input) => input.value.trim());
+    return row.querySelector("select").value + (low || high ? `=${low}:${high}` : "");
+  });
+}
+
+async function identify(evidence) {
+  result.replaceChildren();
+  const body = { ...evidence, scenario: scenario.current(), fit: wanted(), starts: Number(starts.value) || undefined };
+  const answer = await work(place, "Identification", () => post("/api/identifications", body));
+  if (answer) result.replaceChildren(...shown(answer));
+}
+
+function shown({ parameters, rows, scenario_changes: changes, text }) {
+  const value = (x, row) => `${number(x, 4)} ${unitText(row.unit)}`;
+  const percent = (x) => (x === null ? "–" : `${x > 0 ? "+" : ""}${number(100 * x, 3)} %`);
+  const found = table(
+    [
+      { key: "key", title: "parameter" },
+      { key: "value", title: "identified", show: value },
+      { key: "standard_error", title: "± (1σ)", show: (x) => number(x, 2) },
+      { key: "start", title: "before", show: value },
+      { key: "low", title: "from", show: (x) => number(x, 3) },
+      { key: "high", title: "to", show: (x) => number(x, 3) },
+      { key: "note", title: "what it is worth" },
+    ],
+    parameters,
+    { caption: "Identified parameters" },
+  );
+  const figures = table(
+    [
+      { key: "line", title: "line" },
+      { key: "form", title: "figure" },
+      { key: "measured", title: "measured", show: (x) => number(x, 5) },
+      { key: "fitted", title: "fitted", show: (x) => number(x, 5) },
+      { key: "error", title: "off", show: percent },
+    ],
+    rows,
+    { caption: "Measured and fitted figures" },
+  );
+  const take = h("button", { type: "button", class: "primary", onclick: () => over(changes) }, "Take over into the form");
+  return [
+    found,
+    h(
+      "p",
+      { class: "soft" },
+      "A calibration is not a prediction: parameters that were fitted to these lines say nothing new about them.",
+    ),
+    take,
+    h("details", {}, h("summary", {}, "Each figure"), figures),
+    h("details", {}, h("summary", {}, "As text"), h("pre", {}, text)),
+  ];
+}
+
+async function over(changes) {
+  await scenario.changeAll(changes);
+  announce(`${Object.keys(changes).length} values are in the form; run to see them.`);
+}

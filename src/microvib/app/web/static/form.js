@@ -1,0 +1,223 @@
+// The scenario as a form: groups as the drive is built, each field with symbol, meaning, unit, range and source.
+
+import { $, h, symbol } from "./dom.js";
+import * as scenario from "./scenario.js";
+
+const LONG = 60; // characters of a meaning, of which the label then shows the beginning
+const rows = new Map();
+const groups = new Map();
+const TITLES = {
+  slip_ring: "slip ring",
+  transmission_error: "transmission error",
+  modes: "mode",
+  profile: "leg",
+  friction: "friction",
+};
+
+export function makeForm() {
+  $("#search").addEventListener("input", filter);
+  $("#only-changed").addEventListener("change", filter);
+  $("#undo-all").addEventListener("click", scenario.undoAll);
+  scenario.onCheck(show);
+}
+
+/** Bring the form in line with what the server said; fields keep focus and what is being typed. */
+function show(seen) {
+  const keys = keysOf(seen);
+  if (keys.length && (keys.length !== rows.size || keys.some((key) => !rows.has(key)))) build(keys);
+  const errors = new Map(seen.errors.map((item) => [item.key, item.error]));
+  const changes = scenario.current().changes;
+  for (const [key, row] of rows) showRow(key, row, seen, changes, errors);
+  for (const [name, group] of groups) showGroup(name, group, errors, changes);
+  const rest = seen.errors.filter((item) => !rows.has(item.key)).map((item) => item.error);
+  $("#form-error").hidden = !rest.length;
+  $("#form-error").textContent = rest.join(" ");
+  $("#title").textContent = seen.title;
+  const count = Object.keys(changes).length;
+  $("#changed-count").textContent = count || "";
+  $("#undo-all").disabled = !count;
+  $("#derived")?.replaceChildren(...seen.derived.map((text) => h("li", {}, text)));
+  if ($("#only-changed").checked) filter();
+}
+
+/** All keys that are set; a list or group that was changed as one stands before its items. */
+function keysOf({ values }) {
+  const keys = Object.keys(values);
+  if (!keys.length) return keys;
+  for (const whole of Object.keys(scenario.current().changes).filter((key) => !(key in values))) {
+    const first = keys.findIndex((key) => key.startsWith(`${whole}.`));
+    keys.splice(first < 0 ? keys.length : first, 0, whole);
+  }
+  return keys;
+}
+
+function showRow(key, row, seen, changes, errors) {
+  const text = changes[key] ?? seen.values[key] ?? "";
+  if (row.input !== document.activeElement && row.input.value !== text) row.input.value = text;
+  const changed = key in changes;
+  row.element.classList.toggle("changed", changed);
+  row.undo.hidden = !changed;
+  row.undo.title = `Back to ${seen.base_values[key] || "nothing"}`;
+  row.undo.setAttribute("aria-label", `Undo ${key}: back to ${seen.base_values[key] || "nothing"}`);
+  const error = errors.get(key);
+  row.input.setAttribute("aria-invalid", error ? "true" : "false");
+  if (row.error.textContent !== (error ?? "")) row.error.textContent = error ?? "";
+  row.source.textContent = changed ? "set by you" : (seen.sources[key] ?? "");
+  const status = changed ? "" : (/^(assumed|identified)/.exec(seen.sources[key] ?? "")?.[0] ?? "");
+  row.status.textContent = status;
+}
+
+function showGroup(name, group, errors, changes) {
+  const inside = (keys) => [...keys].filter((key) => typeof key === "string" && key.startsWith(`${name}.`)).length;
+  const wrong = inside(errors.keys());
+  group.mark.className = `mark ${wrong ? "wrong" : inside(Object.keys(changes)) ? "changed" : ""}`;
+  group.mark.textContent = wrong ? `${wrong} to correct` : inside(Object.keys(changes)) || "";
+  if (wrong) group.element.open = true;
+}
+
+function build(keys) {
+  const wasTyping = typing();
+  const open = new Set([...groups].filter(([, group]) => group.element.open).map(([name]) => name));
+  rows.clear();
+  groups.clear();
+  const known = scenario.schema.map((group) => [group.key, group.title]);
+  for (const [name, title] of known) {
+    const inside = keys.filter((key) => key.startsWith(`${name}.`));
+    const single = (key) => key.split(".").length === 2;
+    const own = [...inside.filter(single), ...inside.filter((key) => !single(key))]; // what has a heading of its own comes last
+    if (own.length) groups.set(name, makeGroup(name, title, own, open.size ? open.has(name) : name === "motor"));
+  }
+  const derived = h("details", { class: "group" }, h("summary", {}, "What follows from it"), h("ul", { id: "derived" }));
+  $("#form").replaceChildren(...[...groups.values()].map((group) => group.element), derived);
+  const again = rows.get(wasTyping?.key)?.input;
+  if (!again) return;
+  again.value = wasTyping.text; // what is being typed goes on
+  again.focus();
+  again.setSelectionRange?.(wasTyping.from, wasTyping.to);
+}
+
+/** The field that has the focus, with what stands in it and where the cursor is. */
+function typing() {
+  const { name, form, value, selectionStart, selectionEnd } = document.activeElement ?? {};
+  return form === $("#form") ? { key: name, text: value, from: selectionStart, to: selectionEnd } : null;
+}
+
+function makeGroup(name, title, keys, open) {
+  const mark = h("span", { class: "mark" });
+  const element = h("details", { class: "group", open, "data-group": name }, h("summary", {}, title, mark));
+  let part = "";
+  for (const key of keys) {
+    const inner = key.split(".").slice(1, -1).join(".");
+    if (inner !== part && inner) element.append(h("h3", {}, partTitle(inner)));
+    part = inner;
+    rows.set(key, makeRow(key));
+    element.append(rows.get(key).element);
+  }
+  for (const list of new Set(keys.flatMap((key) => /^(.*)\.\d+\./.exec(key)?.[1] ?? []))) {
+    if (!keys.includes(list)) element.append(wholeButton(list));
+  }
+  return { element, mark };
+}
+
+/** Turns the items of a list into one text, in which items can be added and taken out. */
+function wholeButton(list) {
+  const name = list.split(".").at(-1).replaceAll("_", " ");
+  return h("button", { type: "button", class: "quiet", onclick: () => editWhole(list) }, `Add or take out ${name}…`);
+}
+
+async function editWhole(list) {
+  const items = [];
+  for (const [key, text] of Object.entries(scenario.checked().values)) {
+    const [, n, name] = key.startsWith(`${list}.`) ? /^(\d+)\.(.*)$/.exec(key.slice(list.length + 1)) : [];
+    if (name && text) (items[n] ??= []).push(`${name}: ${text}`);
+  }
+  await scenario.changeAll({ [list]: `[${items.map((item) => `{${item.join(", ")}}`).join(", ")}]` });
+  rows.get(list)?.input.focus();
+}
+
+function partTitle(inner) {
+  const words = inner
+    .split(".")
+    .map((word) => (/^\d+$/.test(word) ? String(Number(word) + 1) : (TITLES[word] ?? word.replaceAll("_", " "))));
+  return words.join(" ");
+}
+
+function makeRow(key) {
+  const field = scenario.fieldOf(key) ?? { meaning: "", kind: "text", optional: true };
+  const id = `field-${key}`;
+  const input = makeInput(field, id, key);
+  const undo = h("button", { type: "button", class: "undo", hidden: true, onclick: () => back(key, input) }, "↶");
+  const error = h("p", { class: "error", id: `${id}-error`, role: "alert" });
+  const source = h("span", { class: "source" });
+  const status = h("span", { class: "tag" });
+  const name = key.split(".").at(-1).replaceAll("_", " ");
+  const label = h(
+    "label",
+    { for: id, title: `${key}: ${field.meaning}` },
+    field.symbol ? symbol(field.symbol) : null,
+    h("span", {}, field.meaning.length > LONG ? `${field.meaning.slice(0, LONG)}…` : field.meaning || name),
+    status,
+  );
+  const parts = scenario.partsOf(key);
+  const facts = [
+    field.meaning.length > LONG ? `${field.meaning}. ` : "",
+    h("code", {}, key),
+    field.range ? ` ${field.range}.` : "",
+    field.unit ? ` Unit: ${field.unit}, or one like it.` : "",
+    parts.length ? ` Written as ${field.items ? "a list of " : ""}{${parts.map((item) => `${item.key}: …`).join(", ")}}.` : "",
+    " ",
+    source,
+  ];
+  const help = h("p", { class: "help", id: `${id}-help` }, ...facts);
+  const element = h("div", { class: field.items ? "field long" : "field", "data-key": key }, label, input, undo, error, help);
+  return { element, input, undo, error, source, status, words: `${key} ${field.meaning} ${field.symbol ?? ""}`.toLowerCase() };
+}
+
+function makeInput(field, id, key) {
+  const common = { id, name: key, "aria-describedby": `${id}-error ${id}-help`, onchange: () => scenario.remember() };
+  const edit = (event) => scenario.change(key, event.target.value);
+  if (field.kind === "choice" || field.kind === "flag") {
+    const choices = field.choices ?? ["true", "false"];
+    return h("select", { ...common, oninput: edit }, ...choices.map((choice) => h("option", { value: choice }, choice)));
+  }
+  if (field.items) return h("textarea", { ...common, rows: 3, spellcheck: "false", placeholder: "none", oninput: edit });
+  return h("input", {
+    ...common,
+    type: "text",
+    spellcheck: "false",
+    placeholder: field.optional ? "none" : null,
+    oninput: edit,
+    onkeydown: (event) => keys(event, key),
+  });
+}
+
+async function back(key, input) {
+  input.focus();
+  await scenario.undo(key);
+  input.value = scenario.checked().values[key] ?? "";
+}
+
+function keys(event, key) {
+  if (event.key === "Enter") {
+    event.preventDefault();
+    scenario.remember();
+    $("#go").click();
+  }
+  if (event.key === "Escape" && key in scenario.current().changes) back(key, event.target);
+}
+
+function filter() {
+  const wanted = $("#search").value.trim().toLowerCase().split(/\s+/).filter(Boolean);
+  const changes = scenario.current().changes;
+  const only = $("#only-changed").checked;
+  for (const [key, row] of rows) {
+    const found = wanted.every((word) => row.words.includes(word)) && (!only || key in changes);
+    row.element.hidden = !found;
+  }
+  for (const group of groups.values()) {
+    const some = $(".field:not([hidden])", group.element) !== null;
+    group.element.hidden = !some;
+    for (const title of group.element.querySelectorAll("h3")) title.hidden = wanted.length > 0 || only;
+    if (some && (wanted.length || only)) group.element.open = true;
+  }
+}

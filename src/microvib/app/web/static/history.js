@@ -1,0 +1,141 @@
+// Time history: a channel of all shown runs; below it the phase currents and the stick of the chosen one, on the same time.
+// Each zoom asks the server for that window, as an envelope, so that peaks survive and a microstep is seen sample by sample.
+
+import { get } from "./api.js";
+import { h, unitText } from "./dom.js";
+import { draw, envelopeTrace, ink, onZoom } from "./plots.js";
+import * as runs from "./runs.js";
+
+const view = { channel: "T_d", window: null, y: null };
+const CURRENTS = { i_A: ["#0072B2", "solid"], i_B: ["#D55E00", "dash"], i_ref_A: ["#56B4E9", "dot"], i_ref_B: ["#E69F00", "dot"] };
+const STICK = { stuck_output: ["#009E73", "shaft sticks"], stuck_rotor: ["#CC79A7", "rotor sticks"] };
+
+const plot = h("div", { class: "plot taller", id: "history-plot", role: "img", "aria-label": "Time history of the runs" });
+const channel = h("select", { id: "history-channel", onchange: () => set({ channel: channel.value }) });
+const note = h("span", { class: "soft note" });
+const button = (text, action, title) => h("button", { type: "button", onclick: action, title, "aria-label": title }, text);
+
+export const card = h(
+  "section",
+  { class: "card" },
+  h(
+    "div",
+    { class: "bar" },
+    h("h2", {}, "Time history"),
+    h("label", { for: "history-channel", class: "away" }, "Channel"),
+    channel,
+    button("Whole record", () => set({ window: null })),
+    button("One second", () => set({ window: stretch(1) })),
+    button("Full step", () => set({ window: stretch(microstep() * microsteps()) })),
+    button("4 microsteps", () => set({ window: stretch(4 * microstep()) })),
+    button("‹", () => shift(-0.5), "Earlier"),
+    button("›", () => shift(0.5), "Later"),
+    note,
+  ),
+  plot,
+);
+
+function set(changes) {
+  Object.assign(view, { y: null }, changes);
+  return update();
+}
+
+const result = () => runs.shown().at(-1)?.result;
+const microstep = () => 1 / (result()?.drivetrain.f_d || 50);
+const microsteps = () => Number(runs.selected()?.values?.["driver.microsteps"]) || 16;
+
+function stretch(length) {
+  const { t0, t1 } = result() ?? { t0: 0, t1: 1 };
+  const from = view.window ? Math.max((view.window[0] + view.window[1] - length) / 2, t0) : t0;
+  return [from, Math.min(from + length, t1)];
+}
+
+/** Move the window by a part of its length, within the record. */
+function shift(part) {
+  const { t0, t1 } = result() ?? {};
+  if (!view.window || t0 === undefined) return;
+  const length = view.window[1] - view.window[0];
+  const from = Math.min(Math.max(view.window[0] + part * length, t0), t1 - length);
+  set({ window: [from, from + length] });
+}
+
+let listening = false;
+let last = 0;
+
+/** Ask for the window of each run, and draw it. */
+export async function update() {
+  const shown = runs.shown();
+  const chosen = shown.at(-1);
+  fillChannels(chosen);
+  const turn = ++last;
+  const [from, to] = view.window ?? [undefined, undefined];
+  const series = await Promise.all(
+    shown.map((run) => {
+      const channels =
+        run === chosen ? [...new Set([view.channel, ...Object.keys(CURRENTS), ...Object.keys(STICK)])] : [view.channel];
+      return get(`/api/runs/${run.id}/series`, { channels: channels.join(","), from, to, points: 1500 });
+    }),
+  );
+  if (turn !== last) return;
+  const traces = shown.map((run, k) => curve(run, series[k]));
+  if (chosen) traces.push(...below(series[shown.indexOf(chosen)]));
+  await draw(plot, traces, layout(series, chosen));
+  if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x, y }));
+  listening = true;
+}
+
+function fillChannels(run) {
+  const channels = run?.result.channels ?? [];
+  if (channel.options.length === channels.length) return;
+  channel.replaceChildren(
+    ...channels.map((item) => h("option", { value: item.name, title: item.meaning }, `${item.name}  ${item.meaning}`)),
+  );
+  channel.value = view.channel;
+}
+
+function curve(run, series) {
+  const data = series.channels[view.channel];
+  return {
+    ...envelopeTrace(series.t, data, series.exact),
+    name: run.name,
+    mode: "lines",
+    line: { color: run.colour, dash: series.exact ? run.dash : "solid", width: series.exact ? 1.6 : 1 },
+    opacity: runs.shown().length > 1 && !series.exact ? 0.7 : 1,
+    hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${unitText(data.unit)}<extra>${run.name}</extra>`,
+  };
+}
+
+function below(series) {
+  const currents = Object.entries(CURRENTS).map(([name, [color, dash]]) => ({
+    ...envelopeTrace(series.t, series.channels[name], series.exact),
+    name,
+    mode: "lines",
+    yaxis: "y2",
+    line: { color, dash, width: 1.2 },
+    hovertemplate: `%{x:.6g} s<br>${name} %{y:.4g} A<extra></extra>`,
+  }));
+  const stick = Object.entries(STICK).map(([name, [color, words]], k) => ({
+    ...envelopeTrace(series.t, series.channels[name], series.exact),
+    name: words,
+    mode: "lines",
+    yaxis: "y3",
+    fill: k ? undefined : "tozeroy",
+    line: { color, width: 1.2, dash: k ? "dash" : "solid" },
+    hovertemplate: `%{x:.6g} s<br>${words}: %{y:.3g} of the sample<extra></extra>`,
+  }));
+  return [...currents, ...stick];
+}
+
+function layout(series, chosen) {
+  const exact = series.length && series.every((one) => one.exact);
+  note.textContent = !series.length ? "" : exact ? "every sample" : "min–max envelope";
+  const unit = unitText(series[0]?.channels[view.channel].unit);
+  const [t0, t1] = view.window ?? [chosen?.result.t0 ?? 0, chosen?.result.t1 ?? 1];
+  return {
+    xaxis: { title: { text: "time [s]" }, range: [t0, t1], anchor: "y3", hoverformat: ".6f" },
+    yaxis: { title: { text: `${view.channel}${unit ? ` [${unit}]` : ""}` }, domain: [0.46, 1], range: view.y ?? undefined },
+    yaxis2: { title: { text: "currents [A]" }, domain: [0.18, 0.41] },
+    yaxis3: { title: { text: "sticks" }, domain: [0, 0.13], range: [-0.08, 1.08], tickvals: [0, 1], fixedrange: true },
+    legend: { orientation: "h", x: 0, y: 1.01, yanchor: "bottom", font: { size: 11, color: ink() } },
+  };
+}

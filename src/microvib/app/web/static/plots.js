@@ -1,0 +1,96 @@
+// What all plots share: look, behaviour, and the window that is asked from the server on zoom.
+
+import { debounce, h } from "./dom.js";
+
+// Plotly is large: the form does not wait for it, and its first drawing, which is its slowest, is of nothing.
+const loaded = new Promise((resolve, reject) => {
+  const script = h("script", {
+    src: "/static/plotly.min.js",
+    onload: resolve,
+    onerror: () => reject(new Error("The plots' script did not load.")),
+  });
+  document.head.append(script);
+}).then(async () => {
+  const place = h("div", { class: "away plot" });
+  document.body.append(place);
+  await window.Plotly.newPlot(place, [{ y: [1, 2] }], { yaxis: { type: "log" } });
+  window.Plotly.purge(place);
+  place.remove();
+  return window.Plotly;
+});
+const plots = new Map();
+
+export const dark = matchMedia("(prefers-color-scheme: dark)");
+dark.addEventListener("change", () => plots.forEach(({ data, layout }, place) => draw(place, data, layout)));
+
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+export const ink = () => colour("--ink");
+
+/** Draw or redraw a plot; texts and lines take the page's colours. */
+export async function draw(place, data, layout) {
+  plots.set(place, { data, layout });
+  await (
+    await loaded
+  ).react(place, data, themed(layout), {
+    responsive: true,
+    displaylogo: false,
+    showTips: false,
+    scrollZoom: false,
+    doubleClick: "reset",
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]], // none that would send data away
+    toImageButtonOptions: { format: "svg", filename: "microvib" },
+  });
+}
+
+function themed(layout) {
+  const axis = {
+    gridcolor: colour("--grid"),
+    linecolor: colour("--rule"),
+    zerolinecolor: colour("--rule"),
+    automargin: true,
+    exponentformat: "power",
+    hoverformat: ".5~g",
+  };
+  const axes = Object.fromEntries(
+    Object.entries(layout)
+      .filter(([key]) => /^[xy]axis\d*$/.test(key))
+      .map(([key, own]) => [key, { ...axis, ...own }]),
+  );
+  return {
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
+    hovermode: "closest",
+    font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
+    margin: { l: 62, r: 14, t: 12, b: 40 },
+    hoverlabel: { bgcolor: colour("--paper"), bordercolor: colour("--rule"), font: { color: colour("--ink") } },
+    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
+    modebar: { color: colour("--soft"), activecolor: colour("--accent"), bgcolor: "rgba(0,0,0,0)" },
+    ...layout,
+    ...axes,
+  };
+}
+
+/** Call `action` with what a person zoomed to: {x: [from, to]}, {y: [low, high]} or both; nulls are the whole. */
+export function onZoom(place, action) {
+  const later = debounce(action, 60);
+  place.on("plotly_relayout", (event) => {
+    const range = (axis) =>
+      event[`${axis}.range[0]`] !== undefined && [Number(event[`${axis}.range[0]`]), Number(event[`${axis}.range[1]`])];
+    const [x, y] = [range("xaxis"), range("yaxis")];
+    if (x || y) later({ ...(x && { x }), ...(y && { y }) });
+    else if (event["xaxis.autorange"] || event["xaxis.range"]) later({ x: null, y: null }); // a double click, or the button for it
+  });
+}
+
+/** A line through a min/max envelope, so that no peak is lost; where each sample is there, through the samples. */
+export function envelopeTrace(t, channel, exact) {
+  if (exact) return { x: t, y: channel.min };
+  const x = new Array(2 * t.length);
+  const y = new Array(2 * t.length);
+  for (let k = 0; k < t.length; k++) {
+    x[2 * k] = x[2 * k + 1] = t[k];
+    y[2 * k] = channel.min[k];
+    y[2 * k + 1] = channel.max[k];
+  }
+  return { x, y };
+}

@@ -1,0 +1,287 @@
+// The Rate map tab: lines over rate (Campbell diagram), where they meet modes, which rates a limit forbids.
+
+import { post } from "./api.js";
+import { h, number, quantity } from "./dom.js";
+import { draw, ink } from "./plots.js";
+import { work } from "./progress.js";
+import * as scenario from "./scenario.js";
+import { table } from "./tables.js";
+
+const FAINTEST = 1e-3;
+const MOST_ROWS = 40;
+const deg = (rate) => (180 / Math.PI) * rate;
+
+const ASKED = [
+  ["from", "from", "0.01 deg/s"],
+  ["to", "to", "0.3 deg/s"],
+  ["count", "rates", "60"],
+  ["microsteps", "microsteps", "16, 32"],
+  ["limit", "limit of a line", ""],
+  ["band", "band of lines", ""],
+];
+const HINTS = { limit: "such as 30 mN*m", band: "such as 0.5:5 Hz" };
+const inputs = Object.fromEntries(
+  ASKED.map(([key, , value]) => [
+    key,
+    h("input", {
+      type: "text",
+      id: `rates-${key}`,
+      name: key,
+      value,
+      placeholder: HINTS[key] ?? "",
+      class: key === "count" ? "short" : "",
+    }),
+  ]),
+);
+const linear = h("input", { type: "checkbox", id: "rates-linear" });
+const place = h("div", {});
+const result = h("div", { class: "figures" });
+
+export function makeRates(tab) {
+  const ask = h(
+    "form",
+    { class: "ask", onsubmit: plan },
+    ASKED.map(([key, words]) => h("label", {}, words, inputs[key])),
+    h("label", { class: "check", title: "Driving lines only, in closed form" }, linear, "linearised drive (instant)"),
+    h("button", { class: "primary" }, "Map"),
+  );
+  tab.append(h("section", { class: "card" }, h("h2", {}, "Rate map of the scenario"), ask, place), result);
+}
+
+async function plan(event) {
+  event.preventDefault();
+  const text = (key) => inputs[key].value.trim();
+  const body = {
+    scenario: scenario.current(),
+    from: text("from"),
+    to: text("to"),
+    count: Number(text("count")),
+    linear: linear.checked,
+    microsteps: text("microsteps")
+      .split(/[\s,]+/)
+      .filter(Boolean)
+      .map(Number),
+    limit: text("limit") || undefined,
+    band: text("band") || undefined,
+  };
+  const answer = await work(place, "Rate map", () => post("/api/rates", body));
+  if (answer) await show(answer);
+}
+
+async function show(plan) {
+  const counts = [...new Set(plan.cases.map((item) => item.microsteps))];
+  const campbell = h("div", { class: "plot", id: "campbell-plot", role: "img", "aria-label": "Campbell diagram" });
+  const largest = h("div", { class: "plot", id: "largest-plot", role: "img", "aria-label": "Largest line over rate" });
+  campbell.style.height = `${330 * Math.ceil(counts.length / 2) + 40}px`;
+  result.replaceChildren(
+    card("Campbell diagram", told(plan), campbell),
+    card("Largest line over rate", "", largest),
+    card(
+      "Forbidden rates",
+      plan.limit === null ? "Give a limit to see which rates it forbids." : `For a limit of ${quantity(plan.limit, "N*m")}.`,
+      forbidden(plan),
+    ),
+    card("Resonances", "Where a line of the step clock meets a mode; the strongest.", resonances(plan)),
+  );
+  await Promise.all([drawCampbell(campbell, plan, counts), drawLargest(largest, plan, counts)]);
+}
+
+const card = (title, words, ...content) =>
+  h("section", { class: "card" }, h("h2", {}, title), words && h("p", { class: "soft" }, words), ...content);
+
+function told({ best, cases, linear: isLinear }) {
+  const odd = cases.filter((item) => item.reason).length;
+  const model = isLinear ? "linearised drive, driving lines only" : "steady states of the full model";
+  const first = best
+    ? `Best: ${number(deg(best.rate), 4)} deg/s with ${best.microsteps} microsteps, its largest line ${quantity(best.largest, "N*m")}. `
+    : "";
+  return `${first}${cases.length} cases, ${model}${odd ? `; ${odd} without a steady state, simulated in time` : ""}. Dashed: modes through the drive; rings: where a line meets one.`;
+}
+
+function drawCampbell(place, plan, counts) {
+  const columns = Math.min(counts.length, 2);
+  const top = plan.cases.flatMap((item) => item.lines).reduce((most, line) => Math.max(most, line.amplitude), 1e-12);
+  const traces = [];
+  const layout = {
+    grid: { rows: Math.ceil(counts.length / columns), columns, pattern: "independent", xgap: 0.2, ygap: 0.24 },
+    shapes: [],
+    annotations: [],
+    showlegend: false,
+    coloraxis: scale(top),
+    margin: { l: 60, r: 10, t: 30, b: 44 },
+  };
+  counts.forEach((n, k) => {
+    const tail = k ? String(k + 1) : "";
+    traces.push(...panel(plan, n, tail, top));
+    layout[`xaxis${tail}`] = { title: { text: "rate of the array [deg/s]", standoff: 4 }, hoverformat: ".5g" };
+    layout[`yaxis${tail}`] = { title: { text: "frequency [Hz]" }, type: "log", dtick: 1 };
+    layout.annotations.push({
+      text: `<b>${n} microsteps per full step</b>`,
+      xref: `x${tail} domain`,
+      yref: `y${tail} domain`,
+      x: 0,
+      y: 1.01,
+      yanchor: "bottom",
+      xanchor: "left",
+      showarrow: false,
+    });
+    for (const mode of plan.modes)
+      layout.shapes.push({
+        type: "line",
+        xref: `x${tail} domain`,
+        yref: `y${tail}`,
+        x0: 0,
+        x1: 1,
+        y0: mode.frequency,
+        y1: mode.frequency,
+        line: { color: ink(), width: 0.9, dash: "dash" },
+        opacity: 0.6,
+      });
+    for (const mode of plan.modes)
+      layout.annotations.push({
+        text: `${mode.name.replaceAll("_", " ")} ${number(mode.frequency, 3)} Hz`,
+        xref: `x${tail} domain`,
+        yref: `y${tail}`,
+        x: 1,
+        y: Math.log10(mode.frequency),
+        xanchor: "right",
+        yanchor: "bottom",
+        showarrow: false,
+        font: { size: 10 },
+      });
+    layout.shapes.push(...bands(plan, n, tail));
+  });
+  return draw(place, traces, layout);
+}
+
+function scale(top) {
+  const decades = [0, -1, -2, -3].map((k) => Math.floor(Math.log10(top)) + k).filter((k) => k >= Math.log10(FAINTEST * top));
+  return {
+    colorscale: "Viridis",
+    reversescale: true,
+    cmin: Math.log10(FAINTEST * top),
+    cmax: Math.log10(top),
+    colorbar: {
+      title: { text: "amplitude, 0-to-peak", side: "right" },
+      thickness: 12,
+      tickvals: decades,
+      ticktext: decades.map((k) => quantity(10 ** k, "N*m", 1)),
+    },
+  };
+}
+
+function panel(plan, n, tail, top) {
+  const points = plan.cases
+    .filter((item) => item.microsteps === n)
+    .flatMap((item) =>
+      item.lines.filter((line) => line.amplitude >= FAINTEST * top).map((line) => ({ rate: deg(item.rate), ...line })),
+    )
+    .sort((a, b) => a.amplitude - b.amplitude);
+  const met = plan.resonances.filter((item) => item.microsteps === n);
+  const axes = { xaxis: `x${tail}`, yaxis: `y${tail}`, mode: "markers" };
+  return [
+    {
+      ...axes,
+      x: points.map((p) => p.rate),
+      y: points.map((p) => p.frequency),
+      text: points.map((p) => `<b>${p.line}</b>, ${quantity(p.amplitude, "N*m", 4)}`),
+      marker: { color: points.map((p) => Math.log10(p.amplitude)), coloraxis: "coloraxis", size: 4.5 },
+      hovertemplate: "%{text}<br>%{x:.4g} deg/s, %{y:.4g} Hz<extra></extra>",
+    },
+    {
+      ...axes,
+      x: met.map((r) => deg(r.rate)),
+      y: met.map((r) => r.frequency),
+      text: met.map((r) => `<b>${r.line}</b> on ${r.mode.replaceAll("_", " ")}, ${quantity(r.amplitude, "N*m")}`),
+      marker: { symbol: "circle-open", size: 11, color: "#D55E00", line: { width: 1.6 } },
+      hovertemplate: "%{text}<br>%{x:.4g} deg/s, %{y:.4g} Hz<extra></extra>",
+    },
+  ];
+}
+
+const bands = (plan, n, tail) =>
+  plan.forbidden
+    .filter((band) => band.microsteps === n)
+    .map((band) => ({
+      type: "rect",
+      xref: `x${tail}`,
+      yref: `y${tail} domain`,
+      x0: deg(band.low),
+      x1: deg(band.high),
+      y0: 0,
+      y1: 1,
+      fillcolor: "#D55E00",
+      opacity: 0.13,
+      line: { width: 0 },
+      layer: "below",
+    }));
+
+const STYLES = [
+  ["#0072B2", "solid"],
+  ["#D55E00", "dash"],
+  ["#009E73", "dot"],
+  ["#E69F00", "dashdot"],
+  ["#CC79A7", "longdash"],
+];
+
+function drawLargest(place, plan, counts) {
+  const [low, high] = plan.band?.map((edge) => edge ?? Infinity) ?? [0, Infinity];
+  const top = (item) =>
+    item.lines
+      .filter((line) => line.frequency >= low && line.frequency <= high)
+      .reduce((most, line) => Math.max(most, line.amplitude), 0) || null;
+  const traces = counts.map((n, k) => {
+    const cases = plan.cases.filter((item) => item.microsteps === n);
+    const [color, dash] = STYLES[k % STYLES.length];
+    return {
+      x: cases.map((item) => deg(item.rate)),
+      y: cases.map(top),
+      name: `${n} microsteps`,
+      mode: "lines+markers",
+      line: { color, dash, width: 1.4 },
+      marker: { size: 4 },
+      hovertemplate: `%{x:.4g} deg/s<br>%{y:.4g} N m<extra>${n} microsteps</extra>`,
+    };
+  });
+  const limit =
+    plan.limit === null
+      ? []
+      : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: plan.limit, y1: plan.limit, line: { color: "#D55E00", width: 2 } }];
+  return draw(place, traces, {
+    xaxis: { title: { text: "rate of the array [deg/s]" } },
+    yaxis: { title: { text: "largest line [N m]" }, type: "log", dtick: "D2" },
+    shapes: limit,
+  });
+}
+
+function resonances({ resonances: rows }) {
+  const strongest = [...rows].sort((a, b) => (b.amplitude ?? Infinity) - (a.amplitude ?? Infinity)).slice(0, MOST_ROWS);
+  return table(
+    [
+      { key: "line", title: "line" },
+      { key: "mode", title: "mode", show: (name) => name.replaceAll("_", " ") },
+      { key: "microsteps", title: "microsteps" },
+      { key: "rate", title: "rate", unit: "deg/s", show: (rate) => number(deg(rate), 4) },
+      { key: "frequency", title: "frequency", unit: "Hz", show: (f) => number(f, 4) },
+      { key: "amplitude", title: "there", unit: "mN m", show: (a) => number(a === null ? null : 1e3 * a, 3) },
+    ],
+    strongest,
+    { caption: "Resonances" },
+  );
+}
+
+function forbidden({ forbidden: rows, limit }) {
+  if (!rows.length) return h("p", {}, limit === null ? "" : "None.");
+  return table(
+    [
+      { key: "microsteps", title: "microsteps" },
+      { key: "low", title: "from", unit: "deg/s", show: (rate) => number(deg(rate), 4) },
+      { key: "high", title: "to", unit: "deg/s", show: (rate) => number(deg(rate), 4) },
+      { key: "line", title: "line" },
+      { key: "largest", title: "largest", unit: "mN m", show: (a) => number(a === null ? null : 1e3 * a, 3) },
+      { key: "why", title: "why" },
+    ],
+    rows,
+    { caption: "Forbidden rates" },
+  );
+}

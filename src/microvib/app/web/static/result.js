@@ -1,0 +1,95 @@
+// Tables of a run.
+
+import { fixed, h, number, quantity } from "./dom.js";
+import { shortTable, table } from "./tables.js";
+
+const TORQUES = {
+  T_d: "on the spacecraft",
+  T_e: "motor, on the rotor",
+  T_f_m: "friction of the rotor",
+  T_f: "friction of the output",
+  T_g: "gear, on the output",
+  T_l: "load of the array",
+};
+
+const mN =
+  (digits = 4) =>
+  (value) =>
+    number(value === null ? null : 1e3 * value, digits);
+const hz = (value) => number(value, 7);
+
+/** Lines, torque budget, the paper beside it, power and checks. */
+export function tablesOf({ result }) {
+  const columns = [
+    { key: "line", title: "line" },
+    { key: "frequency_hz", title: "frequency", unit: "Hz", show: hz },
+    { key: "expected_hz", title: "expected", unit: "Hz", show: hz },
+    { key: "amplitude_n_m", title: "amplitude", unit: "mN m", show: mN(5), note: "0-to-peak" },
+    { key: "amplitude_uncertainty_n_m", title: "±", unit: "mN m", show: mN(2) },
+    { key: "phase_rad", title: "phase", unit: "rad", show: (value) => fixed(value, 3) },
+    { key: "origin", title: "what it is" },
+    { key: "status", title: "status" },
+  ];
+  const lines = shortTable(columns, result.lines, (line) => result.notable.includes(line.line), {
+    caption: "Lines of the disturbance torque",
+  });
+  const budget = table(
+    [
+      { key: "torque", title: "torque", show: (value) => `${value} ${TORQUES[value] ?? ""}` },
+      { key: "mean", title: "mean", unit: "mN m", show: mN() },
+      { key: "rms", title: "RMS", unit: "mN m", show: mN() },
+      { key: "peak", title: "largest", unit: "mN m", show: mN() },
+      { key: "drive_1_amplitude", title: "at f_d", unit: "mN m", show: mN() },
+      { key: "drive_1_phase", title: "phase", unit: "rad", show: (value) => fixed(value, 2) },
+    ],
+    result.budget.map((row) => ({ ...row, mean: result.drivetrain[row.torque]?.mean ?? null })),
+    { caption: "Torque budget" },
+  );
+  return [
+    section("Lines", "Amplitudes are 0-to-peak; a decaying line is quoted with its mean over the record.", lines),
+    section("Torque budget", "", budget),
+    ...paper(result),
+    section("Power, modes and checks", "", checks(result)),
+  ];
+}
+
+function section(title, words, ...content) {
+  return h("section", { class: "card" }, h("h2", {}, title), words && h("p", { class: "soft" }, words), ...content);
+}
+
+function checks({ drivetrain, invariants, modes }) {
+  const power = ["electrical", "joule", "friction", "damping"]
+    .map((name) => [name, drivetrain.power[name]])
+    .map(([name, value]) => [`power, ${name}`, quantity(value, "W")]);
+  const kept = ["torque_forms", "momentum", "energy"]
+    .filter((name) => name in invariants)
+    .map((name) => [`residual of ${name.replace("_", " ")}`, number(invariants[name], 2)]);
+  const seen = modes.map((mode) => [
+    mode.name.replaceAll("_", " "),
+    `${number(mode.frequency, 5)} Hz, damping ${number(100 * mode.damping, 3)} %`,
+  ]);
+  return h(
+    "dl",
+    {},
+    [...power, ...seen.slice(0, 8), ...kept].map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
+  );
+}
+
+function paper({ paper: rows }) {
+  if (!rows.length) return [];
+  const off = (value) => `${value > 0 ? "+" : ""}${number(100 * value, 3)} %`;
+  const beside = table(
+    [
+      { key: "line", title: "line" },
+      { key: "test_hz", title: "test", unit: "Hz", show: hz },
+      { key: "ours_hz", title: "this run", unit: "Hz", show: hz },
+      { key: "test_n_m", title: "test", unit: "mN m", show: mN() },
+      { key: "paper_n_m", title: "paper's model", unit: "mN m", show: mN() },
+      { key: "ours_n_m", title: "this run", unit: "mN m", show: mN() },
+      { key: "error", title: "this run against the test", show: off },
+    ],
+    rows.map((row) => ({ ...row, error: row.ours_n_m / row.test_n_m - 1 })),
+    { caption: "Beside the paper" },
+  );
+  return [section("Beside the paper", "Tables 5 and 6, all in the paper's own form: nearest bin, rectangular window.", beside)];
+}

@@ -1,0 +1,176 @@
+// The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
+
+import { announce, h, number, quantity, s } from "./dom.js";
+import { drawing } from "./drive.js";
+import * as history from "./history.js";
+import { progressRow } from "./progress.js";
+import { tablesOf } from "./result.js";
+import * as runs from "./runs.js";
+import * as scenario from "./scenario.js";
+import { makeSlowMotion } from "./slow.js";
+import * as spectrum from "./spectrum.js";
+
+const bars = new Map();
+const chips = h("ul", { class: "chips", "aria-label": "Runs" });
+const going = h("div", { class: "going", hidden: true });
+const head = h("div", { class: "head" });
+const picture = h("section", { class: "card drawing" });
+const caption = h("p", { class: "soft note" });
+const sketch = h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "Drive train" });
+const figures = h("div", { class: "figures", hidden: true }, spectrum.card, history.card);
+const tables = h("div", {});
+
+const FILES = [
+  ["scenario.yaml", "scenario"],
+  ["lines.csv", "lines (CSV)"],
+  ["summary.json", "summary"],
+  ["motion.nc", "data set (netCDF)"],
+  ["report.html", "report (HTML)"],
+  ["report.pdf", "report (PDF)"],
+];
+
+export function makeRun(place) {
+  const slow = makeSlowMotion(showDrawing);
+  picture.append(sketch, slow, caption);
+  place.append(chips, going, head, picture, figures, tables);
+  runs.onChange((what) => (what === "progress" ? showProgress() : show()));
+  scenario.onCheck(() => !runs.selected()?.result && showDrawing());
+  show();
+}
+
+async function show() {
+  showChips();
+  showProgress();
+  showDrawing();
+  const run = runs.selected();
+  head.replaceChildren(...(run?.result ? headOf(run) : run?.error ? [failure(run)] : runs.all().length ? [] : [welcome()]));
+  tables.replaceChildren(...(run?.result ? tablesOf(run) : []));
+  const shown = runs.shown();
+  const names = shown.map((item) => item.id).join(" ");
+  figures.hidden = !shown.length;
+  if (figures.hidden || names === figures.dataset.drawn) return;
+  await Promise.all([spectrum.update(), history.update()]).catch((error) => announce(error.message, { error: true }));
+  performance.mark("run-drawn");
+  figures.dataset.drawn = names;
+}
+
+function welcome() {
+  return h(
+    "p",
+    { class: "welcome" },
+    "Choose a scenario, change what you like, and press ",
+    h("b", {}, "Run"),
+    ". Lines, spectrum and time history appear here; each further run is drawn over the others.",
+  );
+}
+
+function failure(run) {
+  const failed = run.state === "failed";
+  return h(
+    "p",
+    { class: failed ? "error block" : "soft" },
+    failed ? `${run.name} failed: ${run.error}` : `${run.name} was cancelled.`,
+  );
+}
+
+function showDrawing(now = null) {
+  const run = runs.selected();
+  const done = run?.result;
+  sketch.replaceChildren(drawing(done, done ? run.values : scenario.checked().values, done && now));
+  const widths = now ? "its distance from its mean" : "its amplitude ∿ at the driving frequency f_d";
+  caption.textContent = done
+    ? `Each arrow's head is on the body that the torque acts on; positive is one sense about the drive axis. What the housing feels adds up to T_d. An arrow's width goes with ${widths}, by decades.`
+    : "After a run this drawing carries its voltages, currents and torques.";
+}
+
+function showChips() {
+  chips.replaceChildren(
+    ...runs.all().map((run) => {
+      const state = runs.going(run) ? "" : run.state === "done" ? "" : ` (${run.state})`;
+      const eye =
+        run.state === "done" &&
+        h(
+          "button",
+          {
+            class: "eye",
+            "aria-pressed": String(run.visible),
+            title: run.visible ? "Hide in the plots" : "Show in the plots",
+            "aria-label": `Show ${run.name} in the plots`,
+            onclick: () => runs.toggle(run),
+          },
+          run.visible ? "●" : "○",
+        );
+      const name = h(
+        "button",
+        { class: "name", "aria-pressed": String(run === runs.selected()), title: run.name, onclick: () => runs.choose(run) },
+        sample(run),
+        h("span", {}, run.name + state),
+      );
+      const close = h(
+        "button",
+        { class: "close", title: "Remove", "aria-label": `Remove ${run.name}`, onclick: () => runs.remove(run) },
+        "×",
+      );
+      return h("li", { class: `chip ${run.state}${run === runs.selected() ? " chosen" : ""}` }, eye, name, close);
+    }),
+  );
+}
+
+/** The run's colour and dash, as in the plots. */
+function sample(run) {
+  const dashes = { solid: "", dash: "7 4", dot: "2 3", dashdot: "7 3 2 3", longdash: "11 4", longdashdot: "11 3 2 3" };
+  return s(
+    "svg",
+    { width: 26, height: 8, "aria-hidden": "true" },
+    s("path", { d: "M0 4H26", stroke: run.colour, "stroke-width": 3, "stroke-dasharray": dashes[run.dash] }),
+  );
+}
+
+/** One bar for each run that is under way; kept in place while it moves, so that its button can be pressed. */
+function showProgress() {
+  const active = runs.all().filter(runs.going);
+  going.hidden = !active.length;
+  for (const [id, row] of bars) {
+    if (active.some((run) => run.id === id)) continue;
+    row.element.remove();
+    bars.delete(id);
+  }
+  for (const run of active) {
+    if (!bars.has(run.id)) {
+      bars.set(
+        run.id,
+        progressRow(run.name, () => runs.cancel(run)),
+      );
+      going.append(bars.get(run.id).element);
+    }
+    bars.get(run.id).show(run);
+  }
+}
+
+function headOf(run) {
+  const { result } = run;
+  const top = [...result.lines]
+    .filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor")
+    .sort((a, b) => b.amplitude_n_m - a.amplitude_n_m);
+  const facts = [
+    ["largest T_d", quantity(result.drivetrain.T_d.peak, "N*m", 4)],
+    ["RMS of T_d", quantity(result.drivetrain.T_d.rms, "N*m", 4)],
+    ...top
+      .slice(0, 2)
+      .map((line) => [`${line.line} at ${number(line.frequency_hz, 5)} Hz`, quantity(line.amplitude_n_m, "N*m", 4)]),
+  ];
+  return [
+    h(
+      "div",
+      { class: "facts" },
+      h("h2", {}, result.title || run.name),
+      ...facts.map(([words, value]) => h("div", {}, h("b", {}, value), h("span", {}, words))),
+      menu(run),
+    ),
+  ];
+}
+
+function menu(run) {
+  const links = FILES.map(([file, words]) => h("a", { href: `/api/runs/${run.id}/files/${file}`, download: file }, words));
+  return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
+}

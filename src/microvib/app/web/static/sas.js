@@ -1,0 +1,81 @@
+// The SAS tab: springs, arm and counterweights of the simulator that stands for an array.
+
+import { post } from "./api.js";
+import { h } from "./dom.js";
+import { work } from "./progress.js";
+import * as scenario from "./scenario.js";
+import { table } from "./tables.js";
+
+const ASKED = [
+  ["inertia", "inertia J", "8.18 kg*m^2"],
+  ["frequency", "first frequency", "1.19 Hz"],
+  ["amplitude", "largest angle", "1 deg"],
+  ["rate", "rate at start and stop", "0.06 deg/s"],
+  ["states", "further states", ""],
+];
+const inputs = Object.fromEntries(
+  ASKED.map(([key, , value]) => [
+    key,
+    h("input", {
+      type: "text",
+      id: `sas-${key}`,
+      name: key,
+      value,
+      placeholder: key === "states" ? "the paper's, or 1.19:8.18 …" : "",
+    }),
+  ]),
+);
+const place = h("div", {});
+const result = h("div", { class: "figures" });
+
+export function makeSas(tab) {
+  const ask = h(
+    "form",
+    {
+      class: "ask",
+      onsubmit: (event) => {
+        event.preventDefault();
+        size(false);
+      },
+    },
+    ASKED.map(([key, words]) => h("label", {}, words, inputs[key])),
+    h("button", { class: "primary" }, "Size"),
+    h("button", { type: "button", onclick: () => size(true) }, "Size for the scenario's array"),
+  );
+  tab.append(
+    h("section", { class: "card" }, h("h2", {}, "Solar array simulator for an inertia and a frequency"), ask, place),
+    result,
+  );
+}
+
+async function size(ofScenario) {
+  const text = (key) => inputs[key].value.trim() || undefined;
+  const what = ofScenario ? { from_scenario: scenario.current() } : { inertia: text("inertia"), frequency: text("frequency") };
+  const body = { ...what, amplitude: text("amplitude"), rate: text("rate"), states: text("states")?.split(/[\s,]+/) };
+  const answer = await work(place, "Sizing", () => post("/api/sas", body));
+  if (answer) show(answer);
+}
+
+function show({ table: settings, tolerance, text, drawing }) {
+  const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
+  const parts = [
+    card("Settings", plain(settings, "Settings of the simulator")),
+    tolerance && card("What a small error of setting does", plain(tolerance, "Tolerances")),
+    drawing && card("Drawing", h("img", { src: drawing, alt: "Drawing of the simulator set to its target" })),
+    card("In words", h("pre", {}, text)),
+  ];
+  result.replaceChildren(...parts.filter(Boolean));
+}
+
+function plain({ header, rows }, caption) {
+  const columns = header.map((title, k) => ({ key: String(k), title }));
+  const values = rows.map((row) => Object.fromEntries(row.map((value, k) => [k, isNumber(value) ? Number(value) : value])));
+  const texts = new Map(values.map((value, k) => [value, rows[k]]));
+  return table(
+    columns.map((column) => ({ ...column, show: (_, row) => texts.get(row)[column.key] })),
+    values,
+    { caption },
+  );
+}
+
+const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));

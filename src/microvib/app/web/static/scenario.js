@@ -1,0 +1,143 @@
+// The scenario that is edited: a base (catalog name or uploaded text) and changes. Kept in the address, so that a link,
+// a reload and the browser's own back and forward restore it.
+
+import { get, post } from "./api.js";
+import { debounce } from "./dom.js";
+
+const DELAY = 200;
+const LONGEST_LINK = 30_000;
+
+const state = { base: "state-1", text: null, changes: {} };
+let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], title: "", yaml: null };
+let running;
+const listeners = new Set();
+
+export let catalog = [];
+export let schema = [];
+let fields = new Map();
+
+/** Ask the server for its catalog and what it says of each field. */
+export async function load() {
+  [catalog, { groups: schema }] = await Promise.all([get("/api/catalog"), get("/api/schema")]);
+  fields = new Map(schema.flatMap((group) => group.fields.map((field) => [field.key, field])));
+}
+
+/** The scenario as the server wants it. */
+export const current = () => ({ base: state.text === null ? state.base : null, text: state.text, changes: { ...state.changes } });
+/** The server's last word on it. */
+export const checked = () => seen;
+export const onCheck = (listener) => listeners.add(listener);
+
+/** Declaration of a key; of an item of a list (array.modes.1.frequency) that of the list's items. */
+export function fieldOf(key) {
+  const [, list, item] = /^(.*)\.\d+\.(.*)$/.exec(key) ?? [];
+  return fields.get(key) ?? fields.get(list)?.items?.find((field) => field.key === item);
+}
+
+/** What a group or a list's item is made of, as declarations; empty where it is a single value. */
+export function partsOf(key) {
+  const list = fields.get(key)?.items;
+  const inside = [...fields.keys()].filter((name) => name.startsWith(`${key}.`));
+  return list ?? inside.map((name) => ({ ...fields.get(name), key: name.slice(key.length + 1) }));
+}
+
+/** A short name: the base, and what was changed last. */
+export function shortName() {
+  const base = state.text === null ? state.base : seen.title || "uploaded";
+  const changes = Object.entries(state.changes).map(([key, text]) => `${key.split(".").slice(-2).join(" ")} ${text}`);
+  const more = changes.length > 2 ? ` and ${changes.length - 2} more` : "";
+  return [base, ...changes.slice(-2).reverse()].join(", ") + more;
+}
+
+/** Change one key; the text of the base takes the change back. */
+export function change(key, text) {
+  if (text === seen.base_values[key]) delete state.changes[key];
+  else state.changes[key] = text;
+  soon();
+}
+
+/** Take over several changes at once, as a step of its own in the browser's history. */
+export async function changeAll(changes) {
+  Object.assign(state.changes, changes);
+  remember();
+  await check();
+}
+
+export async function undo(key) {
+  delete state.changes[key];
+  remember();
+  await check();
+}
+
+export async function undoAll() {
+  state.changes = {};
+  remember();
+  await check();
+}
+
+/** Start from a catalog scenario, or from a text, which may have values to correct. One that cannot be read changes nothing. */
+export async function startFrom({ base = null, text = null }) {
+  if (text !== null) await readable(text);
+  Object.assign(state, { base, text, changes: {} });
+  remember();
+  await check();
+}
+
+async function readable(text) {
+  const answer = await post("/api/scenario", { base: null, text, changes: {} });
+  if (!Object.keys(answer.values).length) throw new Error(answer.errors.map((item) => item.error).join(" "));
+}
+
+const soon = debounce(() => check(), DELAY);
+
+/** Ask the server what it thinks; an answer that is overtaken by a newer question is dropped. */
+export async function check() {
+  running?.abort();
+  running = new AbortController();
+  try {
+    seen = await post("/api/scenario", current(), { signal: running.signal });
+  } catch (error) {
+    if (error.name === "AbortError") return;
+    seen = { ...seen, errors: [{ key: null, error: error.message }] };
+  }
+  for (const listener of listeners) listener(seen);
+}
+
+/** Put the scenario into the address, as a step that the browser can go back. */
+export async function remember() {
+  const text = await fragment();
+  if (text !== location.hash.slice(1)) history.pushState(null, "", `#${text}`);
+}
+
+/** Address that restores the scenario; null where its text is too long for one. */
+export async function link() {
+  const text = await fragment();
+  return text.length > LONGEST_LINK ? null : `${location.origin}${location.pathname}#${text}`;
+}
+
+async function fragment() {
+  const parts = state.text === null ? [["base", state.base]] : [["text", await packed(state.text)]];
+  return new URLSearchParams([...parts, ...Object.entries(state.changes)]).toString();
+}
+
+/** Read the scenario from the address. */
+export async function restore() {
+  const { base, text, ...changes } = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
+  Object.assign(state, { base: base ?? catalog[0].name, text: text ? await unpacked(text) : null, changes });
+  await check();
+}
+
+export const baseName = () => (state.text === null ? state.base : null);
+
+async function packed(text) {
+  const stream = new Blob([text]).stream().pipeThrough(new CompressionStream("deflate-raw"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""))
+    .replaceAll("+", "-")
+    .replaceAll("/", "_");
+}
+
+async function unpacked(text) {
+  const bytes = Uint8Array.from(atob(text.replaceAll("-", "+").replaceAll("_", "/")), (c) => c.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate-raw"))).text();
+}

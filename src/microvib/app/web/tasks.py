@@ -1,0 +1,219 @@
+"""What workers do. Each task leaves ``result.json`` in its folder, and what belongs to it; errors are MicrovibErrors."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.app.web.worker import Tell
+from microvib.errors import MicrovibError
+from microvib.io.results import to_json
+
+if TYPE_CHECKING:
+    from microvib.signals.lines import LineTable
+    from microvib.solve.motion import Motion
+
+
+def _write(folder: str, data: dict[str, Any], names: dict[str, str] | None = None) -> None:
+    text = to_json(_renamed(data, names or {}))
+    (Path(folder) / "result.json").write_text(text, encoding="utf-8")
+
+
+def _renamed(data: Any, names: dict[str, str]) -> Any:
+    """What users call their files, wherever a text names the server's."""
+    if isinstance(data, str):
+        for path, name in names.items():
+            data = data.replace(path, name)
+        return data
+    if isinstance(data, dict):
+        return {key: _renamed(value, names) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_renamed(value, names) for value in data]
+    return data
+
+
+def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
+    """Simulate a scenario (YAML); leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
+    from microvib.app.analysis import lines
+    from microvib.app.web.answers import run_answer
+    from microvib.io.results import lines_csv, summary
+    from microvib.io.scenario_file import parse_yaml, scenario_of
+    from microvib.solve.simulate import simulate
+    from microvib.studies.steady import find_steady
+
+    loaded = scenario_of(parse_yaml(scenario, "scenario"), "scenario")
+
+    def progress(done: float, total: float) -> None:
+        tell(done, total, "s", "simulating" if done < total else "finding the lines")
+
+    state, fallback = find_steady(loaded) if steady else (None, "")
+    motion = state.motion(progress=progress) if state is not None else simulate(loaded, progress=progress)
+    source = motion if state is None else state
+    table = lines(source)
+    solver = source.solver | ({"steady": f"not used: {fallback}"} if fallback else {})
+    summed = summary(loaded, source.invariants, solver, table, simulate=float(solver["wall_s"]))
+    _keep(Path(folder), motion, table)
+    texts = {"scenario.yaml": scenario, "lines.csv": lines_csv(table), "summary.json": to_json(summed)}
+    for name, text in texts.items():
+        (Path(folder) / name).write_text(text, encoding="utf-8")
+    _write(folder, run_answer(motion, table, summed))
+
+
+def _keep(where: Path, motion: Motion, table: LineTable) -> None:
+    for name, x in motion.channels.items():
+        np.save(where / f"{name}.npy", x)
+    loads = motion.interface_loads()
+    if loads is not None:
+        np.save(where / "loads.npy", loads)
+    axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
+    (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
+    with (where / "run.pickle").open("wb") as stream:
+        pickle.dump((replace(motion, channels={}), table), stream)
+
+
+def _kept(where: Path) -> tuple[Motion, LineTable]:
+    from microvib.solve.motion import CHANNELS, MODAL
+
+    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this very server
+        motion, table = pickle.load(stream)
+    files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}
+    return replace(motion, channels={name: np.load(file) for name, file in files.items() if file.is_file()}), table
+
+
+def file(folder: str, name: str, tell: Tell) -> None:
+    """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for."""
+    from microvib.app import rendering
+    from microvib.app.report import run_report
+    from microvib.io.results import write_motion
+
+    where = Path(folder)
+    motion, table = _kept(where)
+    new = where / f"{os.getpid()}-{name}"  # two may ask at once
+    if name == "motion.nc":
+        write_motion(motion, new)
+    elif name == "report.pdf":
+        new.write_bytes(rendering.pdf(run_report(motion, table)))
+    else:
+        new.write_text(rendering.html(run_report(motion, table)), encoding="utf-8")
+    new.replace(where / name)
+
+
+def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
+    """What is in a recording."""
+    from microvib.io.recordings import read_recording
+    from microvib.signals.recording import RecordingError
+
+    with _speaking_of({path: name}):
+        found = read_recording(path)
+        if not 0.0 < found.sample_rate < math.inf:
+            raise RecordingError(f"{path}: its sample rate, {found.sample_rate:g} Hz, is none")
+    channels = [
+        {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x)) if x.size else math.nan}
+        for key, x in found.channels.items()
+    ]
+    facts = {"channels": channels, "sample_rate": found.sample_rate, "samples": found.samples}
+    return dict(json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)})))
+
+
+def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """A scenario that needs finite elements, as the form shows it."""
+    from microvib.app.web.forms import Spec, view_of
+
+    return view_of(Spec(**spec))
+
+
+def analysis(folder: str, recording: str, scenario: str, channel: str, names: dict[str, str], tell: Tell) -> None:
+    """Lines with uncertainties and spectra of a recording."""
+    from microvib.app.web.answers import analysis_answer
+    from microvib.studies.analyse import analyse
+
+    tell(0, None, "", "reading and finding the lines")
+    guide = _put(folder, scenario)
+    with _speaking_of(names):
+        _write(folder, analysis_answer(analyse(recording, scenario=guide, channel=channel)), names)
+
+
+def comparison(folder: str, recording: str, run: str, channel: str, names: dict[str, str], tell: Tell) -> None:
+    """Lines of a recording beside those of a run's scenario, simulated at the clock that the recording shows."""
+    from microvib.app.web.answers import comparison_answer
+    from microvib.studies.compare import compare
+
+    with _speaking_of(names):
+        found = compare(
+            recording, run, channel=channel, progress=lambda done, total: tell(done, total, "s", "simulating")
+        )
+        _write(folder, comparison_answer(*found), names)
+
+
+def identification(
+    folder: str, recordings: list[str], scenario: str, channel: str, fit: list[str], starts: int, names: dict[str, str],
+    tell: Tell,
+) -> None:  # fmt: skip
+    """Parameters from recordings."""
+    from microvib.app.web.answers import identification_answer
+    from microvib.io.scenario_file import load_scenario
+    from microvib.studies.evidence import read_evidence
+    from microvib.studies.identify import identify, parse_fit
+
+    def progress(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
+        values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
+        tell(simulations, None, "simulations", f"{stage} search, best so far: {values}")
+
+    loaded = load_scenario(_put(folder, scenario))
+    keys = [parse_fit(loaded, text) for text in fit]
+    with _speaking_of(names):
+        tests: list[tuple[Any, dict[str, object]]] = [(read_evidence(p, loaded, channel), {}) for p in recordings]
+        found = identify(loaded, tests, keys, starts=starts, progress=progress)
+        _write(folder, identification_answer(found, loaded), names)
+
+
+def rates(
+    folder: str, scenario: str, low: float, high: float, count: int, microsteps: list[int], limit: float | None,
+    band: tuple[float, float], linear: bool, tell: Tell,
+) -> None:  # fmt: skip
+    """A rate plan."""
+    from microvib.app.web.answers import rates_answer
+    from microvib.io.scenario_file import load_scenario
+    from microvib.studies.rates import plan_rates, rate_grid
+
+    loaded = load_scenario(_put(folder, scenario))
+    plan = plan_rates(
+        loaded, rate_grid(low, high, count), microsteps or [loaded.driver.microsteps], limit=limit, band=band,
+        linear=linear, progress=lambda done, total: tell(done, total, "cases", "solving"),
+    )  # fmt: skip
+    _write(folder, rates_answer(plan))
+
+
+def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
+    """A simulator's sizing."""
+    from microvib.app.sas import sized
+    from microvib.app.web.answers import sas_answer
+
+    tell(0, None, "", "sizing, and checking with finite elements")
+    given = {key: value for key, value in options.items() if value is not None}
+    asked = {"amplitude": "2 deg", "rate": "0.06 deg/s", **given}
+    _write(folder, sas_answer(sized(array=None, file=None, design="reference-sas", **asked)))
+
+
+def _put(folder: str, scenario: str) -> str:
+    path = Path(folder) / "guide.yaml"
+    path.write_text(scenario, encoding="utf-8")
+    return str(path)
+
+
+@contextmanager
+def _speaking_of(names: dict[str, str]) -> Iterator[None]:
+    """Errors speak of files by the names that their users gave them."""
+    try:
+        yield
+    except MicrovibError as error:
+        raise MicrovibError(_renamed(str(error), names)) from None

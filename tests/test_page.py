@@ -1,0 +1,409 @@
+"""The page in a real Chromium, against the real server: what a person does with it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from baseline import baseline
+
+import microvib as mv
+from microvib.errors import ScenarioError
+from microvib.io.recordings import write_recording
+from microvib.io.scenario_file import dump_scenario
+from microvib.signals.recording import Recording
+from microvib.studies.analyse import analyse
+
+pytest.importorskip("fastapi", reason="the page's server is not installed (microvib[serve])")
+api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+
+SHORT = {"record.settle": "1 s", "record.duration": "4 s"}
+QUIET = [
+    "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--no-first-run",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """Where a server of its own listens."""
+    command = [sys.executable, "-m", "microvib", "serve", "--port", "0", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        found = re.search(r"http://\S+", process.stdout.readline())
+        assert found is not None
+        yield found.group()
+        process.terminate()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A window of a browser; its pages share a cache, and no more."""
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET)
+        yield browser.new_context(viewport={"width": 1366, "height": 768}, accept_downloads=True)
+        browser.close()
+
+
+@pytest.fixture
+def visit(browser: Any, address: str) -> Iterator[Callable[..., Any]]:
+    """Opens the page; at the end nothing must be on the console, and nothing asked from anywhere else."""
+    trouble: list[str] = []
+
+    def heard(message: Any) -> None:
+        refusal = "status of 422" in message.text  # an answer with a sentence, which Chromium reports
+        if message.type in ("error", "warning") and not refusal:
+            trouble.append(message.text)
+
+    def open_page(fragment: str = "") -> Any:
+        page = browser.new_page()
+        page.set_default_timeout(30_000)
+        page.on("console", heard)
+        page.on("pageerror", lambda error: trouble.append(str(error)))
+        page.on("request", lambda r: None if r.url.startswith((address, "blob:", "data:")) else trouble.append(r.url))
+        page.goto(address + fragment)
+        page.wait_for_selector("html[data-ready]")
+        return page
+
+    yield open_page
+    for page in browser.pages:
+        page.close()
+    assert trouble == []
+
+
+def field(page: Any, key: str) -> Any:
+    return page.locator(f"[id='field-{key}']")
+
+
+def write(page: Any, key: str, text: str) -> None:
+    """Type a value into its field; its group is opened first, as a person would."""
+    group = page.locator(f"details[data-group={key.split('.')[0]}]")
+    if group.get_attribute("open") is None:
+        group.locator("summary").first.click()
+    field(page, key).fill(text)
+    field(page, key).blur()
+
+
+def shorten(page: Any) -> None:
+    for key, text in SHORT.items():
+        write(page, key, text)
+
+
+def run(page: Any) -> None:
+    """Press Run and wait for the picture of the run."""
+    done = page.locator(".chip.done").count()
+    page.click("#go")
+    drawn(page, done + 1)
+
+
+def drawn(page: Any, runs: int) -> None:
+    page.locator(".chip.done").nth(runs - 1).wait_for(timeout=60_000)
+    end = time.monotonic() + 20
+    while len((page.locator(".figures[data-drawn]").first.get_attribute("data-drawn") or "").split()) < runs:
+        assert time.monotonic() < end
+        page.wait_for_timeout(30)
+
+
+def amplitude(page: Any, line: str, tab: str = "#run") -> str:
+    """Amplitude of a line [mN m] as the page shows it."""
+    row = (
+        page.locator(f"{tab} tr").filter(has=page.locator("td[data-key=line]", has_text=re.compile(f"^{line}$"))).first
+    )
+    return str(row.locator("td[data-key=amplitude_n_m]").inner_text())
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """``lines.csv`` of the command line, for state 1 with one value changed, short."""
+    where = tmp_path_factory.mktemp("command")
+    changes = {**SHORT, "reducer.stiffness": "9000 N*m/rad"}
+    options = [text for key, value in changes.items() for text in ("--set", f"{key}={value}")]
+    command = [sys.executable, "-m", "microvib", "run", "state-1", *options, "--out", "run"]
+    subprocess.run(command, cwd=where, check=True, capture_output=True, timeout=300)
+    return (where / "run" / "lines.csv").read_text(encoding="utf-8")
+
+
+def test_edit_run_and_read_what_the_command_line_says(visit: Callable[..., Any], printed: str, tmp_path: Path) -> None:
+    page = visit()
+    shorten(page)
+    write(page, "reducer.stiffness", "9000 N*m/rad")
+    run(page)
+    lines = {row["line"]: row["amplitude_n_m"] for row in csv.DictReader(io.StringIO(printed))}
+    assert amplitude(page, "drive_1") == f"{1e3 * float(lines['drive_1']):#.5g}"
+    assert amplitude(page, "drive_2") == f"{1e3 * float(lines['drive_2']):#.5g}"
+    assert page.locator("#spectrum-plot .main-svg").count()
+    assert page.locator("#history-plot .main-svg").count()
+    assert "mean" in page.locator("svg.drive").get_attribute("aria-label")
+    found = downloads(page, tmp_path)
+    assert found["lines.csv"].decode() == printed
+    assert mv.load_scenario(str(tmp_path / "scenario.yaml")).reducer.stiffness == 9000.0
+    assert found["motion.nc"][1:4] == b"HDF"
+    assert b"<html" in found["report.html"]
+
+
+def downloads(page: Any, tmp_path: Path) -> dict[str, bytes]:
+    """Files of the chosen run, as a person gets them."""
+    found = {}
+    for name in ("scenario.yaml", "lines.csv", "motion.nc", "report.html"):
+        page.locator("details.menu summary").click()
+        with page.expect_download() as coming:
+            page.locator(f"details.menu a[download='{name}']").click()
+        coming.value.save_as(tmp_path / name)
+        found[name] = (tmp_path / name).read_bytes()
+    return found
+
+
+def test_a_wrong_unit_is_told_beside_its_field(visit: Callable[..., Any]) -> None:
+    page = visit()
+    write(page, "motor.current", "0.6 kg")
+    sentence = page.locator("[id='field-motor.current-error']")
+    api.expect(sentence).not_to_be_empty()
+    with pytest.raises(ScenarioError) as told:
+        mv.load_scenario("state-1", {"motor.current": "0.6 kg"})
+    assert sentence.inner_text() in str(told.value)
+    assert field(page, "motor.current").get_attribute("aria-invalid") == "true"
+    page.click("#go")
+    api.expect(field(page, "motor.current")).to_be_focused()
+    assert not page.locator(".chip").count()
+    field(page, "motor.current").press("Escape")
+    api.expect(field(page, "motor.current")).to_have_value("0.6 A")
+    api.expect(sentence).to_be_empty()
+
+
+def test_changes_are_marked_found_and_undone(visit: Callable[..., Any]) -> None:
+    page = visit()
+    write(page, "motor.current", "0.5 A")
+    row = page.locator(".field[data-key='motor.current']")
+    api.expect(row).to_have_class("field changed")
+    page.check("#only-changed")
+    assert page.locator(".field:visible").count() == 1
+    page.uncheck("#only-changed")
+    page.fill("#search", "reducer stiffness")
+    assert page.locator(".field:visible").count() == 1
+    page.fill("#search", "")
+    row.locator(".undo").click()
+    api.expect(field(page, "motor.current")).to_have_value("0.6 A")
+    api.expect(row).to_have_class("field")
+
+
+def test_a_list_is_edited_as_a_whole_and_its_items_appear(visit: Callable[..., Any]) -> None:
+    page = visit()
+    write(page, "array.rigid_inertia", "")
+    page.get_by_role("button", name="Add or take out modes").click()
+    modes = field(page, "array.modes")
+    api.expect(modes).to_have_value("[{frequency: 1.2459 Hz, damping: 1.041 percent}]")
+    damped = "damping: 1 percent, effective_inertia"
+    modes.fill(f"[{{frequency: 1.2 Hz, {damped}: 6 kg*m^2}}, {{frequency: 4 Hz, {damped}: 2 kg*m^2}}]")
+    api.expect(field(page, "array.modes.1.frequency")).to_have_value("4 Hz")
+    api.expect(modes).to_be_focused()  # the form has grown while it was typed in
+    page.locator(".field[data-key='array.modes'] .undo").click()
+    api.expect(field(page, "array.modes.1.frequency")).to_have_count(0)
+
+
+def test_cancel(visit: Callable[..., Any]) -> None:
+    page = visit()
+    write(page, "record.settle", "5000 s")
+    page.click("#go")
+    page.locator(".job progress[value]").wait_for(timeout=30_000)  # it moves
+    page.click(".job .cancel")
+    page.locator(".chip.cancelled").wait_for()
+    assert "was cancelled" in page.locator("#run").inner_text()
+    shorten(page)
+    run(page)  # and the server goes on
+
+
+def test_upload_a_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
+    page = visit()
+    mine = baseline().with_({"motor.current": 0.45, **SHORT}).model_copy(update={"title": "my own drive"})
+    (tmp_path / "mine.yaml").write_text(dump_scenario(mine), encoding="utf-8")
+    (tmp_path / "broken.yaml").write_text("motor: [", encoding="utf-8")
+    wrong = dump_scenario(mine.with_sources({})).replace("sources: {}\n", "").replace("0.45 A", "3 parsec")
+    (tmp_path / "wrong.yaml").write_text(wrong, encoding="utf-8")
+    page.set_input_files("#upload", tmp_path / "mine.yaml")
+    api.expect(page.locator("#title")).to_have_text("my own drive")
+    api.expect(field(page, "motor.current")).to_have_value("0.45 A")
+    page.set_input_files("#upload", tmp_path / "broken.yaml")
+    api.expect(page.locator("#alert")).to_contain_text("broken.yaml: ")
+    api.expect(page.locator("#title")).to_have_text("my own drive")
+    page.set_input_files("#upload", tmp_path / "wrong.yaml")
+    api.expect(page.locator("[id='field-motor.current-error']")).to_contain_text("parsec")
+    write(page, "motor.current", "0.45 A")  # mended
+    run(page)
+    table = mv.lines(mv.simulate(mine))
+    assert amplitude(page, "drive_1") == f"{1e3 * table['drive_1'].amplitude_n_m:#.5g}"
+
+
+def test_a_link_restores_the_scenario(visit: Callable[..., Any]) -> None:
+    page = visit()
+    write(page, "motor.current", "0.5 A")
+    write(page, "reducer.stiffness", "rigid")
+    api.expect(page).to_have_url(re.compile("rigid"))
+    again = visit("#" + page.url.split("#")[1])
+    api.expect(field(again, "motor.current")).to_have_value("0.5 A")
+    api.expect(again.locator("#changed-count")).to_have_text("2")
+    again.reload()
+    again.wait_for_selector("html[data-ready]")
+    api.expect(field(again, "reducer.stiffness")).to_have_value("rigid")
+    page.go_back()
+    api.expect(page.locator("#changed-count")).to_have_text("1")
+    api.expect(field(page, "reducer.stiffness")).to_have_value("5053 N*m/rad")
+    page.go_forward()
+    api.expect(field(page, "reducer.stiffness")).to_have_value("rigid")
+
+
+def test_a_link_restores_an_uploaded_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
+    page = visit()
+    mine = baseline().model_copy(update={"title": "Antrieb für μ, ±"})
+    (tmp_path / "mine.yaml").write_text(dump_scenario(mine), encoding="utf-8")
+    page.set_input_files("#upload", tmp_path / "mine.yaml")
+    api.expect(page.locator("#title")).to_have_text(mine.title)
+    write(page, "motor.current", "0.5 A")
+    api.expect(page).to_have_url(re.compile("motor.current"))
+    again = visit("#" + page.url.split("#")[1])
+    api.expect(again.locator("#title")).to_have_text(mine.title)
+    api.expect(field(again, "motor.current")).to_have_value("0.5 A")
+
+
+def test_two_tabs_at_once(visit: Callable[..., Any]) -> None:
+    first = visit("#base=state-1&record.settle=1+s&record.duration=4+s")
+    second = visit("#base=state-5&record.settle=1+s&record.duration=4+s")
+    first.click("#go")
+    second.click("#go")
+    drawn(first, 1)
+    drawn(second, 1)
+    for page, name in ((first, "state-1"), (second, "state-5")):
+        changed = mv.load_scenario(name, dict(SHORT))
+        expected = mv.lines(mv.simulate(changed))["drive_1"].amplitude_n_m
+        assert amplitude(page, "drive_1") == f"{1e3 * expected:#.5g}"
+        assert page.locator(".chip").count() == 1
+
+
+def test_runs_are_kept_overlaid_and_removed(visit: Callable[..., Any]) -> None:
+    page = visit("#base=state-1&record.settle=1+s&record.duration=4+s")
+    run(page)
+    write(page, "motor.current", "0.5 A")
+    run(page)
+    names = page.locator("#spectrum-plot .legendtext").all_text_contents()
+    assert len(names) == len(set(names)) >= 2
+    colours = page.evaluate(
+        "document.querySelector('#spectrum-plot').data.filter(t => t.mode === 'lines').map(t => t.line)"
+    )
+    assert len({c["color"] for c in colours}) == len({c["dash"] for c in colours}) == 2
+    page.reload()
+    drawn(page, 2)
+    page.locator(".chip .close").first.click()
+    api.expect(page.locator(".chip")).to_have_count(1)
+
+
+def test_zoom_asks_for_the_window_and_keeps_peaks(visit: Callable[..., Any]) -> None:
+    page = visit("#base=state-1&record.settle=1+s&record.duration=4+s")
+    run(page)
+    motion = mv.simulate(mv.load_scenario("state-1", dict(SHORT)))
+    whole = page.evaluate("document.querySelector('#history-plot').data[0].y")
+    assert max(whole) == pytest.approx(motion["T_d"].max(), rel=1e-12)
+    assert min(whole) == pytest.approx(motion["T_d"].min(), rel=1e-12)
+    page.get_by_role("button", name="4 microsteps").click()
+    page.get_by_text("every sample").wait_for()
+    t, y = page.evaluate("(({x, y}) => [x, y])(document.querySelector('#history-plot').data[0])")
+    assert np.diff(t) == pytest.approx(1 / 4096)
+    assert y == pytest.approx(motion["T_d"][: len(y)])
+    page.get_by_role("button", name="Slow motion").click()
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_label("Instant of the record").fill("10")
+    shown = f"{1e3 * motion['T_d'][10]:+#.4g} mN m".replace("-", "−")
+    api.expect(page.locator("svg.drive .whole")).to_contain_text(shown)
+
+
+def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:
+    motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "record.sample_rate": "2048 Hz"}))
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
+    recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
+    write_recording(recording, tmp_path / "test.csv")
+    table = analyse(str(tmp_path / "test.csv"), scenario="state-1").table
+    assert table is not None
+    page = visit("#base=state-1&record.settle=1+s&record.duration=4+s")
+    run(page)
+    page.click("#tab-recording")
+    page.set_input_files("#recording-file", tmp_path / "test.csv")
+    page.locator("#recording td").first.wait_for(timeout=60_000)
+    assert amplitude(page, "drive_1", "#recording") == f"{1e3 * table['drive_1'].amplitude_n_m:#.4g}"
+    page.get_by_role("button", name="Compare with the current run").click()
+    page.locator("#recording td[data-key=b_n_m]").first.wait_for(timeout=60_000)
+    (tmp_path / "test.exe").write_bytes(b"MZ")
+    page.set_input_files("#recording-file", tmp_path / "test.exe")
+    page.get_by_text("'.exe' is not known").wait_for()
+
+
+def test_rate_map_and_sizing(visit: Callable[..., Any]) -> None:
+    page = visit()
+    page.click("#tab-rates")
+    page.fill("#rates-count", "12")
+    page.fill("#rates-limit", "30 mN*m")
+    page.check("#rates-linear")
+    page.locator("#rates button.primary").click()
+    page.locator("#campbell-plot .main-svg").first.wait_for(timeout=60_000)
+    assert page.locator("#rates td[data-key=mode]").count()
+    page.fill("#rates-from", "0.01 kg")
+    page.locator("#rates button.primary").click()
+    page.locator("#rates [role=alert]").get_by_text("0.01 kg").wait_for()
+    page.click("#tab-sas")
+    page.locator("#sas button.primary").click()
+    page.locator("#sas td").first.wait_for(timeout=60_000)
+    assert "state 5" in page.locator("#sas table").first.inner_text()
+
+
+def test_keyboard_only(visit: Callable[..., Any]) -> None:
+    page = visit("#base=state-1&record.settle=1+s&record.duration=4+s")
+
+    def tab_to(selector: str) -> None:
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            if page.evaluate("s => document.activeElement.matches(s)", selector):
+                outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+                assert outline == "solid"  # focus is seen
+                return
+        raise AssertionError(f"{selector} is not reached with the Tab key")
+
+    tab_to("#tab-run")
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#recording").is_visible()
+    page.keyboard.press("ArrowLeft")
+    assert page.locator("#run").is_visible()
+    tab_to("[id='field-motor.current']")
+    page.keyboard.press("Control+A")
+    page.keyboard.type("0.5 A")
+    page.keyboard.press("Enter")
+    drawn(page, 1)
+    assert "current 0.5 A" in page.locator(".chip.done .name").inner_text()
+
+
+def test_narrow_window(visit: Callable[..., Any]) -> None:
+    page = visit("#base=state-1&record.settle=1+s&record.duration=4+s")
+    page.set_viewport_size({"width": 400, "height": 800})
+    run(page)
+    for tab in ("run", "recording", "rates", "sas"):
+        page.click(f"#tab-{tab}")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.click("#tab-run")
+    assert page.locator("#spectrum-plot").bounding_box()["width"] > 300
+
+
+def test_everything_that_takes_input_has_a_name(visit: Callable[..., Any]) -> None:
+    page = visit()
+    nameless = page.evaluate(
+        """[...document.querySelectorAll('input, select, button, progress')]
+        .filter(e => !(e.labels?.length || e.ariaLabel || e.innerText?.trim() || e.textContent.trim())).map(e => e.outerHTML)"""
+    )
+    assert nameless == []

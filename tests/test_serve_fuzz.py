@@ -1,0 +1,119 @@
+"""The server against its own description: no request, however odd, is answered by a fault or by what is not described."""
+
+from __future__ import annotations
+
+import contextlib
+from itertools import count
+from unittest import SkipTest
+
+import pytest
+import schemathesis
+from fastapi.testclient import TestClient
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.errors import Unsatisfiable
+from schemathesis import GenerationMode
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+import microvib as mv
+from microvib.app.web.api import create_app
+from microvib.app.web.desk import Desk
+from microvib.app.web.guard import Access
+from microvib.app.web.limits import Limits
+
+CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
+ODD = settings(deadline=None, max_examples=8, suppress_health_check=list(HealthCheck), derandomize=True)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """A desk that takes little: whatever is started gives way soon, or is refused."""
+    opened = Desk(tmp_path_factory.mktemp("desk"), Limits(at_once=1, waiting=4, wall_s=20.0, quick_s=5.0))
+    yield opened
+    opened.close()
+    opened.join()
+
+
+@pytest.fixture(scope="module")
+def app(desk):
+    return create_app(desk, Access(names=frozenset({"localhost", "testserver"})))
+
+
+@pytest.fixture(scope="module")
+def known(app) -> str:
+    """Id of a run that is done."""
+    client = TestClient(app)
+    quick = {"base": "state-1", "changes": {"record.settle": "0 s", "record.duration": "0.5 s"}}
+    id = client.post("/api/runs", json={"scenario": quick}).json()["id"]
+    assert '"state":"done"' in client.get(f"/api/jobs/{id}/events").text
+    return id
+
+
+@pytest.mark.parametrize("mode", list(GenerationMode), ids=lambda mode: mode.value)
+def test_every_answer_is_as_described(app, known, mode):
+    """Half of the requests name a run and a scenario that exist, so that they get further than the first check."""
+    described = schemathesis.openapi.from_asgi("/api/openapi.json", app)
+    operations = [found.ok() for found in described.get_all_operations()]
+    assert len(operations) >= 17
+    number = count()
+
+    for operation in operations:
+
+        @given(case=operation.as_strategy(generation_mode=mode))
+        @ODD
+        def answered(case):
+            if next(number) % 2 and case.method != "DELETE":
+                if "id" in (case.path_parameters or {}):
+                    case.path_parameters["id"] = known
+                if isinstance(case.body, dict) and isinstance(case.body.get("scenario"), dict):
+                    case.body["scenario"] = {"base": "state-1"}
+            case.call_and_validate(checks=CHECKS)
+
+        with contextlib.suppress(SkipTest, Unsatisfiable):  # nothing can be wrong with a request without parameters
+            answered()
+
+
+KEYS = [key for key, _, _ in mv.load_scenario("state-1").entries()]
+VALUES = st.one_of(
+    st.text(max_size=30),
+    st.floats().map(str),
+    st.integers(-5, 10**9).map(str),
+    st.sampled_from(
+        ["rigid", "null", "[]", "{}", "[1, 2]", "{a: b}", "1e999 N", "-1 Hz", "1 N*m", "1 percent", "0 s", "y"]
+    ),
+)
+CHANGES = st.dictionaries(
+    st.one_of(
+        st.sampled_from([*KEYS, "array", "sources", "title", "array.fem", "motor", "record"]), st.text(max_size=20)
+    ),
+    VALUES,
+    max_size=4,
+)
+
+
+@given(changes=CHANGES)
+@settings(ODD, max_examples=50)
+def test_whatever_is_typed_gets_an_answer_with_sentences(app, changes):
+    """Any text in any field: the form answers, and what it calls right can be read back."""
+    answer = TestClient(app).post("/api/scenario", json={"base": "state-1", "changes": changes})
+    assert answer.status_code in (200, 422, 429), answer.text
+    if answer.status_code != 200:
+        return
+    shown = answer.json()
+    assert bool(shown["errors"]) == (shown["yaml"] is None)
+    assert all(error["error"] and "\n" not in error["error"] for error in shown["errors"])
+    if shown["yaml"] is not None:
+        assert TestClient(app).post("/api/scenario", json={"text": shown["yaml"]}).json()["errors"] == []
+
+
+@given(text=st.one_of(st.text(max_size=200), st.sampled_from(KEYS).map(lambda key: f"{key}: [1, {{a: 2}}]")))
+@settings(ODD, max_examples=40)
+def test_whatever_is_uploaded_gets_a_sentence(app, text):
+    answer = TestClient(app).post("/api/scenario", json={"text": text})
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["errors"]
