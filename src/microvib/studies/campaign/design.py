@@ -87,7 +87,8 @@ class Design:
                 return np.tile(self.samples[:, k], self.cases // self.samples.shape[0])
         for levels in self.levels:
             if levels.key == key:
-                return _column(levels.values, levels.labels)[self.level_numbers(key)]
+                chosen: np.ndarray = _column(levels.values, levels.labels)[self.level_numbers(key)]
+                return chosen
         values = [item.get(key) for item in self.combinations]
         each = _column(values, ["" if value is None else str(value) for value in values])
         repeated: np.ndarray = np.repeat(each, self.cases // len(self.combinations))
