@@ -539,6 +539,8 @@ def test_time_is_bounded_and_old_results_make_room(bounded):
         ({"origin": "http://evil.example"}, 403),
         ({"origin": "http://127.0.0.1:9999"}, 403),
         ({"origin": "null"}, 403),
+        ({"origin": "http://["}, 403),
+        ({"origin": ""}, 403),
     ],
 )
 def test_host_and_origin_are_checked(client, headers, status):

@@ -85,7 +85,7 @@ class Guard:
         if not self._known(host):
             return 403, f"this server does not go by the name '{host[:100]}'"
         origin = headers.get("origin")
-        if scope["method"] not in _SAFE and origin is not None and urlsplit(origin).netloc != host:
+        if scope["method"] not in _SAFE and origin is not None and origin.partition("://")[2] != host:
             return 403, "requests of other pages are refused"
         if not self._may(scope, headers):
             return 401, "the token of the printed address is wanted"
