@@ -61,6 +61,7 @@ class _Local:
 
     def executor(self) -> Executor:
         self.close()
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # inherited: workers' small matrices must not wait on busy cores
         leash, self._held = self._context.Pipe(duplex=False)
         self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash,))
         with _without_interrupts():  # a worker that is still starting must not answer Ctrl-C with a traceback
@@ -90,7 +91,6 @@ def _without_interrupts() -> Iterator[None]:
 def _on_leash(leash: Connection) -> None:
     """In a worker: Ctrl-C is for the coordinator, and the worker's life is the coordinator's."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
     def watch() -> None:
         try:
