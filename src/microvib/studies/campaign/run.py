@@ -61,7 +61,9 @@ class _Local:
 
     def executor(self) -> Executor:
         self.close()
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # inherited: workers' small matrices must not wait on busy cores
+        os.environ.setdefault(
+            "OPENBLAS_NUM_THREADS", "1"
+        )  # inherited: workers' small matrices must not wait on busy cores
         leash, self._held = self._context.Pipe(duplex=False)
         self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash,))
         with _without_interrupts():  # a worker that is still starting must not answer Ctrl-C with a traceback
