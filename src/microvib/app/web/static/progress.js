@@ -22,7 +22,7 @@ export function progressRow(name, cancel) {
     if (state === "running" && total) Object.assign(bar, { max: total, value: done ?? 0 });
     else bar.removeAttribute("value");
     const count = total ? `, ${number(done, 3)} of ${number(total, 3)} ${unit ?? ""}` : done ? `, ${done} ${unit ?? ""}` : "";
-    words.textContent = state === "queued" ? "waits for its turn" : `${text || "working"}${count}`;
+    words.textContent = state === "queued" ? text || "waits for its turn" : `${text || "working"}${count}`;
   }
 }
 
