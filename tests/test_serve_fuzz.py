@@ -9,7 +9,7 @@ from unittest import SkipTest
 import pytest
 import schemathesis
 from fastapi.testclient import TestClient
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from hypothesis.errors import Unsatisfiable
 from schemathesis import GenerationMode
@@ -27,7 +27,9 @@ from microvib.app.web.guard import Access
 from microvib.app.web.limits import Limits
 
 CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
-ODD = settings(deadline=None, max_examples=8, suppress_health_check=list(HealthCheck), derandomize=True)
+ODD = settings(
+    deadline=None, max_examples=8, suppress_health_check=list(HealthCheck), derandomize=True, phases=[Phase.generate]
+)
 
 
 @pytest.fixture(scope="module")
