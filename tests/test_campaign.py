@@ -496,6 +496,39 @@ def test_slurm_shards_are_a_job_array_that_can_be_resumed(tmp_path, monkeypatch)
     assert json.loads((campaign.folder / "slurm.json").read_text())["job"] == "17"
 
 
+def slurm_answers() -> bool:
+    try:
+        return subprocess.run(["sinfo", "-h"], capture_output=True, timeout=10).returncode == 0
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+
+
+def test_a_slurm_job_cancelled_in_the_middle_is_resumed(tmp_path):
+    if not slurm_answers():
+        pytest.skip("no Slurm answers here")
+    sized = spread(count=100, set=SHORT | {"record.duration": "20 s"})  # long enough to be cancelled
+    calm, campaign = made(tmp_path, sized, "calm", 8), made(tmp_path, sized, "jobs", 8)
+    compute_missing(calm, Fragile())
+
+    def job() -> str:
+        return json.loads((campaign.folder / "slurm.json").read_text())["job"]
+
+    out, err = microvib("run", campaign.folder, "--on", "slurm", "--workers", 2).communicate(timeout=60)
+    assert "Submitted job" in out, err
+    wait_for(lambda: len(campaign.done()) >= 2)
+    again, refused = microvib("resume", campaign.folder, "--on", "slurm").communicate(timeout=60)
+    assert "its Slurm job" in refused  # it is still at work
+    subprocess.run(["scancel", job()], check=True)
+    wait_for(lambda: not subprocess.run(["squeue", "-h", "-j", job()], capture_output=True).stdout.strip())
+    assert campaign.missing()
+    kept = {k: campaign.file(k).stat().st_mtime_ns for k in campaign.done()}
+    out, err = microvib("resume", campaign.folder, "--on", "slurm", "--workers", 2).communicate(timeout=60)
+    assert "Submitted job" in out, err
+    wait_for(lambda: not campaign.missing())
+    assert bytes_of(campaign) == bytes_of(calm)
+    assert all(campaign.file(k).stat().st_mtime_ns == when for k, when in kept.items())
+
+
 # -- statistics ------------------------------------------------------------------------------------------------------
 
 
