@@ -109,7 +109,7 @@ def run(page: Any) -> None:
 
 
 def drawn(page: Any, runs: int) -> None:
-    page.locator(".chip.done").nth(runs - 1).wait_for(timeout=60_000)
+    page.locator(".chip.done").nth(runs - 1).wait_for(timeout=240_000)
     end = time.monotonic() + 20
     while len((page.locator(".figures[data-drawn]").first.get_attribute("data-drawn") or "").split()) < runs:
         assert time.monotonic() < end
@@ -216,7 +216,7 @@ def test_cancel(visit: Callable[..., Any]) -> None:
     page = visit()
     write(page, "record.settle", "5000 s")
     page.click("#go")
-    page.locator(".job progress[value]").wait_for(timeout=30_000)  # it moves
+    page.locator(".job progress[value]").wait_for(timeout=240_000)  # it moves
     page.click(".job .cancel")
     page.locator(".chip.cancelled").wait_for()
     assert "was cancelled" in page.locator("#run").inner_text()
@@ -337,10 +337,10 @@ def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:
     run(page)
     page.click("#tab-recording")
     page.set_input_files("#recording-file", tmp_path / "test.csv")
-    page.locator("#recording td").first.wait_for(timeout=60_000)
+    page.locator("#recording td").first.wait_for(timeout=240_000)
     assert amplitude(page, "drive_1", "#recording") == f"{1e3 * table['drive_1'].amplitude_n_m:#.4g}"
     page.get_by_role("button", name="Compare with the current run").click()
-    page.locator("#recording td[data-key=b_n_m]").first.wait_for(timeout=60_000)
+    page.locator("#recording td[data-key=b_n_m]").first.wait_for(timeout=240_000)
     (tmp_path / "test.exe").write_bytes(b"MZ")
     page.set_input_files("#recording-file", tmp_path / "test.exe")
     page.get_by_text("'.exe' is not known").wait_for()
@@ -353,14 +353,14 @@ def test_rate_map_and_sizing(visit: Callable[..., Any]) -> None:
     page.fill("#rates-limit", "30 mN*m")
     page.check("#rates-linear")
     page.locator("#rates button.primary").click()
-    page.locator("#campbell-plot .main-svg").first.wait_for(timeout=60_000)
+    page.locator("#campbell-plot .main-svg").first.wait_for(timeout=240_000)
     assert page.locator("#rates td[data-key=mode]").count()
     page.fill("#rates-from", "0.01 kg")
     page.locator("#rates button.primary").click()
     page.locator("#rates [role=alert]").get_by_text("0.01 kg").wait_for()
     page.click("#tab-sas")
     page.locator("#sas button.primary").click()
-    page.locator("#sas td").first.wait_for(timeout=60_000)
+    page.locator("#sas td").first.wait_for(timeout=240_000)
     assert "state 5" in page.locator("#sas table").first.inner_text()
 
 

@@ -171,6 +171,7 @@ def test_files_of_a_run(client, finished):
     assert netcdf.content[:4] == b"\x89HDF"
     assert "attachment" in netcdf.headers["content-disposition"]
     assert "drive_1" in client.get(f"/api/runs/{finished}/files/report.html").text
+    assert client.get(f"/api/runs/{finished}/files/report.pdf").content.startswith(b"%PDF")
     for name in ("report.exe", "result.json", "run.pickle", "..%2F..%2Fetc%2Fpasswd"):
         assert client.get(f"/api/runs/{finished}/files/{name}").status_code == 404
 
@@ -428,7 +429,7 @@ def test_a_simulator_is_sized(client):
     asked = {"inertia": "8.18 kg*m^2", "frequency": "1.19 Hz", "states": ["1.39:8.18"]}
     found = result(client, client.post("/api/sas", json=asked).json()["id"])
     assert found["settings"][0]["elements_frequency_hz"] == pytest.approx(1.19, rel=0.01)
-    assert found["drawing"].startswith("data:image/png;base64,")
+    assert found["drawing"].startswith("data:image/svg+xml;base64,")
     bad = client.post("/api/sas", json={**asked, "inertia": "8 m"}).json()["id"]
     assert wait(client, bad)["error"].startswith("inertia: '8 m' has the wrong dimension")
     assert client.post("/api/sas", json={"inertia": "8 kg*m^2"}).json()["key"] == "frequency"
