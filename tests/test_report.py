@@ -15,14 +15,27 @@ from baseline import baseline
 from click.testing import CliRunner
 
 import microvib as mv
-from microvib.app.budget import contributions
 from microvib.app.cli import main
-from microvib.app.document import Code, Document, Fact, Figure, Form, Live, Row, Section, Table, Text, pairs, table
-from microvib.app.front import judged_cells
 from microvib.app.parameters import STATUSES, Provenance, parameter_blocks, provenance
-from microvib.app.pieces import study
-from microvib.app.rendering import html, pdf, report_files
-from microvib.app.report import run_report
+from microvib.app.reports.budget import contributions
+from microvib.app.reports.document import (
+    Code,
+    Document,
+    Fact,
+    Figure,
+    Form,
+    Live,
+    Row,
+    Section,
+    Table,
+    Text,
+    pairs,
+    table,
+)
+from microvib.app.reports.front import judged_cells
+from microvib.app.reports.pieces import study
+from microvib.app.reports.rendering import html, pdf, report_files
+from microvib.app.reports.run import run_report
 from microvib.app.running import run_scenario
 from microvib.io.runs import read_run
 from microvib.signals.lines import FAINT

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app import plots
-from microvib.app.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
-from microvib.app.pieces import drawn, figure, milli, number, study
-from microvib.app.rendering import report_files
+from microvib.app.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
+from microvib.app.reports.pieces import drawn, figure, milli, number, study
+from microvib.app.reports.rendering import report_files
 from microvib.io.results import columns_csv, lines_csv, write_folder
 from microvib.signals.lines import Line, LineTable
 from microvib.studies.analyse import Analysis

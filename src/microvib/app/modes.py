@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.app.document import Block, Document, Fact, Form, Live, Section, Text, table
 from microvib.app.parameters import parameter_table
-from microvib.app.pieces import drawn, signed, study
-from microvib.app.rendering import report_files
+from microvib.app.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
+from microvib.app.reports.pieces import drawn, signed, study
+from microvib.app.reports.rendering import report_files
 from microvib.io.modal_sources import Design, ModalSource
 from microvib.io.modal_table import modes_csv
 from microvib.io.results import read_table, write_folder

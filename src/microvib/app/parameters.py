@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from microvib.app.document import Block, Row, Table, Text, pairs, table
+from microvib.app.reports.document import Block, Row, Table, Text, pairs, table
 from microvib.model.linear import coupled_modes
 from microvib.model.part import Part, entries
 from microvib.model.scenario import Scenario

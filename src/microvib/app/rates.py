@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.app import plots
-from microvib.app.document import Document, Fact, Form, Section, Table, Text, table
-from microvib.app.pieces import count, drawn, milli, number, plain, study, torque
-from microvib.app.rendering import report_files
+from microvib.app.reports.document import Document, Fact, Form, Section, Table, Text, table
+from microvib.app.reports.pieces import count, drawn, milli, number, plain, study, torque
+from microvib.app.reports.rendering import report_files
 from microvib.io.results import write_folder
 from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app.analysis import lines
-from microvib.app.document import Form
+from microvib.app.reports.document import Form
 from microvib.errors import ScenarioError
 from microvib.io.results import check_room, lines_csv, summary, to_json, write_folder, write_motion
 from microvib.io.scenario_file import dump_scenario
@@ -66,8 +66,8 @@ def run_scenario(
         motion = state.motion(progress=progress) if state is not None else simulate(scenario, progress=progress)
         if state is None:
             table, invariants, solver = lines(motion, harmonics=harmonics), motion.invariants, motion.solver
-        from microvib.app.rendering import report_files
-        from microvib.app.report import run_report
+        from microvib.app.reports.rendering import report_files
+        from microvib.app.reports.run import run_report
 
         form = form or Form()
         files = {"motion.nc": lambda path: write_motion(motion, path)}

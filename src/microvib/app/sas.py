@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from microvib.app.document import Document, Fact, Form, Section, Text, table
 from microvib.app.parameters import parameter_table
-from microvib.app.pieces import drawn, study
-from microvib.app.rendering import report_files
+from microvib.app.reports.document import Document, Fact, Form, Section, Text, table
+from microvib.app.reports.pieces import drawn, study
+from microvib.app.reports.rendering import report_files
 from microvib.app.sas_drawing import draw_simulator
 from microvib.errors import ScenarioError
 from microvib.io.modal_sources import load_design, modal_source

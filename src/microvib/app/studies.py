@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app import plots
-from microvib.app.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, pairs, table
-from microvib.app.pieces import drawn, figure, milli, number, percent, plain, signed, study, with_error
-from microvib.app.rendering import report_files
+from microvib.app.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, pairs, table
+from microvib.app.reports.pieces import drawn, figure, milli, number, percent, plain, signed, study, with_error
+from microvib.app.reports.rendering import report_files
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
 from microvib.studies.compare import Row, Side, rows_csv

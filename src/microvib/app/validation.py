@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app import plots
-from microvib.app.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
-from microvib.app.pieces import drawn, number, study
-from microvib.app.rendering import report_files
+from microvib.app.reports.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
+from microvib.app.reports.pieces import drawn, number, study
+from microvib.app.reports.rendering import report_files
 from microvib.io.results import write_folder
 from microvib.studies.validate import Check, State, checks_csv
 

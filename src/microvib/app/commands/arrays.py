@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from microvib.app.commands.common import overwrite_option, pdf_option
-from microvib.app.document import Form
 from microvib.app.modal_options import import_from, modal_options
+from microvib.app.reports.document import Form
 
 
 @click.command()

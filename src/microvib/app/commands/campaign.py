@@ -15,7 +15,7 @@ from microvib.app.commands.common import pdf_option
 from microvib.errors import MicrovibError
 
 if TYPE_CHECKING:
-    from microvib.app.document import Form
+    from microvib.app.reports.document import Form
     from microvib.studies.campaign.folder import Campaign
 
 _EVERY = 15.0
@@ -184,7 +184,7 @@ def status(folder: Path) -> None:
 
 
 def _state_text(opened: Campaign, reasons: bool = False) -> str:
-    from microvib.app.campaigns import state_text
+    from microvib.app.campaign.text import state_text
 
     return state_text(opened, reasons)
 
@@ -208,8 +208,8 @@ def merge(folder: Path) -> None:
 @pdf_option
 def report(folder: Path, limit: str | None, band: str | None, form: Form) -> None:
     """Merge what is there, then write statistics, worst cases, pictures and report into DIR/report."""
-    from microvib.app.campaign_report import summarise
-    from microvib.app.campaigns import report_text, write_report
+    from microvib.app.campaign.report import summarise
+    from microvib.app.campaign.text import report_text, write_report
     from microvib.app.options import band_of, quantity
     from microvib.studies.campaign.folder import open_campaign
     from microvib.studies.campaign.results import merge as merge_chunks
@@ -233,14 +233,14 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
 @click.option("--out", type=click.Path(path_type=Path), help="Write the case's scenario to this file.")
 def case(folder: Path, number: int, out: Path | None) -> None:
     """Compute case NUMBER of DIR again, alone, and compare with what is kept of it."""
-    from microvib.app.campaigns import again_text
+    from microvib.app.campaign.text import again_text
     from microvib.studies.campaign.folder import open_campaign
 
     opened = open_campaign(folder)
     if number >= opened.design.cases:
         raise MicrovibError(f"{folder}: has no case {number}; there are 0 to {opened.design.cases - 1}")
     if out is not None:
-        from microvib.app.campaigns import write_case
+        from microvib.app.campaign.text import write_case
 
         write_case(opened, number, out)
     click.echo(again_text(opened, number))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.app.document import Form
+from microvib.app.reports.document import Form
 from microvib.errors import MicrovibError, ScenarioError
 
 if TYPE_CHECKING:

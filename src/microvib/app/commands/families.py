@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from microvib.app.commands.common import check_target, load, overwrite_option, pdf_option, progress_bar, set_option
-from microvib.app.document import Form
 from microvib.app.options import band_of, counts_of, quantity
+from microvib.app.reports.document import Form
 from microvib.errors import ScenarioError
 
 

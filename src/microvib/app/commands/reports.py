@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from microvib.app.commands.common import band_option, limit_option, pdf_option
-from microvib.app.document import Form
+from microvib.app.reports.document import Form
 from microvib.errors import OutputError
 
 if TYPE_CHECKING:
@@ -52,8 +52,8 @@ def _check(target: Path, form: Form, again: bool) -> None:
 
 
 def _content(folder: Path, target: Path, limit: Limit | None, form: Form) -> str | bytes:
-    from microvib.app.rendering import html, pdf
-    from microvib.app.report import run_report
+    from microvib.app.reports.rendering import html, pdf
+    from microvib.app.reports.run import run_report
     from microvib.io.runs import read_run
 
     run = read_run(folder)

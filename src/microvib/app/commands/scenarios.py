@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from microvib.app.commands.common import band_option, limit_option, load, pdf_option, progress_bar, set_option
-from microvib.app.document import Form
+from microvib.app.reports.document import Form
 from microvib.errors import MicrovibError
 
 if TYPE_CHECKING:

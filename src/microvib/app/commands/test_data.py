@@ -21,8 +21,8 @@ from microvib.app.commands.common import (
     progress_bar,
     set_option,
 )
-from microvib.app.document import Form
 from microvib.app.options import band_of, quantity
+from microvib.app.reports.document import Form
 from microvib.errors import MicrovibError
 
 

@@ -203,7 +203,7 @@ def rates_answer(plan: RatePlan) -> dict[str, Any]:
 def sas_answer(result: Any) -> dict[str, Any]:
     """A sizing's table, text, figures and drawing."""
     from microvib.app.plots import svg
-    from microvib.app.rendering import address
+    from microvib.app.reports.rendering import address
     from microvib.app.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows
     from microvib.app.sas_drawing import draw_simulator
 

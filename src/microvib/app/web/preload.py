@@ -16,7 +16,13 @@ def _warm() -> None:
 
     for name in ("tasks", "answers", "forms"):
         import_module(f"microvib.app.web.{name}")
-    for name in ("scipy.signal", "scipy.stats", "matplotlib.backends.backend_agg", "microvib.app.report", "h5netcdf"):
+    for name in (
+        "scipy.signal",
+        "scipy.stats",
+        "matplotlib.backends.backend_agg",
+        "microvib.app.reports.run",
+        "h5netcdf",
+    ):
         import_module(name)  # what tasks import when they need it
     lines(simulate(load_scenario("state-1", {"record.settle": "0 s", "record.duration": "0.1 s"})))
 

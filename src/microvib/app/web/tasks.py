@@ -91,8 +91,8 @@ def _kept(where: Path) -> tuple[Motion, LineTable]:
 
 def file(folder: str, name: str, tell: Tell) -> None:
     """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for."""
-    from microvib.app import rendering
-    from microvib.app.report import run_report
+    from microvib.app.reports import rendering
+    from microvib.app.reports.run import run_report
     from microvib.io.results import write_motion
 
     where = Path(folder)

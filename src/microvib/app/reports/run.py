@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 
 from microvib.app import plots
-from microvib.app.budget import budget_section
-from microvib.app.document import Block, Code, Document, Form, Section, Text, pairs, table
-from microvib.app.front import facts, front, judged_cells, marks, what
 from microvib.app.parameters import derived_values, parameter_blocks, status_sentence
-from microvib.app.pieces import count, drawn, figure, made_by, milli
-from microvib.app.trust import trust_section
+from microvib.app.reports.budget import budget_section
+from microvib.app.reports.document import Block, Code, Document, Form, Section, Text, pairs, table
+from microvib.app.reports.front import facts, front, judged_cells, marks, what
+from microvib.app.reports.pieces import count, drawn, figure, made_by, milli
+from microvib.app.reports.trust import trust_section
 from microvib.io.results import package_versions, scenario_hash
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario

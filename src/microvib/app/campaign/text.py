@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.app.campaign_report import (
+from microvib.app.campaign.report import (
     Summary,
     campaign_report,
     counts,
@@ -23,9 +23,9 @@ from microvib.app.campaign_report import (
     percent_interval,
     shown,
 )
-from microvib.app.document import Form
-from microvib.app.pieces import number
-from microvib.app.rendering import report_files
+from microvib.app.reports.document import Form
+from microvib.app.reports.pieces import number
+from microvib.app.reports.rendering import report_files
 from microvib.errors import OutputError
 from microvib.io.results import write_folder
 from microvib.io.scenario_file import dump_scenario

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from microvib.app import plots
-from microvib.app.document import Section, Table, Text, table
-from microvib.app.pieces import drawn
+from microvib.app.reports.document import Section, Table, Text, table
+from microvib.app.reports.pieces import drawn
 from microvib.signals.lines import Line, LineTable
 from microvib.signals.spectrum import tone
 from microvib.solve.motion import Motion

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from microvib.app.document import Mark, Section, Text, table
+from microvib.app.reports.document import Mark, Section, Text, table
 from microvib.solve.motion import Motion
 
 _BARS = {

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from microvib.app import plots
-from microvib.app.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
-from microvib.app.pieces import count, drawn, figure, milli, short, torque
-from microvib.app.trust import failing
+from microvib.app.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
+from microvib.app.reports.pieces import count, drawn, figure, milli, short, torque
+from microvib.app.reports.trust import failing
 from microvib.signals.lines import Line, LineTable
 from microvib.solve.motion import Motion
 from microvib.studies.margins import Judgement

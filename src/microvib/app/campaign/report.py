@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from microvib.app import campaign_plots
-from microvib.app.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
-from microvib.app.pieces import count, drawn, number, short, study, torque
+from microvib.app.campaign import plots
+from microvib.app.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
+from microvib.app.reports.pieces import count, drawn, number, short, study, torque
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.studies.campaign.statistics import (
@@ -111,27 +111,27 @@ def draw(s: Summary) -> dict[str, Picture]:
     made: dict[str, Picture] = {}
     if s.rows:
         text = "Bars from the median to the 95 % point of the cases."
-        made["envelopes"] = Picture("Envelopes", campaign_plots.envelopes(shown(s)[:16], s.limit), text)
+        made["envelopes"] = Picture("Envelopes", plots.envelopes(shown(s)[:16], s.limit), text)
         lines = [ANY, *s.lines][:6]
         text = "Part of the cases in which a line is larger than an amplitude."
-        made["exceedance"] = Picture("Exceedance", campaign_plots.exceedances(results, lines, s.limit, s.band), text)
+        made["exceedance"] = Picture("Exceedance", plots.exceedances(results, lines, s.limit, s.band), text)
         text = "Cases by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point."
-        made["histograms"] = Picture("Histograms", campaign_plots.histograms(results, lines, s.limit, s.band), text)
+        made["histograms"] = Picture("Histograms", plots.histograms(results, lines, s.limit, s.band), text)
     if any(len(levels.values) > 1 for levels in design.levels):
         text = "Median over the levels of a key; shaded, 5 to 95 % of the cases."
-        drawing = campaign_plots.over_levels(results, [ANY, *s.lines][:4], s.band)
+        drawing = plots.over_levels(results, [ANY, *s.lines][:4], s.band)
         made["levels"] = Picture("Over the levels", drawing, text)
     if s.tornados:
         text = (
             "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean."
         )
-        made["tornado"] = Picture("What moves the lines", campaign_plots.tornados(s.tornados), text)
+        made["tornado"] = Picture("What moves the lines", plots.tornados(s.tornados), text)
     if s.indices:
         text = (
             "Part of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
         )
-        made["sobol"] = Picture("Sobol indices", campaign_plots.sobol_bars(s.indices), text)
-    scatter = campaign_plots.scatters(results, ANY, s.band)
+        made["sobol"] = Picture("Sobol indices", plots.sobol_bars(s.indices), text)
+    scatter = plots.scatters(results, ANY, s.band)
     if scatter is not None:
         made["scatter"] = Picture("Cases", scatter, "Largest line of each case over what varies.")
     return made

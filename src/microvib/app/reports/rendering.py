@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from microvib.app.document import Block, Document, Form, Table
+from microvib.app.reports.document import Block, Document, Form, Table
 from microvib.io.results import Writer
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from microvib.app import plots
-from microvib.app.document import Block, Code, Document, Fact, Figure, Form, Section, Text, pairs
+from microvib.app.reports.document import Block, Code, Document, Fact, Figure, Form, Section, Text, pairs
 from microvib.io.results import package_versions, scenario_hash
 from microvib.model.scenario import Scenario
 
