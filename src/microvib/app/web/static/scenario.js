@@ -10,6 +10,7 @@ const LONGEST_LINK = 30_000;
 const state = { base: "state-1", text: null, changes: {} };
 let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], title: "", yaml: null };
 let running;
+let latest = null;
 const listeners = new Set();
 
 export let catalog = [];
@@ -90,14 +91,19 @@ async function readable(text) {
 
 const soon = debounce(() => check(), DELAY);
 
-/** Ask the server what it thinks; an answer that is overtaken by a newer question is dropped. */
-export async function check() {
+/** Ask the server what it thinks; who waits for an answer that a newer question overtakes gets the newer one's. */
+export function check() {
+  latest = ask();
+  return latest;
+}
+
+async function ask() {
   running?.abort();
   running = new AbortController();
   try {
     seen = await post("/api/scenario", current(), { signal: running.signal });
   } catch (error) {
-    if (error.name === "AbortError") return;
+    if (error.name === "AbortError") return latest;
     seen = { ...seen, errors: [{ key: null, error: error.message }] };
   }
   for (const listener of listeners) listener(seen);
