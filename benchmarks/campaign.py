@@ -13,17 +13,21 @@ import os
 import statistics
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from microvib.model.sentences import validated
 from microvib.model.study import Study
-from microvib.studies.campaign.cases import TOGETHER, compute
+from microvib.studies.campaign.cases import TOGETHER, Chunk, compute
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.folder import Campaign, create
 from microvib.studies.campaign.results import merge
 from microvib.studies.campaign.run import compute_missing, local
+
+CHUNK = 256
+"""Cases of a chunk in the projection."""
 
 
 def study(count: int, settle: float, record: float) -> Study:
@@ -89,7 +93,7 @@ def scaling(
     folder: Path, sizes: list[int], workers: list[int], settle: float, record: float
 ) -> tuple[dict[tuple[int, int], list[float]], float, float, float]:
     rates: dict[tuple[int, int], list[float]] = {}
-    starts, merging, written = [], 0.0, 0.0
+    starts, written = [], 0.0
     print(f"{'cases':>8s} {'workers':>8s} {'first chunk s':>14s} {'cases/s':>9s}")
     for size in sizes:
         for again in range(3 if size <= 1000 else 1):
@@ -103,16 +107,34 @@ def scaling(
         begun = time.perf_counter()
         campaign.write(0, data)
         written = time.perf_counter() - begun
-        begun = time.perf_counter()
-        merge(campaign)
-        merging = (time.perf_counter() - begun) / size
-        print(f"{'':8s} merge {1e6 * merging:.0f} us a case; chunk of {campaign.chunk_size}: {len(data) / 1e3:.0f} kB")
+        print(f"{'':8s} chunk of {campaign.chunk_size}: {len(data) / 1e3:.0f} kB")
+    merging = merged(folder / "merge", campaign.read(0), study(10 * CHUNK, settle, record))
+    print(f"{'':8s} merge of chunks of {CHUNK}: {1e6 * merging:.0f} us a case")
     return rates, float(np.median(starts)), merging, written
+
+
+def merged(folder: Path, of: Chunk, like: Study) -> float:
+    """Seconds to merge one case out of chunks of the projection's size, filled with the results of a smaller one."""
+    pick = np.arange(CHUNK) % len(of.reasons)
+    chunk = replace(
+        of,
+        figures={name: values[pick] for name, values in of.figures.items()},
+        status=of.status[pick],
+        scalars={name: values[pick] for name, values in of.scalars.items()},
+        reasons=tuple(of.reasons[k] for k in pick),
+        notes=tuple(of.notes[k] for k in pick),
+    )
+    campaign = create(design(like), folder, CHUNK)
+    for k in range(campaign.chunks):
+        campaign.write(k, chunk.to_bytes())
+    begun = time.perf_counter()
+    merge(campaign)
+    return (time.perf_counter() - begun) / campaign.design.cases
 
 
 def project(per_case: float, start: float, merging: float, written: float) -> None:
     """1e6 cases on 1000 cores, as a Slurm array of 1000 shards with chunks of 256."""
-    cases, cores, chunk = 10**6, 1000, 256
+    cases, cores, chunk = 10**6, 1000, CHUNK
     chunks = -(-cases // chunk)
     rounds = -(-chunks // cores)
     computing = rounds * (chunk * per_case + written)
