@@ -211,7 +211,8 @@ def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | N
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ScenarioError(
-            f"{path}: there is no such file and no catalog {kind} of this name; the catalog has {names}"
+            f"{path}: there is no such file"
+            + (f" and no catalog {kind} of this name; the catalog has {names}" if names else "")
         ) from None
     except UnicodeDecodeError:
         raise ScenarioError(f"{path}: is not text in UTF-8; a {kind} file is YAML") from None
