@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ from microvib.app import plots
 from microvib.app.reports.document import Document, Fact, Form, Section, Table, Text, table
 from microvib.app.reports.pieces import count, drawn, milli, number, plain, study, torque
 from microvib.app.reports.rendering import report_files
-from microvib.io.results import write_folder
+from microvib.io.results import rows_csv, write_folder
 from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
 
 if TYPE_CHECKING:
@@ -115,18 +113,18 @@ def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form
     """Tables, pictures and report of a plan; names of the files."""
     campbell, largest = draw_campbell(plan), draw_largest(plan)
     files: dict[str, Any] = {
-        "rates.csv": _csv(
+        "rates.csv": rows_csv(
             ("rate_deg_s", "microsteps", "line", "kind", "order", "frequency_hz", "amplitude_n_m", "status"),
             _case_rows(plan),
         ),
-        "resonances.csv": _csv(
+        "resonances.csv": rows_csv(
             ("microsteps", "rate_deg_s", "mode", "mode_hz", "line", "frequency_hz", "amplitude_n_m"),
             (
                 (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude)
                 for r in plan.resonances
             ),
         ),
-        "forbidden.csv": _csv(
+        "forbidden.csv": rows_csv(
             ("microsteps", "from_deg_s", "to_deg_s", "why", "line", "largest_n_m"),
             (
                 (b.microsteps, math.degrees(b.low), math.degrees(b.high), b.why, b.line, b.largest)
@@ -149,14 +147,6 @@ def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
             yield (*head, "", "", math.nan, math.nan, math.nan, f"failed: {case.reason}")
         for x in case.lines:
             yield (*head, x.line, x.kind, x.order, x.frequency, x.amplitude, status)
-
-
-def _csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([number(x, 9) if isinstance(x, float) else x for x in row] for row in rows)
-    return stream.getvalue()
 
 
 def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, form: Form | None = None) -> Document:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +22,9 @@ from microvib.app.campaign.report import (
     shown,
 )
 from microvib.app.reports.document import Form
-from microvib.app.reports.pieces import number
 from microvib.app.reports.rendering import report_files
 from microvib.errors import OutputError
-from microvib.io.results import write_folder
+from microvib.io.results import rows_csv, write_folder
 from microvib.io.scenario_file import dump_scenario
 from microvib.studies.campaign.cases import FIGURES, compute
 from microvib.studies.campaign.folder import Campaign
@@ -120,14 +117,6 @@ def _png(figure: Any) -> Any:
     return lambda path: figure.savefig(path, format="png", dpi=200)
 
 
-def _csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([number(x, 9) if isinstance(x, float) else x for x in row] for row in rows)
-    return stream.getvalue()
-
-
 def _statistics_csv(rows: Sequence[LineStatistics]) -> str:
     header = ["line", "cases", "lowest_hz", "highest_hz", "mean_n_m", "deviation_n_m"]
     header += [f"{name}{end}_n_m" for name in ("median", "p95", "p99") for end in ("", "_low", "_high")]
@@ -136,7 +125,7 @@ def _statistics_csv(rows: Sequence[LineStatistics]) -> str:
     def cells(e: Estimate | None) -> list[float]:
         return [math.nan] * 3 if e is None else [e.value, e.low, e.high]
 
-    return _csv(header, (
+    return rows_csv(header, (
         [r.line, r.count, *r.frequency, r.mean, r.deviation, *cells(r.median), *cells(r.p95), *cells(r.p99), r.largest,
          r.worst, *cells(r.exceedance)]
         for r in rows
@@ -151,7 +140,7 @@ def _worst_csv(s: Summary) -> str:
         for rank, (case, amplitude) in enumerate(found, 1):
             labels = design.labels(case)
             rows.append([line, rank, case, amplitude, *(labels.get(key, "") for key in keys)])
-    return _csv(["line", "rank", "case", "amplitude_n_m", *keys], rows)
+    return rows_csv(["line", "rank", "case", "amplitude_n_m", *keys], rows)
 
 
 def _failed_csv(results: Results) -> str:
@@ -160,7 +149,7 @@ def _failed_csv(results: Results) -> str:
     failed = [int(k) for k in np.flatnonzero(results.state == FAILED)]
     labelled = ((case, design.labels(case)) for case in failed)
     rows = ([case, reasons[case], *(labels.get(key, "") for key in keys)] for case, labels in labelled)
-    return _csv(["case", "reason", *keys], rows)
+    return rows_csv(["case", "reason", *keys], rows)
 
 
 def _effects_csv(s: Summary) -> str:
@@ -170,7 +159,7 @@ def _effects_csv(s: Summary) -> str:
             rows += [
                 [kind, found.line, key, e.low, e.high, e.value] for key, e in zip(found.keys, estimates, strict=True)
             ]
-    return _csv(["kind", "line", "key", "low", "high", "value"], rows)
+    return rows_csv(["kind", "line", "key", "low", "high", "value"], rows)
 
 
 def again_text(campaign: Campaign, case: int) -> str:
