@@ -48,6 +48,7 @@ class Company(NamedTuple):
     rigid: bool
     shaped: bool
     modes: int
+    together: bool  # ``advance`` returns when no drive runs any more, and not when the first one waits
     numbers: np.ndarray  # (numbers, WIDTH)
     arrays: np.ndarray  # (3 s + 3 h + n, WIDTH): H, D, Lam, te, scale
     numbers_of: np.ndarray  # the same by drive, (WIDTH, numbers)
@@ -67,6 +68,52 @@ class Company(NamedTuple):
     taps: np.ndarray
     buffer: np.ndarray  # intervals that wait for the filter
     out: np.ndarray  # samples of T_d
+
+
+def company(
+    rigid: bool, shaped: bool, modes: int, harmonics: int, *,
+    taps: int, waiting: int, samples: int, microsteps: int, together: bool = False,
+) -> Company:  # fmt: skip
+    """Room for WIDTH drives of one kind, none aboard.
+
+    Of each drive it holds as many ``samples``, with a filter of ``taps`` and ``waiting`` intervals beside those, and as many
+    ``microsteps`` that it knows in advance.
+    """
+    n, lane = kernel.MODES + 2 * modes, (WIDTH,)
+    arrays = 3 * modes + 3 * harmonics + n
+    scratch = LEFT_OVER * n + N_Q + N_JAC + N_LU + 2 * modes
+    made = Company(
+        rigid=rigid,
+        shaped=shaped,
+        modes=modes,
+        together=together,
+        numbers=np.zeros((len(NUMBERS), *lane)),
+        arrays=np.zeros((arrays, *lane)),
+        numbers_of=np.zeros((*lane, len(NUMBERS))),
+        arrays_of=np.zeros((*lane, arrays)),
+        state=np.zeros((n + 2 + kernel.N_CLOCK, *lane)),
+        scratch=np.zeros((scratch, *lane)),
+        length=np.zeros((1, *lane)),
+        taken=np.zeros((1, *lane)),
+        verdict=np.zeros((N_VERDICT, *lane)),
+        one=np.zeros((9, max(n, kernel.N_CLOCK))),
+        control=np.zeros((*lane, N_CONTROL)),
+        flags=np.zeros((*lane, N_FLAGS), dtype=np.int64),
+        counters=np.zeros((*lane, kernel.N_COUNTERS), dtype=np.int64),
+        times=np.zeros((*lane, microsteps)),
+        references=np.zeros((*lane, microsteps, 3)),
+        taps=np.zeros((*lane, taps)),
+        buffer=np.zeros((*lane, taps + waiting)),
+        out=np.zeros((*lane, samples)),
+    )
+    made.flags[:, STATUS] = IDLE
+    return made
+
+
+def embark(c: Company, lane: int, drive: Any) -> None:
+    """Give a lane its drive."""
+    c.numbers[:, lane] = c.numbers_of[lane] = [getattr(drive, name) for name in NUMBERS]
+    c.arrays[:, lane] = c.arrays_of[lane] = np.concatenate([getattr(drive, name) for name in ARRAYS])
 
 
 @njit(**kernel.INLINE)
@@ -105,6 +152,18 @@ def _fetch(lane, c, y, x):
     x.stick[0], x.stick[1] = c.state[n, lane], c.state[n + 1, lane]
     for j in range(kernel.N_CLOCK):
         x.clock[j] = c.state[n + 2 + j, lane]
+
+
+@njit(**kernel.COMPILE)
+def start(c):
+    """Modes of friction of each drive that is to run, from its state."""
+    n = kernel.MODES + 2 * c.modes
+    for lane in range(WIDTH):
+        if c.flags[lane, STATUS] == RUNNING:
+            x, _ = _one(lane, c)
+            _fetch(lane, c, c.state, x)
+            kernel.start(x, _drive_of(lane, c))
+            c.state[n, lane], c.state[n + 1, lane] = x.stick[0], x.stick[1]
 
 
 @njit(**LOOP)
@@ -347,9 +406,10 @@ def _compiled(source: int) -> Any:
 
     @njit(**kernel.COMPILE)
     def advance(c):
-        """Advance all drives that run, until one of them has ended or wants more microsteps."""
+        """Advance all drives that run, until one of them (if ``together``, all) has ended or wants more microsteps."""
         judged, waits = source < 0, False
         while True:
+            runs = False
             for lane in range(WIDTH):
                 g = c.flags[lane]
                 if g[STATUS] == RUNNING:
@@ -358,8 +418,9 @@ def _compiled(source: int) -> Any:
                     if g[STATUS] == RUNNING and g[PHASE] == BEGIN:
                         _begin(lane, c)
                     waits |= g[STATUS] != RUNNING
+                    runs |= g[STATUS] == RUNNING
             _take(c)
-            if waits:
+            if (waits and not c.together) or not runs:
                 return
             _attempt(c)
             judged = True

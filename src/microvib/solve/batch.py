@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +56,7 @@ def simulate_torques(scenarios: Sequence[Scenario]) -> list[Torque | SimulationE
     return [results[k] for k in range(len(scenarios))]
 
 
-@dataclass(frozen=True)
-class _Kind:
+class _Kind(NamedTuple):
     """What all drives of a company have in common."""
 
     rigid: bool
@@ -107,7 +107,13 @@ class _Crew:
         self.results: dict[int, Torque | SimulationError] = {}
         factor = max(w.factor for w in self.windows.values())
         samples = max(scenario.record.samples for scenario in scenarios.values())
-        self.company = _company(kind, factor, samples)
+        self.company = abreast.company(
+            *kind,
+            taps=2 * half_length(factor) + 1,
+            waiting=SAMPLES_AT_ONCE * factor,
+            samples=samples,
+            microsteps=MICROSTEPS_AT_ONCE,
+        )
 
     def run(self) -> dict[int, Torque | SimulationError]:
         """Results by index."""
@@ -150,9 +156,8 @@ class _Crew:
     def _board(self, lane: int, index: int) -> _Berth:
         """Put a scenario at rest into a lane."""
         berth = _Berth(index, self.scenarios[index], self.windows[index])
-        c, drive, state, record = self.company, berth.packed.drive, berth.packed.state, berth.scenario.record
-        c.numbers[:, lane] = c.numbers_of[lane] = [getattr(drive, name) for name in abreast.NUMBERS]
-        c.arrays[:, lane] = c.arrays_of[lane] = np.concatenate([getattr(drive, name) for name in abreast.ARRAYS])
+        c, state, record = self.company, berth.packed.state, berth.scenario.record
+        abreast.embark(c, lane, berth.packed.drive)
         c.state[:, lane] = np.concatenate([state.y, state.stick, state.clock])
         c.counters[lane] = 0
         intervals, k, g = berth.intervals, c.control[lane], c.flags[lane]
@@ -175,37 +180,3 @@ class _Crew:
         c.flags[lane, [abreast.COMING, abreast.KNOWN]] = 0, times.size
         c.control[lane, abreast.KNOWN_UNTIL] = stop
         c.flags[lane, abreast.STATUS] = abreast.RUNNING
-
-
-def _company(kind: _Kind, factor: int, samples: int) -> abreast.Company:
-    """Room for WIDTH drives of one kind, none aboard."""
-    n, lane = kernel.MODES + 2 * kind.modes, (WIDTH,)
-    arrays = 3 * kind.modes + 3 * kind.harmonics + n
-    scratch = abreast.LEFT_OVER * n + abreast.N_Q + abreast.N_JAC + abreast.N_LU + 2 * kind.modes
-    length = 2 * half_length(factor) + 1
-    numbers = len(abreast.NUMBERS)
-    company = abreast.Company(
-        rigid=kind.rigid,
-        shaped=kind.shaped,
-        modes=kind.modes,
-        numbers=np.zeros((numbers, *lane)),
-        arrays=np.zeros((arrays, *lane)),
-        numbers_of=np.zeros((*lane, numbers)),
-        arrays_of=np.zeros((*lane, arrays)),
-        state=np.zeros((n + 2 + kernel.N_CLOCK, *lane)),
-        scratch=np.zeros((scratch, *lane)),
-        length=np.zeros((1, *lane)),
-        taken=np.zeros((1, *lane)),
-        verdict=np.zeros((abreast.N_VERDICT, *lane)),
-        one=np.zeros((9, max(n, kernel.N_CLOCK))),
-        control=np.zeros((*lane, abreast.N_CONTROL)),
-        flags=np.zeros((*lane, abreast.N_FLAGS), dtype=np.int64),
-        counters=np.zeros((*lane, kernel.N_COUNTERS), dtype=np.int64),
-        times=np.zeros((*lane, MICROSTEPS_AT_ONCE)),
-        references=np.zeros((*lane, MICROSTEPS_AT_ONCE, 3)),
-        taps=np.zeros((*lane, length)),
-        buffer=np.zeros((*lane, length + SAMPLES_AT_ONCE * factor)),
-        out=np.zeros((*lane, samples)),
-    )
-    company.flags[:, abreast.STATUS] = abreast.IDLE
-    return company

@@ -50,7 +50,7 @@ N_POWERS = N_CHANNELS - POWERS
 
 OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
 # entries of State.counters and State.clock
-STEPS, REJECTED, MICROSTEPS, STICKS, BREAKAWAYS, EVENT_STEPS, N_COUNTERS = range(7)
+STEPS, REJECTED, MICROSTEPS, STICKS, ROTOR_STICKS, BREAKAWAYS, EVENT_STEPS, N_COUNTERS = range(8)
 NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, N_CLOCK = range(10)
 # entries of a search for an event
 LO, HI, E_LO, E_HI, ENOUGH, TRIALS, N_SEARCH = range(7)
@@ -547,6 +547,7 @@ def settle(which, x, p):
     if math.fabs(hold) <= limit:
         x.stick[which] = 0.0
         x.counters[STICKS] += 1
+        x.counters[ROTOR_STICKS] += 1 if which == 0 else 0
     else:
         x.stick[which] = math.copysign(1.0, hold)
         x.counters[BREAKAWAYS] += 1 if was_stuck else 0

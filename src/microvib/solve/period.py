@@ -21,8 +21,6 @@ from microvib.solve.pack import no_samples, pack
 
 SECTION = 0.1
 """The map starts this part of a microstep's time before a microstep, when the motion has had the longest to calm."""
-NUDGE = 0.03
-"""Step of differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
 
 
 class NotPeriodic(SimulationError):
@@ -51,29 +49,31 @@ class PeriodMap:
             raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
-        self.frequency = f_d / microsteps
+        self.frequency, self.microstep_time = f_d / microsteps, 1.0 / f_d
         self.command = Command.lasting(scenario, scenario.record.settle)
         rate = -math.copysign(f_d, scenario.rate or 0.0)  # in microsteps per second
         count = float(self.command.count(np.array([scenario.record.settle]))[0])
         turned = math.copysign(1.0, rate)
         before = 2 + math.ceil(f_d * (LOBES + 1) / scenario.record.sample_rate)  # the record's filter begins before it
-        self._count = round(count) - before * turned
-        self.start = scenario.record.settle + (self._count + (0.5 - SECTION) * turned - count) / rate
+        gone = round(count) - before * turned
+        self.start = scenario.record.settle + (gone + (0.5 - SECTION) * turned - count) / rate
         self.command = Command.lasting(scenario, self.start)
-        self._times, self._references = self.command.microsteps(self.start, self.start + microsteps / f_d)
-        self._step, self._turned = driver.microstep(motor), turned
+        self.times, self.commands = self.command.microsteps(self.start, self.start + microsteps / f_d)
+        step = driver.microstep(motor)
+        self._begun, self._step = gone * step, turned * step
         self.sizes = _sizes(self.packed.drive.scale, scenario)
         p = self.packed.drive
-        self._idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
+        self.idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
         self._unseen = no_samples(self.packed.channels)._replace(width=0.0)
         self.evaluations = 0.0
 
     def guess(self) -> np.ndarray:
-        """State at the start if the drive followed its command evenly: mean loads, currents turning steadily."""
+        """State before any microstep, seen from the command, if the drive followed its command evenly: mean loads, currents
+        turning steadily."""
         scenario, p = self.scenario, self.packed.drive
         y: np.ndarray = np.zeros_like(self.packed.state.y)
         rate = float(scenario.rate or 0.0)
-        omega, commanded = -scenario.reducer.ratio * rate, self._count * self._step
+        omega, commanded = -scenario.reducer.ratio * rate, float(self.angle(0))
         on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
         y[kernel.TM] = commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
         y[kernel.TL] = -p.inv_h * y[kernel.TM] - (0.0 if p.rigid else on_output / p.K_g)
@@ -86,74 +86,71 @@ class PeriodMap:
         y[kernel.XA], y[kernel.XB] = (integral * turn).real, (integral * turn).imag
         return y
 
-    def put(self, y: np.ndarray) -> None:
-        """Make ``y`` the state at the start of the period."""
-        state, p = self.packed.state, self.packed.drive
-        state.y[:] = y
+    def angle(self, microstep: Any) -> Any:
+        """Rotor angle [rad] that is commanded before a ``microstep`` of the period."""
+        return self._begun + microstep * self._step
+
+    def references(self, angle: Any) -> tuple[Any, Any]:
+        """Currents [A] that are commanded at a rotor angle [rad]."""
+        current, electrical = self.scenario.motor.current, self.packed.drive.z * angle
+        return current * np.cos(electrical), current * np.sin(electrical)
+
+    def absolute(self, x: np.ndarray, microstep: Any) -> np.ndarray:
+        """States (k, n) seen from the command, as they are before the ``microstep``s (k,) of the period."""
+        y = self._turned(x, self._step * np.asarray(microstep, dtype=float))
+        p = self.packed.drive
         if p.rigid:
-            state.y[kernel.TL] = self.scenario.reducer.kinematic_error(y[kernel.TM]) - y[kernel.TM] * p.inv_h
-            state.y[kernel.WL] = -y[kernel.WM] * p.inv_h
-        angle = p.z * self._count * self._step
-        current = self.scenario.motor.current
+            errors = [self.scenario.reducer.kinematic_error(theta_m) for theta_m in y[:, kernel.TM]]
+            y[:, kernel.TL] = errors - y[:, kernel.TM] * p.inv_h
+            y[:, kernel.WL] = -y[:, kernel.WM] * p.inv_h
+        return y
+
+    def from_command(self, y: np.ndarray, microstep: Any, idle: np.ndarray) -> np.ndarray:
+        """States (k, n) before the ``microstep``s (k,) as seen from the command; what does not move on is that of ``idle``."""
+        x = self._turned(y, -self._step * np.asarray(microstep, dtype=float))
+        x[:, self.idle] = idle[:, self.idle]
+        return x
+
+    def _turned(self, y: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """States with rotor, output and currents turned by a rotor ``angle`` (k,) [rad]."""
+        p = self.packed.drive
+        c, s = np.cos(p.z * angle), np.sin(p.z * angle)
+        turned = y.copy()
+        for a, b in ((kernel.IA, kernel.IB), (kernel.XA, kernel.XB)):
+            turned[:, a], turned[:, b] = c * y[:, a] - s * y[:, b], s * y[:, a] + c * y[:, b]
+        turned[:, kernel.TM] += angle
+        turned[:, kernel.TL] -= angle * p.inv_h
+        return turned
+
+    def put(self, x: np.ndarray) -> None:
+        """Make ``x`` the state at the start of the period."""
+        state, p = self.packed.state, self.packed.drive
+        state.y[:] = self.absolute(x[None], 0)[0]
+        angle = float(self.angle(0))
         state.clock[:] = 0.0
         state.energy[:] = 0.0
         state.clock[kernel.NOW], state.clock[kernel.NEXT_STEP] = self.start, p.max_step
-        state.clock[kernel.REF_A], state.clock[kernel.REF_B] = current * math.cos(angle), current * math.sin(angle)
-        state.clock[kernel.THETA_E] = angle
+        state.clock[kernel.REF_A], state.clock[kernel.REF_B] = self.references(angle)
+        state.clock[kernel.THETA_E] = p.z * angle
         kernel.start(state, p)
 
-    def advance(self, y: np.ndarray, microsteps: int | None = None, samples: Any = None) -> np.ndarray:
-        """State after the period, or after ``microsteps``, turned back by what the command has gone."""
-        count = self.microsteps if microsteps is None else microsteps
-        self.put(y)
-        stop = self.start + count / (self.frequency * self.microsteps)
-        status = self.packed.advance(stop, samples or self._unseen, self._times[:count], self._references[:count])
-        self.evaluations += count / self.microsteps
-        if status == kernel.LOST_SYNCHRONISM:
-            raise NotPeriodic("the rotor loses synchronism")
+    def advance(self, x: np.ndarray, samples: Any = None) -> np.ndarray:
+        """State after the period, seen from the command."""
+        self.put(x)
+        stop = self.start + 1.0 / self.frequency
+        status = self.packed.advance(stop, samples or self._unseen, self.times, self.commands)
+        self.evaluations += 1.0
         if status != kernel.OK:
-            raise NotPeriodic("the solution is not finite, or its step became too small")
-        return self._turn_back(self.packed.state.y, count, y)
+            raise interrupted(status)
+        end: np.ndarray = self.from_command(self.packed.state.y[None], self.microsteps, x[None])[0]
+        return end
 
-    def _turn_back(self, end: np.ndarray, count: int, y: np.ndarray) -> np.ndarray:
-        p = self.packed.drive
-        gone = self._turned * count * self._step
-        c, s = math.cos(p.z * gone), math.sin(p.z * gone)
-        back = end.copy()
-        for a, b in ((kernel.IA, kernel.IB), (kernel.XA, kernel.XB)):
-            back[a], back[b] = c * end[a] + s * end[b], c * end[b] - s * end[a]
-        back[kernel.TM] -= gone
-        back[kernel.TL] += gone * p.inv_h
-        back[self._idle] = y[self._idle]
-        return back
 
-    def monodromy(self, y: np.ndarray) -> np.ndarray:
-        """Derivative of the map at ``y``, both in units of ``sizes``, (n, n).
-
-        That of a sixteenth of the period, or of one microstep, by differences, to the power of their number: the parts
-        differ by the detent torque only.
-        """
-        count = math.gcd(self.microsteps, max(self.microsteps // 16, 1))
-        base = self.advance(y, count)
-        stuck = self.stuck
-        change = np.zeros((y.size, y.size))
-        for j in range(y.size):
-            if j in self._idle or (j == kernel.WM and stuck[0]) or (j == kernel.WL and stuck[1]):
-                continue
-            nudged = y.copy()
-            nudged[j] += NUDGE * self.sizes[j]
-            change[:, j] = (self.advance(nudged, count) - base) / (NUDGE * self.sizes)
-        with np.errstate(over="ignore", invalid="ignore"):
-            result: np.ndarray = np.linalg.matrix_power(change, self.microsteps // count)
-        if not np.all(np.isfinite(result)):
-            raise NotPeriodic("what repeats with the command is far from stable")
-        return result
-
-    @property
-    def stuck(self) -> tuple[bool, bool]:
-        """Whether rotor and output stick at the end of the last stretch."""
-        stick = self.packed.state.stick
-        return bool(stick[0] == 0.0), bool(stick[1] == 0.0) and not self.packed.drive.rigid
+def interrupted(status: int) -> NotPeriodic:
+    """What a status of the kernel means to a search."""
+    if status == kernel.LOST_SYNCHRONISM:
+        return NotPeriodic("the rotor loses synchronism")
+    return NotPeriodic("the solution is not finite, or its step became too small")
 
 
 def _sizes(scale: np.ndarray, scenario: Scenario) -> np.ndarray:

@@ -1,27 +1,36 @@
-"""Search for the state that one period of the command leaves as it is (shooting), and checks of what was found.
+"""Search for the motion that repeats with the command (multiple shooting), and checks of what was found.
 
-Quasi-Newton on the drive's map over a period (``microvib.solve.period``): its derivative is that of a part of the period, by
-differences, then Broyden's updates. What was found must be stable, and the only such motion as far as two further starts tell.
+The period (``microvib.solve.period``) is cut into segments that run at the same time (``microvib.solve.segments``); sought are
+states at their starts such that each segment ends where the next one starts, and the last where the first does. Quasi-Newton: the
+derivative of a segment is that of a part of the period, by differences, then come Broyden's updates. What was found must be
+stable, and the only such motion as far as two further starts tell.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 from scipy.linalg import eig
 
 from microvib.solve import kernel
 from microvib.solve.decimate import PASSBAND
-from microvib.solve.motion import Invariants
 from microvib.solve.period import NotPeriodic, PeriodMap
-from microvib.solve.simulate import balance
+from microvib.solve.segments import Ends, Segments
 
 CLOSE = 1e-4
-"""Largest distance of an accepted state from the steady one, over what a microstep moves."""
+"""Distance from the steady state, over what a microstep moves, at which a state is accepted."""
+AS_CLOSE_AS_IT_GETS = 1e-3
+"""Distance at which one is accepted whose corrections no longer fall to a third: the tolerance of the period's solution shows."""
+SWEEPS = 2
+"""Segments that are simulated before a search, so that fast motions settle."""
 SAMPLED_FROM = 0.5
-"""Distance below which a period is sampled, for it may be the last."""
-BELIEVED = 20.0
+"""Distance below which the torque is sampled, for it may be the last."""
+RENEWED_FROM = 2.0
+"""Correction after which the derivatives are taken anew, for they were those of another motion."""
+BELIEVED = 1e3
 """Correction above which the linearisation is not believed and a period is let pass instead."""
 MOST_STEPS = 8
 """Corrections that a search may take. Three to six are usual; what took twice as many was seldom what a run in time shows."""
@@ -31,14 +40,20 @@ SLOW = 0.8
 """Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
 DEVIATION = 0.3
 """Deviation with which it is measured, over what a microstep moves."""
-SAME = 0.02
-"""Part of its distance within which a search from another start must come back, to count as finding the same motion."""
-STUCK = (kernel.CHANNELS.index("stuck_rotor"), kernel.CHANNELS.index("stuck_output"))
+SAME = 0.15
+"""Part of its distance within which a search from another start must come back, to count as finding the same motion; one that
+breaks the symmetry stays where it starts."""
+MOST_RETURNS = 6
+"""Periods that it may take to come back."""
+STICKING = np.array([kernel.WM, kernel.WL])
+"""States that are zero exactly where a friction sticks."""
+NUDGE = 0.03
+"""Step of differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
 CALMS_WITHIN = 4.0
 """Time [s] within which what was stopped must slip again without sticking."""
 NOT_FOUND = "no motion was found that repeats with the command"
 HARMONICS = 8
-"""Driving lines whose amplitudes the sampling must not disturb; see ``_intervals``."""
+"""Driving lines whose amplitudes the sampling must not disturb; see ``_rows``."""
 
 
 class NotUnique(NotPeriodic):
@@ -46,138 +61,204 @@ class NotUnique(NotPeriodic):
 
 
 class Search:
-    """Quasi-Newton search for the state that one period leaves as it is; states in units of what a microstep moves."""
+    """The search; its states ``x`` (segments, n) are those at the starts of all segments, in units of what a microstep moves."""
 
     def __init__(self, period: PeriodMap) -> None:
         self.period = period
-        self.rows = np.zeros((_intervals(period), period.packed.channels))
+        self.segments = Segments(period, _rows(period))
 
-    def run(self, settle: float) -> Search:
+    def run(self, settle: int) -> Search:
         """Search from the mean motion, after ``settle`` periods of simulation; NotPeriodic where nothing is found."""
-        period = self.period
-        y = period.guess()
-        for _ in range(max(int(settle), 1)):  # the fast motions settle
-            y = period.advance(y, math.ceil(min(settle, 1.0) * period.microsteps))
-        self.newton = _Newton(period.monodromy(y))
-        x, self.distance = y / period.sizes, math.inf
+        x, self.distance = self._begin(settle), math.inf
         for _ in range(MOST_STEPS):
-            self.x, self._end, self.invariants = self._advance(x, sampled=self.distance < SAMPLED_FROM)
-            x = self.newton.next(self.x, self.x - self._end)
-            self.distance = float(np.max(np.abs(x - self.x)))
-            if self.invariants is not None and self.distance < CLOSE:
+            sampled = self.distance < SAMPLED_FROM
+            self.x, self.ends = self._advance(x, sampled)
+            if self.distance > RENEWED_FROM:
+                self.newton = _Newton(self._derivatives(self.ends.x[-1]))
+            x = self.newton.next(self.x, self.ends.x)
+            last, self.distance = self.distance, float(np.max(np.abs(x - self.x)))
+            if sampled and self.distance < (AS_CLOSE_AS_IT_GETS if 3.0 * self.distance > last else CLOSE):
                 self._check_stable()
                 self._check_for_a_twin()
                 self._check_for_stick_slip()
                 return self
-            if not self.distance < BELIEVED:
-                x = self._end
+            if self.distance > BELIEVED:
+                x = self._swept(self.ends.x, len(self.x))
         raise NotPeriodic(NOT_FOUND)
 
-    def _advance(self, x: np.ndarray, sampled: bool) -> tuple[np.ndarray, np.ndarray, Invariants | None]:
-        """The state as it was started, with the rates at zero of what sticks; that after a period; its invariants."""
-        period, invariants = self.period, None
-        y = x * period.sizes
-        if sampled:
-            n, channels = self.rows.shape
-            width = 1.0 / (period.frequency * n)
-            samples = kernel.Samples(period.start, width, self.rows, np.zeros(channels), np.zeros(2, dtype=np.int64))
-            period.put(y)
-            before, momentum = period.packed.snapshot(), period.packed.momentum
-            end = period.advance(y, samples=samples)
-            invariants = balance(period.packed, before, momentum, 1.0 / period.frequency)
-        else:
-            end = period.advance(y)
+    def _begin(self, settle: int) -> np.ndarray:
+        """States to start from: where some segments lead from the mean motion, or after periods of simulation."""
+        period, bounds = self.period, self.segments.bounds
+        start = period.guess()
+        if settle == 0:
+            states = np.tile(start / period.sizes, (bounds.size - 1, 1))
+            return self._swept(states, SWEEPS)
+        for _ in range(settle):  # the fast motions settle
+            start = period.advance(start)
+        chain = [start / period.sizes]
+        for j in range(bounds.size - 2):
+            chain.append(self._from(chain[-1][None], bounds[j : j + 1], bounds[j + 1 : j + 2]).x[0])
+        return np.array(chain)
+
+    def _swept(self, x: np.ndarray, times: int) -> np.ndarray:
+        """States after simulating from each start to the next one, some times."""
+        for _ in range(times):
+            x = np.roll(self._advance(x)[1].x, 1, axis=0)
+        return x
+
+    def _derivatives(self, x: np.ndarray) -> np.ndarray:
+        """Derivative of each segment's map, (segments, n, n).
+
+        That of a sixteenth of the period, or of one microstep, by differences at ``x`` (n,), to the power of their number: the
+        parts differ by the detent torque only.
+        """
+        part, moving = self.segments.part, np.setdiff1d(np.arange(x.size), self.period.idle)
+        starts = np.vstack([x, x + NUDGE * np.eye(x.size)[moving]])
+        nothing = np.zeros(len(starts), dtype=int)
+        ends = self._from(starts, nothing, nothing + part)
+        change = np.zeros((x.size, x.size))
+        change[:, moving] = (ends.x[1:] - ends.x[0]).T / NUDGE
+        change[:, STICKING] *= np.logical_not(ends.stuck[0])
+        with np.errstate(over="ignore", invalid="ignore"):
+            result = np.array([np.linalg.matrix_power(change, m // part) for m in np.diff(self.segments.bounds)])
+        if not np.all(np.isfinite(result)):
+            raise NotPeriodic("what repeats with the command is far from stable")
+        return result
+
+    def _from(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, sampled: bool = False) -> Ends:
+        """Segments from states (k, n) at microsteps ``first`` (k,) to the microsteps ``last``, both in units."""
+        ends = self.segments.advance(x * self.period.sizes, first, last, sampled)
+        return replace(ends, x=ends.x / self.period.sizes)
+
+    def _advance(self, x: np.ndarray, sampled: bool = False) -> tuple[np.ndarray, Ends]:
+        """The states as they were started, with the rates at zero of what sticks; their segments' ends."""
+        bounds = self.segments.bounds
+        ends = self._from(x, bounds[:-1], bounds[1:], sampled)
         x = x.copy()
-        x[[kernel.WM, kernel.WL]] *= np.logical_not(period.stuck)
-        return x, end / period.sizes, invariants
+        x[:, STICKING] *= np.logical_not(np.roll(ends.stuck, 1, axis=0))
+        return x, ends
 
     def _check_stable(self) -> None:
-        self.multiplier = self._multiplier(self.newton.derivative)
+        self.multiplier = self._multiplier(self.newton.derivatives)
         if self.multiplier > STABLE:
-            self.multiplier = self._multiplier(self._derivative_here())
+            self.multiplier = self._multiplier(self._derivatives(self.x[0]))
         if self.multiplier > STABLE:
             raise NotPeriodic(f"what repeats with the command is not stable (multiplier {self.multiplier:.4g})")
 
-    def _multiplier(self, derivative: np.ndarray) -> float:
+    def _multiplier(self, derivatives: np.ndarray) -> float:
         """Largest part of a deviation that is left after a period, of slow ones measured along their directions, all at once."""
-        values, left, right = eig(derivative, left=True)
+        values, left, right = eig(_product(derivatives), left=True)
         size = np.abs(values)
         slow = (size > SLOW) & (values.imag >= 0.0)
         if np.any(slow):
-            directions = right[:, slow].real / np.max(np.abs(right[:, slow].real), axis=0)
-            x = self.x + DEVIATION * np.sum(directions, axis=1) * (self.x != 0.0)  # what sticks stays
-            _, end, _ = self._advance(x, sampled=False)
-            seen = left[:, slow].conj().T
-            size[slow] = np.abs(seen @ (end - self._end)) / np.abs(seen @ (x - self.x))
+            along, seen = [right[:, slow]], [left[:, slow].conj().T]
+            for derivative in derivatives[:-1]:
+                along.append(derivative @ along[-1])
+            for derivative in derivatives[::-1]:
+                seen.insert(0, seen[0] @ derivative)
+            off = np.array([v.real.sum(axis=1) for v in along])
+            off *= DEVIATION / np.max(np.abs(off)) * (self.x != 0.0)  # what sticks stays
+            x, ends = self._advance(self.x + off)
+            for j in range(len(x)):
+                size[slow] *= np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j])) / np.abs(seen[j] @ (x[j] - self.x[j]))
         return float(np.max(size))
 
     def _check_for_a_twin(self) -> None:
-        """Search again from the state one microstep on: a motion that breaks the symmetry of microsteps has a twin there."""
-        x = self.period.advance(self.x * self.period.sizes, 1) / self.period.sizes
-        if not (self._comes_back(x, self.newton.derivative) or self._comes_back(x, self._derivative_here())):
+        """Search again from the states one microstep on: a motion that breaks the symmetry of microsteps has a twin there."""
+        first = self.segments.bounds[:-1]
+        x = self._from(self.x, first, first + 1).x
+        if not (
+            self._comes_back(x, self.newton.elsewhere()) or self._comes_back(x, _Newton(self._derivatives(self.x[0])))
+        ):
             raise NotUnique(
                 "of the motions that repeat with the command there are several; which one, its beginning decides"
             )
 
-    def _comes_back(self, x: np.ndarray, derivative: np.ndarray) -> bool:
-        newton = _Newton(derivative)
-        back = max(SAME * float(np.max(np.abs(x - self.x))), 10.0 * CLOSE)
-        for _ in range(6):
-            x, end, _ = self._advance(x, sampled=False)
-            x = newton.next(x, x - end)
+    def _comes_back(self, x: np.ndarray, newton: _Newton) -> bool:
+        back = max(SAME * float(np.max(np.abs(x - self.x))), AS_CLOSE_AS_IT_GETS)
+        for _ in range(MOST_RETURNS):
+            x, ends = self._advance(x)
+            x = newton.next(x, ends.x)
             if float(np.max(np.abs(x - self.x))) <= back:
                 return True
         return False
 
-    def _derivative_here(self) -> np.ndarray:
-        """The derivative at what was found, where what the search knows of it is not good enough."""
-        return self.period.monodromy(self.x * self.period.sizes)
-
     def _check_for_stick_slip(self) -> None:
         """Stop what never sticks: where friction falls with the rate, an oscillation that sticks and slips may last beside it."""
         period, p = self.period, self.period.packed.drive
-        never = [kernel.WM] * (p.m_stribeck > 0.0) * (not np.any(self.rows[:, STUCK[0]]))
-        never += [kernel.WL] * (p.l_stribeck > 0.0) * (not np.any(self.rows[:, STUCK[1]]))
-        if not never:
+        falls = np.array([p.m_stribeck > 0.0, p.l_stribeck > 0.0])
+        never = falls & np.logical_not(np.any(self.ends.ever, axis=0))
+        if not np.any(never):
             return
-        y = self.x * period.sizes
-        y[[kernel.WM, kernel.WL] if p.rigid else never] = 0.0
+        x = self.x[0] * period.sizes
+        x[STICKING if p.rigid else STICKING[never]] = 0.0
         counters = period.packed.state.counters
         for _ in range(math.ceil(CALMS_WITHIN * period.frequency)):
             before = int(counters[kernel.STICKS])
-            y = period.advance(y)
+            x = period.advance(x)
             if counters[kernel.STICKS] == before:
                 return
         raise NotUnique("beside the motion that repeats with the command there is one that sticks and slips")
 
 
 class _Newton:
-    """Zero of a residual x - P(x), from a first derivative of P and Broyden's (good) updates of it."""
+    """Zero of what each segment's end misses the next one's start by: Newton's step with given derivatives, and Broyden's
+    (good) updates of its inverse."""
 
-    def __init__(self, derivative: np.ndarray) -> None:
-        self.derivative = derivative
+    def __init__(self, derivatives: np.ndarray) -> None:
+        self.derivatives = derivatives
+        self._whole = np.eye(derivatives.shape[1]) - _product(derivatives)
+        self._updates: list[tuple[np.ndarray, np.ndarray]] = []
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
-    def next(self, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Where the residual should vanish, now that it is known at ``x``."""
-        slope = np.eye(x.size) - self.derivative
+    def elsewhere(self) -> _Newton:
+        """For a search from another start, with what was learnt so far."""
+        other = _Newton(self.derivatives)
+        other._updates = list(self._updates)
+        return other
+
+    def next(self, x: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Where nothing should be missed, now that ``x`` (segments, n) is known to lead to ``end``."""
+        missed = end - np.roll(x, -1, axis=0)
         if self._last is not None:
-            dx = x - self._last[0]
-            missed = residual - self._last[1] - slope @ dx
-            slope += np.outer(missed, dx) / max(float(dx @ dx), 1e-300)
-            self.derivative = np.eye(x.size) - slope
-        self._last = x, residual
-        try:
-            result: np.ndarray = x - np.linalg.solve(slope, residual)
-        except np.linalg.LinAlgError:
-            raise NotPeriodic(NOT_FOUND) from None
+            step, moved = x - self._last[0], self._change(self._last[1] - missed)
+            along = float(np.sum(step * moved))
+            if along != 0.0:
+                self._updates.append(((step - moved) / along, step))
+        self._last = x, missed
+        result: np.ndarray = x + self._change(missed)
         return result
 
+    def _change(self, missed: np.ndarray) -> np.ndarray:
+        """Change of the starts that makes good what is ``missed``."""
+        after = np.zeros(missed.shape[1])
+        for derivative, gap in zip(self.derivatives, missed, strict=True):
+            after = derivative @ after + gap
+        try:
+            changes = [np.linalg.solve(self._whole, after)]
+        except np.linalg.LinAlgError:
+            raise NotPeriodic(NOT_FOUND) from None
+        for derivative, gap in zip(self.derivatives[:-1], missed[:-1], strict=True):
+            changes.append(derivative @ changes[-1] + gap)
+        change = np.array(changes)
+        for update, step in self._updates:
+            change += update * np.sum(step * change)
+        return change
 
-def _intervals(period: PeriodMap) -> int:
-    """Intervals of a period. An order k takes up k/(N - k) of what order N - k has, and torques have jumps.
+
+def _product(derivatives: np.ndarray) -> np.ndarray:
+    """Derivative of the whole period's map."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        result: np.ndarray = reduce(lambda before, following: following @ before, derivatives)
+    if not np.all(np.isfinite(result)):
+        raise NotPeriodic(NOT_FOUND)
+    return result
+
+
+def _rows(period: PeriodMap) -> int:
+    """Intervals of a microstep. Of n in a period an order k takes up k/(n - k) of what order n - k has, and torques have jumps.
 
     So many that this is a third at the end of the record's band, and a fiftieth at the driving lines that are looked for.
     """
-    highest = PASSBAND * period.scenario.record.sample_rate / period.frequency
-    return max(4 * math.ceil(highest), 50 * min(HARMONICS * period.microsteps, math.ceil(highest)))
+    highest = math.ceil(PASSBAND * period.scenario.record.sample_rate / period.frequency)
+    return math.ceil(max(4 * highest, 50 * min(HARMONICS * period.microsteps, highest)) / period.microsteps)

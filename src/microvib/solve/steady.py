@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import time as clock_time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from microvib.model.scenario import Scenario
+from microvib.solve import kernel
 from microvib.solve.motion import Invariants, Motion
 from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.shooting import NotUnique, Search
-from microvib.solve.simulate import Progress, Run, channels_of
+from microvib.solve.simulate import Progress, Run, balance, channels_of
 
-ATTEMPTS = ((1, 0.25), (2, 4.0), (3, 4.0))
+ATTEMPTS = ((1, 0), (2, 4), (3, 4))
 """Searches in turn: periods of the command after which the motion may repeat, and such periods simulated before."""
 LONGEST = 8
 """Quarter electrical turns that a transmission error may take to repeat."""
@@ -29,7 +31,7 @@ MOST_MODES = 100
 
 @dataclass(frozen=True)
 class SteadyState:
-    """One period of a steady motion: channels by name, as in a ``Motion``, as means over equal intervals."""
+    """One period of a steady motion: its torque and, on demand, all channels of a ``Motion``, as means over equal intervals."""
 
     scenario: Scenario
     start: float
@@ -38,23 +40,47 @@ class SteadyState:
     """Repetitions per second [Hz]."""
     microsteps: int
     """Microsteps in the period."""
-    channels: dict[str, np.ndarray]
+    T_d: np.ndarray
+    """Disturbance torque [N m], (n,)."""
+    stuck_output: float
+    """Part of the period that the output shaft sticks."""
     state: np.ndarray
-    """The kernel's state at the start of the period."""
+    """The kernel's state at the start of the period, seen from the command (``microvib.solve.period``)."""
     distance: float
     """Estimated distance of ``state`` from the steady one, over what a microstep moves."""
     multiplier: float
     """Largest part of a deviation that is left after a period; below 1 the motion is stable."""
-    invariants: Invariants
     solver: dict[str, Any]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.channels[name]
+        return self.T_d if name == "T_d" else self.channels[name]
+
+    @property
+    def channels(self) -> dict[str, np.ndarray]:
+        """All channels by name, (n,) each, from one more run over the period, which is made when they are first asked for."""
+        return self._period[0]
+
+    @property
+    def invariants(self) -> Invariants:
+        """What must have held over the period, of that run."""
+        return self._period[1]
+
+    @cached_property
+    def _period(self) -> tuple[dict[str, np.ndarray], Invariants]:
+        period = PeriodMap(self.scenario, self.microsteps)
+        packed, n = period.packed, self.T_d.size
+        rows, partial = np.zeros((n, packed.channels)), np.zeros(packed.channels)
+        period.put(self.state)
+        before, momentum = packed.snapshot(), packed.momentum
+        width = 1.0 / (self.frequency * n)
+        period.advance(self.state, kernel.Samples(period.start, width, rows, partial, np.zeros(2, dtype=np.int64)))
+        invariants = balance(packed, before, momentum, 1.0 / self.frequency)
+        return channels_of(rows, len(self.scenario.array.modes)) | {"T_d": self.T_d}, invariants
 
     @property
     def time(self) -> np.ndarray:
         """Middles of the intervals [s], (n,)."""
-        n = self.channels["T_d"].size
+        n = self.T_d.size
         middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
         return middles
 
@@ -63,7 +89,7 @@ class SteadyState:
 
         Phases are those of cosines at the first sample of the record, ``record.settle``. The means' droop is made good.
         """
-        x = self.channels[name]
+        x = self[name]
         n = x.shape[0]
         k = np.arange(n // 2)
         series = np.fft.rfft(x, axis=0)[: k.size] * (2.0 / n)
@@ -113,11 +139,10 @@ def steady_state(scenario: Scenario) -> SteadyState:
 
 def _found(search: Search, spent: float, seconds: float) -> SteadyState:
     """What a search found, after others simulated ``spent`` [s] in vain."""
-    period, invariants = search.period, search.invariants
-    assert invariants is not None
+    period = search.period
     settings, simulated = period.scenario.solver, spent + period.evaluations / period.frequency
     solver = {
-        "method": "steady state by quasi-Newton on the map of one period; RODAS4 with located friction events",
+        "method": "steady state by multiple shooting over one period, quasi-Newton; RODAS4 with located friction events",
         "tolerance": settings.tolerance,
         "max_step_s": settings.max_step,
         "refinement": settings.refinement,
@@ -134,10 +159,10 @@ def _found(search: Search, spent: float, seconds: float) -> SteadyState:
         start=period.start,
         frequency=period.frequency,
         microsteps=period.microsteps,
-        channels=channels_of(search.rows, len(period.scenario.array.modes)),
-        state=search.x * period.sizes,
+        T_d=search.ends.T_d,
+        stuck_output=float(np.sum(search.ends.stuck_output)) * period.frequency,
+        state=search.x[0] * period.sizes,
         distance=search.distance,
         multiplier=search.multiplier,
-        invariants=invariants,
         solver=solver,
     )

@@ -11,7 +11,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.lines import LineTable, estimate_lines
 from microvib.signals.periodic import lines_of_series
 from microvib.solve.decimate import PASSBAND
-from microvib.solve.motion import Invariants
+from microvib.solve.motion import Invariants, Motion
 from microvib.solve.period import NotPeriodic
 from microvib.solve.simulate import Progress, simulate
 from microvib.solve.steady import SteadyState, steady_state
@@ -22,10 +22,23 @@ class Steady:
     """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from the run in time."""
 
     lines: LineTable
-    invariants: Invariants
-    solver: dict[str, Any]
-    state: SteadyState | None
+    source: SteadyState | Motion
     fallback: str = ""
+
+    @property
+    def state(self) -> SteadyState | None:
+        """The steady state, if there is one."""
+        return self.source if isinstance(self.source, SteadyState) else None
+
+    @property
+    def invariants(self) -> Invariants:
+        """What must have held; of a steady state the motion is run once more for it."""
+        return self.source.invariants
+
+    @property
+    def solver(self) -> dict[str, Any]:
+        """How it was solved."""
+        return self.source.solver
 
 
 def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None = None) -> Steady:
@@ -36,11 +49,11 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     """
     state, why = find_steady(scenario)
     if state is not None:
-        return Steady(steady_lines(state, harmonics=harmonics), state.invariants, state.solver, state)
+        return Steady(steady_lines(state, harmonics=harmonics), state)
     motion = simulate(scenario, channels=("T_d",), progress=progress)
     expected = expected_lines(scenario, PASSBAND * motion.sample_rate, harmonics)
     table = estimate_lines(motion["T_d"], motion.sample_rate, expected)
-    return Steady(table, motion.invariants, motion.solver, None, why)
+    return Steady(table, motion, why)
 
 
 def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
@@ -53,7 +66,7 @@ def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
 
 def steady_lines(state: SteadyState, channel: str = "T_d", harmonics: int = 8) -> LineTable:
     """Lines of one channel of a steady state, named as those of a record, with its bins and its first sample's phases."""
-    if channel not in state.channels or state[channel].ndim != 1:
+    if channel != "T_d" and (channel not in state.channels or state[channel].ndim != 1):
         names = ", ".join(name for name, values in state.channels.items() if values.ndim == 1)
         raise MicrovibError(f"channel '{channel}' is not in this motion; there are {names}")
     record = state.scenario.record

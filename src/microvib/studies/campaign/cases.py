@@ -171,7 +171,7 @@ def _steady(work: Work, scenario: Scenario) -> _Result:
     if found.state is None:
         return _Result(found.lines, note=found.fallback)
     x = found.state["T_d"]
-    scalars = (float(np.abs(x).max()), float(x.std()), float(found.state["stuck_output"].mean()))
+    scalars = (float(np.abs(x).max()), float(x.std()), found.state.stuck_output)
     return _Result(found.lines, scalars, T_d=x if "T_d" in work.keep else None)
 
 
