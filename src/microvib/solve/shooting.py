@@ -24,8 +24,9 @@ CLOSE = 1e-4
 """Distance from the steady state, over what a microstep moves, at which a state is accepted."""
 AS_CLOSE_AS_IT_GETS = 1e-3
 """Distance at which one is accepted whose corrections no longer fall to a third: the tolerance of the period's solution shows."""
-SWEEPS = 2
-"""Segments that are simulated before a search, so that fast motions settle."""
+CALMS = 0.07
+"""Time [s] that is simulated before a search, at least, so that fast motions settle; if it takes no more than MOST_SWEEPS segments."""
+MOST_SWEEPS = 2
 SAMPLED_FROM = 0.5
 """Distance below which the torque is sampled, for it may be the last."""
 RENEWED_FROM = 2.0
@@ -92,7 +93,8 @@ class Search:
         start = period.guess()
         if settle == 0:
             states = np.tile(start / period.sizes, (bounds.size - 1, 1))
-            return self._swept(states, SWEEPS)
+            segment = 1.0 / (period.frequency * len(states))
+            return self._swept(states, min(math.ceil(CALMS / segment), MOST_SWEEPS))
         for _ in range(settle):  # the fast motions settle
             start = period.advance(start)
         chain = [start / period.sizes]
@@ -219,14 +221,15 @@ class _Newton:
 
     def next(self, x: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Where nothing should be missed, now that ``x`` (segments, n) is known to lead to ``end``."""
-        missed = end - np.roll(x, -1, axis=0)
+        change = self._change(end - np.roll(x, -1, axis=0))
         if self._last is not None:
-            step, moved = x - self._last[0], self._change(self._last[1] - missed)
+            step, moved = x - self._last[0], self._last[1] - change
             along = float(np.sum(step * moved))
             if along != 0.0:
                 self._updates.append(((step - moved) / along, step))
-        self._last = x, missed
-        result: np.ndarray = x + self._change(missed)
+                change += self._updates[-1][0] * np.sum(step * change)
+        self._last = x, change
+        result: np.ndarray = x + change
         return result
 
     def _change(self, missed: np.ndarray) -> np.ndarray:
