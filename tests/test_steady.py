@@ -119,6 +119,7 @@ def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch)
     monkeypatch.setattr(PeriodMap, "guess", elsewhere)
     for _ in range(3):
         other = steady_state(state_1)
+        assert other.microsteps == steady_1.microsteps
         found = [(line.line, line.amplitude_n_m) for line in mv.lines(other) if line.kind == "drive"]
         assert [amplitude for _, amplitude in found] == pytest.approx(
             [mv.lines(steady_1)[name].amplitude_n_m for name, _ in found], rel=2e-3, abs=1e-6

@@ -33,8 +33,8 @@ RENEWED_FROM = 2.0
 """Correction after which the derivatives are taken anew, for they were those of another motion."""
 BELIEVED = 1e3
 """Correction above which the linearisation is not believed and a period is let pass instead."""
-MOST_STEPS = 8
-"""Corrections that a search may take. Three to six are usual; what took twice as many was seldom what a run in time shows."""
+MOST_STEPS = 12
+"""Corrections that a search may take; four or five are usual."""
 STABLE = 1.005
 """Largest multiplier that passes for stable: that of a mode without damping is 1, and it is measured to a thousandth."""
 SLOW = 0.8
