@@ -19,7 +19,6 @@ from microvib.model.sentences import validated
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
-
 _WORDS = ("title", "source", "sources")
 """Fields that hold no parameters."""
 
