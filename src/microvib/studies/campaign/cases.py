@@ -14,7 +14,8 @@ import numpy as np
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, LineTable, lines_at_known_clock
+from microvib.signals.lines import PASSBAND, lines_at_known_clock
+from microvib.signals.table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.steady import steady
 
