@@ -71,16 +71,19 @@ def test_floor_is_the_median_of_the_bins_about(cycles):
     values = np.random.default_rng(5).normal(size=65) + 0j
     centre = round(cycles)
     about = [abs(values[k]) for k in range(1, 65) if 4 <= abs(k - centre) <= 20]
-    assert hann.floor(cycles, values) == np.median(about)
+    assert hann.floors(np.array([cycles]), values) == np.median(about)
 
 
 def test_floor_without_bins_is_nothing():
-    assert hann.floor(2.0, np.ones(5) + 0j) == 0.0
+    assert hann.floors(np.array([2.0]), np.ones(5) + 0j) == 0.0
 
 
 def test_bins_near_tones():
-    assert hann.near(np.array([3.4, 11.0, 100.0]), 105).tolist() == [*range(18), *range(94, 105)]
-    assert hann.near(np.array([500.0]), 105).size == 0
+    tones = np.array([3.4, 11.0, 100.0])
+    assert hann.bins_in(tones, tones, 6, 105).tolist() == [*range(18), *range(94, 105)]
+    assert hann.bins_in(tones[2:], tones[2:] + 50.0, 2, 120).tolist() == [*range(98, 120)]
+    assert hann.bins_in(tones[:0], tones[:0], 6, 105).size == hann.bins_in(tones, tones, -1, 105).size == 0
+    assert hann.bins_in(10.0 * tones[2:], 10.0 * tones[2:], 6, 105).size == 0
 
 
 def test_a_known_tone_is_taken_out_whole():

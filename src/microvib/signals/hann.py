@@ -19,7 +19,7 @@ FAR = 400
 """Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
 _ABOUT = (4, 20)
 """Bins on each side of a line, from and to, that its floor is of."""
-_ROOM = _ABOUT[1] + 4
+ROOM = _ABOUT[1] + 4
 """Bins beyond its band that the fit of a mode may look at: the margins of its peak and of its frequency, and the floor."""
 _DEPENDENT = 1e-12
 """Square of the part of a column that the columns before it leave, below which it is made up of them."""
@@ -81,23 +81,25 @@ def tone(cycles, decay, amplitude, k, table):
     plus, minus = np.empty(k.size, np.complex128), np.empty(k.size, np.complex128)
     _half(cycles, decay, k, table, plus)
     _half(-cycles, decay, k, table, minus)
-    return amplitude * plus + amplitude.conjugate() * minus
+    for i in range(k.size):
+        plus[i] = amplitude * plus[i] + amplitude.conjugate() * minus[i]
+    return plus
 
 
 @njit(**COMPILE)
-def bins_in(first, last, size):
-    """Bins, of ``size`` that there are, that lie from ``first`` to ``last`` of any band."""
-    inside = np.zeros(size, np.bool_)
-    for i in range(first.size):
-        inside[max(int(first[i]), 0) : max(int(last[i]) + 1, 0)] = True
-    return np.flatnonzero(inside)
-
-
-@njit(**COMPILE)
-def near(cycles, size):
-    """Bins within reach of any tone."""
-    centre = np.rint(cycles)
-    return bins_in(centre - REACH, centre + REACH, size)
+def bins_in(low, high, reach, size):
+    """Bins, of ``size`` that there are, that are within ``reach`` of a band from ``low`` to ``high``, of several (m,)."""
+    inside, count = np.zeros(size, np.bool_), 0
+    for i in range(low.size):
+        for k in range(max(round(low[i]) - reach, 0), min(round(high[i]) + reach + 1, size)):
+            count += not inside[k]
+            inside[k] = True
+    bins = np.empty(count, np.int64)
+    for k in range(size - 1, -1, -1):
+        if inside[k]:
+            count -= 1
+            bins[count] = k
+    return bins
 
 
 @njit(**COMPILE)
@@ -117,9 +119,9 @@ def equations(cycles, decay, k, values, table):
             columns[2 * i, j], columns[2 * i, n + j] = p.real + q.real, p.imag + q.imag
             columns[2 * i + 1, j], columns[2 * i + 1, n + j] = q.imag - p.imag, p.real - q.real
     _half(0.0, 0.0, k, table, plus)
-    columns[2 * m, :n], columns[2 * m, n:] = plus.real, plus.imag
     right = np.empty(2 * n)
     for j in range(n):
+        columns[2 * m, j], columns[2 * m, n + j] = plus[j].real, plus[j].imag
         right[j], right[n + j] = values[k[j]].real, values[k[j]].imag
     return columns, right
 
@@ -156,7 +158,9 @@ def least_squares(columns, right):
         solution[i] *= factor[i, i]
         for j in range(i):
             solution[j] -= factor[i, j] * solution[i]
-    return solution * scale
+    for i in range(m):
+        solution[i] *= scale[i]
+    return solution
 
 
 @njit(**COMPILE)
@@ -165,26 +169,31 @@ def residual(cycles, decay, k, values, table):
     columns, rest = equations(cycles, decay, k, values, table)
     solution = least_squares(columns, rest)
     for i in range(solution.size):
-        rest -= solution[i] * columns[i]
+        for j in range(rest.size):
+            rest[j] -= solution[i] * columns[i, j]
     return rest
 
 
 @njit(**COMPILE)
 def amplitudes(cycles, decay, values, table):
     """Complex amplitudes of all tones together, (m,); least squares over the bins about them."""
-    solution = least_squares(*equations(cycles, decay, near(cycles, values.size), values, table))
-    return solution[:-1:2] + 1j * solution[1::2]
+    k = bins_in(cycles, cycles, REACH, values.size)
+    columns, right = equations(cycles, decay, k, values, table)
+    solution = least_squares(columns, right)
+    result = np.empty(cycles.size, np.complex128)
+    for i in range(cycles.size):
+        result[i] = complex(solution[2 * i], solution[2 * i + 1])
+    return result
 
 
 @njit(**COMPILE)
 def take_out(cycles, decay, amplitude, k, values, table):
-    """Take tones out of ``values``, each from those of the bins ``k`` where it stands out of rounding."""
-    for i in range(cycles.size):
-        centre = round(cycles[i])
-        first, last = np.searchsorted(k, centre - FAR), np.searchsorted(k, centre + FAR + 1)
-        known = tone(cycles[i], decay[i], amplitude[i], k[first:last], table)
-        for j in range(known.size):
-            values[k[first + j]] -= known[j]
+    """Take one tone out of ``values``, from those of the bins ``k`` where it stands out of rounding."""
+    centre = round(cycles)
+    first, last = np.searchsorted(k, centre - FAR), np.searchsorted(k, centre + FAR + 1)
+    known = tone(cycles, decay, amplitude, k[first:last], table)
+    for i in range(known.size):
+        values[k[first + i]] -= known[i]
 
 
 @njit(**COMPILE)
@@ -231,18 +240,18 @@ def peak(low, high, margin, values):
 
 
 @njit(**COMPILE)
-def fit_modes(clock, expected, low, high, detection, values, table):
+def fit_modes(clock, expected, low, high, detection, room, values, table):
     """Frequency and decay of each decaying tone, whether it is seen, and whether its fit ended at a limit, (m,) each.
 
     They are ``expected`` from ``low`` to ``high``, beside the steady tones ``clock``, which are taken out first; then the
-    strongest is fitted and taken out, and so on. One is seen that stands ``detection`` times above the floor about it.
+    strongest is fitted and taken out, and so on. One is seen that stands ``detection`` times above the floor about it. The bins
+    ``room`` reach from ``low`` to ``high``, ``expected`` among them, and ROOM beyond.
     """
     m = expected.size
-    none = np.zeros(clock.size)
-    room = bins_in(np.minimum(low, expected) - _ROOM, np.maximum(high, expected) + _ROOM, values.size)
     rest = values.copy()
-    if clock.size:
-        take_out(clock, none, amplitudes(clock, none, values, table), room, rest, table)
+    known = amplitudes(clock, np.zeros(clock.size), values, table)
+    for i in range(clock.size):
+        take_out(clock[i], 0.0, known[i], room, rest, table)
     heights = np.empty(m)
     for i in range(m):
         heights[i] = peak(low[i], high[i], 1.5, rest)[1]
@@ -256,15 +265,16 @@ def fit_modes(clock, expected, low, high, detection, values, table):
             continue
         seen[i] = True
         cycles[i], decay[i], limited[i] = _fit_decay(at, low[i], high[i], rest, table)
-        one = slice(i, i + 1)
-        take_out(cycles[one], decay[one], amplitudes(cycles[one], decay[one], rest, table), room, rest, table)
+        one = amplitudes(cycles[i : i + 1], decay[i : i + 1], rest, table)
+        take_out(cycles[i], decay[i], one[0], room, rest, table)
     return cycles, decay, seen, limited
 
 
 @njit(**COMPILE)
 def _fit_decay(at, low, high, values, table):
     """Damped tone that fits the bins about a peak: damped Gauss-Newton over frequency and decay, amplitude eliminated."""
-    k = near(np.array([at]), values.size)
+    around = np.array([at])
+    k = bins_in(around, around, REACH, values.size)
     lowest, highest = (max(low - 2.0, 0.5), -8.0), (high + 2.0, 60.0)
     u, v = _within(at, lowest[0], highest[0]), 0.3
     r = _left(u, v, k, values, table)

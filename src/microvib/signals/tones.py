@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.signals import hann
-from microvib.signals.hann import FAR
+from microvib.signals.hann import FAR, REACH, ROOM
 from microvib.signals.table import DETECTION
 
 MOST_FOR_CLOCK = 12
@@ -95,7 +95,8 @@ class HannSpectrum:
 
     def near(self, frequencies: np.ndarray) -> np.ndarray:
         """Bins within reach of any of the ``frequencies``."""
-        bins: np.ndarray = hann.near(frequencies * self.duration, self.values.size)
+        cycles = frequencies * self.duration
+        bins: np.ndarray = hann.bins_in(cycles, cycles, REACH, self.values.size)
         return bins
 
     def equations(self, tones: Tones, k: np.ndarray) -> np.ndarray:
@@ -117,10 +118,10 @@ class HannSpectrum:
     def without(self, tones: Tones, amplitudes: np.ndarray) -> HannSpectrum:
         """The spectrum with some tones taken out, each from the bins where it stands out of rounding."""
         values = self.values.copy()
-        cycles, decay = self._in_record(tones)
-        centre = np.rint(cycles)
-        band = hann.bins_in(centre - FAR, centre + FAR, values.size)
-        hann.take_out(cycles, decay, amplitudes, band, values, self.table)
+        for cycles, decay, a in zip(*self._in_record(tones), amplitudes, strict=True):
+            centre = round(cycles)
+            band = np.arange(max(centre - FAR, 0), min(centre + FAR + 1, values.size))
+            values[band] -= hann.tone(cycles, decay, a, band, self.table)
         return replace(self, values=values)
 
     def floors(self, frequencies: np.ndarray) -> np.ndarray:
@@ -130,7 +131,7 @@ class HannSpectrum:
 
     def floor(self, frequency: float) -> float:
         """The floor about one frequency."""
-        return float(hann.floor(frequency * self.duration, self.values))
+        return float(self.floors(np.array([frequency]))[0])
 
     def peak(self, low: float, high: float, margin: float = 1.5) -> tuple[float, float]:
         """Frequency [Hz] and amplitude of the highest peak from ``low`` to ``high``, a few bins of margin allowed."""
@@ -190,8 +191,10 @@ def with_modes(clock: Tones, modes: Sequence[ExpectedLine], spectrum: HannSpectr
         return clock
     duration, expected = spectrum.duration, steady(modes)
     low, high = (np.array([getattr(line, end) for line in modes], dtype=float) * duration for end in ("low", "high"))
+    at, values = expected.frequency * duration, spectrum.values
+    room = hann.bins_in(np.minimum(low, at), np.maximum(high, at), ROOM, values.size)
     cycles, decay, seen, limited = hann.fit_modes(
-        clock.frequency * duration, expected.frequency * duration, low, high, DETECTION, spectrum.values, spectrum.table
+        clock.frequency * duration, at, low, high, DETECTION, room, values, spectrum.table
     )
     # what is not seen stays where it is expected
     frequency = np.where(seen, cycles / duration, expected.frequency)
