@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from microvib.model.expected import ExpectedLine
-from microvib.signals.lines import estimate_lines
+from microvib.model.expected import ExpectedLine, expected_lines
+from microvib.signals.lines import estimate_lines, figures_at_known_clock, lines_at_known_clock
 from microvib.signals.spectrum import amplitude_spectrum, tone_amplitude
 
 RATE, SAMPLES = 4096.0, 65536
@@ -145,9 +145,6 @@ def test_stated_uncertainties_cover_the_truth():
 
 
 def test_lines_at_a_known_clock_are_the_estimated_ones(motion_1):
-    from microvib.model.expected import expected_lines
-    from microvib.signals.lines import lines_at_known_clock
-
     expected = expected_lines(motion_1.scenario, 1400.0)
     full = estimate_lines(motion_1["T_d"], 4096.0, expected)
     for line in lines_at_known_clock(motion_1["T_d"], 4096.0, expected):
@@ -155,3 +152,21 @@ def test_lines_at_a_known_clock_are_the_estimated_ones(motion_1):
             assert line.amplitude_n_m == pytest.approx(full[line.line].amplitude_n_m, rel=2e-4)
             assert line.decay_per_s == pytest.approx(full[line.line].decay_per_s, rel=1e-3)
             assert line.frequency_hz == pytest.approx(full[line.line].frequency_hz, rel=1e-6)
+
+
+def test_figures_as_arrays_are_those_of_the_table(motion_1):
+    expected = expected_lines(motion_1.scenario, 1400.0)
+    figures = figures_at_known_clock(motion_1["T_d"], 4096.0, expected)
+    table = lines_at_known_clock(motion_1["T_d"], 4096.0, expected)
+    assert [line.line for line in table] == [line.name for line in figures.expected]
+    assert tuple(line.status for line in table) == figures.status
+    assert np.array_equal([line.amplitude_n_m for line in table], figures.amplitude, equal_nan=True)
+    assert np.array_equal([line.bin_amplitude_n_m for line in table], figures.bin_amplitude)
+
+
+def test_what_is_refused_has_a_nearest_bin_and_nothing_else():
+    figures = figures_at_known_clock(np.cos(2 * np.pi * 3 * T), RATE, [expect("a", 3.0), expect("b", 3.05)])
+    assert figures.bin_frequency.tolist() == [3.0, 3.0625]
+    assert np.isfinite(figures.bin_amplitude).all()
+    for values in (figures.frequency, figures.amplitude, figures.phase, figures.decay, figures.floor):
+        assert np.isnan(values).tolist() == [False, True]

@@ -38,7 +38,7 @@ from microvib.app.reports.rendering import html, pdf, report_files
 from microvib.app.reports.run import run_report
 from microvib.app.running import run_scenario
 from microvib.io.runs import read_run
-from microvib.signals.lines import FAINT
+from microvib.signals.table import FAINT
 from microvib.studies.margins import Limit, judge
 
 LIMIT = Limit(0.010)

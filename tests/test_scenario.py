@@ -1,6 +1,7 @@
 """Scenario files: what they say, how they are changed, and what is refused with which sentence."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 import microvib as mv
 from microvib.io.scenario_file import json_schema, load_scenario, parse_value
+from microvib.model.scenario import scenario_from
 
 EXAMPLE = """
 motor: {rotor_teeth: 50, current: 0.6 A, torque_constant: 0.3 N*m/A, detent_torque: 0.01 N*m, winding_resistance: 6 ohm,
@@ -208,7 +210,6 @@ def test_any_text_gives_a_scenario_or_a_sentence(text):
 
 def load_scenario_text(text: str) -> mv.Scenario:
     from microvib.io.scenario_file import parse_yaml
-    from microvib.model.scenario import scenario_from
 
     return scenario_from(parse_yaml(text, "text"), units_required=True)
 
@@ -240,3 +241,45 @@ def test_schema_names_every_key(state_1):
         assert f"'{key.split('.')[-1]}'" in text or key.split(".")[-1].isdigit()
         if quantity is not None and quantity.unit:
             assert f"'x-unit': '{quantity.unit}'" in text
+
+
+def test_a_changed_copy_is_what_its_whole_data_give(state_1):
+    before = state_1.model_dump()
+    changed = state_1.with_({"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": 1.3})
+    data = state_1.model_dump()
+    data["motor"]["friction"]["viscous"], data["array"]["modes"][0]["frequency"] = 0.03, 1.3
+    assert changed == scenario_from(data)
+    assert state_1.model_dump() == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"reducer.stiffness": -1.0, "motor.curent": 1.0}, "motor.curent: unknown key"),
+        ({"reducer.stiffness": -1.0, "motor.curent": 1.0}, "reducer.stiffness: -1.0 is not allowed"),
+        ({"driver.supply_voltage": 2.0}, "driver: supply_voltage 2 V cannot drive 0.6 A"),
+        ({"array.rigid_inertia": 9.0}, "array.rigid_inertia: 9 kg*m^2 is more than the inertia"),
+        ({"gearbox.ratio": 1.0}, "gearbox: unknown key"),
+        ({"title": 3}, "title: 3 is not allowed"),
+    ],
+)
+def test_a_changed_copy_is_refused_with_the_same_sentences(state_1, changes, sentence):
+    with pytest.raises(mv.ScenarioError, match=re.escape(sentence)):
+        state_1.with_(changes)
+
+
+def test_sources_of_what_is_no_longer_there_are_dropped(state_1):
+    keys = ("array", "array.modes", "array.modes.0", "array.modes.0.damping", "friction.slip_ring.contact_pairs")
+    wrong = (
+        "array.modes.1",
+        "array.modes.00",
+        "array.modes.x",
+        "motor.",
+        "title",
+        "sources",
+        "motor.current.value",
+        "",
+    )
+    every = state_1.with_sources(dict.fromkeys((*keys, *wrong), "made"))
+    assert tuple(every.sources) == keys
+    assert tuple(every.with_({"array.modes": [], "array.rigid_inertia": None}).sources) == (*keys[:2], keys[4])

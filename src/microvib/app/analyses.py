@@ -11,7 +11,7 @@ from microvib.app.reports.document import Block, Document, Fact, Figure, Form, S
 from microvib.app.reports.pieces import drawn, figure, milli, number, study
 from microvib.app.reports.rendering import report_files
 from microvib.io.results import columns_csv, lines_csv, write_folder
-from microvib.signals.lines import Line, LineTable
+from microvib.signals.table import Line, LineTable
 from microvib.studies.analyse import Analysis
 
 

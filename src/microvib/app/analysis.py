@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
-from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.lines import estimate_lines
 from microvib.signals.spectrum import Spectrum, Window, amplitude_spectrum
+from microvib.signals.table import LineTable
 from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Motion
 from microvib.solve.steady import SteadyState

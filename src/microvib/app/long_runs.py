@@ -10,7 +10,8 @@ import numpy as np
 
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import Line, LineTable, estimate_lines
+from microvib.signals.lines import estimate_lines
+from microvib.signals.table import Line, LineTable
 from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Invariants
 from microvib.solve.simulate import Progress, Run

@@ -11,8 +11,8 @@ import numpy as np
 from microvib.app.analysis import lines as estimate
 from microvib.app.analysis import spectrum
 from microvib.model.linear import coupled_modes
-from microvib.signals.lines import FAINT, Line, LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall
+from microvib.signals.table import FAINT, Line, LineTable
 from microvib.solve.motion import Motion
 
 if TYPE_CHECKING:

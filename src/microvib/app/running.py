@@ -15,7 +15,7 @@ from microvib.errors import ScenarioError
 from microvib.io.results import check_room, lines_csv, summary, to_json, write_folder, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import LineTable
+from microvib.signals.table import LineTable
 from microvib.solve.motion import CHANNELS, Invariants
 from microvib.solve.simulate import Progress, simulate
 from microvib.studies.margins import Limit

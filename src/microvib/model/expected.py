@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 from microvib.model.linear import coupled_modes
@@ -40,66 +42,53 @@ def expected_lines(
     ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
     simulation, whose clock is known, a per cent for a test.
     """
-    lines = [
+    modes = [
         replace(line, low=line.low * (1.0 - mode_tolerance), high=line.high * (1.0 + mode_tolerance))
         for line in _array_lines(scenario, highest)
     ]
     f_d = scenario.driving_frequency
     if not f_d:
-        return tuple(lines)
-    n, b, z = scenario.driver.microsteps, scenario.driver.beats, scenario.motor.rotor_teeth
-    turn = b * n * z  # microsteps per turn of the wave generator, in which every line of the clock has a whole order
+        return tuple(modes)
+    driver, motor = scenario.driver, scenario.motor
+    errors = tuple(e.order for e in scenario.reducer.transmission_error)
+    turn, orders = _orders(
+        driver.microsteps, driver.beats, motor.rotor_teeth, motor.detent_torque > 0.0, errors, harmonics
+    )
+    base, low, high = f_d / turn, 1.0 - clock_tolerance, 1.0 + clock_tolerance
+    clock = [
+        ExpectedLine(name, kind, order * base, low * (order * base), high * (order * base), origin)
+        for order, (name, kind, origin) in orders.items()
+        if order * base <= highest
+    ]
+    return (*modes, *clock)
+
+
+@lru_cache(maxsize=64)
+def _orders(
+    n: int, b: int, z: int, detent_torque: bool, errors: tuple[int, ...], harmonics: int
+) -> tuple[int, dict[int, tuple[str, Kind, str]]]:
+    """Microsteps per turn of the wave generator, in which every line of the clock has a whole order; and name, kind and origin of
+    the line of each order, that of the first family where several have it."""
+    turn = b * n * z
     detent = (
         4 * z
     )  # order of the detent torque, sin(4 z theta_m): a quarter electrical turn, for four beats a full step
-    families: list[tuple[str, Kind, int, list[int], str]] = [
-        ("drive", "drive", turn, list(range(1, harmonics + 1)), "microstep"),
-        ("full_step", "full step", detent, list(range(1, harmonics + 1)), "full step" if b == 4 else "detent period"),
-        ("electrical", "electrical", z, [1, 2, 3], "electrical period"),
+    families: list[tuple[str, Kind, int, Sequence[int], str]] = [
+        ("drive", "drive", turn, range(1, harmonics + 1), "microstep"),
+        ("full_step", "full step", detent, range(1, harmonics + 1), "full step" if b == 4 else "detent period"),
+        ("electrical", "electrical", z, (1, 2, 3), "electrical period"),
+        ("wave_generator", "wave generator", 1, errors, "transmission error"),
     ]
-    orders = [e.order for e in scenario.reducer.transmission_error]
-    if orders:
-        families.append(("wave_generator", "wave generator", 1, orders, "transmission error"))
-    taken: set[int] = set()
+    orders: dict[int, tuple[str, Kind, str]] = {}
     for stem, kind, unit, members, origin in families:
         for k in members:
-            _add(lines, taken, f"{stem}_{k}", kind, k * unit, f_d / turn, highest, f"{origin}, order {k}")
-    if scenario.motor.detent_torque > 0.0 and turn > 2 * SIDEBANDS * detent:
+            orders.setdefault(k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}"))
+    if detent_torque and turn > 2 * SIDEBANDS * detent:
         for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
                 name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
-                _add(
-                    lines,
-                    taken,
-                    name,
-                    "sideband",
-                    k * turn + j * detent,
-                    f_d / turn,
-                    highest,
-                    f"drive_{k} {j:+d} full step",
-                )
-    low, high = 1.0 - clock_tolerance, 1.0 + clock_tolerance
-    return tuple(
-        line if line.kind == "array mode" else replace(line, low=low * line.frequency, high=high * line.frequency)
-        for line in lines
-    )
-
-
-def _add(
-    lines: list[ExpectedLine],
-    taken: set[int],
-    name: str,
-    kind: Kind,
-    order: int,
-    base: float,
-    highest: float,
-    origin: str,
-) -> None:
-    """Add the line of one order of the wave generator's turns, unless that order has a name already."""
-    frequency = order * base
-    if order not in taken and frequency <= highest:
-        taken.add(order)
-        lines.append(ExpectedLine(name, kind, frequency, frequency, frequency, origin))
+                orders.setdefault(k * turn + j * detent, (name, "sideband", f"drive_{k} {j:+d} full step"))
+    return turn, orders
 
 
 def _array_lines(scenario: Scenario, highest: float) -> list[ExpectedLine]:

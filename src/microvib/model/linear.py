@@ -103,13 +103,15 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     """
     M, C, K = matrices(scenario)
     n = M.shape[0]
-    state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    state = np.zeros((2 * n, 2 * n))
+    state[:n, n:] = np.eye(n)
+    state[n:] = -np.linalg.solve(M, np.hstack([K, C]))
     values, vectors = np.linalg.eig(state)
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:n, keep]
     s = len(scenario.array.modes)
-    elastic = np.einsum("ik,ij,jk->k", vectors.conj(), K, vectors).real
-    share = np.einsum("i,ik->k", scenario.array.Lambda, np.abs(vectors[n - s :]) ** 2) / np.maximum(elastic, 1e-300)
+    elastic = np.sum(vectors.conj() * (K @ vectors), axis=0).real
+    share = scenario.array.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
     # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as the array's modes do.
     by_share = np.argsort(-share, kind="stable")
     array_columns = sorted(by_share[:s], key=lambda c: abs(values[c]))

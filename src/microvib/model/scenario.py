@@ -19,6 +19,9 @@ from microvib.model.sentences import validated
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
+_WORDS = ("title", "source", "sources")
+"""Fields that hold no parameters."""
+
 
 class Scenario(Part):
     """One drive, one array, one command, one record. Frozen; ``with_`` makes a changed copy."""
@@ -94,8 +97,12 @@ class Scenario(Part):
 
         ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError.
         """
-        data = self.model_dump()
+        data: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
+        data["sources"] = dict(self.sources)
         for key, value in {**(changes or {}), **groups}.items():
+            group = key.split(".")[0]
+            if isinstance(data.get(group), Part):  # what is not changed has been validated
+                data[group] = data[group].model_dump()
             set_key(data, key, value.model_dump() if isinstance(value, Part) else value)
         return scenario_from({**data, "sources": {}}).with_sources(data["sources"])
 
@@ -104,12 +111,21 @@ class Scenario(Part):
         return self.model_copy(update={"sources": {key: text for key, text in sources.items() if self._has(key)}})
 
     def _has(self, key: str) -> bool:
-        return any(name == key or name.startswith(key + ".") for name, _, _ in self.entries())
+        """Whether a parameter, or a group of them, has this dotted key."""
+        node: Any = self
+        for name in key.split("."):
+            if isinstance(node, Part) and name in type(node).model_fields:
+                node = getattr(node, name)
+            elif isinstance(node, tuple) and name in map(str, range(len(node))) and isinstance(node[0], Part):
+                node = node[int(name)]
+            else:
+                return False
+        return key.split(".")[0] not in _WORDS
 
     def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
         """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
         for name in type(self).model_fields:
-            if name not in ("title", "source", "sources"):
+            if name not in _WORDS:
                 yield from entries(name, getattr(self, name), type(self).quantity_of(name))
 
     def source_of(self, key: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -23,7 +22,7 @@ def validated(part: type[P], data: Any, *, units_required: bool = False, origin:
             f"{origin or name}: a mapping of keys is wanted, such as '{first}:', not {type(data).__name__}"
         )
     try:
-        return part.model_validate(copy.deepcopy(data), context={"units_required": units_required})
+        return part.model_validate(data, context={"units_required": units_required})
     except ValidationError as error:
         items = error.errors()
         # Of a choice between a quantity and a word, what is wrong with the quantity says it all.

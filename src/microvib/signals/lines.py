@@ -9,23 +9,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.signals.spectrum import tone_amplitude
-from microvib.signals.tones import (
-    DETECTION,
-    HannSpectrum,
-    Tone,
-    Uncertainty,
-    estimate_amplitudes,
-    estimate_clock_ratio,
-    fit_modes,
-    mean_over_record,
-    uncertainties,
-)
+from microvib.signals.table import DETECTION, FAINT, Figures, Line, LineTable, Uncertainty
+from microvib.signals.tones import HannSpectrum, Tones, estimate_clock_ratio, mean_of_decay, steady, with_modes
+from microvib.signals.uncertainty import uncertainties
 
 SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
@@ -33,118 +25,23 @@ _RANK = {"array mode": 1, "electrical": 2}
 MOST_OTHERS = 12
 PASSBAND = 0.35
 """Part of the sample rate up to which unexpected lines are looked for."""
-FAINT = "below the floor"
-"""Status of a line that was looked for and not found."""
-
-
-@dataclass(frozen=True)
-class Line:
-    """One line of a torque; amplitudes in N m, 0-to-peak."""
-
-    line: str
-    kind: str
-    origin: str
-    expected_hz: float
-    frequency_hz: float
-    frequency_uncertainty_hz: float
-    amplitude_n_m: float
-    """Amplitude; of a decaying tone its mean over the record."""
-    amplitude_uncertainty_n_m: float
-    """Standard uncertainty, from the floor about the line."""
-    phase_rad: float
-    """Phase of the cosine at the first sample."""
-    phase_uncertainty_rad: float
-    bin_frequency_hz: float
-    bin_amplitude_n_m: float
-    """The paper's figure: rectangular window, nearest bin."""
-    floor_n_m: float
-    """Median amplitude of the bins about the line."""
-    decay_per_s: float
-    """Decay rate sigma of the tone, exp(-sigma t); 0 for a line of the step clock."""
-    decay_uncertainty_per_s: float
-    status: str
-    background_n_m: float = float("nan")
-    """Amplitude of the background recording at this frequency; nan without one."""
-
-
-@dataclass(frozen=True)
-class LineTable:
-    """All lines of one record, and how they were estimated."""
-
-    lines: tuple[Line, ...]
-    clock_ratio: float | None
-    """Step clock found over step clock expected; None where no line of the clock is seen."""
-    clock_ratio_uncertainty: float | None
-    """Its standard uncertainty."""
-    samples: int
-    sample_rate: float
-
-    def __iter__(self):  # type: ignore[no-untyped-def]
-        return iter(self.lines)
-
-    def __len__(self) -> int:
-        return len(self.lines)
-
-    def __getitem__(self, name: str) -> Line:
-        for line in self.lines:
-            if line.line == name:
-                return line
-        raise KeyError(f"no line '{name}'; there are {', '.join(line.line for line in self.lines)}")
-
-    def __str__(self) -> str:
-        return self.text()
-
-    def notable(self) -> tuple[Line, ...]:
-        """Lines worth a row in a report: without those below the floor, those below a thousandth of the largest, and
-        sidebands and other lines below a twentieth."""
-        top = max((x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0)
-
-        def is_notable(x: Line) -> bool:
-            least = 0.05 if x.kind in ("sideband", "other") else 1e-3
-            return x.status != FAINT and not x.amplitude_n_m < least * top
-
-        return tuple(x for x in self.lines if is_notable(x))
-
-    def text(self, notable: bool = False) -> str:
-        """The table as text, whole or only what is notable."""
-        shown = self.notable() if notable else self.lines
-        rows = [f"{'line':16s} {'expected Hz':>12s} {'Hz':>12s} {'N m':>12s} {'bin Hz':>10s} {'bin N m':>12s}  status"]
-        rows += [
-            f"{x.line:16s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
-            f" {x.bin_amplitude_n_m:12.4e}  {x.status}"
-            for x in shown
-        ]
-        if len(shown) < len(self.lines):
-            rows.append(f"and {len(self.lines) - len(shown)} small ones in lines.csv")
-        return "\n".join(rows)
 
 
 def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
     """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate`` [Hz]."""
-    x = np.asarray(x, dtype=float)
-    duration = x.size / sample_rate
-    x = x - x.mean()
-    spectrum = HannSpectrum(x, sample_rate)
-    wanted, refused = _sort_out(expected, duration)
+    spectrum = _spectrum(x, sample_rate)
+    wanted, refused = _sort_out(expected, spectrum.duration)
     clock = [line for line in wanted if line.kind != "array mode"]
     modes = [line for line in wanted if line.kind == "array mode"]
-
     ratio = estimate_clock_ratio(clock, spectrum)
-    tones = [Tone(line, line.frequency * (ratio or 1.0), 0.0) for line in clock]
-    if modes:
-        tones += fit_modes(modes, spectrum.without(tones, estimate_amplitudes(tones, spectrum)))
-    tones, mistaken = _without_mistaken(tones, ratio, duration)
-    refused += mistaken
-    amplitudes = estimate_amplitudes(tones, spectrum)
+    tones = with_modes(steady(clock, ratio or 1.0), modes, spectrum)
+    tones, mistaken = _without_mistaken(tones, ratio, spectrum.duration)
+    amplitudes = spectrum.amplitudes(tones)
     rest = spectrum.without(tones, amplitudes)
-    spread = uncertainties(tones, amplitudes, ratio, spectrum, rest)
-    bins = np.abs(np.fft.rfft(x)) * (2.0 / x.size)
-    found = {tone.line.name: _result(k, tone, amplitudes[k], spread, bins, rest) for k, tone in enumerate(tones)}
-    for line, why in refused:
-        found[line.name] = _not_estimated(line, why, bins, duration)
-    rows = [found[line.name] for line in expected]
-    rows += _others(rest, rows, clock, ratio, bins)
-    return LineTable(tuple(rows), ratio, spread.clock_ratio if ratio else None, x.size, sample_rate)
+    spread, ratio_spread = uncertainties(tones, amplitudes, ratio, spectrum, rest)
+    rows = _figures(expected, tones, refused | mistaken, amplitudes, rest).rows(_placed(spread, expected, tones))
+    rows += _others(rest, rows, clock, ratio)
+    return LineTable(rows, ratio, ratio_spread, spectrum.samples, sample_rate)
 
 
 def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
@@ -152,21 +49,23 @@ def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[E
 
     Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time.
     """
+    figures = figures_at_known_clock(x, sample_rate, expected)
+    none = 0.0 * figures.amplitude
+    return LineTable(figures.rows(Uncertainty(none, none, none, none)), 1.0, 0.0, np.size(x), sample_rate)
+
+
+def figures_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> Figures:
+    """The figures of ``lines_at_known_clock`` as arrays, for many records."""
+    spectrum = _spectrum(x, sample_rate)
+    wanted, refused = _sort_out(expected, spectrum.duration)
+    clock = steady([line for line in wanted if line.kind != "array mode"])
+    tones = with_modes(clock, [line for line in wanted if line.kind == "array mode"], spectrum)
+    return _figures(expected, tones, refused, spectrum.amplitudes(tones), spectrum)
+
+
+def _spectrum(x: np.ndarray, sample_rate: float) -> HannSpectrum:
     x = np.asarray(x, dtype=float)
-    x = x - x.mean()
-    spectrum = HannSpectrum(x, sample_rate)
-    wanted, refused = _sort_out(expected, x.size / sample_rate)
-    tones = [Tone(line, line.frequency, 0.0) for line in wanted if line.kind != "array mode"]
-    modes = [line for line in wanted if line.kind == "array mode"]
-    if modes:
-        tones += fit_modes(modes, spectrum.without(tones, estimate_amplitudes(tones, spectrum)))
-    amplitudes = estimate_amplitudes(tones, spectrum)
-    none = np.zeros(len(tones))
-    exact = Uncertainty(none, none, none, none, 0.0)
-    bins = np.abs(np.fft.rfft(x)) * (2.0 / x.size)
-    found = {tone.line.name: _result(k, tone, amplitudes[k], exact, bins, spectrum) for k, tone in enumerate(tones)}
-    found |= {line.name: _not_estimated(line, why, bins, x.size / sample_rate) for line, why in refused}
-    return LineTable(tuple(found[line.name] for line in expected), 1.0, 0.0, x.size, sample_rate)
+    return HannSpectrum.of(x - x.mean(), sample_rate)
 
 
 def with_background(table: LineTable, background: np.ndarray) -> LineTable:
@@ -187,41 +86,35 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
     return replace(table, lines=tuple(rows))
 
 
-def _without_mistaken(
-    tones: Sequence[Tone], ratio: float | None, duration: float
-) -> tuple[list[Tone], list[tuple[ExpectedLine, str]]]:
+def _without_mistaken(tones: Tones, ratio: float | None, duration: float) -> tuple[Tones, dict[str, str]]:
     """Take out array modes that are really steady lines of the clock: on a multiple of the full-step rate, not decaying."""
-    base = next((tone.frequency for tone in tones if tone.line.name == "full_step_1"), None)
+    base = next((f for line, f in zip(tones.lines, tones.frequency, strict=True) if line.name == "full_step_1"), None)
     if ratio is None or base is None or base * duration < 2 * SEPARATION:
-        return list(tones), []
-    kept: list[Tone] = []
-    mistaken = []
-    for tone in tones:
-        order = round(tone.frequency / base)
-        steady = abs(tone.decay) * duration < 0.05
-        if (
-            tone.line.kind == "array mode"
-            and tone.seen
-            and steady
-            and abs(tone.frequency - order * base) * duration < 0.5
-        ):
-            mistaken.append((tone.line, f"not separable from order {order} of the full step"))
-        else:
-            kept.append(tone)
-    return kept, mistaken
+        return tones, {}
+    order = np.rint(tones.frequency / base)
+    mistaken = (
+        tones.modes
+        & (np.abs(tones.decay) * duration < 0.05)
+        & (np.abs(tones.frequency - order * base) * duration < 0.5)
+    )
+    why = {
+        tones.lines[k].name: f"not separable from order {order[k]:.0f} of the full step"
+        for k in np.flatnonzero(mistaken)
+    }
+    return tones.without(mistaken), why
 
 
 def _others(
-    rest: HannSpectrum, rows: Sequence[Line], clock: Sequence[ExpectedLine], ratio: float | None, bins: np.ndarray
-) -> list[Line]:
+    rest: HannSpectrum, rows: Sequence[Line], clock: Sequence[ExpectedLine], ratio: float | None
+) -> tuple[Line, ...]:
     """Lines that stand in what is left, from a hundredth of the largest; with their place among the clock's orders.
 
     Such are further full-step orders, and subharmonics: stick and slip may repeat only after several microsteps.
     """
-    duration = rest.samples / rest.sample_rate
+    duration = rest.duration
     top = max((row.amplitude_n_m for row in rows if np.isfinite(row.amplitude_n_m)), default=0.0)
     drive = next((line.frequency * (ratio or 1.0) for line in clock if line.name == "drive_1"), None)
-    found: list[Line] = []
+    found: tuple[Line, ...] = ()
     if drive is None:  # without a steady clock there is nothing that a line could be unexpected against
         return found
     highest = int(PASSBAND * rest.samples)
@@ -237,9 +130,10 @@ def _others(
         line = ExpectedLine(
             f"other_{len(found) + 1}", "other", frequency, low, high, _place(frequency, drive, duration)
         )
-        tone = Tone(line, frequency, 0.0)
-        spread = uncertainties([tone], amplitude := estimate_amplitudes([tone], rest), None, rest, rest)
-        found.append(_result(0, tone, amplitude[0], spread, bins, rest))
+        tone = steady([line])
+        amplitude = rest.amplitudes(tone)
+        spread, _ = uncertainties(tone, amplitude, None, rest, rest)
+        found += _figures([line], tone, {}, amplitude, rest).rows(spread)
     return found
 
 
@@ -253,89 +147,80 @@ def _place(frequency: float, drive: float | None, duration: float) -> str:
     return "no simple order of the driving frequency"
 
 
-def _sort_out(
-    expected: Sequence[ExpectedLine], duration: float
-) -> tuple[list[ExpectedLine], list[tuple[ExpectedLine, str]]]:
-    """Lines that the record can resolve, and the others with the reason.
+def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[ExpectedLine], dict[str, str]]:
+    """Lines that the record can resolve, and the names of the others with the reason.
 
     Lines of the clock go before array modes, for they last, while a mode rings down; but those of the electrical period
     go last, for equal phases make none.
     """
     wanted: list[ExpectedLine] = []
-    refused: list[tuple[ExpectedLine, str]] = []
+    refused: dict[str, str] = {}
     for line in sorted(expected, key=lambda line: _RANK.get(line.kind, 0)):
         if line.frequency * duration < SEPARATION:
-            refused.append((line, f"not resolved: needs a record of {SEPARATION / line.frequency:.3g} s"))
+            refused[line.name] = f"not resolved: needs a record of {SEPARATION / line.frequency:.3g} s"
             continue
         near = next((other for other in wanted if abs(other.frequency - line.frequency) * duration < SEPARATION), None)
         if near is not None:
             needed = SEPARATION / max(abs(near.frequency - line.frequency), 1e-12)
             length = f"; a record of {needed:.3g} s could" if needed < 1e6 else ""
-            refused.append((line, f"not separable from {near.name}{length}"))
+            refused[line.name] = f"not separable from {near.name}{length}"
         else:
             wanted.append(line)
     return wanted, refused
 
 
-def _result(k: int, tone: Tone, amplitude: complex, spread: Uncertainty, bins: np.ndarray, rest: HannSpectrum) -> Line:
-    duration = rest.samples / rest.sample_rate
-    floor = rest.floor(tone.frequency)
-    size = mean_over_record(tone, amplitude, duration)
-    status = "ok"
-    if size < DETECTION * floor:
-        status = FAINT
-    elif tone.limited:
-        status = "at a limit of its fit"
-    elif tone.seen and abs(tone.decay) * duration > 0.1:
-        status = "decaying" if tone.decay > 0.0 else "growing"
-    bin_frequency, bin_amplitude = _nearest_bin(bins, tone.frequency, duration)
-    return Line(
-        line=tone.line.name,
-        kind=tone.line.kind,
-        origin=tone.line.origin,
-        expected_hz=float(tone.line.frequency),
-        frequency_hz=float(tone.frequency),
-        frequency_uncertainty_hz=float(spread.frequency[k]),
-        amplitude_n_m=size,
-        amplitude_uncertainty_n_m=float(spread.amplitude[k]),
-        phase_rad=float(np.angle(amplitude)),
-        phase_uncertainty_rad=float(spread.phase[k]),
-        bin_frequency_hz=bin_frequency,
-        bin_amplitude_n_m=bin_amplitude,
-        floor_n_m=floor,
-        decay_per_s=tone.decay,
-        decay_uncertainty_per_s=float(spread.decay[k]),
-        status=status,
-    )
+def _figures(
+    expected: Sequence[ExpectedLine], tones: Tones, refused: dict[str, str], amplitudes: np.ndarray, rest: HannSpectrum
+) -> Figures:
+    """Figures of the tones and, nan but for their nearest bin, of the lines that are ``refused`` for a reason.
 
-
-def _not_estimated(line: ExpectedLine, why: str, bins: np.ndarray, duration: float) -> Line:
-    nan = float("nan")
-    bin_frequency, bin_amplitude = _nearest_bin(bins, line.frequency, duration)
-    return Line(
-        line=line.name,
-        kind=line.kind,
-        origin=line.origin,
-        expected_hz=float(line.frequency),
-        frequency_hz=nan,
-        frequency_uncertainty_hz=nan,
-        amplitude_n_m=nan,
-        amplitude_uncertainty_n_m=nan,
-        phase_rad=nan,
-        phase_uncertainty_rad=nan,
-        bin_frequency_hz=bin_frequency,
-        bin_amplitude_n_m=bin_amplitude,
-        floor_n_m=nan,
-        decay_per_s=nan,
-        decay_uncertainty_per_s=nan,
-        status=why,
-    )
-
-
-def _nearest_bin(bins: np.ndarray, frequency: float, duration: float) -> tuple[float, float]:
-    """The paper's estimator: rectangular window, bin nearest to ``frequency``; its frequency [Hz] and amplitude.
-
-    Between bins it reads up to 36 % low (picket fence), so that it depends on where the bins happen to fall.
+    Floors are those of ``rest``.
     """
-    k = min(round(frequency * duration), bins.size - 1)
-    return k / duration, float(bins[k])
+    duration = rest.duration
+    fold = tones.decay * duration
+    size, floor = np.abs(amplitudes) * mean_of_decay(fold)[0], rest.floors(tones.frequency)
+    status = _statuses(tones, size, floor, fold) | refused
+    order = _order(expected, tones)
+    frequency = _at(tones.frequency, order)
+    wanted = np.array([line.frequency for line in expected], dtype=float)
+    bins = np.minimum(np.rint(np.where(np.isnan(frequency), wanted, frequency) * duration), rest.values.size - 1)
+    return Figures(
+        expected=tuple(expected),
+        status=tuple(status[line.name] for line in expected),
+        frequency=frequency,
+        amplitude=_at(size, order),
+        phase=_at(np.angle(amplitudes), order),
+        decay=_at(tones.decay, order),
+        floor=_at(floor, order),
+        # The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low (picket fence), so that
+        # it depends on where the bins happen to fall.
+        bin_frequency=bins / duration,
+        bin_amplitude=np.abs(rest.unwindowed[bins.astype(int)]),
+    )
+
+
+def _statuses(tones: Tones, size: np.ndarray, floor: np.ndarray, fold: np.ndarray) -> dict[str, str]:
+    """Status of each tone of amplitude ``size`` that falls by ``fold`` e-foldings, by the name of its line."""
+    faint, falling = size < DETECTION * floor, tones.seen & (np.abs(fold) > 0.1)
+    status = np.select([faint, tones.limited, falling & (fold > 0.0), falling], [0, 1, 2, 3], 4)
+    words = (FAINT, "at a limit of its fit", "decaying", "growing", "ok")
+    return {line.name: words[k] for line, k in zip(tones.lines, status.tolist(), strict=True)}
+
+
+def _order(expected: Sequence[ExpectedLine], tones: Tones) -> np.ndarray:
+    """Place of each expected line among the tones, (lines,); one after the last where it is none of them."""
+    place = {line.name: k for k, line in enumerate(tones.lines)}
+    return np.array([place.get(line.name, len(tones)) for line in expected], dtype=int)
+
+
+def _at(values: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Values of tones (m,) as those of lines (lines,)."""
+    placed: np.ndarray = np.append(values, np.nan)[order]
+    return placed
+
+
+def _placed(spread: Uncertainty, expected: Sequence[ExpectedLine], tones: Tones) -> Uncertainty:
+    """Uncertainties of tones as those of lines."""
+    order = _order(expected, tones)
+    each = (spread.amplitude, spread.phase, spread.frequency, spread.decay)
+    return Uncertainty(*(_at(values, order) for values in each))

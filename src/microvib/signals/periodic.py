@@ -10,7 +10,8 @@ from fractions import Fraction
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals.lines import FAINT, MOST_OTHERS, Line, LineTable
+from microvib.signals.lines import MOST_OTHERS
+from microvib.signals.table import FAINT, Line, LineTable
 
 TRANSIENT = "not in a steady state"
 """Status of an array mode: it rings after a start and decays."""

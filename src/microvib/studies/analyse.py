@@ -13,7 +13,7 @@ from microvib.io.recordings import READERS, read_prepared, read_recording
 from microvib.io.scenario_file import catalog_names, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, LineTable, estimate_lines
+from microvib.signals.lines import PASSBAND, estimate_lines
 from microvib.signals.preparation import Preparation
 from microvib.signals.recording import Recording, check
 from microvib.signals.spectrum import (
@@ -25,6 +25,7 @@ from microvib.signals.spectrum import (
     power_spectral_density,
     waterfall,
 )
+from microvib.signals.table import LineTable
 from microvib.solve.simulate import Progress, simulate
 from microvib.studies.evidence import measured_lines
 

@@ -16,8 +16,9 @@ from microvib.io.results import PAPER_LINES, read_table
 from microvib.io.scenario_file import catalog_names, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, LineTable, estimate_lines
+from microvib.signals.lines import PASSBAND, estimate_lines
 from microvib.signals.preparation import Preparation
+from microvib.signals.table import LineTable
 from microvib.solve.simulate import Progress, simulate
 from microvib.studies.evidence import measured_lines
 

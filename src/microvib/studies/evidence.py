@@ -13,10 +13,10 @@ from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, Prepared, read_prepared
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, LineTable, estimate_lines, with_background
+from microvib.signals.lines import PASSBAND, estimate_lines, with_background
 from microvib.signals.preparation import Preparation
 from microvib.signals.recording import check
-from microvib.signals.tones import DETECTION
+from microvib.signals.table import DETECTION, LineTable
 
 CLOCK_TOLERANCE = 0.02
 MODE_TOLERANCE = 0.1

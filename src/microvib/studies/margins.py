@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from microvib.signals.lines import FAINT, Line, LineTable
-from microvib.signals.tones import DETECTION
+from microvib.signals.table import DETECTION, FAINT, Line, LineTable
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import FAINT
+from microvib.signals.table import FAINT
 from microvib.studies.steady import steady
 
 HARMONICS = 8

@@ -8,8 +8,9 @@ from typing import Any
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import LineTable, estimate_lines
+from microvib.signals.lines import estimate_lines
 from microvib.signals.periodic import lines_of_series
+from microvib.signals.table import LineTable
 from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Invariants, Motion
 from microvib.solve.period import NotPeriodic

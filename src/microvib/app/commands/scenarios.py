@@ -14,7 +14,7 @@ from microvib.errors import MicrovibError
 if TYPE_CHECKING:
     from microvib.app.running import RunResult
     from microvib.model.scenario import Scenario
-    from microvib.signals.lines import LineTable
+    from microvib.signals.table import LineTable
 
 
 @click.command()

@@ -9,8 +9,8 @@ import numpy as np
 from microvib.app import plots
 from microvib.app.reports.document import Section, Table, Text, table
 from microvib.app.reports.pieces import drawn
-from microvib.signals.lines import Line, LineTable
 from microvib.signals.spectrum import tone
+from microvib.signals.table import Line, LineTable
 from microvib.solve.motion import Motion
 
 _MOST_LINES = 3

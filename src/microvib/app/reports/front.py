@@ -11,7 +11,7 @@ from microvib.app import plots
 from microvib.app.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
 from microvib.app.reports.pieces import count, drawn, figure, milli, short, torque
 from microvib.app.reports.trust import failing
-from microvib.signals.lines import Line, LineTable
+from microvib.signals.table import Line, LineTable
 from microvib.solve.motion import Motion
 from microvib.studies.margins import Judgement
 

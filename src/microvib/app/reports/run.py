@@ -15,7 +15,7 @@ from microvib.app.reports.trust import trust_section
 from microvib.io.results import package_versions, scenario_hash
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import FAINT, Line, LineTable
+from microvib.signals.table import FAINT, Line, LineTable
 from microvib.solve.motion import Motion
 from microvib.studies.margins import Judgement, Limit, judge
 from microvib.studies.paper import compare_with_paper, standing

@@ -10,7 +10,7 @@ import numpy as np
 
 from microvib.app.web.series import loudest
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import LineTable
+from microvib.signals.table import LineTable
 from microvib.solve.motion import CHANNELS, INTERFACE, Motion
 from microvib.studies.analyse import Analysis
 from microvib.studies.compare import Row, Side

@@ -19,7 +19,7 @@ from microvib.errors import MicrovibError
 from microvib.io.results import to_json
 
 if TYPE_CHECKING:
-    from microvib.signals.lines import LineTable
+    from microvib.signals.table import LineTable
     from microvib.solve.motion import Motion
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, LineTable, lines_at_known_clock
+from microvib.signals.lines import PASSBAND, figures_at_known_clock
+from microvib.signals.table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.steady import steady
 
@@ -86,11 +87,20 @@ class Chunk:
         )
 
 
+class _Lines(NamedTuple):
+    """Lines of one case."""
+
+    names: tuple[str, ...]
+    status: tuple[str, ...]
+    figures: np.ndarray
+    """(FIGURES, lines)."""
+
+
 @dataclass(frozen=True)
 class _Result:
     """One case."""
 
-    table: LineTable | None = None
+    lines: _Lines | None = None
     scalars: tuple[float, ...] = (math.nan,) * len(SCALARS)
     reason: str = ""
     note: str = ""
@@ -161,40 +171,49 @@ def _recorded(work: Work, scenario: Scenario, torque: Torque | SimulationError) 
         raise torque
     x = torque.T_d
     expected = expected_lines(scenario, PASSBAND * torque.sample_rate, work.harmonics)
-    table = lines_at_known_clock(x, torque.sample_rate, expected)
+    found = figures_at_known_clock(x, torque.sample_rate, expected)
+    figures = np.array([found.amplitude, found.frequency, found.bin_amplitude, found.phase, found.decay])
+    lines = _Lines(tuple(line.name for line in expected), found.status, figures)
     scalars = (float(np.abs(x).max()), float(x.std()), torque.stuck_output)
-    return _Result(table, scalars, T_d=x if "T_d" in work.keep else None)
+    return _Result(lines, scalars, T_d=x if "T_d" in work.keep else None)
 
 
 def _steady(work: Work, scenario: Scenario) -> _Result:
     found = steady(scenario, harmonics=work.harmonics)
+    lines = _lines_of(found.lines)
     if found.state is None:
-        return _Result(found.lines, note=found.fallback)
+        return _Result(lines, note=found.fallback)
     x = found.state["T_d"]
     scalars = (float(np.abs(x).max()), float(x.std()), found.state.stuck_output)
-    return _Result(found.lines, scalars, T_d=x if "T_d" in work.keep else None)
+    return _Result(lines, scalars, T_d=x if "T_d" in work.keep else None)
+
+
+def _lines_of(table: LineTable) -> _Lines:
+    """Lines of a table; unexpected ones are left out, because their names mean nothing across cases."""
+    rows = [x for x in table if x.kind != "other"]
+    each = [(x.amplitude_n_m, x.frequency_hz, x.bin_amplitude_n_m, x.phase_rad, x.decay_per_s) for x in rows]
+    figures = np.array(each).reshape(-1, len(FIGURES)).T
+    return _Lines(tuple(x.line for x in rows), tuple(x.status for x in rows), figures)
 
 
 def gather(results: Sequence[_Result]) -> Chunk:
-    """Results of single cases as one chunk; unexpected lines are left out, because their names mean nothing across cases."""
-    rows = [[x for x in r.table if x.kind != "other"] if r.table else [] for r in results]
-    names = tuple(dict.fromkeys(line.line for row in rows for line in row))
-    statuses = tuple(sorted({_brief(line.status) for row in rows for line in row}))
-    shape = (len(results), len(names))
-    column = {name: k for k, name in enumerate(names)}
-    figures = {name: np.full(shape, math.nan) for name in FIGURES}
-    status = np.full(shape, -1, dtype=np.int16)
-    for i, row in enumerate(rows):
-        for line in row:
-            k = column[line.line]
-            status[i, k] = statuses.index(_brief(line.status))
-            values = (line.amplitude_n_m, line.frequency_hz, line.bin_amplitude_n_m, line.phase_rad, line.decay_per_s)
-            for name, value in zip(FIGURES, values, strict=True):
-                figures[name][i, k] = value
+    """Results of single cases as one chunk."""
+    found = {i: r.lines for i, r in enumerate(results) if r.lines is not None}
+    layouts = dict.fromkeys(lines.names for lines in found.values())
+    names = tuple(dict.fromkeys(name for layout in layouts for name in layout))
+    columns = {layout: [names.index(name) for name in layout] for layout in layouts}
+    brief = {text: _brief(text) for lines in found.values() for text in lines.status}
+    statuses = tuple(sorted(set(brief.values())))
+    number = {text: statuses.index(short) for text, short in brief.items()}
+    figures = np.full((len(FIGURES), len(results), len(names)), math.nan)
+    status = np.full((len(results), len(names)), -1, dtype=np.int16)
+    for i, lines in found.items():
+        figures[:, i, columns[lines.names]] = lines.figures
+        status[i, columns[lines.names]] = [number[text] for text in lines.status]
     scalars = {name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)}
     kept = {k: r.T_d for k, r in enumerate(results) if r.T_d is not None}
     reasons, notes = tuple(r.reason for r in results), tuple(r.note for r in results)
-    return Chunk(names, figures, status, statuses, scalars, reasons, notes, kept)
+    return Chunk(names, dict(zip(FIGURES, figures, strict=True)), status, statuses, scalars, reasons, notes, kept)
 
 
 def _brief(status: str) -> str:

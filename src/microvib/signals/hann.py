@@ -1,0 +1,312 @@
+"""Damped tones under a Hann window, compiled: their spectra in closed form, and least-squares fits to the bins about them.
+
+Frequencies are in cycles per record and decays in e-foldings per record, (m,) each. Bins ``k`` (n,) ascend. A spectrum
+``values`` is one-sided and scaled so that a steady tone on a bin reads its amplitude.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+REACH = 6
+"""Bins on each side of a line that its fit uses."""
+FAR = 400
+"""Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
+_ABOUT = (4, 20)
+"""Bins on each side of a line, from and to, that its floor is of."""
+ROOM = _ABOUT[1] + 4
+"""Bins beyond its band that the fit of a mode may look at: the margins of its peak and of its frequency, and the floor."""
+_DEPENDENT = 1e-12
+"""Square of the part of a column that the columns before it leave, below which it is made up of them."""
+COMPILE: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+
+@lru_cache(maxsize=2)
+def half_turns(samples: int) -> np.ndarray:
+    """Sine and cosine of pi j/N, j = 0 ... N - 1, (2, N): kept, for many records of one length come in a row."""
+    j = np.arange(samples)
+    angle = np.minimum(j, samples - j) * (np.pi / samples)  # small also at the end, so that its sine is exact there
+    table = np.array([np.sin(angle), np.where(2 * j > samples, -np.cos(angle), np.cos(angle))])
+    table.flags.writeable = False
+    return table
+
+
+@njit(**COMPILE)
+def _half(cycles, decay, k, table, out):
+    """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N), scaled as half a tone, into ``out`` (n,).
+
+    Three geometric series expm1(N z)/expm1(z), one bin apart, make a Hann window. N z differs by whole turns between them and
+    between bins, and the real part of z not at all, so that the sine and cosine of one angle are left for each.
+    """
+    samples = table.shape[1]
+    whole = round(cycles)
+    over = cycles - whole
+    whole %= samples  # a series has the period N
+    turn, angle = 2.0 * math.pi * over, over * (math.pi / samples)
+    # expm1(N z)
+    real = math.expm1(-decay) * math.cos(turn) - 2.0 * math.sin(0.5 * turn) ** 2
+    imag = math.exp(-decay) * math.sin(turn)
+    growth, less = 2.0 * math.exp(-decay / samples), math.expm1(-decay / samples)
+    s_over, c_over = math.sin(angle), math.cos(angle)
+    on_bin = less == 0.0 and abs(over) < 1e-15 * samples
+    series = np.empty(k.size + 2, np.complex128)
+    first = 0
+    while first < k.size:
+        after = first + 1
+        while after < k.size and k[after] == k[after - 1] + 1:
+            after += 1
+        for i in range(after - first + 2):
+            j = whole - k[first] + 1 - i
+            j += samples if j < 0 else (-samples if j >= samples else 0)
+            s = table[0, j] * c_over + table[1, j] * s_over
+            c = table[1, j] * c_over - table[0, j] * s_over
+            a, b = less - growth * s * s, growth * s * c
+            size = a * a + b * b
+            series[i] = complex((real * a + imag * b) / size, (imag * a - real * b) / size)
+            if on_bin and j == 0:
+                series[i] = samples
+        for i in range(after - first):
+            out[first + i] = (0.5 * series[i + 1] - 0.25 * (series[i] + series[i + 2])) * (2.0 / samples)
+        first = after
+
+
+@njit(**COMPILE)
+def tone(cycles, decay, amplitude, k, table):
+    """Spectrum at the bins ``k`` of Re(amplitude exp((2 pi i cycles - decay) n/N)), (n,) complex."""
+    plus, minus = np.empty(k.size, np.complex128), np.empty(k.size, np.complex128)
+    _half(cycles, decay, k, table, plus)
+    _half(-cycles, decay, k, table, minus)
+    for i in range(k.size):
+        plus[i] = amplitude * plus[i] + amplitude.conjugate() * minus[i]
+    return plus
+
+
+@njit(**COMPILE)
+def bins_in(low, high, reach, size):
+    """Bins, of ``size`` that there are, that are within ``reach`` of a band from ``low`` to ``high``, of several (m,)."""
+    inside, count = np.zeros(size, np.bool_), 0
+    for i in range(low.size):
+        for k in range(max(round(low[i]) - reach, 0), min(round(high[i]) + reach + 1, size)):
+            count += not inside[k]
+            inside[k] = True
+    bins = np.empty(count, np.int64)
+    for k in range(size - 1, -1, -1):
+        if inside[k]:
+            count -= 1
+            bins[count] = k
+    return bins
+
+
+@njit(**COMPILE)
+def equations(cycles, decay, k, values, table):
+    """Real least-squares equations at the bins ``k``: columns (2 m + 1, 2 n) of which x makes the right-hand side (2 n,).
+
+    Columns are cosine and minus sine of each tone, and a constant; rows are real parts, then imaginary ones.
+    """
+    m, n = cycles.size, k.size
+    columns = np.empty((2 * m + 1, 2 * n))
+    plus, minus = np.empty(n, np.complex128), np.empty(n, np.complex128)
+    for i in range(m):
+        _half(cycles[i], decay[i], k, table, plus)
+        _half(-cycles[i], decay[i], k, table, minus)
+        for j in range(n):
+            p, q = plus[j], minus[j]
+            columns[2 * i, j], columns[2 * i, n + j] = p.real + q.real, p.imag + q.imag
+            columns[2 * i + 1, j], columns[2 * i + 1, n + j] = q.imag - p.imag, p.real - q.real
+    _half(0.0, 0.0, k, table, plus)
+    right = np.empty(2 * n)
+    for j in range(n):
+        columns[2 * m, j], columns[2 * m, n + j] = plus[j].real, plus[j].imag
+        right[j], right[n + j] = values[k[j]].real, values[k[j]].imag
+    return columns, right
+
+
+@njit(fastmath={"reassoc", "contract", "nsz"}, **COMPILE)
+def _dot(a, b):
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(**COMPILE)
+def least_squares(columns, right):
+    """Least squares by scaled normal equations: tones that can be told apart are well conditioned.
+
+    A column that those before it make up, or that is zero, gets nothing.
+    """
+    m = columns.shape[0]
+    scale, factor, solution = np.empty(m), np.empty((m, m)), np.empty(m)
+    for i in range(m):
+        norm = math.sqrt(_dot(columns[i], columns[i]))
+        scale[i] = 1.0 / norm if norm > 0.0 else 1.0
+        solution[i] = _dot(columns[i], right) * scale[i]
+    for i in range(m):  # L L^T, row by row, and L y = b with it
+        for j in range(i + 1):
+            rest = _dot(columns[i], columns[j]) * scale[i] * scale[j] - _dot(factor[i, :j], factor[j, :j])
+            if j < i:
+                factor[i, j] = rest * factor[j, j]
+            else:
+                factor[i, i] = 1.0 / math.sqrt(rest) if rest > _DEPENDENT else 0.0  # the inverse of L's diagonal
+        solution[i] = (solution[i] - _dot(factor[i, :i], solution[:i])) * factor[i, i]
+    for i in range(m - 1, -1, -1):
+        solution[i] *= factor[i, i]
+        for j in range(i):
+            solution[j] -= factor[i, j] * solution[i]
+    for i in range(m):
+        solution[i] *= scale[i]
+    return solution
+
+
+@njit(**COMPILE)
+def residual(cycles, decay, k, values, table):
+    """What the tones that fit best leave at the bins ``k``, (2 n,): real parts, then imaginary ones."""
+    columns, rest = equations(cycles, decay, k, values, table)
+    solution = least_squares(columns, rest)
+    for i in range(solution.size):
+        for j in range(rest.size):
+            rest[j] -= solution[i] * columns[i, j]
+    return rest
+
+
+@njit(**COMPILE)
+def amplitudes(cycles, decay, values, table):
+    """Complex amplitudes of all tones together, (m,); least squares over the bins about them."""
+    k = bins_in(cycles, cycles, REACH, values.size)
+    columns, right = equations(cycles, decay, k, values, table)
+    solution = least_squares(columns, right)
+    result = np.empty(cycles.size, np.complex128)
+    for i in range(cycles.size):
+        result[i] = complex(solution[2 * i], solution[2 * i + 1])
+    return result
+
+
+@njit(**COMPILE)
+def take_out(cycles, decay, amplitude, k, values, table):
+    """Take one tone out of ``values``, from those of the bins ``k`` where it stands out of rounding."""
+    centre = round(cycles)
+    first, last = np.searchsorted(k, centre - FAR), np.searchsorted(k, centre + FAR + 1)
+    known = tone(cycles, decay, amplitude, k[first:last], table)
+    for i in range(known.size):
+        values[k[first + i]] -= known[i]
+
+
+@njit(**COMPILE)
+def floor(cycles, values):
+    """Median amplitude of the bins 4 to 20 away from one tone."""
+    centre = round(cycles)
+    about = np.empty(2 * (_ABOUT[1] - _ABOUT[0] + 1))
+    count = 0
+    for away in range(_ABOUT[0], _ABOUT[1] + 1):
+        for k in (centre - away, centre + away):
+            if 1 <= k < values.size:
+                at, new = count, abs(values[k])
+                while at > 0 and about[at - 1] > new:
+                    about[at] = about[at - 1]
+                    at -= 1
+                about[at] = new
+                count += 1
+    return 0.5 * (about[(count - 1) // 2] + about[count // 2]) if count else 0.0
+
+
+@njit(**COMPILE)
+def floors(cycles, values):
+    """Floor about each tone, (m,)."""
+    result = np.empty(cycles.size)
+    for i in range(cycles.size):
+        result[i] = floor(cycles[i], values)
+    return result
+
+
+@njit(**COMPILE)
+def peak(low, high, margin, values):
+    """Frequency and amplitude of the highest peak from ``low`` to ``high``, both widened by ``margin`` bins."""
+    first = max(math.floor(low - margin), 1)
+    last = min(math.ceil(high + margin), values.size - 2)
+    best, top = first, -1.0
+    for k in range(first, last + 1):
+        if abs(values[k]) > top:
+            best, top = k, abs(values[k])
+    best = min(max(best, 1), values.size - 2)
+    left, centre, right = abs(values[best - 1]), abs(values[best]), abs(values[best + 1])
+    side, neighbour = (1.0, right) if right >= left else (-1.0, left)
+    ratio = neighbour / centre if centre > 0.0 else 0.0
+    return best + side * (2.0 * ratio - 1.0) / (ratio + 1.0), centre
+
+
+@njit(**COMPILE)
+def fit_modes(clock, expected, low, high, detection, room, values, table):
+    """Frequency and decay of each decaying tone, whether it is seen, and whether its fit ended at a limit, (m,) each.
+
+    They are ``expected`` from ``low`` to ``high``, beside the steady tones ``clock``, which are taken out first; then the
+    strongest is fitted and taken out, and so on. One is seen that stands ``detection`` times above the floor about it. The bins
+    ``room`` reach from ``low`` to ``high``, ``expected`` among them, and ROOM beyond.
+    """
+    m = expected.size
+    rest = values.copy()
+    known = amplitudes(clock, np.zeros(clock.size), values, table)
+    for i in range(clock.size):
+        take_out(clock[i], 0.0, known[i], room, rest, table)
+    heights = np.empty(m)
+    for i in range(m):
+        heights[i] = peak(low[i], high[i], 1.5, rest)[1]
+    cycles, decay = expected.copy(), np.zeros(m)
+    seen, limited = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
+    for _ in range(m):
+        i = int(np.argmax(heights))
+        heights[i] = -1.0
+        at, height = peak(low[i], high[i], 1.5, rest)
+        if height < detection * floor(expected[i], rest):
+            continue
+        seen[i] = True
+        cycles[i], decay[i], limited[i] = _fit_decay(at, low[i], high[i], rest, table)
+        one = amplitudes(cycles[i : i + 1], decay[i : i + 1], rest, table)
+        take_out(cycles[i], decay[i], one[0], room, rest, table)
+    return cycles, decay, seen, limited
+
+
+@njit(**COMPILE)
+def _fit_decay(at, low, high, values, table):
+    """Damped tone that fits the bins about a peak: damped Gauss-Newton over frequency and decay, amplitude eliminated."""
+    around = np.array([at])
+    k = bins_in(around, around, REACH, values.size)
+    lowest, highest = (max(low - 2.0, 0.5), -8.0), (high + 2.0, 60.0)
+    u, v = _within(at, lowest[0], highest[0]), 0.3
+    r = _left(u, v, k, values, table)
+    damping, nudge = 1e-3, 1e-4
+    for _ in range(60):
+        f = (_left(u + nudge, v, k, values, table) - r) / nudge
+        d = (_left(u, v + nudge, k, values, table) - r) / nudge
+        # the normal equations of the two slopes
+        a, b, c = _dot(f, f) * (1.0 + damping) + 1e-300, _dot(f, d), _dot(d, d) * (1.0 + damping) + 1e-300
+        dv = (b / a * _dot(f, r) - _dot(d, r)) / (c - b / a * b)
+        du = -(_dot(f, r) + b * dv) / a
+        reach = max(0.5, 0.3 * abs(v))
+        u_new = _within(u + _within(du, -0.5, 0.5), lowest[0], highest[0])
+        v_new = _within(v + _within(dv, -reach, reach), lowest[1], highest[1])
+        r_new = _left(u_new, v_new, k, values, table)
+        if _dot(r_new, r_new) > _dot(r, r):
+            damping *= 8.0
+            if damping > 1e8:
+                break
+            continue
+        converged = max(abs(u_new - u), abs(v_new - v)) < 1e-9
+        u, v, r, damping = u_new, v_new, r_new, max(0.2 * damping, 1e-12)
+        if converged:
+            break
+    return u, v, u <= lowest[0] or u >= highest[0] or v <= lowest[1] or v >= highest[1]
+
+
+@njit(**COMPILE)
+def _left(cycles, decay, k, values, table):
+    return residual(np.array([cycles]), np.array([decay]), k, values, table)
+
+
+@njit(**COMPILE)
+def _within(x, low, high):
+    return min(max(x, low), high)

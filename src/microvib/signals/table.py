@@ -1,0 +1,133 @@
+"""The lines of a record: figures of each, one by one or as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.model.expected import ExpectedLine
+
+DETECTION = 6.0
+"""A line is seen when it stands this many times above the floor about it."""
+FAINT = "below the floor"
+"""Status of a line that was looked for and not found."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a torque; amplitudes in N m, 0-to-peak."""
+
+    line: str
+    kind: str
+    origin: str
+    expected_hz: float
+    frequency_hz: float
+    frequency_uncertainty_hz: float
+    amplitude_n_m: float
+    """Amplitude; of a decaying tone its mean over the record."""
+    amplitude_uncertainty_n_m: float
+    """Standard uncertainty, from the floor about the line."""
+    phase_rad: float
+    """Phase of the cosine at the first sample."""
+    phase_uncertainty_rad: float
+    bin_frequency_hz: float
+    bin_amplitude_n_m: float
+    """The paper's figure: rectangular window, nearest bin."""
+    floor_n_m: float
+    """Median amplitude of the bins about the line."""
+    decay_per_s: float
+    """Decay rate sigma of the tone, exp(-sigma t); 0 for a line of the step clock."""
+    decay_uncertainty_per_s: float
+    status: str
+    background_n_m: float = float("nan")
+    """Amplitude of the background recording at this frequency; nan without one."""
+
+
+@dataclass(frozen=True)
+class LineTable:
+    """All lines of one record, and how they were estimated."""
+
+    lines: tuple[Line, ...]
+    clock_ratio: float | None
+    """Step clock found over step clock expected; None where no line of the clock is seen."""
+    clock_ratio_uncertainty: float | None
+    """Its standard uncertainty."""
+    samples: int
+    sample_rate: float
+
+    def __iter__(self):  # type: ignore[no-untyped-def]
+        return iter(self.lines)
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __getitem__(self, name: str) -> Line:
+        for line in self.lines:
+            if line.line == name:
+                return line
+        raise KeyError(f"no line '{name}'; there are {', '.join(line.line for line in self.lines)}")
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def notable(self) -> tuple[Line, ...]:
+        """Lines worth a row in a report: without those below the floor, those below a thousandth of the largest, and
+        sidebands and other lines below a twentieth."""
+        top = max((x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0)
+
+        def is_notable(x: Line) -> bool:
+            least = 0.05 if x.kind in ("sideband", "other") else 1e-3
+            return x.status != FAINT and not x.amplitude_n_m < least * top
+
+        return tuple(x for x in self.lines if is_notable(x))
+
+    def text(self, notable: bool = False) -> str:
+        """The table as text, whole or only what is notable."""
+        shown = self.notable() if notable else self.lines
+        rows = [f"{'line':16s} {'expected Hz':>12s} {'Hz':>12s} {'N m':>12s} {'bin Hz':>10s} {'bin N m':>12s}  status"]
+        rows += [
+            f"{x.line:16s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
+            f" {x.bin_amplitude_n_m:12.4e}  {x.status}"
+            for x in shown
+        ]
+        if len(shown) < len(self.lines):
+            rows.append(f"and {len(self.lines) - len(shown)} small ones in lines.csv")
+        return "\n".join(rows)
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Standard uncertainties of lines, (lines,) each, in the units of a ``Line``."""
+
+    amplitude: np.ndarray
+    phase: np.ndarray
+    frequency: np.ndarray
+    decay: np.ndarray
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of expected lines as arrays, (lines,) each, in the units of a ``Line``; nan where a line is not estimated."""
+
+    expected: tuple[ExpectedLine, ...]
+    status: tuple[str, ...]
+    frequency: np.ndarray
+    amplitude: np.ndarray
+    phase: np.ndarray
+    decay: np.ndarray
+    floor: np.ndarray
+    bin_frequency: np.ndarray
+    bin_amplitude: np.ndarray
+
+    def rows(self, spread: Uncertainty) -> tuple[Line, ...]:
+        """The lines one by one, with their uncertainties."""
+        columns = zip(
+            self.frequency.tolist(), spread.frequency.tolist(), self.amplitude.tolist(), spread.amplitude.tolist(),
+            self.phase.tolist(), spread.phase.tolist(), self.bin_frequency.tolist(), self.bin_amplitude.tolist(),
+            self.floor.tolist(), self.decay.tolist(), spread.decay.tolist(), self.status, strict=True,
+        )  # fmt: skip
+        return tuple(
+            Line(line.name, line.kind, line.origin, float(line.frequency), *figures)
+            for line, figures in zip(self.expected, columns, strict=True)
+        )
