@@ -25,7 +25,7 @@ CLOSE = 1e-4
 AS_CLOSE_AS_IT_GETS = 1e-3
 """Distance at which one is accepted whose corrections no longer fall to a third: the tolerance of the period's solution shows."""
 CALMS = 0.07
-"""Time [s] that is simulated before a search, at least, so that fast motions settle; if it takes no more than MOST_SWEEPS segments."""
+"""Time [s] that is simulated before a search, so that fast motions settle, or MOST_SWEEPS segments if that is less."""
 MOST_SWEEPS = 2
 SAMPLED_FROM = 0.5
 """Distance below which the torque is sampled, for it may be the last."""
