@@ -30,7 +30,9 @@ def chain(period, segments, x):
     """Starts of all segments and the end of the last, one after the other; and all that is known of each segment."""
     states, known = [x], []
     for j in range(segments.bounds.size - 1):
-        known.append(segments.advance(states[-1][None], segments.bounds[j : j + 1], segments.bounds[j + 1 : j + 2], True))
+        known.append(
+            segments.advance(states[-1][None], segments.bounds[j : j + 1], segments.bounds[j + 1 : j + 2], True)
+        )
         states.append(known[-1].x[0])
     return np.array(states), known
 

@@ -8,7 +8,7 @@ may repeat after so many microsteps.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,14 @@ def repeats_after(scenario: Scenario) -> tuple[int, int]:
     quarter = electrical // math.gcd(electrical, 4)
     orders = [e.order for e in scenario.reducer.transmission_error if e.amplitude > 0.0]
     return math.lcm(quarter, *(turn // math.gcd(turn, order) for order in orders)), quarter
+
+
+class Turn(NamedTuple):
+    """Rotor angles [rad] by which drives are turned, and cosine and sine of the electrical ones, (k,) each."""
+
+    angle: np.ndarray
+    cosine: np.ndarray
+    sine: np.ndarray
 
 
 class PeriodMap:
@@ -95,9 +103,15 @@ class PeriodMap:
         current, electrical = self.scenario.motor.current, self.packed.drive.z * angle
         return current * np.cos(electrical), current * np.sin(electrical)
 
-    def absolute(self, x: np.ndarray, microstep: Any) -> np.ndarray:
-        """States (k, n) seen from the command, as they are before the ``microstep``s (k,) of the period."""
-        y = self._turned(x, self._step * np.asarray(microstep, dtype=float))
+    def turn(self, microsteps: Any) -> Turn:
+        """What ``microsteps`` (k,) of the command turn a drive by."""
+        angle = self._step * np.asarray(microsteps, dtype=float)
+        electrical = self.packed.drive.z * angle
+        return Turn(angle, np.cos(electrical), np.sin(electrical))
+
+    def absolute(self, x: np.ndarray, turn: Turn) -> np.ndarray:
+        """States (k, n) of the drive from those seen from the command, which has turned so far since the period's start."""
+        y = self._turned(x, turn)
         p = self.packed.drive
         if p.rigid:
             errors = [self.scenario.reducer.kinematic_error(theta_m) for theta_m in y[:, kernel.TM]]
@@ -105,27 +119,26 @@ class PeriodMap:
             y[:, kernel.WL] = -y[:, kernel.WM] * p.inv_h
         return y
 
-    def from_command(self, y: np.ndarray, microstep: Any, idle: np.ndarray) -> np.ndarray:
-        """States (k, n) before the ``microstep``s (k,) as seen from the command; what does not move on is that of ``idle``."""
-        x = self._turned(y, -self._step * np.asarray(microstep, dtype=float))
+    def from_command(self, y: np.ndarray, turn_back: Turn, idle: np.ndarray) -> np.ndarray:
+        """States (k, n) of the drive as seen from the command; what does not move on is that of ``idle``."""
+        x = self._turned(y, turn_back)
         x[:, self.idle] = idle[:, self.idle]
         return x
 
-    def _turned(self, y: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """States with rotor, output and currents turned by a rotor ``angle`` (k,) [rad]."""
-        p = self.packed.drive
-        c, s = np.cos(p.z * angle), np.sin(p.z * angle)
+    def _turned(self, y: np.ndarray, turn: Turn) -> np.ndarray:
+        """States with rotor, output and currents turned."""
         turned = y.copy()
         for a, b in ((kernel.IA, kernel.IB), (kernel.XA, kernel.XB)):
-            turned[:, a], turned[:, b] = c * y[:, a] - s * y[:, b], s * y[:, a] + c * y[:, b]
-        turned[:, kernel.TM] += angle
-        turned[:, kernel.TL] -= angle * p.inv_h
+            turned[:, a] = turn.cosine * y[:, a] - turn.sine * y[:, b]
+            turned[:, b] = turn.sine * y[:, a] + turn.cosine * y[:, b]
+        turned[:, kernel.TM] += turn.angle
+        turned[:, kernel.TL] -= turn.angle * self.packed.drive.inv_h
         return turned
 
     def put(self, x: np.ndarray) -> None:
         """Make ``x`` the state at the start of the period."""
         state, p = self.packed.state, self.packed.drive
-        state.y[:] = self.absolute(x[None], 0)[0]
+        state.y[:] = self.absolute(x[None], self.turn([0]))[0]
         angle = float(self.angle(0))
         state.clock[:] = 0.0
         state.energy[:] = 0.0
@@ -142,7 +155,7 @@ class PeriodMap:
         self.evaluations += 1.0
         if status != kernel.OK:
             raise interrupted(status)
-        end: np.ndarray = self.from_command(self.packed.state.y[None], self.microsteps, x[None])[0]
+        end: np.ndarray = self.from_command(self.packed.state.y[None], self.turn([-self.microsteps]), x[None])[0]
         return end
 
 

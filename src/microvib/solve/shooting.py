@@ -105,7 +105,7 @@ class Search:
     def _swept(self, x: np.ndarray, times: int) -> np.ndarray:
         """States after simulating from each start to the next one, some times."""
         for _ in range(times):
-            x = np.roll(self._advance(x)[1].x, 1, axis=0)
+            x = _shifted(self._advance(x)[1].x)
         return x
 
     def _derivatives(self, x: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ class Search:
         bounds = self.segments.bounds
         ends = self._from(x, bounds[:-1], bounds[1:], sampled)
         x = x.copy()
-        x[:, STICKING] *= np.logical_not(np.roll(ends.stuck, 1, axis=0))
+        x[:, STICKING] *= ~_shifted(ends.stuck)
         return x, ends
 
     def _check_stable(self) -> None:
@@ -221,13 +221,13 @@ class _Newton:
 
     def next(self, x: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Where nothing should be missed, now that ``x`` (segments, n) is known to lead to ``end``."""
-        change = self._change(end - np.roll(x, -1, axis=0))
+        change = self._change(end - np.concatenate([x[1:], x[:1]]))
         if self._last is not None:
             step, moved = x - self._last[0], self._last[1] - change
-            along = float(np.sum(step * moved))
+            along = float(np.vdot(step, moved))
             if along != 0.0:
                 self._updates.append(((step - moved) / along, step))
-                change += self._updates[-1][0] * np.sum(step * change)
+                change += self._updates[-1][0] * np.vdot(step, change)
         self._last = x, change
         result: np.ndarray = x + change
         return result
@@ -245,8 +245,13 @@ class _Newton:
             changes.append(derivative @ changes[-1] + gap)
         change = np.array(changes)
         for update, step in self._updates:
-            change += update * np.sum(step * change)
+            change += update * np.vdot(step, change)
         return change
+
+
+def _shifted(ends: np.ndarray) -> np.ndarray:
+    """Ends of segments (segments, ...) in the order of the starts that they lead to."""
+    return np.concatenate([ends[-1:], ends[:-1]])
 
 
 def _product(derivatives: np.ndarray) -> np.ndarray:
