@@ -20,10 +20,10 @@ from microvib.solve.decimate import PASSBAND
 from microvib.solve.period import NotPeriodic, PeriodMap
 from microvib.solve.segments import Ends, Segments
 
-CLOSE = 1e-4
+CLOSE = 1e-5
 """Distance from the steady state, over what a microstep moves, at which a state is accepted."""
-AS_CLOSE_AS_IT_GETS = 1e-3
-"""Distance at which one is accepted whose corrections no longer fall to a third: the tolerance of the period's solution shows."""
+AS_CLOSE_AS_IT_GETS = 5e-4
+"""Distance at which one is accepted whose corrections fall no longer: the tolerance of the integration shows."""
 CALMS = 0.07
 """Time [s] that is simulated before a search, so that fast motions settle, or MOST_SWEEPS segments if that is less."""
 MOST_SWEEPS = 2
@@ -41,9 +41,10 @@ SLOW = 0.8
 """Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
 DEVIATION = 0.3
 """Deviation with which it is measured, over what a microstep moves."""
-SAME = 0.15
-"""Part of its distance within which a search from another start must come back, to count as finding the same motion; one that
-breaks the symmetry stays where it starts."""
+SAME = 0.02
+"""Part of its distance within which a search from another start must come back, to count as finding the same motion."""
+SURELY_SAME = 1e-3
+"""Distance that counts as none."""
 MOST_RETURNS = 6
 """Periods that it may take to come back."""
 STICKING = np.array([kernel.WM, kernel.WL])
@@ -71,14 +72,15 @@ class Search:
     def run(self, settle: int) -> Search:
         """Search from the mean motion, after ``settle`` periods of simulation; NotPeriodic where nothing is found."""
         x, self.distance = self._begin(settle), math.inf
-        for _ in range(MOST_STEPS):
+        for step in range(MOST_STEPS):
             sampled = self.distance < SAMPLED_FROM
             self.x, self.ends = self._advance(x, sampled)
             if self.distance > RENEWED_FROM:
                 self.newton = _Newton(self._derivatives(self.ends.x[-1]))
             x = self.newton.next(self.x, self.ends.x)
             last, self.distance = self.distance, float(np.max(np.abs(x - self.x)))
-            if sampled and self.distance < (AS_CLOSE_AS_IT_GETS if 3.0 * self.distance > last else CLOSE):
+            falls = self.distance < last and step + 1 < MOST_STEPS
+            if sampled and self.distance < (CLOSE if falls else AS_CLOSE_AS_IT_GETS):
                 self._check_stable()
                 self._check_for_a_twin()
                 self._check_for_stick_slip()
@@ -177,7 +179,7 @@ class Search:
             )
 
     def _comes_back(self, x: np.ndarray, newton: _Newton) -> bool:
-        back = max(SAME * float(np.max(np.abs(x - self.x))), AS_CLOSE_AS_IT_GETS)
+        back = max(SAME * float(np.max(np.abs(x - self.x))), SURELY_SAME)
         for _ in range(MOST_RETURNS):
             x, ends = self._advance(x)
             x = newton.next(x, ends.x)
