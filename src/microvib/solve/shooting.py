@@ -17,6 +17,7 @@ from scipy.linalg import eig
 
 from microvib.solve import kernel
 from microvib.solve.decimate import PASSBAND
+from microvib.solve.lanes import WIDTH
 from microvib.solve.period import NotPeriodic, PeriodMap
 from microvib.solve.segments import Ends, Segments
 
@@ -37,16 +38,16 @@ MOST_STEPS = 12
 """Corrections that a search may take; four or five are usual."""
 STABLE = 1.005
 """Largest multiplier that passes for stable: that of a mode without damping is 1, and it is measured to a thousandth."""
+FAR_FROM_STABLE = 10.0
+"""Multiplier from which its figure means nothing."""
 SLOW = 0.8
 """Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
 DEVIATION = 0.3
 """Deviation with which it is measured, over what a microstep moves."""
-SAME = 0.02
-"""Part of its distance within which a search from another start must come back, to count as finding the same motion."""
-SURELY_SAME = 1e-3
-"""Distance that counts as none."""
-MOST_RETURNS = 6
-"""Periods that it may take to come back."""
+WINDINGS = np.array([-12.0, -8.0, -5.0, -3.0, -2.0, -1.0, 3.0, 6.0]) / 32.0
+"""Full steps by which the output is wound forward of where it was found, to see whether it comes back."""
+BACK = 0.05
+"""Distance at which it is back."""
 STICKING = np.array([kernel.WM, kernel.WL])
 """States that are zero exactly where a friction sticks."""
 NUDGE = 0.03
@@ -82,7 +83,7 @@ class Search:
             falls = self.distance < last and step + 1 < MOST_STEPS
             if sampled and self.distance < (CLOSE if falls else AS_CLOSE_AS_IT_GETS):
                 self._check_stable()
-                self._check_for_a_twin()
+                self._check_for_others()
                 self._check_for_stick_slip()
                 return self
             if self.distance > BELIEVED:
@@ -147,7 +148,8 @@ class Search:
         if self.multiplier > STABLE:
             self.multiplier = self._multiplier(self._derivatives(self.x[0]))
         if self.multiplier > STABLE:
-            raise NotPeriodic(f"what repeats with the command is not stable (multiplier {self.multiplier:.4g})")
+            far = "far from it" if self.multiplier > FAR_FROM_STABLE else f"multiplier {self.multiplier:.4g}"
+            raise NotPeriodic(f"what repeats with the command is not stable ({far})")
 
     def _multiplier(self, derivatives: np.ndarray) -> float:
         """Largest part of a deviation that is left after a period, of slow ones measured along their directions, all at once."""
@@ -167,25 +169,31 @@ class Search:
                 size[slow] *= np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j])) / np.abs(seen[j] @ (x[j] - self.x[j]))
         return float(np.max(size))
 
-    def _check_for_a_twin(self) -> None:
-        """Search again from the states one microstep on: a motion that breaks the symmetry of microsteps has a twin there."""
-        first = self.segments.bounds[:-1]
-        x = self._from(self.x, first, first + 1).x
-        if not (
-            self._comes_back(x, self.newton.elsewhere()) or self._comes_back(x, _Newton(self._derivatives(self.x[0])))
-        ):
+    def _check_for_others(self) -> None:
+        """Wind the output back, and on, all lanes by different angles: what sticks and slips may do so in more than one way.
+
+        Each must be back, or on its way, within a period. Array modes are held to what was found, for they take longer.
+        """
+        period, bounds, modes = self.period, self.segments.bounds, slice(kernel.MODES, None)
+        if not np.any(self.ends.ever):
+            return
+        driver, turned = period.scenario.driver, math.copysign(1.0, period.scenario.rate or 0.0)
+        x = np.tile(self.x[0], (WIDTH, 1))
+        x[:, kernel.TM if period.packed.drive.rigid else kernel.TL] += (
+            WINDINGS * turned * driver.beats / 4 * driver.microsteps
+        )
+        away = []
+        for k in range(max(bounds.size - 1, WIDTH)):
+            j = k % (bounds.size - 1)
+            x = self._from(x, np.full(WIDTH, bounds[j]), np.full(WIDTH, bounds[j + 1])).x
+            away.append(np.max(np.abs(x - self.ends.x[j])[:, : kernel.MODES], axis=1))
+            if np.all(away[-1] < BACK):
+                return
+            x[:, modes] = self.ends.x[j, modes]
+        if np.any(np.maximum(away[-1], away[-2]) > np.maximum(BACK, 0.7 * away[len(away) // 2 - 1])):
             raise NotUnique(
                 "of the motions that repeat with the command there are several; which one, its beginning decides"
             )
-
-    def _comes_back(self, x: np.ndarray, newton: _Newton) -> bool:
-        back = max(SAME * float(np.max(np.abs(x - self.x))), SURELY_SAME)
-        for _ in range(MOST_RETURNS):
-            x, ends = self._advance(x)
-            x = newton.next(x, ends.x)
-            if float(np.max(np.abs(x - self.x))) <= back:
-                return True
-        return False
 
     def _check_for_stick_slip(self) -> None:
         """Stop what never sticks: where friction falls with the rate, an oscillation that sticks and slips may last beside it."""
@@ -214,12 +222,6 @@ class _Newton:
         self._whole = np.eye(derivatives.shape[1]) - _product(derivatives)
         self._updates: list[tuple[np.ndarray, np.ndarray]] = []
         self._last: tuple[np.ndarray, np.ndarray] | None = None
-
-    def elsewhere(self) -> _Newton:
-        """For a search from another start, with what was learnt so far."""
-        other = _Newton(self.derivatives)
-        other._updates = list(self._updates)
-        return other
 
     def next(self, x: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Where nothing should be missed, now that ``x`` (segments, n) is known to lead to ``end``."""
