@@ -59,13 +59,13 @@ def _row(name: str, scenario: mv.Scenario) -> tuple[float, float, float] | None:
     slowest = max(1.0 / (2.0 * math.pi * m.frequency * m.damping) for m in scenario.array.modes)
     head = f"{name:10s} {math.degrees(scenario.rate):7.3f} {scenario.driver.microsteps:3d}"
     try:
-        steady, state = _best_of(5, lambda: steady_state(scenario))
+        steady, state = _best_of(20, lambda: steady_state(scenario))
     except NotPeriodic as why:
         print(f"{head}  falls back: {why}", flush=True)
         return None
     to_percent = scenario.with_({"record.settle": max(30.0, math.log(100.0) * slowest)})
-    nominal, _ = _best_of(2, lambda: mv.simulate(scenario, channels=("T_d",)))
-    settled, _ = _best_of(2, lambda: mv.simulate(to_percent, channels=("T_d",)))
+    nominal, _ = _best_of(3, lambda: mv.simulate(scenario, channels=("T_d",)))
+    settled, _ = _best_of(3, lambda: mv.simulate(to_percent, channels=("T_d",)))
     deviation, line = worst_deviation(state, settled_motion(scenario, slowest))
     print(
         f"{head} {state.solver['periods_evaluated']:8.2f} {1e3 * steady:10.1f} {nominal / steady:8.1f} {settled / steady:8.1f}"

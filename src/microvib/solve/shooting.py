@@ -46,7 +46,7 @@ DEVIATION = 0.3
 """Deviation with which it is measured, over what a microstep moves."""
 WINDINGS = np.array([-12.0, -8.0, -5.0, -3.0, -2.0, -1.0, 3.0, 6.0]) / 32.0
 """Full steps by which the output is wound forward of where it was found, to see whether it comes back."""
-BACK = 0.05
+BACK = 0.1
 """Distance at which it is back."""
 STICKING = np.array([kernel.WM, kernel.WL])
 """States that are zero exactly where a friction sticks."""
