@@ -113,7 +113,7 @@ class progress_bar:
             now = time.monotonic()
             if now - last > 0.1 or done >= total:
                 last = now
-                text = "writing lines and report" if done >= total else self._doing
+                text = "lines and report (compiles on first use)" if done >= total else self._doing
                 self._bar.update(task, completed=done, total=total, description=text)
 
         return report
