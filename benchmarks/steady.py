@@ -1,6 +1,8 @@
 """The steady solver against the run in time: speed and lines, on states 1-5 and on random parameter sets.
 
-``python benchmarks/steady.py [--sets 50] [--seed 0]``
+``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80]``
+
+``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps.
 
 Nothing is asserted. Machines differ: only the ratios and deviations mean something elsewhere.
 """
@@ -32,6 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sets", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--chart", type=int, default=0)
     arguments = parser.parse_args()
     steady_state(mv.load_scenario("state-1"))  # compiles, or loads what was compiled
     mv.simulate(mv.load_scenario("state-1"))
@@ -43,6 +46,7 @@ def main() -> None:
     named = [(name, mv.load_scenario(name)) for name in STATES]
     rows = [_row(name, scenario) for name, scenario in named]
     rows += [_row(f"set {k}", random_scenario(k)) for k in range(arguments.seed, arguments.seed + arguments.sets)]
+    rows += [_row(f"chart {k}", chart_point(k)) for k in range(arguments.chart)]
     found = [row for row in rows if row is not None]
     worst = max(row[2] for row in found)
     nominal, settled = ([row[j] for row in found] for j in (0, 1))
@@ -106,6 +110,12 @@ def worst_deviation(state: SteadyState, motion: mv.Motion) -> tuple[float, str]:
         if deviation > worst:
             worst, name = deviation, line.line
     return worst, name
+
+
+def chart_point(k: int) -> mv.Scenario:
+    """State 1 at a rate and microstep count; the rates fill their range evenly, however many points there are."""
+    rate = 0.01 + 0.29 * (k * (math.sqrt(5.0) - 1.0) / 2.0 % 1.0)
+    return mv.load_scenario("state-1").with_({"tracking.rate": f"{rate} deg/s", "driver.microsteps": 8 << k % 4})
 
 
 def random_scenario(seed: int) -> mv.Scenario:
