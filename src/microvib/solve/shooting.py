@@ -3,7 +3,7 @@
 The period (``microvib.solve.period``) is cut into segments that run at the same time (``microvib.solve.segments``); sought are
 states at their starts such that each segment ends where the next one starts, and the last where the first does. Quasi-Newton: the
 derivative of a segment is that of a part of the period, by differences, then come Broyden's updates. What was found must be
-stable, and the only such motion as far as two further starts tell.
+stable, and the only such motion as far as some further starts tell.
 """
 
 from __future__ import annotations
