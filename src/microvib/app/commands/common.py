@@ -101,11 +101,11 @@ class progress_bar:
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.completed:.0f} of {task.total:.0f} " + self._unit),
+            TextColumn("{task.fields[amount]}"),  # empty until the length of the work is known
         )
         self._bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
         self._bar.start()
-        task = self._bar.add_task(f"{self._doing} (compiles on first use)", total=None)
+        task = self._bar.add_task(f"{self._doing} (compiles on first use)", total=None, amount="")
         last = 0.0
 
         def report(done: float, total: float) -> None:
@@ -114,7 +114,8 @@ class progress_bar:
             if now - last > 0.1 or done >= total:
                 last = now
                 text = "lines and report (compiles on first use)" if done >= total else self._doing
-                self._bar.update(task, completed=done, total=total, description=text)
+                amount = f"{done:.0f} of {total:.0f} {self._unit}"
+                self._bar.update(task, completed=done, total=total, description=text, amount=amount)
 
         return report
 
