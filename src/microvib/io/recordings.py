@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import OutputError
+from microvib.errors import MicrovibError, OutputError
+from microvib.io.hdf5 import Dataset, open_hdf5
+from microvib.io.matlab import read_matlab
 from microvib.io.scenario_file import parse_yaml, read_text
 from microvib.model.sentences import validated
 from microvib.signals.preparation import Preparation
@@ -41,8 +43,10 @@ def read_recording(path: Path | str, sample_rate: float | None = None) -> Record
         raise RecordingError(f"{path}: has {size / 1e9:.1f} GB; recordings of at most {LARGEST / 1e9:g} GB are read")
     try:
         recording = reader(path, sample_rate)
-    except RecordingError:
-        raise
+    except MicrovibError as error:
+        raise RecordingError(str(error)) from None
+    except MemoryError:
+        raise RecordingError(f"{path}: needs more memory than there is") from None
     except Exception as error:  # the libraries raise whatever they meet in a broken file
         raise RecordingError(
             f"{path}: is broken or truncated, or not of its kind ({type(error).__name__}: {error})"
@@ -135,23 +139,16 @@ def _read_uff(path: Path, sample_rate: float | None) -> Recording:
 
 
 def _read_mat(path: Path, sample_rate: float | None) -> Recording:
-    with path.open("rb") as stream:
-        new = stream.read(128).startswith(b"MATLAB 7.3")
-    if new or path.read_bytes()[:8] == b"\x89HDF\r\n\x1a\n":
-        h5py = _library("h5py", "h5py")
-        with h5py.File(path) as f:
-            data = {name: np.asarray(v).squeeze() for name, v in f.items() if isinstance(v, h5py.Dataset)}
-    else:
-        data = {k: v for k, v in _library("scipy.io", "scipy").loadmat(path, squeeze_me=True).items() if k[0] != "_"}
-    return _from_arrays(path, data, sample_rate)
+    return _from_arrays(path, {k: x for k, x in read_matlab(path).items() if isinstance(x, np.ndarray)}, sample_rate)
 
 
 def _read_netcdf(path: Path, sample_rate: float | None) -> Recording:
-    import h5netcdf
-
-    with h5netcdf.File(path, "r") as f:
-        data = {name: np.asarray(v[...]) for name, v in f.variables.items() if v.ndim == 1}
-        units = {name: str(v.attrs.get("units", "")) for name, v in f.variables.items()}
+    with open_hdf5(path) as root:
+        variables = {
+            name: x for name, x in root.members().items() if isinstance(x, Dataset) and x.numeric and len(x.shape) == 1
+        }
+        data = {name: x.numbers() for name, x in variables.items()}
+        units = {name: str(x.attribute("units") or "") for name, x in variables.items()}
     if "T_d" in data and "Mz" not in data:  # a motion of ours: what a table would feel about the drive axis
         data, units = {"time": data["time"], "Mz": data["T_d"]}, {"Mz": "N*m"}
     return _from_arrays(path, data, sample_rate, units)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError, OutputError
+from microvib.io.hdf5 import open_hdf5
 from microvib.io.results import package_versions
 from microvib.studies.campaign.cases import FIGURES, SCALARS, Chunk
 from microvib.studies.campaign.folder import Campaign
@@ -170,12 +171,14 @@ class Results:
         """All of them as an ``xarray.Dataset`` with dimensions ``case`` and ``line``, read when looked at."""
         import xarray as xr
 
+        with open_hdf5(self.path) as root:
+            root.members()  # none of them leads out of the file, where xarray would follow
         return xr.open_dataset(self.path, engine="h5netcdf")
 
     @property
     def lines(self) -> tuple[str, ...]:
         """Names of the lines."""
-        return tuple(text.decode() for text in self._read("line"))
+        return tuple(self._texts("line"))
 
     @property
     def state(self) -> np.ndarray:
@@ -185,12 +188,12 @@ class Results:
     @property
     def reasons(self) -> list[str]:
         """Why a case failed, (cases,)."""
-        return [text.decode() for text in self._read("reason")]
+        return self._texts("reason")
 
     @property
     def notes(self) -> list[str]:
         """What is to be known of each case, (cases,)."""
-        return [text.decode() for text in self._read("note")]
+        return self._texts("note")
 
     def scalar(self, name: str) -> np.ndarray:
         """A figure of each case, (cases,): ``peak``, ``rms``, ``stuck_output``, or a number that varies, by its key."""
@@ -201,23 +204,21 @@ class Results:
         return self._read(figure, self.lines.index(line))
 
     def _read(self, name: str, column: int | None = None) -> np.ndarray:
-        import h5py
+        with open_hdf5(self.path) as root:
+            return root.dataset(name).numbers(column)
 
-        with h5py.File(self.path) as f:
-            variable = f[name]
-            values: np.ndarray = variable[...] if column is None else variable[:, column]
-        return values
+    def _texts(self, name: str) -> list[str]:
+        with open_hdf5(self.path) as root:
+            return root.dataset(name).texts()
 
 
 def open_results(campaign: Campaign) -> Results:
     """Merged results of a campaign; MicrovibError where they are not merged, or of another campaign."""
-    import h5py
-
     path = campaign.folder / RESULTS
     if not path.is_file():
         raise MicrovibError(f"{path}: is not there yet; merge them with: microvib campaign merge {campaign.folder}")
-    with h5py.File(path) as f:
-        if f.attrs["campaign_sha256"] != campaign.identity:
+    with open_hdf5(path) as root:
+        if root.attribute("campaign_sha256") != campaign.identity:
             raise MicrovibError(
                 f"{path}: is of another campaign; merge again: microvib campaign merge {campaign.folder}"
             )

@@ -1,0 +1,198 @@
+"""MATLAB files of any version as plain data: arrays, texts, lists of cells, dicts of structs.
+
+Sizes are bounded before anything is unpacked, for a few bytes may declare, or unpack to, more than any memory.
+"""
+
+from __future__ import annotations
+
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.io.hdf5 import DEEPEST, MOST_BYTES, MOST_OBJECTS, Dataset, Group, open_hdf5
+
+_MATRIX, _COMPRESSED = 14, 15
+"""Types of elements in a file of version 5."""
+_HOLDERS, _TEXT, _NUMBERS = (1, 2, 3), 4, range(6, 16)
+"""Classes of arrays there: cells, structs and objects; characters; numbers."""
+
+
+class MatlabError(MicrovibError):
+    """A MATLAB file that is broken or too large."""
+
+
+def read_matlab(path: Path) -> dict[str, Any]:
+    """Variables of a file: arrays without axes of length one, ``str``, ``list`` of cells or of structs, ``dict`` of a struct.
+
+    What is none of these (functions, objects, complex numbers, sparse matrices) is left out. MatlabError or Hdf5Error where the
+    file is broken, or unpacks to more than is read.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(128)
+    if start.startswith((b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")):
+        with open_hdf5(path) as root:
+            return {name: _plain_7_3(x) for name, x in root.members().items() if not name.startswith("#")}
+    if len(start) >= 4 and 0 in start[:4]:
+        _check_4(path)
+    else:
+        _check_5(path)
+    from scipy.io import loadmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        data = loadmat(path, simplify_cells=True)
+    return {name: _plain_5(x) for name, x in data.items() if not name.startswith("__")}
+
+
+def _plain_5(x: Any) -> Any:
+    if isinstance(x, dict):
+        return {key: _plain_5(value) for key, value in x.items()}
+    if isinstance(x, list) or (isinstance(x, np.ndarray) and x.dtype.kind in "OU"):
+        return [_plain_5(value) for value in (x if isinstance(x, list) else x.ravel())]
+    if isinstance(x, str):
+        return str(x)
+    return (
+        x if isinstance(x, np.ndarray) else np.asarray(x) if isinstance(x, (int, float, np.number, np.bool_)) else None
+    )
+
+
+def _plain_7_3(x: Group | Dataset | None) -> Any:
+    if x is None:
+        return None
+    if isinstance(x, Group):
+        fields = x.members()
+        if fields and all(
+            isinstance(v, Dataset) and v.refers and v.attribute("MATLAB_class") is None for v in fields.values()
+        ):
+            columns = {name: _plain_7_3(v) for name, v in fields.items()}  # a struct array: each field a list
+            return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        return {name: _plain_7_3(v) for name, v in fields.items()}
+    if x.attribute("MATLAB_empty"):
+        return "" if x.attribute("MATLAB_class") == "char" else np.empty(0)
+    if x.refers:
+        return [_plain_7_3(v) for v in x.referred()]
+    if not x.numeric:
+        return None
+    values = x.numbers().T.squeeze()  # MATLAB stores columns first
+    if x.attribute("MATLAB_class") == "char":
+        return (
+            "".join(chr(int(k)) for k in values.ravel())
+            if values.ndim < 2
+            else ["".join(map(chr, row)) for row in values]
+        )
+    return values
+
+
+def _check_4(path: Path) -> None:
+    """MatlabError where matrices of version 4 say that they are longer than the file."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        at = 0
+        while at < size:
+            head = stream.read(20)
+            if len(head) < 20:
+                raise MatlabError(f"{path}: is truncated, or not a MATLAB file")
+            order = "<" if struct.unpack("<i", head[:4])[0] in range(5000) else ">"
+            kind, rows, columns, imaginary, name = struct.unpack(f"{order}5i", head)
+            item = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(kind // 10 % 10)
+            if item is None or not 0 <= kind < 5000 or min(rows, columns, name) < 0 or imaginary not in (0, 1):
+                raise MatlabError(f"{path}: is broken, or not a MATLAB file")
+            at += 20 + name + rows * columns * item * (1 + imaginary)
+            stream.seek(at)
+        if at > size:
+            raise MatlabError(f"{path}: is truncated; its last matrix has {rows} x {columns} values")
+
+
+@dataclass
+class _Sizes:
+    bytes: int = 0
+    held: int = 0
+
+
+def _check_5(path: Path) -> None:
+    """MatlabError where a file of version 5 unpacks to too much, is nested too deep, cut off, or has a name twice."""
+    sizes, names = _Sizes(), set()
+    for element, order in _elements(path):
+        name = _walk(path, element, order, sizes)
+        if name in names:
+            raise MatlabError(f"{path}: has the variable {name} twice; keep one of them")
+        names.add(name)
+
+
+def _elements(path: Path) -> Iterator[tuple[bytes, str]]:
+    """Content of each matrix of the file, unpacked, and its byte order."""
+    unpacked = 0
+    with path.open("rb") as stream:
+        head = stream.read(128)
+        order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
+        if order is None:
+            raise MatlabError(f"{path}: is broken or truncated, or not a MATLAB file")
+        while tag := stream.read(8):
+            if len(tag) < 8:
+                break
+            kind, size = struct.unpack(f"{order}2I", tag)
+            data = stream.read(min(size, MOST_BYTES))
+            if len(data) < size:
+                raise MatlabError(f"{path}: is truncated")
+            if kind == _COMPRESSED:
+                data = zlib.decompressobj().decompress(data, MOST_BYTES - unpacked + 1)
+                unpacked += len(data)
+                if unpacked > MOST_BYTES:
+                    raise MatlabError(f"{path}: unpacks to more than {MOST_BYTES / 1e9:g} GB; that much is not read")
+                kind, data = (struct.unpack(f"{order}I", data[:4])[0] if len(data) >= 8 else 0), data[8:]
+            if kind == _MATRIX:
+                yield data, order
+
+
+def _walk(path: Path, data: bytes, order: str, sizes: _Sizes) -> str:
+    """Name of a matrix, after a look at the sizes of all that it holds."""
+    found = None
+    waiting = [(0, len(data), 1)]
+    while waiting:
+        at, end, depth = waiting.pop()
+        if depth > DEEPEST:
+            raise MatlabError(f"{path}: has cells nested more than {DEEPEST} deep; so deep is not read")
+        parts: list[tuple[int, int]] = []
+        while at + 8 <= end:
+            kind, size = struct.unpack_from(f"{order}2I", data, at)
+            body, after = at + 8, at + 8 + -(-size // 8) * 8
+            if kind >> 16:  # a small element: its size and its bytes in the tag
+                kind, size, body, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+            if body + size > end:
+                raise MatlabError(f"{path}: is broken or truncated; a part of it is longer than the whole")
+            if kind == _MATRIX:
+                waiting.append((body, body + size, depth + 1))
+            parts.append((body, size))
+            at = after
+        _count(path, data, order, parts, sizes)
+        if found is None:
+            found = data[parts[2][0] : sum(parts[2])].decode("latin-1") if len(parts) > 2 else ""
+    return found or ""
+
+
+def _count(path: Path, data: bytes, order: str, parts: list[tuple[int, int]], sizes: _Sizes) -> None:
+    """Add what an array of these parts (flags, dimensions, name, ...) takes when it is unpacked."""
+    if len(parts) < 2:
+        return
+    (flags, _), (at, size) = parts[:2]
+    kind = struct.unpack_from(f"{order}I", data, flags)[0] & 0xFF
+    count = 1
+    for n in struct.unpack_from(f"{order}{size // 4}i", data, at):
+        count *= n
+        if n < 0:
+            raise MatlabError(f"{path}: is broken; an array of it has {n} rows")
+    if kind in _HOLDERS:
+        sizes.held += count
+    elif kind == _TEXT or kind in _NUMBERS:
+        sizes.bytes += 8 * count
+    if sizes.held > MOST_OBJECTS or sizes.bytes > MOST_BYTES:
+        raise MatlabError(
+            f"{path}: has more than {MOST_OBJECTS} cells or unpacks to more than {MOST_BYTES / 1e9:g} GB; that much is not read"
+        )
