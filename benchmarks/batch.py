@@ -70,7 +70,7 @@ def spread(state: mv.Scenario, count: int) -> list[mv.Scenario]:
         return float(value * r.uniform(1.0 - part, 1.0 + part))
 
     return [
-        state.with_(
+        state.with_si(
             {
                 "tracking.rate": about(state.rate, 0.3),
                 "motor.current": about(state.motor.current, 0.1),

@@ -50,7 +50,7 @@ def with_modes(state: mv.Scenario, count: int) -> mv.Scenario:
     ]
     data: dict[str, Any] = {"inertia": array.J_h + float(inertias.sum()), "rigid_inertia": None, "modes": modes}
     # The sources name single modes, which need not exist any more.
-    return state.with_({"sources": {}, **{f"array.{key}": value for key, value in data.items()}})
+    return state.with_si({"sources": {}, **{f"array.{key}": value for key, value in data.items()}})
 
 
 def _modes(state: mv.Scenario) -> None:
@@ -75,7 +75,7 @@ def _spans(state: mv.Scenario) -> None:
     print(f"{'simulated s':>12s} {'wall s':>9s} {'ms per simulated s':>19s}")
     walls = []
     for span in SPANS:
-        wall, _ = _best(state.with_({"record.settle": 0.5 * span, "record.duration": 0.5 * span}))
+        wall, _ = _best(state.with_si({"record.settle": 0.5 * span, "record.duration": 0.5 * span}))
         walls.append(wall)
         print(f"{span:12d} {wall:9.4f} {1e3 * wall / span:19.2f}")
     print(f"power of the simulated time: {_power(SPANS, walls):.3f}")

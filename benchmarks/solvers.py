@@ -102,14 +102,14 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _shortened(state: mv.Scenario, seconds: float) -> mv.Scenario:
     duration = PERIOD * max(int(seconds // 2.0), 1)
-    return state.with_({"record.settle": seconds - duration, "record.duration": duration})
+    return state.with_si({"record.settle": seconds - duration, "record.duration": duration})
 
 
 def _protocol(scenario: mv.Scenario, lines: tuple[str, ...]) -> Protocol:
     converged = {}
     for rate in (scenario.record.sample_rate, peers.RATE):
         _say(f"microvib, refinement {CONVERGED}, {_span(scenario):g} s at {rate:g} Hz, for comparison")
-        fine = scenario.with_({"solver.refinement": CONVERGED, "record.sample_rate": rate})
+        fine = scenario.with_si({"solver.refinement": CONVERGED, "record.sample_rate": rate})
         converged[rate] = amplitudes(fine, lines, mv.simulate(fine, channels=("T_d",))["T_d"], rate)
     return Protocol(scenario, lines, converged)
 

@@ -67,7 +67,7 @@ def _row(name: str, scenario: mv.Scenario) -> tuple[float, float, float] | None:
     except NotPeriodic as why:
         print(f"{head}  falls back: {why}", flush=True)
         return None
-    to_percent = scenario.with_({"record.settle": max(30.0, math.log(100.0) * slowest)})
+    to_percent = scenario.with_si({"record.settle": max(30.0, math.log(100.0) * slowest)})
     nominal, _ = _best_of(3, lambda: mv.simulate(scenario, channels=("T_d",)))
     settled, _ = _best_of(3, lambda: mv.simulate(to_percent, channels=("T_d",)))
     deviation, line = worst_deviation(state, settled_motion(scenario, slowest))
@@ -91,7 +91,7 @@ def _best_of(runs: int, call: Callable[[], Any]) -> tuple[float, Any]:
 
 def settled_motion(scenario: mv.Scenario, slowest: float) -> mv.Motion:
     """The run in time after ``slowest`` [s] x 13.8, recorded long enough to tell the lines apart."""
-    long = scenario.with_({"record.settle": max(60.0, math.log(1e6) * slowest), "record.duration": 64.0})
+    long = scenario.with_si({"record.settle": max(60.0, math.log(1e6) * slowest), "record.duration": 64.0})
     return mv.simulate(long, channels=("T_d",))
 
 
@@ -134,7 +134,7 @@ def random_scenario(seed: int) -> mv.Scenario:
     count = int(r.integers(1, 5))
     share = r.dirichlet(np.r_[20.0, np.ones(count - 1)])
     frequencies = np.sort([between(0.2, 10.0) for _ in range(count)])
-    return mv.load_scenario("state-1").with_(
+    return mv.load_scenario("state-1").with_si(
         {
             "motor.current": current,
             "motor.torque_constant": some(0.15, 0.4),

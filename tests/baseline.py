@@ -14,4 +14,4 @@ ROUND = {
 
 
 def baseline() -> mv.Scenario:
-    return mv.load_scenario("state-1").with_(ROUND)
+    return mv.load_scenario("state-1").with_si(ROUND)

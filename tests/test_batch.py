@@ -39,7 +39,7 @@ FINE = {"solver.refinement": 3}
 
 @pytest.fixture(scope="module")
 def drives(state_1):
-    return [state_1.with_({**SHORT, **changes}) for changes in DRIVES.values()]
+    return [state_1.with_si({**SHORT, **changes}) for changes in DRIVES.values()]
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_torque_is_that_of_simulate(drives, torques, k):
 
 def test_torques_converge_to_those_of_simulate(drives, torques):
     for k in (0, 6, 8):  # three times as many steps of order four
-        fine, motion = simulate_torques([drives[k].with_(FINE)])[0], mv.simulate(drives[k].with_(FINE))
+        fine, motion = simulate_torques([drives[k].with_si(FINE)])[0], mv.simulate(drives[k].with_si(FINE))
         coarse = mv.simulate(drives[k])
         far = np.sqrt(np.mean((torques[k].T_d - coarse["T_d"]) ** 2))
         near = np.sqrt(np.mean((fine.T_d - motion["T_d"]) ** 2))
@@ -95,8 +95,8 @@ def test_a_torque_is_the_same_to_the_last_bit_alone(drives, torques):
 
 
 def test_failures_stand_in_their_place(state_1, drives, torques):
-    lost = state_1.with_({**SHORT, "tracking.rate": "300 deg/s"})
-    stiff = state_1.with_({**SHORT, "driver.proportional_gain": 1e160, "driver.integral_gain": 1e200})
+    lost = state_1.with_si({**SHORT, "tracking.rate": "300 deg/s"})
+    stiff = state_1.with_si({**SHORT, "driver.proportional_gain": 1e160, "driver.integral_gain": 1e200})
     results = simulate_torques([lost, drives[0], stiff, lost, drives[1], *[stiff] * 9, drives[2]])
     assert same(results[1], torques[0])
     assert same(results[4], torques[1])
@@ -141,7 +141,7 @@ def test_microsteps_that_come_in_pieces(drives, torques, monkeypatch):
 
 def test_room_does_not_grow_with_the_length_of_a_run(state_1):
     def room(seconds):
-        scenario = state_1.with_({"record.settle": seconds, "record.duration": 2.0})
+        scenario = state_1.with_si({"record.settle": seconds, "record.duration": 2.0})
         company = batch._Crew(batch._kind(scenario), {0: scenario}).company
         return sum(part.nbytes for part in company if isinstance(part, np.ndarray))
 

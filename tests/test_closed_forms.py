@@ -38,7 +38,7 @@ def scenario_with(*changes):
     merged = {"sources": {}}
     for change in changes:
         merged |= change
-    return baseline().with_(merged)
+    return baseline().with_si(merged)
 
 
 def advance(scenario, q, stop):

@@ -18,7 +18,7 @@ leg = st.fixed_dictionaries(
 @settings(max_examples=60, deadline=None)
 @given(legs=st.lists(leg, min_size=1, max_size=5), pieces=st.integers(1, 7))
 def test_microsteps_follow_the_rounded_command(legs, pieces):
-    scenario = baseline().with_(tracking={"profile": legs})
+    scenario = baseline().with_si(tracking={"profile": legs})
     command = Command(scenario)
     edges = np.linspace(0.0, 8.0, pieces + 1)
     parts = [command.microsteps(a, b) for a, b in pairwise(edges)]
@@ -34,7 +34,7 @@ def test_microsteps_follow_the_rounded_command(legs, pieces):
 
 def test_ramp_stop_and_reversal(state_1):
     legs = [{"rate": 0.002, "ramp": 1.0, "hold": 2.0}, {"rate": 0.0, "ramp": 0.5, "hold": 1.0}, {"rate": -0.002}]
-    command = Command(state_1.with_(tracking={"profile": legs}))
+    command = Command(state_1.with_si(tracking={"profile": legs}))
     travelled = (
         -np.diff(command.count(np.array([0.0, 1.0, 3.0, 3.5, 4.5, 5.0]))) * command._period
     )  # positive array rate
@@ -46,8 +46,8 @@ def test_ramp_stop_and_reversal(state_1):
 
 def test_rate_in_the_record(state_1):
     legs = [{"rate": 0.002, "ramp": 2.0, "hold": 40.0}, {"rate": 0.0}]
-    scenario = state_1.with_(tracking={"profile": legs})
-    assert scenario.with_({"record.settle": 2.0}).rate == 0.002
-    assert scenario.with_({"record.settle": 1.0}).rate is None
-    assert scenario.with_({"record.settle": 30.0}).rate is None
-    assert scenario.with_({"record.settle": 50.0}).rate == 0.0
+    scenario = state_1.with_si(tracking={"profile": legs})
+    assert scenario.with_si({"record.settle": 2.0}).rate == 0.002
+    assert scenario.with_si({"record.settle": 1.0}).rate is None
+    assert scenario.with_si({"record.settle": 30.0}).rate is None
+    assert scenario.with_si({"record.settle": 50.0}).rate == 0.0

@@ -43,7 +43,7 @@ def test_about_multiples_of_the_inner_rate_the_boxcar_is_what_holds_it_back(f):
 def test_low_sample_rates_do_not_alias_onto_lines():
     import microvib as mv
 
-    scenario = mv.load_scenario("state-1").with_({"record.settle": 4.0, "record.duration": 30.0})
-    fine, coarse = (mv.lines(mv.simulate(scenario.with_({"record.sample_rate": f}))) for f in (4096.0, 50.0))
+    scenario = mv.load_scenario("state-1").with_si({"record.settle": 4.0, "record.duration": 30.0})
+    fine, coarse = (mv.lines(mv.simulate(scenario.with_si({"record.sample_rate": f}))) for f in (4096.0, 50.0))
     for name in ("full_step_1", "full_step_2"):
         assert coarse[name].amplitude_n_m == pytest.approx(fine[name].amplitude_n_m, rel=3e-3)

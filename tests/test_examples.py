@@ -57,11 +57,11 @@ def test_ten_modes_of_table_1_and_sixty_modes_run():
         for r in read_table("table1_array_modes")
     ]
     short = {"record.settle": 2.0, "record.duration": 4.0, "array.rigid_inertia": None, "array.inertia": 7.70}
-    ten = mv.simulate(mv.load_scenario("state-1").with_({**short, "array.modes": table}))
+    ten = mv.simulate(mv.load_scenario("state-1").with_si({**short, "array.modes": table}))
     assert ten["eta"].shape == (16384, 10)
     assert ten.scenario.array.J_h == pytest.approx(7.70 - sum(mode["effective_inertia"] for mode in table))
     more = [*table, *({"frequency": 12.0 + 2.0 * k, "damping": 0.005, "effective_inertia": 1e-4} for k in range(50))]
-    sixty = mv.simulate(mv.load_scenario("state-1").with_({**short, "array.modes": more, "array.inertia": 7.71}))
+    sixty = mv.simulate(mv.load_scenario("state-1").with_si({**short, "array.modes": more, "array.inertia": 7.71}))
     assert sixty["eta"].shape == (16384, 60)
     assert sixty.invariants.torque_forms < 1e-11
     assert sixty.invariants.energy < 1e-4

@@ -16,7 +16,7 @@ def test_six_component_loads(state_1):
     participation = (0.5, -0.2, 0.0, 0.1, 0.3, H)
     coupling = (0.4, 0.0, 0.0, 0.02, -0.01, 8.18)
     changes = {"array.modes.0.interface_participation": participation, "array.interface_inertia": coupling}
-    motion = mv.simulate(state_1.with_({**SHORT, **changes}))
+    motion = mv.simulate(state_1.with_si({**SHORT, **changes}))
     loads = motion.interface_loads()
     array = motion.scenario.array
     # acceleration of the mode by differences, against what the loads are made of
@@ -36,17 +36,17 @@ def test_six_component_loads(state_1):
 
 
 def test_no_six_components_without_participation(state_1):
-    assert mv.simulate(state_1.with_(SHORT)).interface_loads() is None
+    assert mv.simulate(state_1.with_si(SHORT)).interface_loads() is None
 
 
 def test_drive_axis_chooses_the_component(state_1):
     changes = {"array.modes.0.interface_participation": (0, 0, 0, state_1.array.H[0], 0, 0), "array.drive_axis": "x"}
-    motion = mv.simulate(state_1.with_({**SHORT, **changes}))
+    motion = mv.simulate(state_1.with_si({**SHORT, **changes}))
     assert motion.interface_loads()[:, 3] == pytest.approx(motion["T_d"])
 
 
 def test_a_record_that_starts_with_the_motion(state_1):
-    motion = mv.simulate(state_1.with_({"record.settle": 0.0, "record.duration": 1.0}))
+    motion = mv.simulate(state_1.with_si({"record.settle": 0.0, "record.duration": 1.0}))
     assert motion.time[0] == 0.0
     assert motion["T_d"].shape == (4096,)
     assert abs(motion["T_d"][:30]).max() < 1e-3  # the first microstep comes after 9.4 ms; the filter reaches 2 ms ahead
@@ -58,7 +58,7 @@ def test_start_track_stop_and_reverse(state_1):
         {"rate": "0 deg/s", "hold": "1 s"},
         {"rate": "-0.06 deg/s"},
     ]
-    motion = mv.simulate(state_1.with_({"record.settle": 0.0, "record.duration": 4.0, "tracking": {"profile": legs}}))
+    motion = mv.simulate(state_1.with_si({"record.settle": 0.0, "record.duration": 4.0, "tracking": {"profile": legs}}))
     angle = motion["theta_l"]
     at = lambda t: angle[int(t * 4096)]  # noqa: E731
     rate = np.radians(0.06)
@@ -71,8 +71,8 @@ def test_start_track_stop_and_reverse(state_1):
 
 
 def test_negative_rate_mirrors(state_1):
-    forward = mv.simulate(state_1.with_(SHORT))
-    backward = mv.simulate(state_1.with_({**SHORT, "tracking.rate": "-0.06 deg/s"}))
+    forward = mv.simulate(state_1.with_si(SHORT))
+    backward = mv.simulate(state_1.with_si({**SHORT, "tracking.rate": "-0.06 deg/s"}))
     assert backward["T_d"] == pytest.approx(-forward["T_d"], abs=1e-9)
 
 
@@ -91,19 +91,19 @@ def test_progress_is_reported_and_interrupts_pass(state_1):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        mv.simulate(state_1.with_(SHORT), progress=stop_half_way)
+        mv.simulate(state_1.with_si(SHORT), progress=stop_half_way)
     assert seen == sorted(seen)
 
 
 def test_only_the_channels_that_are_asked_for(state_1):
-    motion = mv.simulate(state_1.with_(SHORT), channels=("T_d",))
+    motion = mv.simulate(state_1.with_si(SHORT), channels=("T_d",))
     assert list(motion.channels) == ["T_d"]
     with pytest.raises(mv.SimulationError, match="channel 'T_x' does not exist"):
-        mv.simulate(state_1.with_(SHORT), channels=("T_x",))
+        mv.simulate(state_1.with_si(SHORT), channels=("T_x",))
 
 
 def test_lines_of_a_stream_are_those_of_the_motion(state_1, monkeypatch):
-    scenario = state_1.with_({"record.settle": 2.0, "record.duration": 24.0})
+    scenario = state_1.with_si({"record.settle": 2.0, "record.duration": 24.0})
     whole = lines(mv.simulate(scenario))
     table, invariants, _ = long_runs.lines_of_stream(scenario, 8)
     assert table == whole
@@ -116,7 +116,7 @@ def test_lines_of_a_stream_are_those_of_the_motion(state_1, monkeypatch):
 
 
 def test_a_long_stream_keeps_no_history(state_1):
-    run = Run(state_1.with_({"record.settle": 0.0, "record.duration": 60.0}), channels=("T_d",))
+    run = Run(state_1.with_si({"record.settle": 0.0, "record.duration": 60.0}), channels=("T_d",))
     sizes = [block["T_d"].size for block in run]
     assert max(sizes) < 5000
     assert sum(sizes) == 60 * 4096
@@ -125,7 +125,7 @@ def test_a_long_stream_keeps_no_history(state_1):
 def test_subharmonics_of_stick_and_slip_are_listed_though_not_expected(state_1):
     friction = {"friction.coulomb": 0.1, "friction.breakaway": 0.5, "friction.stribeck_rate": 1e-3}
     record = {"record.settle": 60.0, "record.duration": 24.0, "record.sample_rate": 1024.0}
-    scenario = state_1.with_({**friction, **record, "reducer.damping": 0.5, "motor.detent_torque": 0.0})
+    scenario = state_1.with_si({**friction, **record, "reducer.damping": 0.5, "motor.detent_torque": 0.0})
     table = mv.lines(mv.simulate(scenario))
     unexpected = {line.origin: line.amplitude_n_m for line in table if line.kind == "other"}
     # this drive repeats itself only every five microsteps
@@ -138,7 +138,7 @@ def test_a_mode_that_cannot_be_seen_is_not_found_on_a_line_of_the_clock(state_1)
         {"frequency": 1.19, "damping": 0.01, "effective_inertia": 8.0},
         *({"frequency": f, "damping": 0.01, "participation": 0.0} for f in (43.3, 63.35, 66.7)),
     ]
-    scenario = state_1.with_({**SHORT, "record.duration": 16.0, "array.modes": modes, "array.rigid_inertia": None})
+    scenario = state_1.with_si({**SHORT, "record.duration": 16.0, "array.modes": modes, "array.rigid_inertia": None})
     table = mv.lines(mv.simulate(scenario))
     for k in (2, 3, 4):
         assert table[f"array_mode_{k}"].status not in ("ok", "decaying", "growing")
@@ -150,7 +150,7 @@ def test_no_microstep_is_lost_where_the_command_is_cut_into_pieces(state_1):
 
     # 20.1 microsteps per second: some fall on whole seconds to rounding
     rate = 20.1 * state_1.driver.microstep(state_1.motor) / 100
-    command = Command(state_1.with_({"tracking.rate": rate}))
+    command = Command(state_1.with_si({"tracking.rate": rate}))
     counts = np.concatenate([command.microsteps(t, t + 1.0)[1][:, 2] for t in range(46)]) * 64 / (2 * np.pi)
     assert np.diff(counts) == pytest.approx(-1.0)
     for t in range(46):

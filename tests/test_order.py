@@ -52,7 +52,7 @@ STOPS = np.arange(1, 9) * 2.0**-8
 
 def histories(changes, step):
     """Weighted states, and energies and impulse, at STOPS after a start off equilibrium, in steps of ``step``."""
-    q = pack(baseline().with_({**SMOOTH, **changes}))
+    q = pack(baseline().with_si({**SMOOTH, **changes}))
     weights = q.drive.scale.copy()
     # An error weight of zero accepts every step, and max_step is then the step.
     q.drive.scale[:] = 0.0

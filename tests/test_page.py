@@ -226,7 +226,7 @@ def test_cancel(visit: Callable[..., Any]) -> None:
 
 def test_upload_a_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
     page = visit()
-    mine = baseline().with_({"motor.current": 0.45, **SHORT}).model_copy(update={"title": "my own drive"})
+    mine = baseline().with_si({"motor.current": 0.45, **SHORT}).model_copy(update={"title": "my own drive"})
     (tmp_path / "mine.yaml").write_text(dump_scenario(mine), encoding="utf-8")
     (tmp_path / "broken.yaml").write_text("motor: [", encoding="utf-8")
     wrong = dump_scenario(mine.with_sources({})).replace("sources: {}\n", "").replace("0.45 A", "3 parsec")

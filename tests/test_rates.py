@@ -37,7 +37,7 @@ def test_a_line_peaks_where_it_meets_the_mode(plan, state_1):
 def test_the_peak_is_that_of_the_run_in_time(plan, state_1):
     meeting = next(r for r in plan.resonances if r.mode == "array_mode_1" and r.microsteps == 16)
     # six time constants of the mode, which the line drives: the record then has it but for 0.3 %
-    scenario = at_rate(state_1, meeting.rate, 16).with_({"record.settle": 90.0})
+    scenario = at_rate(state_1, meeting.rate, 16).with_si({"record.settle": 90.0})
     torque = mv.simulate(scenario, channels=("T_d",))["T_d"]
     t = np.arange(torque.size) / scenario.record.sample_rate
     basis = np.exp(-2j * np.pi * meeting.frequency * t) * np.hanning(t.size)
@@ -72,11 +72,11 @@ def test_results_do_not_depend_on_what_else_is_planned(plan, state_1):
 
 
 def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
-    weak = state_1.with_({"motor.current": 0.02, "record.settle": 1.0, "record.duration": 2.0})
+    weak = state_1.with_si({"motor.current": 0.02, "record.settle": 1.0, "record.duration": 2.0})
     failed = full_case(weak, 0.3 * DEG, 16)
     assert failed.lines == ()
     assert "synchronism" in failed.reason
-    uneven = state_1.with_(
+    uneven = state_1.with_si(
         {
             "reducer.transmission_error": [{"order": 2, "amplitude": 1e-5}],
             "record.settle": 1.0,
@@ -101,13 +101,13 @@ def test_the_linear_lines_are_those_of_a_drive_without_stick_and_detent(state_1,
         "friction.coulomb": 0.0,
         "friction.breakaway": 0.0,
     }
-    scenario = state_1.with_(smooth)
+    scenario = state_1.with_si(smooth)
     table = mv.steady(scenario).lines
     for line in linear_lines(scenario):
         # currents do not follow quite at once: back-EMF damps by 2 %
         assert abs(line.amplitude) == pytest.approx(table[f"drive_{line.order}"].amplitude_n_m, rel=0.03)
         assert line.frequency == pytest.approx(table[f"drive_{line.order}"].frequency_hz)
-    assert linear_lines(scenario.with_({"tracking.rate": 0.0})) == ()
+    assert linear_lines(scenario.with_si({"tracking.rate": 0.0})) == ()
 
 
 def test_a_linear_plan_states_its_error(state_1):

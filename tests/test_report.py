@@ -59,7 +59,7 @@ def document(motion_1, lines_1) -> Document:
 def folder(tmp_path_factory):
     """The folder of a short run."""
     out = tmp_path_factory.mktemp("report") / "run"
-    run_scenario(baseline().with_({"record.settle": 1.0, "record.duration": 4.0}), out, limit=LIMIT)
+    run_scenario(baseline().with_si({"record.settle": 1.0, "record.duration": 4.0}), out, limit=LIMIT)
     return out
 
 
@@ -318,7 +318,7 @@ def test_rendering_is_deterministic(document, motion_1, lines_1):
 
 
 def test_a_long_title_leaves_the_first_page_one_page(motion_1, lines_1):
-    long = replace(motion_1, scenario=motion_1.scenario.with_({"title": "drive " * 80, "source": "sheet " * 300}))
+    long = replace(motion_1, scenario=motion_1.scenario.with_si({"title": "drive " * 80, "source": "sheet " * 300}))
     found = pages(pdf(run_report(long, lines_1, limit=LIMIT)))
     assert "All lines" not in found[0]
     assert "All lines" in found[1]

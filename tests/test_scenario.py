@@ -245,7 +245,7 @@ def test_schema_names_every_key(state_1):
 
 def test_a_changed_copy_is_what_its_whole_data_give(state_1):
     before = state_1.model_dump()
-    changed = state_1.with_({"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": 1.3})
+    changed = state_1.with_({"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": "1.3 Hz"})
     data = state_1.model_dump()
     data["motor"]["friction"]["viscous"], data["array"]["modes"][0]["frequency"] = 0.03, 1.3
     assert changed == scenario_from(data)
@@ -265,7 +265,37 @@ def test_a_changed_copy_is_what_its_whole_data_give(state_1):
 )
 def test_a_changed_copy_is_refused_with_the_same_sentences(state_1, changes, sentence):
     with pytest.raises(mv.ScenarioError, match=re.escape(sentence)):
-        state_1.with_(changes)
+        state_1.with_si(changes)
+
+
+BARE = {
+    "tracking.rate": 0.05,
+    "record.settle": 4,
+    "array.modes": [{"frequency": 1.2, "damping": 0.01}],
+    "tracking": {"profile": [{"rate": 0.001}]},
+    "friction.slip_ring": {"contact_pairs": 20, "contact_force": 0.1, "friction_factor": 0.2, "ring_radius": 0.02},
+}
+
+
+@pytest.mark.parametrize("key", BARE)
+def test_a_bare_number_where_a_unit_decides_is_refused_in_every_door(state_1, key):
+    for door in (state_1.with_, lambda changes: load_scenario("state-1", changes)):
+        with pytest.raises(mv.ScenarioError, match=rf"{key.split('.')[0]}\S* .*needs a unit, such as '"):
+            door({key: BARE[key]})
+
+
+def test_the_si_door_takes_bare_numbers_in_si(state_1):
+    changed = state_1.with_si({"tracking.rate": 0.001, "record.settle": 4, "array.modes.0.frequency": "1.3 Hz"})
+    assert (changed.tracking.rate, changed.record.settle, changed.array.modes[0].frequency) == (0.001, 4.0, 1.3)
+    assert state_1.with_(tracking=changed.tracking).tracking == changed.tracking
+    assert type(state_1.with_({"motor.current": "1 A"}).motor.torque_constant) is float
+
+
+def test_changes_are_left_as_they_were(state_1):
+    changes = {"tracking": {"rate": "0.1 deg/s"}, "tracking.clock_ratio": 0.99}
+    state_1.with_(changes)
+    load_scenario("state-1", changes)
+    assert changes == {"tracking": {"rate": "0.1 deg/s"}, "tracking.clock_ratio": 0.99}
 
 
 def test_sources_of_what_is_no_longer_there_are_dropped(state_1):

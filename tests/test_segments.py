@@ -22,7 +22,7 @@ CHANGES = [
 
 @pytest.fixture(params=CHANGES, ids=str)
 def period(request, state_1):
-    scenario = state_1.with_(request.param)
+    scenario = state_1.with_si(request.param)
     return PeriodMap(scenario, repeats_after(scenario)[0])
 
 

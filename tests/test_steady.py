@@ -28,7 +28,7 @@ def steady_1(state_1):
 
 
 def settled(scenario, time=90.0, duration=16.0):
-    return scenario.with_({"record.settle": time, "record.duration": duration})
+    return scenario.with_si({"record.settle": time, "record.duration": duration})
 
 
 @pytest.mark.parametrize("name", ["state-1", "state-2", "state-3", "state-4", "state-5"])
@@ -70,7 +70,7 @@ def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
     ],
 )  # fmt: skip
 def test_every_part_of_the_drive_is_in_the_steady_state(state_1, changes):
-    scenario = settled(state_1.with_({"tracking.rate": "-0.11 deg/s", **changes}), 60.0)
+    scenario = settled(state_1.with_si({"tracking.rate": "-0.11 deg/s", **changes}), 60.0)
     steady, in_time = mv.lines(steady_state(scenario)), mv.lines(mv.simulate(scenario, channels=("T_d",)))
     top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0)
     compared = 0
@@ -94,7 +94,7 @@ def test_the_state_repeats_after_a_period_and_after_a_record(state_1, steady_1):
 
 def test_a_record_from_the_steady_state_is_whole_from_its_first_sample(state_1):
     # many microsteps within the filter's length, and a record that starts with the command
-    fast = state_1.with_(
+    fast = state_1.with_si(
         {
             "tracking.rate": "0.3 deg/s",
             "driver.microsteps": 64,
@@ -136,7 +136,7 @@ def test_invariants_hold_over_the_period(steady_1):
 
 
 def test_a_mode_without_damping_has_a_steady_state_all_the_same(state_1):
-    state = steady_state(state_1.with_({"array.modes.0.damping": 0.0}))
+    state = steady_state(state_1.with_si({"array.modes.0.damping": 0.0}))
     assert 0.97 < state.multiplier < 1.001
 
 
@@ -152,7 +152,7 @@ def test_a_mode_without_damping_has_a_steady_state_all_the_same(state_1):
     ],
 )  # fmt: skip
 def test_where_nothing_repeats_the_run_in_time_steps_in(state_1, changes, why):
-    scenario = state_1.with_({"record.settle": 4.0, "record.duration": 3.0, **changes})
+    scenario = state_1.with_si({"record.settle": 4.0, "record.duration": 3.0, **changes})
     with pytest.raises(NotPeriodic, match=why):
         steady_state(scenario)
     result = mv.steady(scenario)
@@ -176,7 +176,7 @@ def test_a_motion_that_depends_on_how_it_began_is_not_taken():
 
 def test_repetition_in_microsteps(state_1):
     def of(**changes):
-        return repeats_after(state_1.with_({key.replace("__", "."): value for key, value in changes.items()}))
+        return repeats_after(state_1.with_si({key.replace("__", "."): value for key, value in changes.items()}))
 
     assert of() == (16, 16)
     assert of(driver__beats=5, driver__microsteps=1) == (5, 5)

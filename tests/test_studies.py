@@ -21,7 +21,9 @@ TRUTH = {"array.rigid_inertia": 0.11, "reducer.stiffness": 10_500.0, "motor.fric
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """A made test: other parameters, another clock, noise, drift and mains on top; eight seconds after four."""
-    scenario = baseline().with_({**TRUTH, "tracking.clock_ratio": 0.9962, "record.settle": 4.0, "record.duration": 8.0})
+    scenario = baseline().with_si(
+        {**TRUTH, "tracking.clock_ratio": 0.9962, "record.settle": 4.0, "record.duration": 8.0}
+    )
     torque = mv.simulate(scenario, channels=("T_d",))["T_d"]
     t = np.arange(torque.size) / 4096
     random = np.random.default_rng(3)
@@ -33,7 +35,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def start():
-    return baseline().with_({"record.settle": 4.0})
+    return baseline().with_si({"record.settle": 4.0})
 
 
 def test_evidence_of_a_recording(recording, start):
@@ -66,7 +68,7 @@ def test_identification_finds_the_truth(recording, start, tmp_path):
 def test_a_range_of_ours_widens_and_a_wrong_mode_frequency_is_fitted_along(recording, start):
     """Damping starts at a tenth of the truth, with a range to two fifths of it; the scenario's mode lies 4 % off."""
     evidence = read_evidence(str(recording), start)
-    wrong = start.with_({**TRUTH, "reducer.damping": 0.5, "array.modes.0.frequency": 1.24})
+    wrong = start.with_si({**TRUTH, "reducer.damping": 0.5, "array.modes.0.frequency": 1.24})
     fit = identify(wrong, [(evidence, {})], [parse_fit(wrong, "reducer.damping")], starts=8, finishes=1)
     found = {e.key: e for e in fit.estimates}
     assert found["reducer.damping"].estimate == pytest.approx(5.0, rel=0.02)
@@ -78,7 +80,7 @@ def test_a_range_of_ours_widens_and_a_wrong_mode_frequency_is_fitted_along(recor
 def test_a_parameter_without_effect_is_not_identifiable(recording, start):
     evidence = read_evidence(str(recording), start)
     keys = [parse_fit(start, "motor.friction.viscous"), parse_fit(start, "friction.stribeck_shape=0.9:1.1")]
-    known = start.with_({k: v for k, v in TRUTH.items() if "viscous" not in k} | {"friction.breakaway": 0.0247})
+    known = start.with_si({k: v for k, v in TRUTH.items() if "viscous" not in k} | {"friction.breakaway": 0.0247})
     fit = identify(known, [(evidence, {})], keys, starts=4, finishes=1)
     assert not next(e for e in fit.estimates if e.key.endswith("shape")).identifiable
 

@@ -1,8 +1,10 @@
+import importlib
 import math
 from typing import Annotated
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -28,10 +30,42 @@ class Sample(Part):
         ("1 N*m/deg", "N*m/rad", 180 / math.pi),
         ("2.5 kHz", "Hz", 2500.0),
         ("4 rpm", "rad/s", 4 * math.pi / 30),
+        ("5 %", "", 0.05),
+        ("−0.06 °/s", "rad/s", -math.radians(0.06)),
+        ("6 Ω", "ohm", 6.0),
+        ("13\u00a0mH", "H", 13e-3),
+        ("0.3 V*s/rad", "N*m/A", 0.3),
+        ("40 1/s", "s^-1", 40.0),
     ],
 )
 def test_units_are_converted(text, unit, value):
     assert convert(text, unit) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("written", "unit", "value"),
+    [
+        *((text, "N*m", 1.0) for text in ("Nm", "N m", "N·m", "N.m", "N-m")),
+        *((text, "N*m", 1e-3) for text in ("mNm", "Nmm", "mN m", "mN·m", "N mm")),
+        *((text, "N*m", 10.0) for text in ("daNm", "kNcm")),
+        *((text, "kg*m^2", 1e-4) for text in ("kgcm2", "kgcm²", "kg·cm²", "kg cm^2", "kg*cm**2", "kg.cm2", "kg-cm²")),
+        *((text, "kg*m^2", 1e-7) for text in ("gcm2", "gcm²", "g·cm²", "g cm2")),
+        *((text, "kg*m^2", 1.0) for text in ("kgm2", "kg m²", "kg·m^2")),
+        *((text, "N*m*s/rad", 1.0) for text in ("Nms/rad", "N m s/rad", "Nm·s/rad", "Nms")),
+        *((text, "V*s/A", 1.0) for text in ("Vs/A", "V s/A")),
+        ("mNms/rad", "N*m*s/rad", 1e-3),
+        ("Nm/°", "N*m/rad", 180 / math.pi),
+        ("N/Hz^½", "N/Hz^0.5", 1.0),
+        ("μH", "H", 1e-6),
+        ("µH", "H", 1e-6),
+        ("lbf·in", "N*m", 0.1129848290276167),
+        ("in-lbf", "N*m", 0.1129848290276167),
+        ("ozfin", "N*m", 0.1129848290276167 / 16),
+    ],
+)
+def test_units_are_read_as_people_and_print_write_them(written, unit, value):
+    assert convert(f"1 {written}", unit) == pytest.approx(value, rel=1e-12)
+    assert convert(f"1{written}", unit) == convert(f"1 {written}", unit)
 
 
 @pytest.mark.parametrize(
@@ -50,6 +84,20 @@ def test_units_are_converted(text, unit, value):
         ("1 Hz", "rad/s", "mixes cycles and angles"),
         ("", "kg", "is not a quantity"),
         ("1 kg" * 100, "kg", "too long"),
+        ("7 °/s", "Hz", "mixes angles and cycles"),
+        ("7 turns/s", "Hz", "mixes angles and cycles"),
+        ("7 cycles/s", "Hz", "mixes angles and cycles"),
+        ("5 deg", "", "has an angle too much"),
+        ("1 N*m*rad", "N*m/rad", "has an angle too much"),
+        ("3 dB", "", "does not start at zero"),
+        ("20 °C", "K", "does not start at zero"),
+        ("1 As", "A", "wrong dimension"),
+        ("1e999 A", "A", "is not finite"),
+        ("1e-999 A", "A", "too small for a number"),
+        ("nan A", "A", "is not finite"),
+        ("1 A^9^9^9^9", "A", "unknown unit"),
+        ("1 m*9^9^9^9", "m", "unknown unit"),
+        ("1 A^123", "A", "unknown unit"),
     ],
 )
 def test_bad_quantities_are_named(text, unit, complaint):
@@ -67,6 +115,54 @@ def test_what_is_out_of_range_or_no_number_is_refused(value):
 def test_formatted_quantities_read_back_to_the_same_value(value):
     quantity = Sample.quantity_of("inertia")
     assert convert(quantity.format(value), "kg*m^2") == value
+
+
+def _parts(root=Part):
+    for part in root.__subclasses__():
+        if part.__module__.startswith("microvib."):
+            yield part
+        yield from _parts(part)
+
+
+def _declared():
+    """Every kind of quantity that a parameter of the project is."""
+    for module in (
+        "model.scenario",
+        "model.study",
+        "model.bench",
+        "model.simulator",
+        "model.deck",
+        "signals.preparation",
+    ):
+        importlib.import_module(f"microvib.{module}")
+    found = (part.quantity_of(name) for part in _parts() for name in part.model_fields)
+    return list({(q.unit, q.display): q for q in found if q is not None}.values())
+
+
+DECLARED = _declared()
+
+
+@pytest.mark.parametrize("quantity", DECLARED, ids=lambda q: f"{q.unit}-{q.display}")
+@settings(max_examples=25)
+@given(value=st.floats(min_value=1e-9, max_value=1e9), sign=st.sampled_from([1.0, -1.0]))
+def test_what_is_printed_of_any_parameter_is_read_back(quantity, value, sign):
+    value *= sign
+    assert convert(quantity.format(value), quantity.unit) == value
+    shown = quantity.show(value)
+    for text in (shown, shown.replace(" ", "\u00a0"), shown.replace("-", "−")):
+        assert convert(text, quantity.unit) == pytest.approx(value, rel=1e-5)
+
+
+def test_parameters_of_all_kinds_are_tried():
+    assert len(DECLARED) > 25
+    assert {"kg*m^2", "N*m*s/rad", "N/Hz^0.5", "kg^0.5*m", ""} <= {quantity.unit for quantity in DECLARED}
+
+
+def test_numbers_of_any_size_and_kind():
+    for number in (np.float32(2.5), np.int64(3)):
+        assert Sample(inertia=number).inertia == float(number)
+    with pytest.raises(ValidationError, match="a number of 5000 digits is not finite"):
+        Sample(inertia=10**5000)
 
 
 def test_numbers_need_a_unit_only_where_units_are_asked_for():

@@ -1,5 +1,10 @@
 """What can go wrong, as sentences for the person who can mend it."""
 
+from __future__ import annotations
+
+import reprlib
+from typing import Any
+
 
 class MicrovibError(Exception):
     """Base of all errors that are meant for the user; the text is one clear sentence."""
@@ -23,3 +28,15 @@ class SynchronismLost(SimulationError):
 
 class OutputError(MicrovibError):
     """A result that could not be written; nothing was overwritten."""
+
+
+def shown(value: Any) -> str:
+    """A value as sentences quote it, of any size and kind: at most 60 characters."""
+    quoting = reprlib.Repr()
+    quoting.maxstring = quoting.maxother = 1000
+    quoting.maxlevel = 3
+    try:
+        text = repr(value) if isinstance(value, (int, float)) else quoting.repr(value)
+    except ValueError:  # of an integer that has too many digits to be written
+        text = f"a number of {value.bit_length() * 0.30103:.0f} digits" if isinstance(value, int) else "something"
+    return text if len(text) < 60 else f"{text[:57]}..."

@@ -9,16 +9,51 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
+from numbers import Real
 from typing import Any
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
-_ANGLE = re.compile(r"\b(rad|radian|deg|degree|rpm|rps|turn|revolution|arcsec|arcmin|mrad|urad)s?\b")
-_QUANTITY = re.compile(
-    r"\s*(?P<number>[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))\s*(?P<unit>[A-Za-zµΩ°%][A-Za-z0-9µΩ°%*/^.() -]*)?$"
+from microvib.errors import shown
+
+_NUMBER = re.compile(r"\s*([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf))\s*")
+_UNIT = re.compile(r"(1?/)?[A-Za-z_][A-Za-z0-9_*/^.() -]*")
+_EXPONENT = re.compile(r"\^-?\d{1,2}(\.\d{1,2})?(?![\d.^])")
+_PRINTED = (
+    ("^0.5", "^½"),
+    ("^-1", "⁻¹"),
+    ("^2", "²"),
+    ("^3", "³"),
+    ("*", " "),
+    ("deg", "°"),
+    ("ohm", "Ω"),
+    ("percent", "%"),
 )
+"""Units as they are declared, and as print shows them."""
+_SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_GLUED = r"(?<![A-Za-z_])(da|[GMkhdcmun]?)"
+_READ = tuple(
+    (re.compile(written), plain)
+    for written, plain in (
+        (r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda found: "^" + found[0].translate(_SUPERSCRIPT)),
+        (r"\s+", " "),
+        (r"\^?½", "^0.5"),
+        (r"\*\*", "^"),
+        (r"[·⋅∙•×]", "*"),
+        (r"[µμ]", "u"),
+        (r"[ΩΩ]", "ohm"),
+        (r"°", "deg"),
+        (r"%", "percent"),
+        (r"(?<=[A-Za-z])(-?\d)", r"^\1"),  # m2, s-1
+        (_GLUED + r"N(mm|cm|m)(s?)(?![A-Za-z])", lambda found: "*".join(filter(None, (f"{found[1]}N", found[2], found[3])))),
+        (_GLUED + r"(g|kgf|lbf|ozf)(mm|cm|m|in|ft)(?![A-Za-z])", r"\1\2*\3"),
+        (_GLUED + r"([NVAW])s(?![A-Za-z])", r"\1\2*s"),
+        (r"(?<=[A-Za-z])[.-](?=[A-Za-z])", "*"),
+    )
+)  # fmt: skip
+"""How units are written, and the same as pint reads it: print, keyboards without raised digits, products without a sign."""
 _HERTZ = re.compile(r"\b[kMGmu]?(Hz|hertz)\b")
 
 
@@ -29,34 +64,79 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
-def convert(text: str, unit: str) -> float:
-    """Value of a quantity such as ``"0.2 kg*cm^2"`` in ``unit``; raises ValueError with a sentence."""
-    import pint
+@lru_cache(maxsize=1024)
+def plain_unit(written: str) -> str:
+    """A unit as pint reads it: ``kg·cm²``, ``kgcm2`` and ``kg cm^2`` become ``kg*cm^2`` or the like."""
+    for pattern, plain in _READ:
+        written = pattern.sub(plain, written)
+    return written.strip()
 
+
+def convert(text: str, unit: str) -> float:
+    """Value of a quantity such as ``"0.2 kg*cm^2"`` in ``unit``; raises ValueError with a sentence.
+
+    Units may be written as the project prints them (``0.2 kg cm²``), or run together as on data sheets (``0.2 kgcm2``).
+    """
     if len(text) > 200:
         raise ValueError("is too long for a quantity")
-    match = _QUANTITY.match(text)
-    if match is None:
+    match = _NUMBER.match(text.replace("\u2212", "-"))  # the sign of minus
+    written = text[match.end() :].strip() if match else ""
+    plain = plain_unit(written)
+    if match is None or (written and not _UNIT.fullmatch(plain)):
         comma = "; write a decimal point, not a comma" if "," in text else ""
-        raise ValueError(f"is not a quantity; write one number and a unit, such as '1 {unit}'" + comma)
-    number, written = float(match["number"]), (match["unit"] or "").strip()
+        example = f"'1 {unit}'" if unit else "'1'"
+        raise ValueError(f"is not a quantity; write one number and a unit, such as {example}{comma}")
     if not written and unit:
         raise ValueError(f"needs a unit, such as '{text.strip()} {unit}'")
+    number = float(match[1])
+    value = number * (_factor(plain, written, unit) if written else 1.0)
+    if not math.isfinite(value):
+        raise ValueError("is not finite")
+    if value == 0.0 and re.search("[1-9]", re.split("[eE]", match[1])[0]):
+        raise ValueError("is too small for a number")
+    return value
+
+
+@lru_cache(maxsize=1024)
+def _factor(plain: str, written: str, unit: str) -> float:
+    """What one unit ``plain``, ``written`` so by the user, is in ``unit``; ValueError with a sentence."""
+    import pint
+
     try:
-        quantity = _registry().Quantity(number, _registry().parse_units(written))
-    except Exception as error:  # pint raises many kinds, down to tokenizer errors, for text that is no unit
-        raise ValueError(f"has an unknown unit, '{written}'; write it such as '{unit or 'percent'}'") from error
-    wants_hertz = "Hz" in unit
-    if wants_hertz and _ANGLE.search(text):
-        raise ValueError(f"mixes angles and cycles: a frequency is wanted here, in {unit}")
-    if not wants_hertz and _ANGLE.search(unit) and _HERTZ.search(text):
-        raise ValueError(f"mixes cycles and angles: an angle or angular rate is wanted here, in {unit}")
-    try:
-        return float(quantity.to(unit or "dimensionless").magnitude)
+        if re.search(r"[\d^]", _EXPONENT.sub("", plain.removeprefix("1/"))):
+            raise ValueError  # pint would compute the number, for hours where it is a tower of powers
+        given = _registry().parse_units(plain.removeprefix("1/")) ** (-1 if plain.startswith("1/") else 1)
+        wanted = _registry().parse_units(unit)
+        factor, nothing = (float(_registry().Quantity(x, given).to(wanted).magnitude) for x in (1.0, 0.0))
     except pint.DimensionalityError as error:
         raise ValueError(
-            f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is wanted"
+            f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is expected"
         ) from error
+    except Exception as error:  # pint raises many kinds, down to tokenizer errors, for text that is no unit
+        raise ValueError(f"has an unknown unit, '{written}'; write it such as '{unit or 'percent'}'") from error
+    if nothing != 0.0:  # decibels, degrees Celsius
+        raise ValueError(f"has a unit that does not start at zero, '{written}'; write it such as '{unit or 'percent'}'")
+    _check_angles(_angles(given), _angles(wanted), unit, bool(_HERTZ.search(plain)))
+    return factor
+
+
+def _angles(unit: Any) -> float:
+    """Power of the radian in a unit, which pint does not count as a dimension."""
+    return float(dict(_registry().get_root_units(unit)[1]._units).get("radian", 0))
+
+
+def _check_angles(given: float, wanted: float, unit: str, hertz: bool) -> None:
+    """ValueError where an angle is given for a number, or cycles for angles; left out, an angle is in radians."""
+    if "Hz" in unit and given:
+        raise ValueError(f"mixes angles and cycles: a frequency is expected here, in {unit}")
+    if "Hz" not in unit and wanted and hertz:
+        raise ValueError(f"mixes cycles and angles: an angle or angular rate is expected here, in {unit}")
+    if given not in (0, wanted) and (wanted or given > 0):
+        raise ValueError(f"has an angle too much or too little; a unit such as {unit or 'percent'} is expected")
+
+
+class Si(float):
+    """A number that is known to be in SI, which needs no unit where text with a unit is expected."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +153,8 @@ class Quantity:
     ge: float | None = None
     le: float | None = None
     display: str = ""
+    usual: tuple[float, float] | None = None
+    """Between which magnitudes a value is expected; beyond it is allowed, and doubted. Zero is never doubted."""
 
     @property
     def allowed(self) -> str:
@@ -103,22 +185,19 @@ class Quantity:
                 return convert(value, self.unit)
             except ValueError as error:
                 raise self._error(value, str(error)) from error
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
+        if isinstance(value, bool) or not isinstance(value, Real):
             raise self._error(value, f"is not a quantity; write a number and a unit, such as '1 {self.unit}'".rstrip())
-        if units_required and self.unit and math.isfinite(value):
-            raise self._error(value, f"needs a unit, such as '{value} {self.display or self.unit}'")
         try:
-            return float(value)
+            number = float(value)
         except OverflowError:
             return math.inf
+        if units_required and self.unit and not isinstance(value, Si) and math.isfinite(number):
+            raise self._error(value, f"needs a unit, such as '{shown(value)} {self.display or self.unit}'")
+        return number
 
     def _error(self, value: Any, problem: str) -> PydanticCustomError:
-        shown = str(value) if len(str(value)) < 60 else str(value)[:57] + "..."
         # Braces would be taken for placeholders of the message template.
-        text = (
-            f"{shown!r} {problem} ({self.meaning})" if isinstance(value, str) else f"{shown} {problem} ({self.meaning})"
-        )
-        return PydanticCustomError("quantity", "{text}", {"text": text})
+        return PydanticCustomError("quantity", "{text}", {"text": f"{shown(value)} {problem} ({self.meaning})"})
 
     def format(self, value: float) -> str:
         """Text that reads back to the very same value: in the display unit where that is exact, else in SI."""
@@ -138,6 +217,13 @@ class Quantity:
         number = value if unit == self.unit else float(_registry().Quantity(value, self.unit).to(unit).magnitude)
         return f"{number:.6g} {pretty(unit)}".strip()
 
+    def doubt(self, value: float) -> str:
+        """What is said of a value that is allowed but not of a usual size; empty where it is."""
+        if self.usual is None or value == 0.0 or self.usual[0] <= abs(value) <= self.usual[1]:
+            return ""
+        low, high = map(self.show, self.usual)
+        return f"{self.show(value)} is unusual; {low} to {high} is expected ({self.meaning})"
+
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         return core_schema.with_info_plain_validator_function(self.parse)
 
@@ -156,7 +242,6 @@ class Quantity:
 
 def pretty(unit: str) -> str:
     """A unit as print shows it: ``kg*m^2`` becomes ``kg m²``."""
-    powers = {"^2": "²", "^3": "³", "^0.5": "^½", "^-1": "⁻¹"}
-    for plain, raised in powers.items():
-        unit = unit.replace(plain, raised)
-    return unit.replace("*", " ").replace("deg", "°").replace("ohm", "Ω").replace("percent", "%")
+    for plain, printed in _PRINTED:
+        unit = unit.replace(plain, printed)
+    return unit

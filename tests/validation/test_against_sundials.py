@@ -234,7 +234,7 @@ def cvode_rows(case):
 
 
 def scenario_of(case, tolerance=2e-5):
-    return baseline().with_({**SMOOTH, "solver.tolerance": tolerance, **CASES[case]})
+    return baseline().with_si({**SMOOTH, "solver.tolerance": tolerance, **CASES[case]})
 
 
 def deviations(reference, expected, found):
@@ -275,5 +275,5 @@ def test_the_limited_cases_do_reach_the_limit(case):
 def test_reference_and_kernel_disagree_where_an_equation_is_changed():
     """The comparison can fail: without detent torque in one of the two it is off by far more than the tolerance."""
     reference, expected = cvode_rows("compliant reducer, one mode")
-    found = kernel_rows(scenario_of("compliant reducer, one mode").with_({"motor.detent_torque": 0.0}), TIMES)
+    found = kernel_rows(scenario_of("compliant reducer, one mode").with_si({"motor.detent_torque": 0.0}), TIMES)
     assert deviations(reference, expected, found)["T_d"] > 1e-2

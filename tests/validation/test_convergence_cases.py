@@ -38,7 +38,7 @@ SETS = {
 def bins(name, clock, refinement=1):
     """Amplitude by bin frequency: rectangular window, mean-free, 2 |X| / N; and the table of lines."""
     changes = {**SETS[name][0], "tracking.clock_ratio": clock, "solver.refinement": refinement}
-    motion = mv.simulate(baseline().with_(changes), channels=("T_d",))
+    motion = mv.simulate(baseline().with_si(changes), channels=("T_d",))
     spectrum = mv.spectrum(motion)
     return dict(zip(spectrum.frequency, spectrum.amplitude, strict=True)), mv.lines(motion)
 

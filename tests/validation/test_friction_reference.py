@@ -221,7 +221,7 @@ def kernel_rows(scenario, times):
 
 def scenario_of(case, tolerance=2e-5):
     changes = {"sources": {}, "solver.tolerance": tolerance, **CASES[case]}
-    return baseline().with_(changes)
+    return baseline().with_si(changes)
 
 
 @cache

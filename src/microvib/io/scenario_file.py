@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.errors import ScenarioError
 from microvib.model.bench import Bench
-from microvib.model.part import Part
+from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, scenario_from, set_key
 from microvib.model.sentences import validated
 from microvib.units import Quantity, convert
@@ -81,7 +81,7 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
     if other:
         data["array"] = {}  # another array, not a changed one
     for key, value in changes.items():
-        set_key(data, key, value)
+        set_key(data, key, plain(value))  # a copy, for later keys may change what is inside
     data = with_array(data, Path(), name)
     if other and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 from pydantic.fields import FieldInfo
 
-from microvib.units import Quantity
+from microvib.units import Quantity, Si
 
 Six = tuple[float, float, float, float, float, float]
 """Fx Fy Fz and Mx My Mz of something."""
@@ -20,6 +21,7 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     @classmethod
+    @cache
     def quantity_of(cls, name: str) -> Quantity | None:
         """Declaration of the field's physical quantity, or None where it has none."""
         field = cls.model_fields.get(name)
@@ -43,6 +45,17 @@ def _search(annotation: Any) -> Quantity | None:
         if found is not None:
             return found
     return None
+
+
+def plain(value: Any, quantity: Quantity | None = None) -> Any:
+    """A part as nested dicts and lists, of which the same part can be made; its quantities are known to be in SI."""
+    if isinstance(value, Part):
+        return {name: plain(getattr(value, name), value.quantity_of(name)) for name in type(value).model_fields}
+    if isinstance(value, (tuple, list)):
+        return [plain(item, quantity) for item in value]
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    return Si(value) if isinstance(value, float) and quantity is not None else value
 
 
 def entries(key: str, value: Any, quantity: Quantity | None) -> Iterator[tuple[str, Any, Quantity | None]]:

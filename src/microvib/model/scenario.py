@@ -12,7 +12,7 @@ from microvib.model.array import Array
 from microvib.model.driver import Driver
 from microvib.model.friction import Friction
 from microvib.model.motor import Motor
-from microvib.model.part import Part, entries
+from microvib.model.part import Part, entries, plain
 from microvib.model.record import Record, Solver
 from microvib.model.reducer import Reducer
 from microvib.model.sentences import validated
@@ -93,18 +93,29 @@ class Scenario(Part):
         return None if rate is None else self.driver.driving_frequency(self.motor, self.reducer.ratio * rate)
 
     def with_(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
-        """A changed copy: dotted keys to values (SI numbers, or text with a unit), or whole groups by name.
+        """A changed copy: dotted keys to values as in a file (text with a unit, numbers where there is no unit), or whole groups.
 
-        ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError.
+        ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError, also
+        for a bare number where a unit decides: ``with_si`` takes those.
         """
+        return self._changed({**(changes or {}), **groups}, units_required=True)
+
+    def with_si(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
+        """A changed copy, for programs that compute in SI: as ``with_``, but a bare number is in the SI unit of its key.
+
+        ``scenario.with_si({"tracking.rate": 0.001})`` is 0.001 rad/s. Raises ScenarioError.
+        """
+        return self._changed({**(changes or {}), **groups}, units_required=False)
+
+    def _changed(self, changes: dict[str, Any], units_required: bool) -> Scenario:
         data: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
         data["sources"] = dict(self.sources)
-        for key, value in {**(changes or {}), **groups}.items():
+        for key, value in changes.items():
             group = key.split(".")[0]
             if isinstance(data.get(group), Part):  # what is not changed has been validated
-                data[group] = data[group].model_dump()
-            set_key(data, key, value.model_dump() if isinstance(value, Part) else value)
-        return scenario_from({**data, "sources": {}}).with_sources(data["sources"])
+                data[group] = plain(data[group])
+            set_key(data, key, plain(value))
+        return scenario_from({**data, "sources": {}}, units_required=units_required).with_sources(data["sources"])
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:
         """A copy with the sources of those keys that it has; the others are dropped."""

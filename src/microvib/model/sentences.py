@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from microvib.errors import ScenarioError
+from microvib.errors import ScenarioError, shown
 from microvib.model.part import Part
 
 P = TypeVar("P", bound=Part)
@@ -42,7 +42,6 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
     where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
     key = ".".join(where) or root.__name__.lower()
     kind, found, context = item["type"], item.get("input"), item.get("ctx", {})
-    shown = repr(found) if len(repr(found)) < 60 else repr(found)[:57] + "..."
     if kind == "extra_forbidden":
         return f"{key}: unknown key; allowed here are {', '.join(_keys_at(root, where[:-1])) or 'none'}"
     if kind == "missing":
@@ -59,17 +58,15 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
             else f"{key}: {text}"
         )
     if kind == "literal_error":
-        return f"{key}: {shown} is not allowed; write {context.get('expected')}{_meaning(root, where)}"
+        return f"{key}: {shown(found)} is not allowed; write {context.get('expected')}{_meaning(root, where)}"
     if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
-        return f"{key}: {shown} is not allowed; a whole number{_range(root, where)} is wanted{_meaning(root, where)}"
+        return f"{key}: {shown(found)} is not allowed; a whole number{_range(root, where)} is wanted{_meaning(root, where)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return (
-            f"{key}: {shown} is not allowed; keys are wanted here: {', '.join(_keys_at(root, where)) or 'text to text'}"
-        )
+        return f"{key}: {shown(found)} is not allowed; keys are wanted here: {', '.join(_keys_at(root, where)) or 'text to text'}"
     if kind == "tuple_type":
-        return f"{key}: {shown} is not allowed; a list is wanted{_meaning(root, where)}"
+        return f"{key}: {shown(found)} is not allowed; a list is wanted{_meaning(root, where)}"
     message = item["msg"].replace("Input should", "it should")
-    return f"{key}: {shown} is not allowed; {message}"
+    return f"{key}: {shown(found)} is not allowed; {message}"
 
 
 def _field_at(root: type[Part], where: list[str]) -> tuple[type[Part] | None, Any]:

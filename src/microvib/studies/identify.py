@@ -255,7 +255,7 @@ class _Problem:
             return None
         assert self.best_u is not None
         wider = _Problem(
-            self.scenario.with_(self.changes(self.best_u)), self.evidence, keys, self.model_error, self.progress
+            self.scenario.with_si(self.changes(self.best_u)), self.evidence, keys, self.model_error, self.progress
         )
         wider.simulations, wider.first = self.simulations, self.first
         return wider
@@ -279,7 +279,7 @@ class _Problem:
 
     def tables(self, u: np.ndarray) -> list[Simulated]:
         """Lines of every test at the parameters ``u``."""
-        return [_lines(test.with_(self.changes(u)), one) for one, test in self.tests]
+        return [_lines(test.with_si(self.changes(u)), one) for one, test in self.tests]
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Weighted differences of all observations, and the prior's of all parameters, (n + m,)."""
@@ -339,7 +339,7 @@ class _Problem:
             for (one, o), row in zip(found, relative, strict=True)
         }
         names = ", ".join(one.name for one, _ in self.tests)
-        fitted = self.scenario.with_(self.changes(u))
+        fitted = self.scenario.with_si(self.changes(u))
         sources = dict(self.scenario.sources) | {
             e.key: f"identified from {names}: {e.estimate:.6g} ± {e.standard_error:.2g} {e.unit}".rstrip()
             for e in estimates
@@ -400,7 +400,7 @@ def _as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object
     record = {"record.duration": evidence.duration, "record.sample_rate": evidence.sample_rate}
     if evidence.clock_ratio is not None:
         record["tracking.clock_ratio"] = test.tracking.clock_ratio * evidence.clock_ratio
-    return test.with_(record)
+    return test.with_si(record)
 
 
 def _lines(test: Scenario, evidence: Evidence) -> Simulated:

@@ -24,7 +24,7 @@ def measure(scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progre
     bench = bench.model_copy(update={"lead": lead})
     start = {"record.settle": scenario.record.settle - lead, "record.duration": bench.span}
     motion = simulate(
-        scenario.with_({**start, "record.sample_rate": bench.analog_rate}), channels=_NEEDED, progress=progress
+        scenario.with_si({**start, "record.sample_rate": bench.analog_rate}), channels=_NEEDED, progress=progress
     )
     loads, known = _loads(motion)
     recording = record(bench, loads, motion["theta_l"], scenario.array.drive_axis, seed)

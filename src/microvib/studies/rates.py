@@ -158,7 +158,7 @@ def plan_rates(
 def at_rate(scenario: Scenario, rate: float, microsteps: int) -> Scenario:
     """``scenario`` at a constant rate [rad/s] with another microstep count."""
     tracking = {"rate": rate, "clock_ratio": scenario.tracking.clock_ratio}
-    return scenario.with_({"tracking": tracking, "driver.microsteps": microsteps})
+    return scenario.with_si({"tracking": tracking, "driver.microsteps": microsteps})
 
 
 def full_case(scenario: Scenario, rate: float, microsteps: int) -> Case:

@@ -95,7 +95,7 @@ def _from_switch_on(scenario: Scenario) -> float:
     """Largest torque from the start of the command to the end of the record [N m]."""
     record = scenario.record
     whole = {"record.settle": 0.0, "record.duration": record.settle + record.duration}
-    return float(np.abs(simulate(scenario.with_(whole), channels=("T_d",))["T_d"]).max())
+    return float(np.abs(simulate(scenario.with_si(whole), channels=("T_d",))["T_d"]).max())
 
 
 def _equations(scenario: Scenario) -> Iterable[Check]:

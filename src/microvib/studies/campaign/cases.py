@@ -148,7 +148,7 @@ def _some(work: Work, positions: Sequence[int]) -> list[_Result]:
 
 def _made(base: Scenario, changes: dict[str, Any]) -> Scenario | _Result:
     try:
-        return base.with_(changes)
+        return base.with_si(changes)
     except MicrovibError as error:
         return _failed(error)
 

@@ -68,7 +68,7 @@ class Design:
 
     def scenario(self, case: int) -> Scenario:
         """Scenario of one case; ScenarioError where it is not allowed."""
-        return self.base.with_(self.changes(case))
+        return self.base.with_si(self.changes(case))
 
     def level_numbers(self, key: str) -> np.ndarray:
         """Which level of a key each case has, (cases,)."""
@@ -181,7 +181,7 @@ def _try(base: Scenario, parts: Sequence[Levels | Uncertain], origin: str) -> No
 
 def _allowed(base: Scenario, changes: dict[str, Any], where: str) -> None:
     try:
-        base.with_(changes)
+        base.with_si(changes)
     except ScenarioError as error:
         raise ScenarioError("\n".join(f"{where}: {line}" for line in str(error).splitlines())) from None
 
