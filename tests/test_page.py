@@ -18,6 +18,8 @@ import pytest
 from baseline import baseline
 
 import microvib as mv
+from microvib.app.web.access import Access
+from microvib.app.web.entrance import opening_file
 from microvib.errors import ScenarioError
 from microvib.io.recordings import write_recording
 from microvib.io.scenario_file import dump_scenario
@@ -37,8 +39,8 @@ QUIET = [
 
 
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    """Where a server of its own listens."""
+def printed_address() -> Iterator[str]:
+    """What a server of its own prints, with its token."""
     command = [sys.executable, "-m", "microvib", "serve", "--port", "0", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -49,12 +51,28 @@ def address() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """A window of a browser; its pages share a cache, and no more."""
+def address(printed_address: str) -> str:
+    """Where the server listens."""
+    return printed_address.partition("?")[0]
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET)
-        yield browser.new_context(viewport={"width": 1366, "height": 768}, accept_downloads=True)
+        yield browser
         browser.close()
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: Any, printed_address: str) -> Any:
+    """A window of a browser that was let in; its pages share a cache, cookie and key, and no more."""
+    window = chromium.new_context(viewport={"width": 1366, "height": 768}, accept_downloads=True)
+    page = window.new_page()
+    page.goto(printed_address)
+    page.wait_for_selector("html[data-ready]")
+    page.close()
+    return window
 
 
 @pytest.fixture
@@ -407,3 +425,32 @@ def test_everything_that_takes_input_has_a_name(visit: Callable[..., Any]) -> No
         .filter(e => !(e.labels?.length || e.ariaLabel || e.innerText?.trim() || e.textContent.trim())).map(e => e.outerHTML)"""
     )
     assert nameless == []
+
+
+def test_the_token_goes_into_the_browser_and_out_of_the_address(
+    chromium: Any, printed_address: str, address: str, tmp_path: Path
+) -> None:
+    """Through the file that the command opens: other users see a browser's address in the list of processes."""
+    page = chromium.new_context().new_page()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(address)
+    api.expect(page.locator("#alert")).to_contain_text("open the address that microvib serve printed")
+    token = printed_address.partition("token=")[2]
+    page.goto(opening_file(tmp_path, address, Access(token=token)).as_uri())
+    page.wait_for_selector("html[data-ready]")
+    assert page.url.startswith(address)
+    assert not any(token in url for url in [*asked, page.url, page.evaluate("document.referrer")])
+    assert page.evaluate("document.cookie") == ""
+    (cookie,) = page.context.cookies()
+    assert (cookie["name"], cookie["httpOnly"], cookie["sameSite"]) == (
+        f"microvib-{address[:-1].rpartition(':')[2]}",
+        True,
+        "Strict",
+    )
+    fragment = "#base=state-5"
+    page.goto(printed_address + fragment)  # what a person may type
+    page.wait_for_selector("html[data-ready]")
+    assert page.url.startswith(address)
+    assert page.url.endswith(fragment)
+    assert token not in page.url

@@ -25,9 +25,9 @@ from scipy.io import savemat
 import microvib as mv
 from microvib.app.running import run_scenario
 from microvib.app.web import series
+from microvib.app.web.access import Access
 from microvib.app.web.api import create_app
 from microvib.app.web.desk import Desk
-from microvib.app.web.guard import Access
 from microvib.app.web.limits import Limits
 from microvib.io.recordings import write_recording
 from microvib.io.scenario_file import catalog_text
@@ -35,12 +35,16 @@ from microvib.signals.recording import Recording
 from microvib.solve.motion import CHANNELS
 
 BASE = "http://127.0.0.1:8321"
+TOKEN = "s3cret"
 SHORT = {"record.settle": "1 s", "record.duration": "4 s"}
 LONG = {"record.settle": "100000 s"}
 
 
-def client_of(desk: Desk, **access) -> TestClient:
-    return TestClient(create_app(desk, Access(**access)), base_url=BASE, raise_server_exceptions=False)
+def client_of(desk: Desk, shown: str = TOKEN, **access) -> TestClient:
+    """A client that shows the token, or what is given."""
+    app = create_app(desk, Access(token=TOKEN, **access))
+    headers = {"authorization": f"Bearer {shown}"} if shown else {}
+    return TestClient(app, base_url=BASE, raise_server_exceptions=False, headers=headers)
 
 
 @pytest.fixture(scope="module")
@@ -557,24 +561,79 @@ def test_reading_needs_no_origin(client):
     assert "access-control-allow-origin" not in client.get("/api/jobs").headers
 
 
-def test_others_need_the_token(desk):
-    client = client_of(desk, remote=True, token="s3cret", names=frozenset({"drive.example"}), cookie="microvib-1")
-    for more in ({}, {"authorization": "Bearer wrong"}, {"cookie": "microvib-1=wrong"}, {"cookie": "microvib-1"}):
-        refused = client.get("/api/jobs", headers=more)
-        assert (refused.status_code, refused.json()["error"]) == (401, "the token of the printed address is wanted")
-    assert client.get("/").status_code == 401
-    assert client.get("/?token=wrong").status_code == 401
-    assert client.get("/static/plotly.min.js").status_code == 401
-    assert client.get("/api/jobs?token=s3cret").status_code == 401
-    assert client.get("/api/jobs", headers={"authorization": "Bearer s3cret"}).status_code == 200
-    assert (
-        client.get("/api/jobs", headers={"authorization": "Bearer s3cret", "host": "evil.example"}).status_code == 403
+@pytest.fixture(scope="module")
+def stranger(desk) -> TestClient:
+    """A client that has nothing to show, to a server that others may reach."""
+    return client_of(
+        desk, "", remote=True, names=frozenset({"drive.example"}), cookie="microvib-1", session="c00kie", key="k3y"
     )
-    entered = client.get("/?token=s3cret", headers={"host": "drive.example"}, follow_redirects=False)
-    assert (entered.status_code, entered.headers["location"]) == (303, "/")
-    assert "HttpOnly; SameSite=Strict" in entered.headers["set-cookie"]
-    cookie = entered.headers["set-cookie"].split(";")[0]
-    assert client.get("/api/jobs", headers={"cookie": cookie, "host": "192.168.1.5:8321"}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 401),
+        ({"authorization": "Bearer wrong"}, 401),
+        ({"authorization": "Bearer "}, 401),
+        ({"authorization": "Bearer s3cret"}, 200),
+        ({"authorization": "Bearer s3cret", "host": "evil.example"}, 403),
+        ({"authorization": "Bearer s3cret", "host": "192.168.1.5:8321"}, 200),
+        ({"cookie": "microvib-1=c00kie"}, 401),  # which the browser shows to every port of the host
+        ({"x-microvib-key": "k3y"}, 401),
+        ({"cookie": "microvib-1=wrong", "x-microvib-key": "k3y"}, 401),
+        ({"cookie": "microvib-1", "x-microvib-key": "k3y"}, 401),
+        ({"cookie": "microvib-2=c00kie", "x-microvib-key": "k3y"}, 401),
+        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "wrong"}, 401),
+        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y"}, 200),
+        ({"cookie": 'a={"b": [1]}; microvib-1=x; microvib-1=c00kie; c', "x-microvib-key": "k3y"}, 200),
+        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y", "sec-fetch-site": "same-origin"}, 200),
+        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y", "sec-fetch-site": "same-site"}, 403),
+        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y", "sec-fetch-site": "cross-site"}, 403),
+    ],
+)
+def test_only_the_owner_is_answered(stranger, headers, status):
+    answer = stranger.get("/api/jobs", headers=headers)
+    assert answer.status_code == status
+    if status == 401:
+        assert answer.json()["error"].startswith("open the address that microvib serve printed last")
+
+
+def test_strangers_get_the_empty_page_and_nothing_else(stranger, finished):
+    assert "<html" in stranger.get("/").text
+    assert stranger.get("/static/app.js").status_code == 200
+    owned = [
+        f"/api/runs/{finished}/files/lines.csv",
+        "/api/openapi.json",
+        "/api/schema",
+        "/nothing",
+        f"/api/jobs/{finished}",
+    ]
+    for path in owned:
+        assert stranger.get(path).status_code == 401
+        assert stranger.get(f"{path}?token=s3cret").status_code == 401
+    assert stranger.delete(f"/api/jobs/{finished}").status_code == 401
+    assert stranger.post("/api/runs", json={"scenario": spec()}).status_code == 401
+    cookie = {"cookie": "microvib-1=c00kie"}
+    assert [stranger.get(path, headers=cookie).status_code for path in owned] == [200, 401, 401, 401, 401]  # a link
+
+
+def test_the_token_is_exchanged(stranger):
+    for wrong in ("/?token=", "/?token=wrong", "/?token=s3cret2"):
+        assert stranger.get(wrong).status_code == 401
+    for content in (b"", b"token=wrong", b"x" * 5000):
+        assert stranger.post("/enter", content=content).status_code == 401
+    named = {"host": "drive.example", "origin": "null", "sec-fetch-site": "cross-site"}  # a file that is opened
+    for entered in (
+        stranger.get("/?token=s3cret", headers=named),
+        stranger.post("/enter", content=b"token=s3cret", headers=named),
+    ):
+        assert entered.status_code == 200
+        assert entered.headers["set-cookie"] == "microvib-1=c00kie; Path=/; HttpOnly; SameSite=Strict"
+        assert entered.headers["cache-control"] == "no-store"
+        assert entered.headers["referrer-policy"] == "no-referrer"
+        assert 'content="k3y"' in entered.text
+        assert "s3cret" not in entered.text
+    assert stranger.get("/?token=s3cret", headers={"host": "evil.example"}).status_code == 403
 
 
 def test_requests_are_bounded(client):
@@ -643,8 +702,8 @@ def told(*arguments: str) -> tuple[int, str]:
 def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     with microvib("--port", "0") as server:
-        url, port = re.search(r"(http://127.0.0.1:(\d+))/", server.stdout.readline()).groups()
-        with httpx.Client(base_url=url, timeout=60.0) as client:
+        url, port, token = re.search(r"(http://127.0.0.1:(\d+))/\?token=(\S+)", server.stdout.readline()).groups()
+        with httpx.Client(base_url=url, timeout=60.0, headers={"authorization": f"Bearer {token}"}) as client:
             assert "<html" in client.get("/").text
             assert client.get("/static/plotly.min.js").headers["content-type"].startswith("text/javascript")
             if end == signal.SIGTERM:

@@ -21,9 +21,9 @@ from schemathesis.specs.openapi.checks import (
 )
 
 import microvib as mv
+from microvib.app.web.access import Access
 from microvib.app.web.api import create_app
 from microvib.app.web.desk import Desk
-from microvib.app.web.guard import Access
 from microvib.app.web.limits import Limits
 
 CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
@@ -43,13 +43,16 @@ def desk(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def app(desk):
-    return create_app(desk, Access(names=frozenset({"localhost", "testserver"})))
+    return create_app(desk, Access(names=frozenset({"localhost", "testserver"}), token="s3cret"))
+
+
+OWNER = {"authorization": "Bearer s3cret"}
 
 
 @pytest.fixture(scope="module")
 def known(app) -> str:
     """Id of a run that is done."""
-    client = TestClient(app)
+    client = TestClient(app, headers=OWNER)
     quick = {"base": "state-1", "changes": {"record.settle": "0 s", "record.duration": "0.5 s"}}
     id = client.post("/api/runs", json={"scenario": quick}).json()["id"]
     assert '"state":"done"' in client.get(f"/api/jobs/{id}/events").text
@@ -59,7 +62,7 @@ def known(app) -> str:
 @pytest.mark.parametrize("mode", list(GenerationMode), ids=lambda mode: mode.value)
 def test_every_answer_is_as_described(app, known, mode):
     """Half of the requests name a run and a scenario that exist, so that they get further than the first check."""
-    described = schemathesis.openapi.from_asgi("/api/openapi.json", app)
+    described = schemathesis.openapi.from_asgi("/api/openapi.json", app, headers=OWNER)
     operations = [found.ok() for found in described.get_all_operations()]
     assert len(operations) >= 17
     number = count()
@@ -74,7 +77,7 @@ def test_every_answer_is_as_described(app, known, mode):
                     case.path_parameters["id"] = known
                 if isinstance(case.body, dict) and isinstance(case.body.get("scenario"), dict):
                     case.body["scenario"] = {"base": "state-1"}
-            case.call_and_validate(checks=CHECKS)
+            case.call_and_validate(checks=CHECKS, headers=OWNER)
 
         with contextlib.suppress(SkipTest, Unsatisfiable):  # nothing can be wrong with a request without parameters
             answered()
@@ -102,7 +105,7 @@ CHANGES = st.dictionaries(
 @settings(ODD, max_examples=50)
 def test_whatever_is_typed_gets_an_answer_with_sentences(app, changes):
     """Any text in any field: the form answers, and what it calls right can be read back."""
-    answer = TestClient(app).post("/api/scenario", json={"base": "state-1", "changes": changes})
+    answer = TestClient(app, headers=OWNER).post("/api/scenario", json={"base": "state-1", "changes": changes})
     assert answer.status_code in (200, 422, 429), answer.text
     if answer.status_code != 200:
         return
@@ -110,12 +113,12 @@ def test_whatever_is_typed_gets_an_answer_with_sentences(app, changes):
     assert bool(shown["errors"]) == (shown["yaml"] is None)
     assert all(error["error"] and "\n" not in error["error"] for error in shown["errors"])
     if shown["yaml"] is not None:
-        assert TestClient(app).post("/api/scenario", json={"text": shown["yaml"]}).json()["errors"] == []
+        assert TestClient(app, headers=OWNER).post("/api/scenario", json={"text": shown["yaml"]}).json()["errors"] == []
 
 
 @given(text=st.one_of(st.text(max_size=200), st.sampled_from(KEYS).map(lambda key: f"{key}: [1, {{a: 2}}]")))
 @settings(ODD, max_examples=40)
 def test_whatever_is_uploaded_gets_a_sentence(app, text):
-    answer = TestClient(app).post("/api/scenario", json={"text": text})
+    answer = TestClient(app, headers=OWNER).post("/api/scenario", json={"text": text})
     assert answer.status_code == 200, answer.text
     assert answer.json()["errors"]

@@ -15,9 +15,10 @@ from starlette.staticfiles import StaticFiles
 
 from microvib import __version__
 from microvib.app.web import results, scenarios, starts
+from microvib.app.web.access import Access
 from microvib.app.web.common import Refused, refusals, refused
 from microvib.app.web.desk import Desk
-from microvib.app.web.guard import FAULT, Access, Guard
+from microvib.app.web.guard import FAULT, Guard
 from microvib.errors import MicrovibError
 
 _PLAIN = {
@@ -27,14 +28,14 @@ _PLAIN = {
 }
 
 
-def create_app(desk: Desk, access: Access | None = None) -> Guard:
+def create_app(desk: Desk, access: Access) -> Guard:
     """The application on top of ``desk``, behind its guard."""
     app = FastAPI(
         title="microvib", version=__version__, openapi_url="/api/openapi.json", docs_url=None, redoc_url=None,
         description="What the page of `microvib serve` asks. Values in SI units; quantities that are given are texts with units.",
     )  # fmt: skip
     app.state.desk = desk
-    api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 411, 413, 422))
+    api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 408, 411, 413, 422))
     for part in (scenarios, starts, results):
         api.include_router(part.routes)
     app.include_router(api)
@@ -44,7 +45,7 @@ def create_app(desk: Desk, access: Access | None = None) -> Guard:
     app.add_exception_handler(RequestValidationError, _say_invalid)
     app.add_exception_handler(HTTPException, _say_http)
     app.add_exception_handler(Exception, _say_fault)  # the guard writes the log
-    return Guard(app, access or Access(), desk.limits.body, desk.limits.recording)
+    return Guard(app, access, desk.limits)
 
 
 def _add_page(app: FastAPI) -> None:

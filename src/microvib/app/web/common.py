@@ -16,11 +16,12 @@ from microvib.model.scenario import Scenario
 
 _MEANINGS = {
     400: "cannot be understood",
-    401: "the token is wanted",
+    401: "the token is needed",
     403: "refused",
     404: "not there",
+    408: "sent too slowly",
     409: "not yet, or not any more",
-    411: "length wanted",
+    411: "length needed",
     413: "too large",
     422: "not allowed",
     429: "too much is waiting",

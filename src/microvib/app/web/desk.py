@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import shutil
 import threading
@@ -26,6 +27,11 @@ class Upload:
     path: Path
 
 
+def private(path: str, flags: int) -> int:
+    """Opener of files that their owner alone may read."""
+    return os.open(path, flags, 0o600)
+
+
 class Desk:
     """Jobs and recordings by id; the one not used for longest goes when there are too many."""
 
@@ -47,7 +53,7 @@ class Desk:
         job = Job(kind, {}, kind, title)
         folder = self.folder(job)
         job.arguments = {"folder": str(folder), **arguments}
-        folder.mkdir()
+        folder.mkdir(mode=0o700)
         try:
             self._lane.submit(job)
         except BaseException:

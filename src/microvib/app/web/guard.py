@@ -1,18 +1,18 @@
-"""Who may ask what: host, origin, token, size; and what every answer carries."""
+"""What may be asked: host, origin, credentials, size, pace; and what every answer carries."""
 
 from __future__ import annotations
 
-import ipaddress
+import asyncio
 import json
 import logging
-import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
-from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
 from starlette.requests import ClientDisconnect
+
+from microvib.app.web.access import Access
+from microvib.app.web.entrance import inside, leads_in, token_of
+from microvib.app.web.limits import Limits
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -32,122 +32,130 @@ _HEADERS = [
     (b"cross-origin-resource-policy", b"same-origin"),
 ]
 FAULT = "the server met a fault of its own; its log says more"
+_STRANGER = "open the address that microvib serve printed last: it carries the token that is needed here"
 _SAFE = ("GET", "HEAD", "OPTIONS")
-
-
-@dataclass(frozen=True)
-class Access:
-    """From where the server may be asked."""
-
-    names: frozenset[str] = frozenset({"localhost"})
-    """Host names that it goes by, beside addresses."""
-    remote: bool = False
-    token: str = ""
-    """What every request must carry; empty: none is wanted."""
-    cookie: str = "microvib"
 
 
 class Guard:
     """Refuses what may not be asked, with a sentence, before it reaches the application."""
 
-    def __init__(self, app: App, access: Access, body: int, recording: int) -> None:
-        self._app, self._access, self._body, self._recording = app, access, body, recording
+    def __init__(self, app: App, access: Access, limits: Limits) -> None:
+        self._app, self._access, self._limits = app, access, limits
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one HTTP request."""
         headers = {key.decode("latin-1").lower(): value.decode("latin-1") for key, value in scope["headers"]}
-        begun = False
-
-        async def answer(message: MutableMapping[str, Any]) -> None:
-            nonlocal begun
-            if message["type"] == "http.response.start":
-                begun = True
-                message = {**message, "headers": [*message["headers"], *_HEADERS, *_caching(scope, message)]}
-            await send(message)
-
+        reply = _Reply(scope, send)
+        body = _Body(receive, reply, self._limits)
         refusal = self._refusal(scope, headers)
-        if refusal is not None:
-            await _say(answer, *refusal)
-        elif self._enters(scope):
-            await self._enter(answer)
-        else:
-            try:
-                await self._app(scope, receive, answer)
-            except ClientDisconnect:
-                return
-            except Exception as error:
-                logging.getLogger("microvib.serve").exception("%s %s: %s", scope["method"], scope["path"], error)
-                if not begun:
-                    await _say(answer, 500, FAULT)
+        try:
+            if refusal is not None:
+                await reply.say(*refusal)
+            elif leads_in(scope):
+                await self._enter(scope, body, reply)
+            else:
+                await self._app(scope, body, reply)
+        except ClientDisconnect:
+            return
+        except Exception as error:
+            logging.getLogger("microvib.serve").exception("%s %s: %s", scope["method"], scope["path"], error)
+            await reply.say(500, FAULT)
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str] | None:
         host = headers.get("host", "")
-        if not self._known(host):
+        if not self._access.known(host):
             return 403, f"this server does not go by the name '{host[:100]}'"
-        origin = headers.get("origin")
-        if scope["method"] not in _SAFE and origin is not None and origin.partition("://")[2] != host:
+        if _is_public(scope) or leads_in(scope):
+            return self._too_large(scope, headers)
+        if _foreign(scope["method"], headers, host):
             return 403, "requests of other pages are refused"
-        if not self._may(scope, headers):
-            return 401, "the token of the printed address is wanted"
+        if not self._access.may(scope["path"], headers):
+            return 401, _STRANGER
         return self._too_large(scope, headers)
 
-    def _known(self, host: str) -> bool:
-        try:
-            name = urlsplit(f"//{host}").hostname or ""
-        except ValueError:
-            return False
-        if name in self._access.names:
-            return True
-        try:  # names can be made to lead here by others, addresses cannot
-            address = ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return self._access.remote or address.is_loopback
-
-    def _may(self, scope: Scope, headers: dict[str, str]) -> bool:
-        if not self._access.token or self._enters(scope):
-            return True
-        bearer = headers.get("authorization", "").removeprefix("Bearer ")
-        try:
-            morsel = SimpleCookie(headers.get("cookie", "")).get(self._access.cookie)
-        except CookieError:
-            morsel = None
-        return self._same(bearer) or (morsel is not None and self._same(morsel.value))
-
-    def _same(self, given: str) -> bool:
-        return secrets.compare_digest(given.encode(), self._access.token.encode())
-
-    def _enters(self, scope: Scope) -> bool:
-        """Whether this is the printed address, with its token."""
-        if not self._access.token or scope["path"] != "/" or scope["method"] != "GET":
-            return False
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        return self._same(given)
-
-    async def _enter(self, send: Send) -> None:
-        """The token moves from the address into a cookie."""
-        cookie = f"{self._access.cookie}={self._access.token}; Path=/; HttpOnly; SameSite=Strict"
-        headers = [(b"location", b"/"), (b"set-cookie", cookie.encode()), (b"content-length", b"0")]
-        await send({"type": "http.response.start", "status": 303, "headers": headers})
-        await send({"type": "http.response.body", "body": b""})
+    async def _enter(self, scope: Scope, receive: Receive, reply: _Reply) -> None:
+        """Let in who shows the token."""
+        if not self._access.opens(await token_of(scope, receive)):
+            await reply.say(401, _STRANGER)
+            return
+        headers, body = inside(self._access)
+        await reply.give(200, headers, body)
 
     def _too_large(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str] | None:
         if "transfer-encoding" in headers:
-            return 411, "the length of the request is wanted (Content-Length)"
+            return 411, "the length of the request is needed (Content-Length)"
         length = headers.get("content-length", "0")
-        limit = self._recording if scope["path"] == "/api/recordings" else self._body
-        if not length.isdigit() or int(length) > limit:
+        limit = self._limits.recording if scope["path"] == "/api/recordings" else self._limits.body
+        if not (length.isascii() and length.isdigit()) or int(length[:20]) > limit:
             return 413, f"the request is too large: at most {limit / 1e6:g} MB are taken here"
         return None
 
 
-def _caching(scope: Scope, message: MutableMapping[str, Any]) -> list[tuple[bytes, bytes]]:
-    kept = scope["path"].startswith("/static/") or scope["path"] == "/"
-    return [(b"cache-control", b"no-cache" if kept else b"no-store")]
+def _is_public(scope: Scope) -> bool:
+    """Whether anybody may have this: the page without anything in it."""
+    return scope["method"] in ("GET", "HEAD") and (scope["path"] == "/" or scope["path"].startswith("/static/"))
 
 
-async def _say(send: Send, status: int, sentence: str) -> None:
-    body = json.dumps({"error": sentence, "key": None}).encode()
-    headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
+def _foreign(method: str, headers: dict[str, str], host: str) -> bool:
+    """Whether another page asks; its origin differs by name or port."""
+    origin = headers.get("origin")
+    if method not in _SAFE and origin is not None and origin.partition("://")[2] != host:
+        return True
+    return headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
+
+
+class _Reply:
+    """The way back: every answer gets its headers; the first one counts."""
+
+    def __init__(self, scope: Scope, send: Send) -> None:
+        self._scope, self._send = scope, send
+        self._begun = self._whole = False
+
+    async def __call__(self, message: MutableMapping[str, Any]) -> None:
+        if self._whole:
+            return
+        if message["type"] == "http.response.start":
+            self._begun = True
+            message = {**message, "headers": [*message["headers"], *_HEADERS, _caching(self._scope)]}
+        await self._send(message)
+
+    async def give(self, status: int, headers: list[tuple[bytes, bytes]], body: bytes) -> None:
+        """A whole answer, unless one has begun."""
+        if not self._begun:
+            length = (b"content-length", str(len(body)).encode())
+            await self({"type": "http.response.start", "status": status, "headers": [*headers, length]})
+            await self({"type": "http.response.body", "body": body})
+            self._whole = True
+
+    async def say(self, status: int, sentence: str) -> None:
+        """A sentence, after which the connection ends: what is not taken is not read to its end."""
+        body = json.dumps({"error": sentence, "key": None}).encode()
+        await self.give(status, [(b"content-type", b"application/json"), (b"connection", b"close")], body)
+
+
+class _Body:
+    """What a client sends, as long as it keeps coming; one that lets it wait is told so, and has gone for the application."""
+
+    def __init__(self, receive: Receive, reply: _Reply, limits: Limits) -> None:
+        self._receive, self._reply, self._limits = receive, reply, limits
+        self._taken, self._began, self._more = 0, 0.0, True
+
+    async def __call__(self) -> MutableMapping[str, Any]:
+        if not self._more:  # all is here: what comes next is the client's end, which may take as long as it likes
+            return await self._receive()
+        now = asyncio.get_running_loop().time()
+        self._began = self._began or now
+        due = self._began + self._taken / self._limits.slowest
+        try:
+            async with asyncio.timeout_at(min(due, now) + self._limits.pause_s):
+                message = await self._receive()
+        except TimeoutError:
+            await self._reply.say(408, "the request came too slowly")
+            raise ClientDisconnect from None
+        self._taken += len(message.get("body", b""))
+        self._more = message.get("more_body", False)
+        return message
+
+
+def _caching(scope: Scope) -> tuple[bytes, bytes]:
+    return b"cache-control", b"no-cache" if _is_public(scope) and not leads_in(scope) else b"no-store"

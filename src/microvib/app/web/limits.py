@@ -32,5 +32,9 @@ class Limits:
     """A recording [bytes]."""
     recordings: int = 10
     """Recordings that are kept."""
-    receiving: int = 3
+    receiving: int = 8
     """Recordings that are taken in at a time."""
+    pause_s: float = 10.0
+    """How long what a client sends may pause, and how far it may fall behind ``slowest`` [s]."""
+    slowest: float = 50_000.0
+    """What a client sends at least, in the long run [bytes/s]."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import logging
-import secrets
 import signal
 import socket
 import sys
@@ -20,9 +19,10 @@ from typing import Any
 import uvicorn
 
 from microvib.app.web import forms
+from microvib.app.web.access import Access
 from microvib.app.web.api import create_app
 from microvib.app.web.desk import Desk
-from microvib.app.web.guard import Access
+from microvib.app.web.entrance import opening_file
 from microvib.app.web.limits import Limits
 from microvib.errors import MicrovibError
 
@@ -32,7 +32,7 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     sock = _bound(host, port, remote)
     address, port = sock.getsockname()[:2]
     access = _access(host, port, remote)
-    url = _url(address, port, access.token)
+    url = _url(address, port)
     logging.basicConfig(stream=sys.stderr, format="%(message)s")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="microvib-", ignore_cleanup_errors=True) as root:
@@ -41,9 +41,10 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
         try:
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Thread(target=_warm, daemon=True).start()
-                tell(f"microvib serves at {url}   (Ctrl-C ends it)")
+                tell(f"microvib serves at {url}?token={access.token}   (Ctrl-C ends it)")
                 if browser:
-                    threading.Timer(0.5, webbrowser.open, [url]).start()
+                    opening = opening_file(Path(root), url, access)
+                    threading.Timer(0.5, webbrowser.open, [opening.as_uri()]).start()
                 server.run(sockets=[sock])
         finally:
             desk.close()
@@ -51,11 +52,11 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
             sock.close()
 
 
-def _url(address: str, port: int, token: str) -> str:
+def _url(address: str, port: int) -> str:
     """What to open; where it listens at every address, by the name of this machine."""
     ip = ip_address(address)
     shown = socket.gethostname() if ip.is_unspecified else f"[{address}]" if ip.version == 6 else address
-    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
+    return f"http://{shown}:{port}/"
 
 
 def _warm() -> None:
@@ -84,10 +85,10 @@ class _Server(uvicorn.Server):
 
 
 def _access(host: str, port: int, remote: bool) -> Access:
-    if not remote:
-        return Access()
-    names = frozenset({"localhost", host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()})
-    return Access(names, True, secrets.token_urlsafe(24), f"microvib-{port}")
+    names = {"localhost"}
+    if remote:
+        names |= {host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
+    return Access(frozenset(names), remote, f"microvib-{port}")
 
 
 def _bound(host: str, port: int, remote: bool) -> socket.socket:
@@ -97,9 +98,7 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
     except OSError as error:
         raise MicrovibError(f"--host {host}: is no address of this machine ({error.strerror})") from None
     if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
-        raise MicrovibError(
-            f"--host {host}: others could reach the server there; add --allow-remote if that is meant (a token is then needed)"
-        )
+        raise MicrovibError(f"--host {host}: others could reach the server there; add --allow-remote if that is meant")
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
         if sys.platform != "win32":  # there it would share the port

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
 
 from microvib.app.options import band_of, quantity
 from microvib.app.web.common import At, Refused, asked, meant, refusals, started
-from microvib.app.web.desk import Desk, Upload
+from microvib.app.web.desk import Desk, Upload, private
 from microvib.app.web.messages import (
     AnalysisOf,
     ComparisonOf,
@@ -78,9 +79,9 @@ async def take_recording(
 
 async def _receive(request: Request, path: Path) -> None:
     try:
-        with path.open("xb") as stream:
+        with open(path, "xb", opener=private) as stream:
             async for part in request.stream():
-                stream.write(part)
+                await run_in_threadpool(stream.write, part)  # a disk may be slow
     except OSError as error:
         raise Refused(507, f"the recording could not be stored: {error.strerror}") from None
 

@@ -8,10 +8,13 @@ export class Refused extends Error {
   }
 }
 
+/** Beside the cookie, which browsers send to every port of a host, the key that was left here on the way in. */
+const key = () => localStorage.getItem("microvib.key") ?? "";
+
 async function request(path, options = {}) {
   let answer;
   try {
-    answer = await fetch(path, options);
+    answer = await fetch(path, { ...options, headers: { ...options.headers, "X-Microvib-Key": key() } });
   } catch (error) {
     if (error.name === "AbortError") throw error;
     throw new Refused("The server does not answer; is microvib serve still running?");
