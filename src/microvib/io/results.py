@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.errors import OutputError
+from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -115,9 +116,7 @@ def write_folder(out: Path, files: dict[str, str | Writer], overwrite: bool = Fa
         else:
             _put_in_place(temporary, out)
     except OSError as error:
-        # HDF5 tells a full disk in its own words, without an error number
-        reason = error.strerror or "No space left on device, or the file system failed"
-        raise OutputError(f"{out}: cannot be written: {reason}; nothing was left behind") from None
+        raise OutputError(f"{out}: cannot be written: {error.strerror or error}; nothing was left behind") from None
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
@@ -202,9 +201,7 @@ def _cell(value: Any) -> str:
 
 def write_motion(motion: Motion, path: Path) -> None:
     """NetCDF 4 file of a motion (HDF5; read by xarray, MATLAB, Octave), with unit and meaning on every variable."""
-    import h5netcdf
-
-    with h5netcdf.File(path, "w") as f:
+    with new_netcdf(path) as f:
         f.dimensions = {"time": motion.time.size}
         if any(v.ndim == 2 for v in motion.channels.values()):
             f.dimensions["mode"] = len(motion.scenario.array.modes)

@@ -14,6 +14,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError, OutputError
 from microvib.io.hdf5 import open_hdf5
+from microvib.io.netcdf import new_netcdf
 from microvib.io.results import package_versions
 from microvib.studies.campaign.cases import FIGURES, SCALARS, Chunk
 from microvib.studies.campaign.folder import Campaign
@@ -72,18 +73,15 @@ def _in_place(path: Path) -> Iterator[Path]:
         temporary.chmod(0o644)
         os.replace(temporary, path)
     except OSError as error:
-        reason = error.strerror or "No space left on device, or the file system failed"
-        raise OutputError(f"{path}: cannot be written: {reason}") from None
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def _write(campaign: Campaign, path: Path, lines: tuple[str, ...], statuses: tuple[str, ...]) -> np.ndarray:
-    import h5netcdf
-
     design = campaign.design
     state = np.full(design.cases, MISSING, dtype=np.int8)
-    with h5netcdf.File(path, "w") as f:
+    with new_netcdf(path) as f:
         f.dimensions = {"case": design.cases, "line": len(lines)}
         f.attrs["title"] = design.study.title or "microvib campaign"
         f.attrs["campaign_sha256"] = campaign.identity
