@@ -19,7 +19,7 @@ def new_netcdf(path: Path) -> Iterator[Any]:
         try:
             with h5netcdf.File(kept, "w") as file:
                 yield file
-        except (OSError, RuntimeError):  # HDF5 reads back what the disk did not take; the disk's own reason is the true one
+        except (OSError, RuntimeError):  # HDF5 misses what the disk did not take; the disk's own reason is the true one
             if kept.failure is None:
                 raise
         if kept.failure is not None:
