@@ -59,7 +59,7 @@ def document(motion_1, lines_1) -> Document:
 def folder(tmp_path_factory):
     """The folder of a short run."""
     out = tmp_path_factory.mktemp("report") / "run"
-    run_scenario(baseline().with_si({"record.settle": 1.0, "record.duration": 4.0}), out, limit=LIMIT)
+    run_scenario(baseline().with_si({"record.settle": 1.0, "record.duration": 4.0}), out, limit=Limit(0.010, 0.5, 60.0))
     return out
 
 
@@ -331,6 +331,12 @@ def test_a_study_is_built_in_a_few_lines():
     assert list(report_files(made, None)) == ["report.html"]
 
 
+def test_no_hyphen_stands_for_a_minus(document):
+    assert not re.search(
+        r"[ >(]-\d", re.sub(r"<pre>.*?</pre>|<style>.*?</style>|<code>.*?</code>", "", html(document), flags=re.DOTALL)
+    )
+
+
 # A run's folder, and the command
 
 
@@ -350,16 +356,32 @@ def without_pictures(page: str) -> str:
     return re.sub(r"data:image/svg\+xml;base64,[^\"]*", "", page)
 
 
-def test_the_command_makes_the_report_again(folder):
+def again(folder, *options: str) -> tuple[str, str]:
+    """Both reports of a folder made again: the HTML, and the first page of the PDF."""
+    done = CliRunner().invoke(main, ["report", str(folder), "--pdf", *options])
+    assert done.exit_code == 0, done.output
+    assert [line for line in done.output.splitlines() if line] == [
+        f"Written: {folder / name}" for name in ("report.html", "report.pdf")
+    ]
+    return (folder / "report.html").read_text(), pages((folder / "report.pdf").read_bytes())[0]
+
+
+def test_the_command_makes_the_report_again_with_the_limit_of_the_run(folder):
     written = (folder / "report.html").read_text()
-    done = CliRunner().invoke(main, ["report", str(folder), "--limit", "10 mN*m"])
-    assert done.exit_code == 0, done.output
-    assert without_pictures((folder / "report.html").read_text()) == without_pictures(written)
-    done = CliRunner().invoke(main, ["report", str(folder), "--pdf", "--limit", "1 N*m", "--band", "0.5:60 Hz"])
-    assert done.exit_code == 0, done.output
-    first = pages((folder / "report.pdf").read_bytes())[0]
-    assert "Pass: " in first
-    assert "from 0.5 to 60 Hz" in first
+    page, first = again(folder)
+    made_by = re.compile(r"<p>Made by:</p>\s*<pre>.*?</pre>", re.DOTALL)
+    assert without_pictures(made_by.sub("", page)).split() == without_pictures(made_by.sub("", written)).split()
+    assert "limit 10 mN m from 0.5 to 60 Hz" in first
+
+
+def test_another_limit_or_band_or_none(folder):
+    page, first = again(folder, "--limit", "1 N*m")
+    assert "Pass: " in page
+    assert "limit 1 N m from 0.5 to 60 Hz" in first
+    assert "limit 10 mN m from 0.5 to 3 Hz" in again(folder, "--band", "0.5:3 Hz")[1]
+    page, first = again(folder, "--limit", "none")
+    assert "limit" not in re.sub(r"<style>.*</style>", "", without_pictures(page), flags=re.DOTALL).split("<h2>")[0]
+    assert "limit" not in first
 
 
 def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
@@ -384,7 +406,9 @@ def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
         (["report", "FOLDER", "--limit", "10"], "--limit: '10' needs a unit"),
         (["report", "FOLDER", "--limit", "-1 N*m"], "greater than 0"),
         (["report", "FOLDER", "--limit", "5 Hz"], "wrong dimension"),
-        (["report", "FOLDER", "--band", "1:2 Hz"], "give --limit"),
+        (["report", "FOLDER", "--limit", "none", "--band", "1:2 Hz"], "does not go with --limit none"),
+        (["run", "state-1", "--band", "1:2 Hz"], "give --limit"),
+        (["run", "state-1", "--report-data", "nowhere.yaml"], "nowhere.yaml: there is no such file"),
         (["run", "state-1", "--lines-only", "--pdf"], "--lines-only makes no report"),
         (["compare", "paper-test", "paper-simulation", "--pdf"], "name one with --out"),
     ],

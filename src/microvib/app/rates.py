@@ -11,7 +11,7 @@ import numpy as np
 
 from microvib.app import plots
 from microvib.app.reports.document import Document, Fact, Form, Section, Table, Text, table
-from microvib.app.reports.pieces import count, drawn, milli, number, plain, study, torque
+from microvib.app.reports.pieces import count, drawn, given, milli, number, plain, study, torque
 from microvib.app.reports.rendering import report_files
 from microvib.io.results import rows_csv, write_folder
 from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
@@ -182,7 +182,7 @@ def _facts(plan: RatePlan) -> list[Fact]:
             Fact(torque(top), "its largest line"),
         ]
     if plan.limit is not None:
-        facts.append(Fact(torque(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
+        facts.append(Fact(given(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
     return facts
 
 

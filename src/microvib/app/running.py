@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,8 @@ def run_scenario(
     files["lines.csv"] = lines_csv(table)
     files["scenario.yaml"] = dump_scenario(scenario)
     timings = {"simulate": solver["wall_s"], "total": time.perf_counter() - begun}
-    files["summary.json"] = to_json(summary(scenario, invariants, solver, table, **timings))
+    judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
+    files["summary.json"] = to_json(summary(scenario, invariants, solver, table, **timings) | judged_by)
     write_folder(out, files, overwrite)
     return RunResult(table, invariants, solver, tuple(files), fallback)
 

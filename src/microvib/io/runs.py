@@ -22,11 +22,13 @@ _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
 
 @dataclass(frozen=True)
 class Run:
-    """A motion with its lines, and the versions that made them."""
+    """A motion with its lines, the versions that made them, and what the lines were judged by."""
 
     motion: Motion
     table: LineTable
     versions: dict[str, str]
+    limit: tuple[float, float, float] | None = None
+    """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
 
 
 def read_run(folder: Path) -> Run:
@@ -43,7 +45,7 @@ def read_run(folder: Path) -> Run:
     scenario = load_scenario(written)
     time, channels = _channels(folder / "motion.nc")
     motion = Motion(scenario, time, channels, summary["invariants"], summary["solver"])
-    return Run(motion, _table(folder / "lines.csv", summary), summary["versions"])
+    return Run(motion, _table(folder / "lines.csv", summary), summary["versions"], summary["limit"])
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -51,9 +53,17 @@ def _summary(path: Path) -> dict[str, Any]:
         data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         known = {key: math.nan if value is None else float(value) for key, value in data["invariants"].items()}
         needed = {key: data[key] for key in ("scenario_sha256", "solver", "versions", "record")}
-        return {**data, **needed, "invariants": Invariants(**known)}
+        return {**data, **needed, "invariants": Invariants(**known), "limit": _limit(data.get("limit"))}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise MicrovibError(f"{path}: is no summary of a run of this version") from None
+
+
+def _limit(data: dict[str, float | None] | None) -> tuple[float, float, float] | None:
+    """Torque and band of a limit; a band that is open above has no number there."""
+    if data is None:
+        return None
+    torque, low, high = (data[key] for key in ("torque", "low", "high"))
+    return float(torque or math.nan), float(low or 0.0), math.inf if high is None else float(high)
 
 
 def _channels(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:

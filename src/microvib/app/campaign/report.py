@@ -10,7 +10,7 @@ import numpy as np
 
 from microvib.app.campaign import plots
 from microvib.app.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
-from microvib.app.reports.pieces import count, drawn, number, short, study, torque
+from microvib.app.reports.pieces import count, drawn, given, number, short, study, torque
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.studies.campaign.statistics import (
@@ -180,7 +180,7 @@ def _facts(s: Summary) -> list[Fact]:
     ]
     if top.exceedance is not None and s.limit is not None:
         e = top.exceedance
-        text = f"above {torque(s.limit)} (95 % interval {100 * e.low:.2g} to {100 * e.high:.2g} %)"
+        text = f"above {given(s.limit)} (95 % interval {100 * e.low:.2g} to {100 * e.high:.2g} %)"
         facts.insert(0, Fact(f"{100 * e.value:.3g} %", text, "fail" if e.value else "pass"))
     return facts
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from microvib.app.commands.common import overwrite_option, pdf_option
+from microvib.app.commands.common import overwrite_option, report_options
 from microvib.app.modal_options import import_from, modal_options
 from microvib.app.reports.document import Form
 
@@ -17,7 +17,7 @@ from microvib.app.reports.document import Form
 @click.option("--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; of a table, all].")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table, pictures, report [default: the name].")
 @overwrite_option
-@pdf_option
+@report_options
 @modal_options
 def modes(source: str, count: int | None, out: Path | None, overwrite: bool, form: Form, **deck: str | None) -> None:
     """Modes of SOURCE as in the paper's Table 1: `reference-array`, `reference-sas`, a description of an array or a simulator,
@@ -53,7 +53,7 @@ def sas() -> None:
 @click.option("--design", default="reference-sas", show_default=True, help="Simulator to set: a description.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for tables, drawing, report [default: sas].")
 @overwrite_option
-@pdf_option
+@report_options
 def sas_size(out: Path | None, overwrite: bool, form: Form, **options: Any) -> None:
     """Size a simulator for --inertia and --frequency, or for --array, and say how it is set for further states.
 

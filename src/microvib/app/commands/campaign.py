@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.app.commands.common import pdf_option
+from microvib.app.commands.common import report_options
 from microvib.errors import MicrovibError
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ def merge(folder: Path) -> None:
 @folder_argument
 @click.option("--limit", metavar="TORQUE", help="Largest line that is allowed [default: the study's].")
 @click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only [default: the study's].")
-@pdf_option
+@report_options
 def report(folder: Path, limit: str | None, band: str | None, form: Form) -> None:
     """Merge what is there, then write statistics, worst cases, pictures and report into DIR/report."""
     from microvib.app.campaign.report import summarise

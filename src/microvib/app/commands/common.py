@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,11 +43,14 @@ band_option = click.option(
 )
 
 
-def _form(context: click.Context, parameter: click.Parameter, pdf: bool) -> Form:
-    """What is asked of the report; a library that is missing is told before anything is computed."""
+def _form(pdf: bool, report_data: Path | None) -> Form:
+    """What is asked of the report; a library that is missing and wrong data are told before anything is computed."""
     if pdf:
         import typst  # noqa: F401
-    return Form(pdf, context.find_root().obj or "")
+    from microvib.app.reports.title_block import TitleBlock, read_title_block
+
+    block = TitleBlock() if report_data is None else read_title_block(report_data)
+    return Form(pdf, click.get_current_context().find_root().obj or "", block)
 
 
 def check_target(out: Path | None, overwrite: bool, form: Form) -> None:
@@ -59,9 +63,24 @@ def check_target(out: Path | None, overwrite: bool, form: Form) -> None:
         raise MicrovibError("--pdf: the report is written into a folder; name one with --out")
 
 
-pdf_option = click.option(
-    "--pdf", "form", is_flag=True, callback=_form, help="Write the report as PDF too (extra `report`)."
-)
+def report_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Options of every command with a report; the command gets them as ``form``."""
+
+    @click.option("--pdf", is_flag=True, help="Write the report as PDF too (extra `report`).")
+    @click.option(
+        "--report-data",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        envvar="MICROVIB_REPORT_DATA",
+        help="Author, document number, issue, date and signatures of the report: a YAML file.",
+    )
+    @wraps(command)
+    def with_form(*arguments: Any, pdf: bool, report_data: Path | None, **options: Any) -> None:
+        command(*arguments, form=_form(pdf, report_data), **options)
+
+    return with_form
+
+
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from microvib.app.commands.common import check_target, load, overwrite_option, pdf_option, progress_bar, set_option
+from microvib.app.commands.common import check_target, load, overwrite_option, progress_bar, report_options, set_option
 from microvib.app.options import band_of, counts_of, quantity
 from microvib.app.reports.document import Form
 from microvib.errors import ScenarioError
@@ -24,7 +24,7 @@ from microvib.errors import ScenarioError
 @set_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and pictures [default: print only].")
 @overwrite_option
-@pdf_option
+@report_options
 def rates(
     scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
     linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool, form: Form,

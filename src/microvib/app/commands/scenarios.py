@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.app.commands.common import band_option, limit_option, load, pdf_option, progress_bar, set_option
+from microvib.app.commands.common import band_option, limit_option, load, progress_bar, report_options, set_option
 from microvib.app.reports.document import Form
 from microvib.errors import MicrovibError
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 )
 @limit_option
 @band_option
-@pdf_option
+@report_options
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
     steady: bool, limit: str | None, band: str | None, form: Form,

@@ -15,10 +15,10 @@ from microvib.app.commands.common import (
     check_target,
     load,
     overwrite_option,
-    pdf_option,
     preparation,
     prepare_option,
     progress_bar,
+    report_options,
     set_option,
 )
 from microvib.app.options import band_of, quantity
@@ -30,7 +30,7 @@ from microvib.errors import MicrovibError
 @click.argument("source")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and report [default: print only].")
 @overwrite_option
-@pdf_option
+@report_options
 @channel_option
 @prepare_option
 @click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in a recording.")
@@ -71,7 +71,7 @@ def analyse(
 @click.argument("b")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
 @overwrite_option
-@pdf_option
+@report_options
 @channel_option
 @prepare_option
 @click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in two recordings.")
@@ -141,7 +141,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     "--out", type=click.Path(path_type=Path), help="Folder for fit, scenario and report [default: print only]."
 )
 @overwrite_option
-@pdf_option
+@report_options
 @channel_option
 @prepare_option
 @click.option(
@@ -212,7 +212,7 @@ def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
 @overwrite_option
-@pdf_option
+@report_options
 def validate(out: Path | None, overwrite: bool, form: Form) -> None:
     """Run all that the paper claims, and print it beside the paper's and the test's figures."""
     from microvib.app.validation import validation_text, write_validation

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+from microvib.app.reports.title_block import TitleBlock
 
 Status = Literal["", "pass", "fail"]
 Mark = Literal["", "strong", "group", "pass", "fail"]
@@ -12,10 +14,11 @@ Mark = Literal["", "strong", "group", "pass", "fail"]
 
 @dataclass(frozen=True)
 class Form:
-    """What the user asked of a report: also as PDF, and the command as it was typed."""
+    """What the user asked of a report: also as PDF, the command as it was typed, and what the title block says."""
 
     pdf: bool = False
     command: str = ""
+    title_block: TitleBlock = field(default_factory=TitleBlock)
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """A whole report. ``front`` with the facts makes its first page; ``made`` is the line at the foot of every page."""
+    """A whole report. ``front`` with facts and title block makes its first page; ``made`` is the line at the foot of every page."""
 
     kind: str
     title: str
@@ -111,6 +114,7 @@ class Document:
     front: tuple[Block, ...]
     sections: tuple[Section, ...]
     made: str
+    title_block: TitleBlock = field(default_factory=TitleBlock)
 
 
 def table(

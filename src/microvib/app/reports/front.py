@@ -9,7 +9,7 @@ import numpy as np
 
 from microvib.app import plots
 from microvib.app.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
-from microvib.app.reports.pieces import count, drawn, figure, milli, short, torque
+from microvib.app.reports.pieces import count, drawn, figure, given, milli, short, torque
 from microvib.app.reports.trust import failing
 from microvib.signals.table import Line, LineTable
 from microvib.solve.motion import Motion
@@ -34,7 +34,7 @@ def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[F
 
 
 def _verdict(judged: Judgement) -> list[Fact]:
-    label = f"limit {torque(judged.limit.torque)} {judged.limit.band}".strip()
+    label = f"limit {given(judged.limit.torque)} {judged.limit.band}".strip()
     if not judged.margins:
         return [Fact("no line to judge", label)]
     worst, total = judged.margins[0], len(judged.margins)

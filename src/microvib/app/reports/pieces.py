@@ -27,11 +27,12 @@ def study(
     scenario: Scenario | None = None,
 ) -> Document:
     """The report of a study; how to reproduce it is added as its last section."""
-    blocks: list[Block] = [Text("Made by:"), Code(form.command)] if form is not None and form.command else []
+    form = form or Form()
+    blocks: list[Block] = [Text("Made by:"), Code(form.command)] if form.command else []
     made = [*package_versions().items(), *([] if scenario is None else [("scenario SHA-256", scenario_hash(scenario))])]
     last = Section("Versions, and how to reproduce", (*blocks, pairs(made)))
     foot = made_by(package_versions()["microvib"], scenario)
-    return Document(kind, title, subtitle, tuple(facts), tuple(front), (*sections, last), foot)
+    return Document(kind, title, subtitle, tuple(facts), tuple(front), (*sections, last), foot, form.title_block)
 
 
 def made_by(version: str, scenario: Scenario | None = None) -> str:
@@ -63,6 +64,11 @@ def milli(value: float, digits: int = 4) -> str:
 def torque(value: float) -> str:
     """A torque [N m] with its unit: in mN m below one."""
     return f"{figure(value)} N m" if abs(value) >= 1.0 else f"{milli(value)} mN m"
+
+
+def given(value: float) -> str:
+    """A torque [N m] that somebody chose, with its unit, in as many digits as were given."""
+    return f"{value:.6g} N m" if abs(value) >= 1.0 else f"{1e3 * value:.6g} mN m"
 
 
 def plain(value: float, digits: int = 4) -> str:

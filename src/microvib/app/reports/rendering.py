@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app.reports.document import Block, Document, Form, Table
+from microvib.app.reports.typography import typeset
 from microvib.io.results import Writer
 
 
@@ -71,9 +72,16 @@ def _template(name: str) -> str:
 
 
 def _data(document: Document) -> dict[str, Any]:
-    """The tree as plain data, each block with its kind."""
+    """The tree as plain data, each block with its kind, in the characters of print."""
+    document = typeset(document)
     sections = [{**asdict(s), "blocks": [_block(b) for b in s.blocks]} for s in document.sections]
-    return {**asdict(document), "front": [_block(b) for b in document.front], "sections": sections}
+    block = {"facts": document.title_block.facts, "signatures": document.title_block.signatures}
+    return {
+        **asdict(document),
+        "title_block": block,
+        "front": [_block(b) for b in document.front],
+        "sections": sections,
+    }
 
 
 def _block(block: Block) -> dict[str, Any]:

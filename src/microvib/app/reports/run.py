@@ -34,7 +34,7 @@ def run_report(
 ) -> Document:
     """The report on one run; ``versions`` are those that made the motion, without them today's."""
     scenario, axis = motion.scenario, motion.scenario.array.drive_axis
-    versions = versions or package_versions()
+    versions, form = versions or package_versions(), form or Form()
     judged = None if limit is None else judge(lines, limit)
     return Document(
         kind="Run report",
@@ -53,9 +53,10 @@ def run_report(
             Section("Derived values", (table(["quantity", "value [1]", "by"], derived_values(scenario)),)),
             _method(motion),
             trust_section(motion),
-            _provenance(motion, versions, form or Form()),
+            _provenance(motion, versions, form),
         ),
         made=made_by(versions["microvib"], scenario),
+        title_block=form.title_block,
     )
 
 

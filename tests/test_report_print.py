@@ -1,0 +1,107 @@
+"""Reports in print: minus signs, powers of ten, no folders; the title block."""
+
+from __future__ import annotations
+
+import io
+import re
+import shlex
+
+import pytest
+
+from microvib.app.reports.document import Form, Section, Text
+from microvib.app.reports.pieces import study
+from microvib.app.reports.rendering import html, pdf
+from microvib.app.reports.title_block import TitleBlock, read_title_block
+from microvib.app.reports.typography import command_without_folders, in_print
+from microvib.errors import MicrovibError
+
+
+def pages(content: bytes) -> list[str]:
+    from pypdf import PdfReader
+
+    return [re.sub(r"\s+", " ", page.extract_text()) for page in PdfReader(io.BytesIO(content)).pages]
+
+
+# Characters of print
+
+
+@pytest.mark.parametrize(
+    ("written", "printed"),
+    [
+        ("-13.6 dB", "−13.6 dB"),
+        ("from -1 to -.5, (-2)", "from −1 to −.5, (−2)"),
+        ("B - A, B/A - 1", "B − A, B/A − 1"),
+        ("drive_1 -1 full step", "drive_1 −1 full step"),
+        ("states 1-3, SHA-256, 2026-11-21, x_-1", "states 1-3, SHA-256, 2026-11-21, x_-1"),
+        ("at most 1e-09 or 2.5e+03", "at most 10⁻⁹ or 2.5\u00a0×\u00a010³"),
+        ("`--set x=-3` and -3", "`--set x=-3` and −3"),
+        ("B: /home/me/runs.d/a.uff at 0.99", "B: a.uff at 0.99"),
+        ("/home/me/a.uff (recording)", "a.uff (recording)"),
+        ("from ../../x/b.csv, ~/c/d.mat and C:\\e\\f.csv", "from b.csv, d.mat and f.csv"),
+        ("identified from c:/data/a.uff: 1 N m/rad", "identified from a.uff: 1 N m/rad"),
+        ("https://doi.org/10.3390/x, 1 / 2 N m/rad/s", "https://doi.org/10.3390/x, 1 / 2 N m/rad/s"),
+    ],
+)
+def test_characters_of_print(written, printed):
+    assert in_print(written) == printed
+
+
+def test_a_command_names_files_and_no_folders():
+    command = shlex.join(
+        ["microvib", "run", "/home/my runs/a.yaml", "--set", "array.from=/x/y/m.csv", "--out=/tmp/x/out", "a/b"]
+    )
+    assert command_without_folders(command) == "microvib run a.yaml --set array.from=m.csv --out=out a/b"
+
+
+# Title block
+
+
+FULL = """
+author: A. Engineer
+organisation: Example Space
+number: XY-TN-0042
+issue: 2.0
+date: 2026-10-31
+signatures: {prepared: A. Engineer, head of department:}
+"""
+
+
+def test_the_title_block_is_on_the_first_page(tmp_path):
+    (tmp_path / "report.yaml").write_text(FULL)
+    form = Form(title_block=read_title_block(tmp_path / "report.yaml"))
+    made = study("Kind", "Title", "Subtitle", front=[Text("x")], sections=[Section("S", (Text("y"),), True)], form=form)
+    first, second = pages(pdf(made))
+    for text in ("A. Engineer", "Example Space", "XY-TN-0042", "2.0", "2026-10-31", "Head of department"):
+        assert text in first
+        assert text in html(made)
+    assert "XY-TN-0042 · 2.0" in second  # in the head of every page
+
+
+def test_without_report_data_the_block_is_to_be_filled_in(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    block = TitleBlock()
+    assert block.facts == (("Document no.", ""), ("Issue", "draft"), ("Date", "1970-01-02"), ("Author", ""))
+    assert [role for role, _ in block.signatures] == ["prepared", "checked", "approved"]
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
+    with pytest.raises(MicrovibError, match="SOURCE_DATE_EPOCH: 'yesterday' is not allowed; whole seconds"):
+        TitleBlock()
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("autor: me", "'autor' is not a key of report data; allowed are author, organisation, number, issue"),
+        ("author: [a, b]", "author: '['a', 'b']' is not allowed; a text of at most 80 characters"),
+        (f"number: {'9' * 81}", "number: '9"),
+        ("signatures: {}", "signatures: '{}' is not allowed; 1 to 6 roles"),
+        ("signatures: {a: {b: c}}", "signatures.a: "),
+        ("- author", "lines such as 'author: A. Engineer' are expected"),
+        ("author: 'a", "is not YAML"),
+    ],
+)
+def test_bad_report_data_is_one_sentence(content, complaint, tmp_path):
+    (tmp_path / "report.yaml").write_text(content)
+    with pytest.raises(MicrovibError) as error:
+        read_title_block(tmp_path / "report.yaml")
+    assert complaint in str(error.value)
+    assert "\n" not in str(error.value)
