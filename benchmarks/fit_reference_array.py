@@ -22,7 +22,8 @@ from microvib.errors import MicrovibError
 from microvib.fem.array import structure_of
 from microvib.fem.modes import kinds, solve
 from microvib.io.results import read_table
-from microvib.io.scenario_file import catalog_text, parse_yaml
+from microvib.io.scenario_file import catalog_text
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.design import ArrayDesign
 from microvib.model.sentences import validated
 

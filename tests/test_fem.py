@@ -159,7 +159,8 @@ def test_a_wrong_unit_is_questioned(design):
     ],
 )  # fmt: skip
 def test_a_description_with_a_mistake(tmp_path, design, key, value, words):
-    from microvib.io.scenario_file import catalog_text, parse_value, parse_yaml
+    from microvib.io.scenario_file import catalog_text, parse_value
+    from microvib.io.yaml_text import parse_yaml
     from microvib.model.scenario import set_key
 
     data = parse_yaml(catalog_text("reference-array"), "")

@@ -132,6 +132,7 @@ def test_scenarios_are_frozen(state_1):
         ("record.sample_rate", "7 rad/s", "record.sample_rate: '7 rad/s' mixes angles and cycles"),
         ("driver.supply_voltage", "2 V", "driver: supply_voltage 2 V cannot drive 0.6 A through 6 ohm; it must be at least 3.6 V"),
         ("motor.current.value", "1 A", "motor.current.value: motor.current is a single value"),
+        ("array.modes", [{"frequency": "1 Hz", "damping": 0.01}] * 2001, "array.modes: has 2001 entries; at most 2000 are allowed"),
         ("array.modes", "none", "array.modes: 'none' is not allowed; a list is wanted"),
         ("sources", {"motor.curent": "data sheet"}, "sources: 'motor.curent' is no key of this scenario"),
     ],
@@ -160,7 +161,25 @@ def test_a_missing_key_is_named(file):
         (b"motor: {a: 1, a: 2}\n", "is not YAML"),
         (b"#" * 5_000_000, "has 5.0 MB"),
         (b"motor: &m {current: 1 A}\nreducer: *m\n", "anchors and aliases"),
-        (b"[" * 100_000, "is not YAML"),
+        (b"[" * 100_000, "nested too deeply"),
+        (b"- " * 100_000, "nested too deeply"),
+        (b"? " * 100_000, "nested too deeply"),
+        (b"".join(b" " * k + b"a:\n" for k in range(200)), "nested too deeply"),
+        (b"[" + b"1," * 100_000 + b"]", "more than 60000 keys and values"),
+        (b"- 1\n" * 200_000, "more than 60000 keys and values"),
+        (b"a: &a [x,x,x]\nb: &b [*a,*a]\nc: [*b,*b]\n", "anchors and aliases"),
+        (b"a: &a [*a]\n", "anchors and aliases"),
+        (b"motor: !!python/object:os.system [ls]\n", "tags .* are not used"),
+        (b"title: !!binary aGFsbG8=\n", "tags .* are not used"),
+        (b"title: !mine x\n", "tags .* are not used"),
+        (b"title: a\0b\n", "is not YAML: special characters"),
+        ("motor: {}\n".encode("utf-16"), "is not text in UTF-8"),
+        (b"motor:\n\tcurrent: 1 A\n", "is not YAML"),
+        (b"a: 1\n---\nb: 1\n", "is not YAML"),
+        (b"a: " + b"9" * 5000, "is not YAML that can be read"),
+        (b"title: " + b"x" * 5000, "title: has 5000 characters; at most 500 are allowed"),
+        (b"array: {from: 5}", "array.from: 5 is not allowed; the name of a file"),
+        (b'array: {from: "a\\0.csv"}', "array.from: .* is not allowed; the name of a file"),
     ],
 )
 def test_bad_files_are_one_clear_sentence(tmp_path, content, complaint):
@@ -170,11 +189,27 @@ def test_bad_files_are_one_clear_sentence(tmp_path, content, complaint):
         load_scenario(path)
 
 
+def test_brackets_in_words_and_a_byte_order_mark_are_no_depth(tmp_path):
+    path = tmp_path / "windows.yaml"
+    path.write_text(f"# {'[' * 500}\n{mv.dump_scenario(load_scenario('state-1'))}", encoding="utf-8-sig")
+    assert load_scenario(path) == load_scenario("state-1")
+
+
+def test_of_many_problems_few_are_told(tmp_path):
+    path = tmp_path / "many.yaml"
+    path.write_text(EXAMPLE + "".join(f"key_{k}: 1\n" for k in range(5000)))
+    with pytest.raises(mv.ScenarioError, match=r"\.\.\. and 4992 more") as caught:
+        load_scenario(path)
+    assert len(str(caught.value).splitlines()) == 9
+
+
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(mv.ScenarioError, match="no such file and no catalog scenario of this name"):
         load_scenario(tmp_path / "nothing.yaml")
     with pytest.raises(mv.ScenarioError, match="is a folder"):
         load_scenario(tmp_path)
+    with pytest.raises(mv.ScenarioError, match="cannot be read"):
+        load_scenario("a\0b.yaml")
 
 
 def _json_like():
@@ -209,7 +244,7 @@ def test_any_text_gives_a_scenario_or_a_sentence(text):
 
 
 def load_scenario_text(text: str) -> mv.Scenario:
-    from microvib.io.scenario_file import parse_yaml
+    from microvib.io.yaml_text import parse_yaml
 
     return scenario_from(parse_yaml(text, "text"), units_required=True)
 

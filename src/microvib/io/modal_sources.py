@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from microvib.errors import ScenarioError
 from microvib.io.modal_table import MOST_MODES, read_modes
-from microvib.io.scenario_file import catalog_text, parse_yaml, read_text, reference_names
+from microvib.io.scenario_file import catalog_text, read_text, reference_names
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.design import ArrayDesign
 from microvib.model.modal import ModalModel
 from microvib.model.sentences import validated

@@ -17,7 +17,8 @@ import numpy as np
 from microvib.errors import MicrovibError, OutputError
 from microvib.io.hdf5 import Dataset, open_hdf5
 from microvib.io.matlab import read_matlab
-from microvib.io.scenario_file import parse_yaml, read_text
+from microvib.io.scenario_file import read_text
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.signals.preparation import Preparation
 from microvib.signals.recording import COMPONENTS, Recording, RecordingError, regular_rate, snapped_rate

@@ -6,13 +6,13 @@ import io
 import math
 from dataclasses import replace
 from importlib import resources
-from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.errors import ScenarioError
+from microvib.errors import ScenarioError, shown
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.bench import Bench
 from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, scenario_from, set_key
@@ -24,11 +24,6 @@ if TYPE_CHECKING:
 
 LARGEST_FILE = 1_000_000
 """Bytes of the largest scenario file that is read."""
-
-
-DEEPEST = 100
-"""Brackets that may be open at a time in a scenario file."""
-_BRACKETS = {"[": 1, "{": 1, "]": -1, "}": -1}
 
 
 def catalog_names() -> tuple[str, ...]:
@@ -126,6 +121,10 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     from microvib.io.modal_sources import DESCRIPTIONS, TABLES
 
     key, *others = [key for key in group if key in ARRAY_ORIGINS]
+    if not isinstance(group[key], str) or "\0" in group[key]:
+        raise ScenarioError(
+            f"{origin}: array.{key}: {shown(group[key])} is not allowed; the name of a file is expected"
+        )
     printed = key == "from" and Path(str(group[key])).suffix.lower() not in (*TABLES, *DESCRIPTIONS)
     unknown = [*others, *(key for key in group if not printed and key not in (*ARRAY_ORIGINS, "modes", "damping"))]
     if unknown:
@@ -216,32 +215,9 @@ def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | N
         ) from None
     except UnicodeDecodeError:
         raise ScenarioError(f"{path}: is not text in UTF-8; a {kind} file is YAML") from None
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror or error}") from None
-
-
-def parse_yaml(text: str, origin: str) -> Any:
-    """YAML 1.2 data of a file's text; ScenarioError with line and column where it is none."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    if max(accumulate(_BRACKETS.get(c, 0) for c in text), default=0) > DEEPEST:  # for which the parser takes minutes
-        raise ScenarioError(f"{origin}: is not YAML that can be read: nested too deeply")
-    try:
-        if "&" in text and any(getattr(event, "anchor", None) for event in YAML(typ="safe", pure=True).parse(text)):
-            raise ScenarioError(
-                f"{origin}: YAML anchors and aliases (&, *) are not used in scenario files; write values out"
-            )
-        return YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise ScenarioError(
-            f"{origin}{where}: is not YAML: {getattr(error, 'problem', None) or 'cannot be parsed'}"
-        ) from None
-    except (RecursionError, ValueError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)[:200]
-        raise ScenarioError(f"{origin}: is not YAML that can be read: {reason}") from None
+    except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise ScenarioError(f"{str(path)[:200]!r}: cannot be read: {reason}") from None
 
 
 def parse_value(text: str) -> Any:

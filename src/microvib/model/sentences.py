@@ -11,6 +11,8 @@ from microvib.errors import ScenarioError, shown
 from microvib.model.part import Part
 
 P = TypeVar("P", bound=Part)
+MOST_SENTENCES = 8
+"""Problems that are told, at most; of the others their number."""
 
 
 def validated(part: type[P], data: Any, *, units_required: bool = False, origin: str = "") -> P:
@@ -24,13 +26,14 @@ def validated(part: type[P], data: Any, *, units_required: bool = False, origin:
     try:
         return part.model_validate(data, context={"units_required": units_required})
     except ValidationError as error:
-        items = error.errors()
+        items = error.errors(include_url=False)
         # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
         quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
         items = [item for item in items if item["type"] != "literal_error" or item["loc"][:-1] not in quantities]
-        lines = list(dict.fromkeys(_sentence(part, item) for item in items))
-        if len(lines) > 8:
-            lines = [*lines[:8], f"... and {len(lines) - 8} more"]
+        lines = list(dict.fromkeys(_sentence(part, item) for item in items[: 10 * MOST_SENTENCES]))
+        if len(lines) > MOST_SENTENCES:
+            more = len(lines) if len(items) <= 10 * MOST_SENTENCES else len(items)
+            lines = [*lines[:MOST_SENTENCES], f"... and {more - MOST_SENTENCES} more"]
         raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
 
 
@@ -65,6 +68,10 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
         return f"{key}: {shown(found)} is not allowed; keys are wanted here: {', '.join(_keys_at(root, where)) or 'text to text'}"
     if kind == "tuple_type":
         return f"{key}: {shown(found)} is not allowed; a list is wanted{_meaning(root, where)}"
+    if kind in ("too_long", "string_too_long"):
+        what = "characters" if kind.startswith("string") else "entries"
+        length = context.get("actual_length") or len(found)
+        return f"{key}: has {length} {what}; at most {context['max_length']} are allowed{_meaning(root, where)}"
     message = item["msg"].replace("Input should", "it should")
     return f"{key}: {shown(found)} is not allowed; {message}"
 

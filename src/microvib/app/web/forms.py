@@ -19,10 +19,10 @@ from microvib.io.scenario_file import (
     catalog_text,
     dump_scenario,
     parse_value,
-    parse_yaml,
     reference_names,
     scenario_of,
 )
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity

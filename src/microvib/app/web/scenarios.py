@@ -8,7 +8,8 @@ from microvib.app.web import forms
 from microvib.app.web.common import At, refusals, view
 from microvib.app.web.forms import Spec
 from microvib.app.web.messages import Entry, Form, View
-from microvib.io.scenario_file import catalog_names, catalog_text, parse_yaml
+from microvib.io.scenario_file import catalog_names, catalog_text
+from microvib.io.yaml_text import parse_yaml
 
 routes = APIRouter()
 

@@ -46,7 +46,8 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
     from microvib.app.analysis import lines
     from microvib.app.web.answers import run_answer
     from microvib.io.results import lines_csv, summary
-    from microvib.io.scenario_file import parse_yaml, scenario_of
+    from microvib.io.scenario_file import scenario_of
+    from microvib.io.yaml_text import parse_yaml
     from microvib.solve.simulate import simulate
     from microvib.studies.steady import find_steady
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import ScenarioError
-from microvib.io.scenario_file import load_scenario, parse_yaml, read_text, scenario_data
+from microvib.io.scenario_file import load_scenario, read_text, scenario_data
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.model.study import Correlation, Study

@@ -17,7 +17,8 @@ import numpy as np
 
 from microvib.errors import MicrovibError, OutputError
 from microvib.io.results import package_versions, to_json, write_folder
-from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario, parse_yaml, read_text
+from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario, read_text
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.model.study import Study
 from microvib.studies.campaign.cases import Chunk, Work
