@@ -7,7 +7,8 @@ import pytest
 from baseline import baseline
 
 import microvib as mv
-from microvib.app.studies import fit_json, write_comparison, write_fit
+from microvib.app.comparison import write_comparison
+from microvib.app.studies import fit_json, write_fit
 from microvib.errors import MicrovibError
 from microvib.io.recordings import write_recording
 from microvib.signals.recording import Recording

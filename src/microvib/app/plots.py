@@ -305,11 +305,38 @@ def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highe
         ax.semilogy(
             s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-9), color=colour, linewidth=width, label=name
         )
-    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=f"To {highest:g} Hz (hann window)")
+    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
     ax.set_xlim(0, highest)
     ax.set_ylim(1e-5 * top, top)
     _headroom_log(ax)
-    ax.legend(loc="upper right", fontsize=7)
+    ax.legend(loc="upper right", fontsize=6.5)
+
+
+_STEM_DEPTH = 1e-3
+"""Peaks below this part of the largest are not drawn."""
+
+
+def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float) -> None:
+    """Peaks of several torques' amplitude spectra to ``highest`` [Hz], those of one frequency side by side."""
+    from matplotlib.transforms import ScaledTranslation
+
+    from microvib.signals.spectrum import amplitude_spectrum
+
+    spectra = [amplitude_spectrum(torque, rate, "hann") for _, torque, rate in sides]
+    top = max(1e3 * float(s.amplitude[(s.frequency > 0) & (s.frequency <= highest)].max()) for s in spectra)
+    bottom = _STEM_DEPTH * top
+    for k, ((name, _, _), s, colour) in enumerate(zip(sides, spectra, COLOURS, strict=False)):
+        f, a = s.frequency, 1e3 * s.amplitude
+        peaks = 1 + np.flatnonzero((a[1:-1] > a[:-2]) & (a[1:-1] >= a[2:]) & (a[1:-1] > bottom) & (f[1:-1] <= highest))
+        aside = ScaledTranslation(1.7 / 72.0 * (k - 0.5 * (len(sides) - 1)), 0.0, ax.figure.dpi_scale_trans)
+        where = ax.transData + aside
+        ax.vlines(f[peaks], bottom, a[peaks], color=colour, linewidth=1.0, transform=where)
+        ax.plot(f[peaks], a[peaks], "osD^v"[k % 5], color=colour, markersize=2.6, transform=where, label=name)
+    ax.set(yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
+    ax.set_xlim(0, highest)
+    ax.set_ylim(bottom, top)
+    _headroom_log(ax)
+    ax.legend(loc="upper right", fontsize=6.5)
 
 
 def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from microvib.app import plots
 from microvib.app.reports.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
-from microvib.app.reports.pieces import drawn, number, study
+from microvib.app.reports.pieces import number, overlaid, study
 from microvib.app.reports.rendering import report_files
 from microvib.io.results import write_folder
 from microvib.studies.validate import Check, State, checks_csv
@@ -71,6 +70,7 @@ def validation_report(checks: list[Check], states: dict[int, State], form: Form 
             Section("States of other inertia", (second,)),
         ),
         form=form,
+        parts={f"state {k}": state.motion.scenario for k, state in states.items()},
     )
 
 
@@ -110,9 +110,5 @@ def _mark(c: Check) -> Mark:
 
 
 def _overlay(title: str, of: list[tuple[int, State]]) -> Figure:
-    drawing, axes = plots.sheet(3.4, 1, 2)
     sides = [(f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in of]
-    for ax, highest in zip(axes[0], (5.0, 200.0), strict=True):
-        plots.draw_overlay(ax, sides, highest)
-    caption = f"{title}. One-sided amplitude spectra, 0-to-peak, of the records that the table is made from."
-    return drawn(drawing, title, caption)
+    return overlaid(sides, title)

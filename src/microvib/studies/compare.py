@@ -29,8 +29,12 @@ PAPER = ("paper-test", "paper-simulation")
 COLUMNS = (
     "line", "a_frequency_hz", "b_frequency_hz", "a_amplitude_n_m", "b_amplitude_n_m", "difference_n_m", "relative_error",
     "significance", "a_bin_frequency_hz", "b_bin_frequency_hz", "a_bin_amplitude_n_m", "b_bin_amplitude_n_m", "bin_relative_error",
+    "a_uncertainty_n_m", "b_uncertainty_n_m", "verdict",
 )  # fmt: skip
 """Columns of ``compare.csv``."""
+COVERAGE = 2.0
+"""Standard uncertainties of the difference within which two amplitudes agree; of equal lines one in twenty is beyond."""
+AGREES, DIFFERS, UNJUDGED, ONLY_A, ONLY_B = "agrees", "differs", "not judged", "only A", "only B"
 SAME = 1e-4
 """Relative difference of frequency up to which unexpected lines of aligned clocks are the same."""
 
@@ -45,6 +49,11 @@ class Figures:
     bin_frequency: float = math.nan
     bin_amplitude: float = math.nan
 
+    @property
+    def known(self) -> bool:
+        """Whether anything is said of the line."""
+        return math.isfinite(self.amplitude) or math.isfinite(self.bin_amplitude)
+
 
 @dataclass(frozen=True)
 class Side:
@@ -57,6 +66,7 @@ class Side:
     """Step clock over nominal."""
     torque: np.ndarray | None = None
     sample_rate: float = math.nan
+    scenario: Scenario | None = None
 
 
 @dataclass(frozen=True)
@@ -79,8 +89,18 @@ class Row:
 
     @property
     def significance(self) -> float:
-        """Difference of the amplitudes over its standard uncertainty."""
-        return abs(self.b.amplitude - self.a.amplitude) / math.hypot(self.a.uncertainty, self.b.uncertainty)
+        """Difference of the amplitudes over its standard uncertainty; nan where that is not known."""
+        spread = math.hypot(self.a.uncertainty, self.b.uncertainty)
+        return abs(self.b.amplitude - self.a.amplitude) / spread if spread > 0.0 else math.nan
+
+    @property
+    def verdict(self) -> str:
+        """Whether the amplitudes agree within their uncertainties; where one is not known they are not judged."""
+        if self.a.known != self.b.known:
+            return ONLY_A if self.a.known else ONLY_B
+        if math.isnan(self.significance):
+            return UNJUDGED
+        return AGREES if self.significance <= COVERAGE else DIFFERS
 
 
 def compare(
@@ -171,7 +191,8 @@ def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Pro
     motion = simulate(scenario, channels=("T_d",), progress=progress)
     table = estimate_lines(motion["T_d"], motion.sample_rate, expected_lines(scenario, PASSBAND * motion.sample_rate))
     title = f"{name} at clock {clock:.6f}" if clock is not None else name
-    return Side(title, "simulation", _figures(table), scenario.tracking.clock_ratio, motion["T_d"], motion.sample_rate)
+    ratio = scenario.tracking.clock_ratio
+    return Side(title, "simulation", _figures(table), ratio, motion["T_d"], motion.sample_rate, scenario)
 
 
 def _folder(path: Path) -> Side:
@@ -181,8 +202,9 @@ def _folder(path: Path) -> Side:
     if (path / "motion.nc").is_file():
         recording = read_recording(path / "motion.nc")
         torque, rate = recording["Mz"], recording.sample_rate
-    ratio = load_scenario(path / "scenario.yaml").tracking.clock_ratio if (path / "scenario.yaml").is_file() else None
-    return Side(str(path), "run", _read_lines(path / "lines.csv"), ratio, torque, rate)
+    scenario = _folder_scenario(str(path))
+    ratio = None if scenario is None else scenario.tracking.clock_ratio
+    return Side(str(path), "run", _read_lines(path / "lines.csv"), ratio, torque, rate, scenario)
 
 
 def _figures(table: LineTable) -> dict[str, Figures]:
@@ -225,7 +247,7 @@ def rows_csv(rows: list[Row]) -> str:
         a, b = row.a, row.b
         values = (
             a.frequency, b.frequency, a.amplitude, b.amplitude, b.amplitude - a.amplitude, row.error, row.significance,
-            a.bin_frequency, b.bin_frequency, a.bin_amplitude, b.bin_amplitude, row.bin_error,
+            a.bin_frequency, b.bin_frequency, a.bin_amplitude, b.bin_amplitude, row.bin_error, a.uncertainty, b.uncertainty,
         )  # fmt: skip
-        writer.writerow([row.line, *("" if math.isnan(v) else f"{v:.9g}" for v in values)])
+        writer.writerow([row.line, *("" if math.isnan(v) else f"{v:.9g}" for v in values), row.verdict])
     return stream.getvalue()

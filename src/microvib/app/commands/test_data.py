@@ -86,7 +86,7 @@ def compare(
     scenario: str,
 ) -> None:
     """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
-    from microvib.app.studies import comparison_text, write_comparison
+    from microvib.app.comparison import comparison_text, write_comparison
     from microvib.studies.compare import compare as run_comparison
 
     check_target(out, overwrite, form)

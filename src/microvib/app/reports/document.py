@@ -9,7 +9,8 @@ from typing import Literal
 from microvib.app.reports.title_block import TitleBlock
 
 Status = Literal["", "pass", "fail"]
-Mark = Literal["", "strong", "group", "pass", "fail"]
+Mark = Literal["", "strong", "group", "pass", "fail", "off"]
+"""How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly) ``off`` mean."""
 
 
 @dataclass(frozen=True)

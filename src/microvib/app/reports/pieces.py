@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from microvib.app import plots
 from microvib.app.reports.document import Block, Code, Document, Fact, Figure, Form, Section, Text, pairs
 from microvib.io.results import package_versions, scenario_hash
+from microvib.io.scenario_file import dump_part
+from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -25,12 +30,17 @@ def study(
     form: Form | None,
     facts: Sequence[Fact] = (),
     scenario: Scenario | None = None,
+    parts: Mapping[str, Part] | None = None,
 ) -> Document:
-    """The report of a study; how to reproduce it is added as its last section."""
+    """The report of a study; how to reproduce it is added as its last section.
+
+    ``scenario`` is what all of it rests on; ``parts`` are further descriptions, by what they are.
+    """
     form = form or Form()
     blocks: list[Block] = [Text("Made by:"), Code(form.command)] if form.command else []
-    made = [*package_versions().items(), *([] if scenario is None else [("scenario SHA-256", scenario_hash(scenario))])]
-    last = Section("Versions, and how to reproduce", (*blocks, pairs(made)))
+    named = {**({} if scenario is None else {"scenario": scenario}), **(parts or {})}
+    hashes = [(f"{name} SHA-256", sha256(dump_part(part).encode()).hexdigest()) for name, part in named.items()]
+    last = Section("Versions, and how to reproduce", (*blocks, pairs([*package_versions().items(), *hashes])))
     foot = made_by(package_versions()["microvib"], scenario)
     return Document(kind, title, subtitle, tuple(facts), tuple(front), (*sections, last), foot, form.title_block)
 
@@ -44,6 +54,19 @@ def made_by(version: str, scenario: Scenario | None = None) -> str:
 def drawn(drawing: Drawing, alt: str, caption: str = "", turned: bool = False) -> Figure:
     """A figure of Matplotlib as a block."""
     return Figure(plots.svg(drawing), alt, caption, turned)
+
+
+def overlaid(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figure:
+    """Spectra of several torques in one picture: the low end as curves, lines to 200 Hz as stems beside each other."""
+    drawing, axes = plots.sheet(3.5, 1, 2)
+    axes[0, 0].get_gridspec().set_width_ratios((1.0, 1.6))
+    plots.draw_overlay(axes[0, 0], sides, 5.0)
+    plots.draw_stems(axes[0, 1], sides, 200.0)
+    caption = (
+        f"{what}. Amplitude spectra of T_d, one-sided, 0-to-peak, Hann window. Left, the low end. Right, the peaks to 200 Hz,"
+        " those of one frequency drawn side by side."
+    )
+    return drawn(drawing, f"Spectra: {what}", caption)
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -90,8 +113,8 @@ def with_error(value: float, error: float) -> str:
 
 
 def percent(value: float) -> str:
-    """A relative difference in per cent; empty where there is none."""
-    return f"{100 * value:+.2f}" if math.isfinite(value) else ""
+    """A relative difference in per cent, to a tenth of one, or below ten a hundredth; empty where there is none."""
+    return f"{100 * value:+.{1 if abs(value) >= 0.1 else 2}f}" if math.isfinite(value) else ""
 
 
 def count(n: int, what: str) -> str:

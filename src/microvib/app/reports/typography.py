@@ -11,6 +11,10 @@ from microvib.app.reports.document import Block, Code, Document, Figure, Live, R
 
 _MINUS = re.compile(r"(?<![\w.)\]/-])-(?=\.?\d)|(?<= )-(?= )")
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-])0*(\d+)\b")
+_UNIT = re.compile(
+    r"(?<=\d) (?=(?:m?N|k?Hz|kg|mm|ms|dB|MPa|deg|rad|s|m|[%°J])(?![\w-]))|(?<=\bN) (?=m\b)|(?<=\bkg) (?=m²)"
+)
+"""Spaces before and within units, where no line is broken."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FOLDERS = re.compile(r"(?<![^\s\"'(=,:;])(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/\s\"'()]+[\\/])+(?=[^\\/\s])")
 _FOLDERS_OF_WORD = re.compile(r"^((?:--?)?[\w.-]+=)?(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/]+[\\/])*(?=[^\\/])")
@@ -35,7 +39,7 @@ def in_print(text: str) -> str:
 
 
 def _figures(text: str) -> str:
-    return _POWER.sub(_power, _MINUS.sub("\u2212", text))
+    return _UNIT.sub("\u00a0", _POWER.sub(_power, _MINUS.sub("\u2212", text)))
 
 
 def _power(found: re.Match[str]) -> str:
@@ -46,6 +50,12 @@ def _power(found: re.Match[str]) -> str:
 def without_folders(text: str) -> str:
     """Text in which absolute paths are names of files."""
     return _FOLDERS.sub("", text)
+
+
+def file_name(source: str) -> str:
+    """What a source is called in titles and legends: of a path its last part."""
+    name = re.split(r"[\\/]", source.rstrip("\\/"))[-1]
+    return name or source
 
 
 def command_without_folders(command: str) -> str:
