@@ -12,7 +12,7 @@ from microvib.app.reports.document import Block, Code, Document, Figure, Live, R
 _MINUS = re.compile(r"(?<![\w.)\]/-])-(?=\.?\d)|(?<= )-(?= )")
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-])0*(\d+)\b")
 _UNIT = re.compile(
-    r"(?<=\d) (?=(?:m?N|k?Hz|kg|mm|ms|dB|MPa|deg|rad|s|m|[%°J])(?![\w-]))|(?<=\bN) (?=m\b)|(?<=\bkg) (?=m²)"
+    r"(?<=\d) (?=(?:m?N|k?Hz|kg|mm|ms|dB|MPa|deg|rad|s|m|[%°J])(?![\w-]))|(?<=N) (?=m\b)|(?<=\bkg) (?=m²)"
 )
 """Spaces before and within units, where no line is broken."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
