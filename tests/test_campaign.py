@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shutil
 import signal
 import stat
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -17,11 +19,14 @@ import h5py
 import numpy as np
 import pytest
 
+from microvib.app.campaign.text import state_text
 from microvib.errors import MicrovibError, OutputError, ScenarioError
 from microvib.io.scenario_file import load_scenario
 from microvib.model.sentences import validated
 from microvib.model.study import Study
 from microvib.studies.campaign import cases as computing
+from microvib.studies.campaign import folder
+from microvib.studies.campaign import run as running
 from microvib.studies.campaign.design import Design, design
 from microvib.studies.campaign.folder import Campaign, create, open_campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, merge, open_results
@@ -86,6 +91,9 @@ class Fragile:
 
     def executor(self) -> Executor:
         return Inline(self.deadly)
+
+    def watch(self) -> None:
+        pass
 
 
 def made(tmp_path: Path, of: Study, name: str = "c", chunk: int | None = None) -> Campaign:
@@ -398,6 +406,129 @@ def test_a_campaign_that_was_changed_is_refused(tmp_path):
         open_campaign(campaign.folder)
 
 
+def test_a_chunk_in_the_wrong_place_is_refused_wherever_it_is_read(tmp_path):
+    one, other = made(tmp_path, spread(), "one", 3), made(tmp_path, spread(limit="50 mN*m"), "other", 3)
+    for campaign in (one, other):
+        compute_missing(campaign, Fragile())
+    first, second = one.file(0), one.file(1)
+    kept = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    for look in (merge, state_text):
+        with pytest.raises(MicrovibError, match="is chunk 1 of this campaign"):
+            look(one)
+    first.write_bytes(other.file(0).read_bytes())  # the same figures, but of a study with another limit
+    with pytest.raises(MicrovibError, match="is of another campaign"):
+        merge(one)
+    first.write_bytes(kept)
+    assert merge(one).done == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("study.yaml", "60 mN*m", "90 mN*m"),
+        ("study.yaml", "count: 6", "count: 60"),
+        ("scenario.yaml", "ratio: 100", "ratio: 101"),
+        ("campaign.json", '"microvib": "', '"microvib": "9.'),
+        ("campaign.json", '"chunk_size": 3', '"chunk_size": 4'),
+        ("campaign.json", '"chunk_size": 3', '"chunk_size": 0'),
+    ],
+)
+def test_no_file_of_a_campaign_may_be_edited(tmp_path, name, old, new):
+    campaign = made(tmp_path, spread(limit="60 mN*m"), chunk=3)
+    file = campaign.folder / name
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(MicrovibError, match=r"were changed after the campaign was made|is not a whole campaign"):
+        open_campaign(campaign.folder)
+
+
+def test_another_version_does_not_go_on(tmp_path, monkeypatch):
+    campaign = made(tmp_path, spread(), chunk=3)
+    for module in (folder, computing):
+        monkeypatch.setattr(module, "package_versions", lambda: {"microvib": "9.0"})
+    with pytest.raises(MicrovibError, match=r"was made by microvib .*, and this is 9\.0"):
+        compute_missing(campaign, Fragile())
+    with pytest.raises(MicrovibError, match=r"this is microvib 9\.0, but the campaign was made by"):  # as on a worker
+        computing.compute(campaign.work(0))
+
+
+def test_a_lost_manifest_is_made_again_from_any_chunk(tmp_path):
+    campaign = made(tmp_path, spread(), chunk=3)
+    compute_missing(campaign, Fragile(), shard=(1, 2))
+    text = (campaign.folder / "campaign.json").read_text()
+    (campaign.folder / "campaign.json").unlink()
+    again = open_campaign(campaign.folder)
+    assert "was written again" in again.mended
+    assert (campaign.folder / "campaign.json").read_text() == text
+    compute_missing(again, Fragile())
+    assert merge(again).done == 12
+    (campaign.folder / "campaign.json").unlink()
+    shutil.rmtree(campaign.folder / "chunks")
+    with pytest.raises(MicrovibError, match="is not a campaign"):
+        open_campaign(campaign.folder)
+
+
+def test_a_case_that_wants_too_much_memory_costs_one_case(tmp_path, monkeypatch):
+    real = computing.simulate_torques
+
+    def simulate(scenarios):
+        if any(scenario.driver.microsteps == 16 for scenario in scenarios):
+            raise MemoryError
+        return real(scenarios)
+
+    levels = {"vary": {"driver.microsteps": [4, 8, 16, 32]}}
+    whole, short = made(tmp_path, study(**levels), "whole"), made(tmp_path, study(**levels), "short")
+    compute_missing(whole, Fragile())
+    monkeypatch.setattr(computing, "simulate_torques", simulate)
+    compute_missing(short, Fragile())
+    merge(short)
+    results = open_results(short)
+    assert list(results.state) == [DONE, DONE, FAILED, DONE]
+    assert "memory is exhausted" in results.reasons[2]
+    np.testing.assert_array_equal(short.read(0).figures["amplitude"][3], whole.read(0).figures["amplitude"][3])
+
+
+def test_cases_that_take_longer_than_they_may_end_their_worker(tmp_path, monkeypatch):
+    ended = threading.Event()
+    monkeypatch.setattr(computing, "_end", ended.set)
+    monkeypatch.setattr(computing, "STARTING", 0.0)
+    real = computing.simulate_torques
+
+    def slow(scenarios):
+        ended.wait(5.0)
+        return real(scenarios)
+
+    monkeypatch.setattr(computing, "simulate_torques", slow)
+    computing.compute_bytes(made(tmp_path, study(time_limit="0.05 s")).work(0))
+    assert ended.is_set()
+    ended.clear()
+    monkeypatch.setattr(computing, "simulate_torques", real)
+    computing.compute_bytes(made(tmp_path, study(time_limit="10 min"), "patient").work(0))
+    assert not ended.wait(0.2)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "POLL", 0.2)
+    monkeypatch.setattr(running, "SILENT", 15)
+    campaign = made(tmp_path, spread(count=20), chunk=4)
+    stopped: list[int] = []
+
+    def progress(done, total):
+        if done and not stopped:
+            stopped.append(
+                max(p for p in children(os.getpid()) if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes())
+            )
+            os.kill(stopped[0], signal.SIGSTOP)
+
+    with local(2) as backend:
+        compute_missing(campaign, backend, progress=progress)
+    assert stopped
+    assert not alive(stopped[0])
+    assert merge(campaign).done == 40
+
+
 def test_an_opened_campaign_is_the_one_that_was_made(tmp_path):
     campaign = made(tmp_path, spread())
     again = open_campaign(campaign.folder)
@@ -439,7 +570,7 @@ def alive(pid: int) -> bool:
 @pytest.mark.parametrize("what", ["worker", "coordinator", "group", "interrupt"])
 def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, what):
     """Kill in the middle, resume, and compare with a run that nothing happened to."""
-    sized = spread(count=20)
+    sized = spread(count=60)
     calm = made(tmp_path, sized, "calm", 4)
     compute_missing(calm, Fragile())
     campaign = made(tmp_path, sized, "killed", 4)
@@ -458,7 +589,7 @@ def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, what):
     wait_for(lambda: not any(alive(pid) for pid in workers), 20.0)  # no worker goes on without its coordinator
     if what == "worker":
         assert process.returncode == 0, err
-        assert "40 of 40 cases computed, 0 of them failed" in out
+        assert "120 of 120 cases computed, 0 of them failed" in out
     else:
         assert campaign.missing()
     if what == "interrupt":

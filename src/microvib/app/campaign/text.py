@@ -164,14 +164,14 @@ def _effects_csv(s: Summary) -> str:
 
 def again_text(campaign: Campaign, case: int) -> str:
     """A case computed alone, its lines, and whether they are the very numbers that are kept."""
-    alone = compute(campaign.work([case]))
+    chunk = case // campaign.chunk_size
+    alone = compute(campaign.work(chunk, [case]))
     lines = [f"Case {case}: " + "; ".join(f"{key} {text}" for key, text in campaign.design.labels(case).items())]
     if alone.reasons[0]:
         lines.append(f"Failed: {alone.reasons[0]}")
     for k, name in enumerate(alone.lines):
         amplitude, frequency = alone.figures["amplitude"][0, k], alone.figures["frequency"][0, k]
         lines.append(f"{name:16s} {frequency:12.5f} Hz {amplitude:12.6e} N m")
-    chunk = case // campaign.chunk_size
     if not campaign.file(chunk).is_file():
         return "\n".join([*lines, "It is not computed in the campaign yet."])
     kept, place = campaign.read(chunk), case % campaign.chunk_size

@@ -51,6 +51,16 @@ def create(study: Path, folder: Path, chunk: int | None) -> None:
     click.echo(f"Written: {folder}. Now: microvib campaign run {folder}")
 
 
+def _opened(folder: Path) -> Campaign:
+    """The campaign of a folder; what had to be mended is said."""
+    from microvib.studies.campaign.folder import open_campaign
+
+    opened = open_campaign(folder)
+    if opened.mended:
+        click.echo(opened.mended, err=True)
+    return opened
+
+
 _run_options = (
     click.option("--on", type=click.Choice(["local", "dask", "slurm"]), default="local", show_default=True, help="Where."),
     click.option("--workers", type=click.IntRange(1, 4096), help="Processes, on Slurm jobs [default: all cores; on Slurm 8]."),
@@ -88,9 +98,7 @@ def _compute(
     folder: Path, on: str, workers: int | None, scheduler: str | None, shard: str | None, todo: Path | None,
     directives: tuple[str, ...], no_submit: bool,
 ) -> None:  # fmt: skip
-    from microvib.studies.campaign.folder import open_campaign
-
-    opened = open_campaign(folder)
+    opened = _opened(folder)
     part = _shard(shard)
     listed = None if todo is None else [int(word) for word in todo.read_text(encoding="utf-8").split()]
     if scheduler is not None and on != "dask":
@@ -178,9 +186,7 @@ class _Reporter:
 @folder_argument
 def status(folder: Path) -> None:
     """What is computed of DIR, what failed and why."""
-    from microvib.studies.campaign.folder import open_campaign
-
-    click.echo(_state_text(open_campaign(folder), reasons=True))
+    click.echo(_state_text(_opened(folder), reasons=True))
 
 
 def _state_text(opened: Campaign, reasons: bool = False) -> str:
@@ -193,10 +199,9 @@ def _state_text(opened: Campaign, reasons: bool = False) -> str:
 @folder_argument
 def merge(folder: Path) -> None:
     """Write DIR/results.nc: all results so far as one labelled data set."""
-    from microvib.studies.campaign.folder import open_campaign
     from microvib.studies.campaign.results import merge as merge_chunks
 
-    merged = merge_chunks(open_campaign(folder))
+    merged = merge_chunks(_opened(folder))
     click.echo(f"{merged.done} of {merged.cases} cases done, {merged.failed} failed, {len(merged.lines)} lines.")
     click.echo(f"Written: {merged.path}")
 
@@ -211,11 +216,10 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     from microvib.app.campaign.report import summarise
     from microvib.app.campaign.text import report_text, write_report
     from microvib.app.options import band_of, quantity
-    from microvib.studies.campaign.folder import open_campaign
     from microvib.studies.campaign.results import merge as merge_chunks
     from microvib.studies.campaign.results import open_results
 
-    opened = open_campaign(folder)
+    opened = _opened(folder)
     most = opened.design.study.limit if limit is None else quantity("--limit", limit, "N*m")
     if most is not None and not most > 0.0:
         raise MicrovibError(f"--limit {limit}: must be greater than 0 N*m")
@@ -234,9 +238,8 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
 def case(folder: Path, number: int, out: Path | None) -> None:
     """Compute case NUMBER of DIR again, alone, and compare with what is kept of it."""
     from microvib.app.campaign.text import again_text
-    from microvib.studies.campaign.folder import open_campaign
 
-    opened = open_campaign(folder)
+    opened = _opened(folder)
     if number >= opened.design.cases:
         raise MicrovibError(f"{folder}: has no case {number}; there are 0 to {opened.design.cases - 1}")
     if out is not None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.errors import MicrovibError, SimulationError
+from microvib.errors import MicrovibError
+from microvib.io.results import package_versions
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import PASSBAND, figures_at_known_clock
@@ -23,8 +26,22 @@ TOGETHER = 32
 """Cases that are simulated together; bounds the memory of a worker."""
 FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
 """What is kept of every line."""
+LEAST_TIME = 60.0
+"""Time [s] that any case may take, beside what it simulates."""
+STARTING = 120.0
+"""Time [s] on top for the cases that are computed together, the first of which may have to wait for the compiler."""
 SCALARS = ("peak", "rms", "stuck_output")
 """What is kept of every case: largest and RMS torque of the record [N m], part of the time that the shaft sticks."""
+
+
+class Label(NamedTuple):
+    """What a chunk says of itself, so that it cannot be taken for another."""
+
+    campaign: str
+    """Identity of its campaign."""
+    chunk: int
+    manifest: str
+    """The campaign's manifest, from which a lost one is made again."""
 
 
 class Work(NamedTuple):
@@ -35,6 +52,9 @@ class Work(NamedTuple):
     solve: str
     harmonics: int
     keep: tuple[str, ...]
+    label: Label
+    time_limit: float | None = None
+    """Time [s] that a case may take; None: a minute, and the time that it simulates."""
     deadly: tuple[int, ...] = ()
     """Positions of cases that ended the worker when they were tried alone; they are not tried again."""
 
@@ -43,6 +63,7 @@ class Work(NamedTuple):
 class Chunk:
     """Results of consecutive cases; a case that failed has its reason, and no figures."""
 
+    label: Label
     lines: tuple[str, ...]
     figures: dict[str, np.ndarray]
     """Of every line, (cases, lines) each; nan where a case has no such line."""
@@ -60,7 +81,7 @@ class Chunk:
 
     def to_bytes(self) -> bytes:
         """The same chunk gives the same bytes."""
-        texts = {key: list(getattr(self, key)) for key in ("lines", "statuses", "reasons", "notes")}
+        texts = {key: list(getattr(self, key)) for key in ("label", "lines", "statuses", "reasons", "notes")}
         arrays = {f"figure_{name}": values for name, values in self.figures.items()}
         arrays |= {f"scalar_{name}": values for name, values in self.scalars.items()}
         arrays |= {f"history_{k}": values for k, values in self.histories.items()}
@@ -71,11 +92,12 @@ class Chunk:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Chunk:
-        """Raises ValueError, OSError or zipfile.BadZipFile where the data are not whole."""
+        """Raises whatever the reader of the archive does where the data are not whole."""
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             texts = json.loads(file["texts"].tobytes())
             named = {name: file[name] for name in file.files}
         return cls(
+            label=Label(*texts["label"]),
             lines=tuple(texts["lines"]),
             figures={name: named[f"figure_{name}"] for name in FIGURES},
             status=named["status"],
@@ -107,27 +129,70 @@ class _Result:
     T_d: np.ndarray | None = None
 
 
-DEADLY = _Result(reason="its worker died each time it was computed (memory exhausted, killed, or crashed)")
+DEADLY = _Result(
+    reason="its worker died each time it was computed (memory exhausted, killed, crashed, or slower than time_limit)"
+)
 
 
-def compute(work: Work) -> Chunk:
+def compute(work: Work, begin: Callable[[float], None] = lambda seconds: None) -> Chunk:
     """Compute cases. A case that cannot be computed has its reason and does not stop the others.
 
-    The figures of a case do not depend on what it is computed with.
+    The figures of a case do not depend on what it is computed with. ``begin`` is told, before some cases are computed
+    together, what time [s] they may take. MicrovibError where another version made the campaign.
     """
+    made_by, here = json.loads(work.label.manifest)["versions"]["microvib"], package_versions()["microvib"]
+    if made_by != here:
+        raise MicrovibError(
+            f"this is microvib {here}, but the campaign was made by {made_by}; one version must compute all of it"
+        )
+    together = 1 if work.solve == "steady" else TOGETHER
     results: list[_Result] = []
-    for start in range(0, len(work.changes), TOGETHER):
-        results += _some(work, range(start, min(start + TOGETHER, len(work.changes))))
-    return gather(results)
+    for start in range(0, len(work.changes), together):
+        results += _some(work, range(start, min(start + together, len(work.changes))), begin)
+    return gather(results, work.label)
 
 
 def compute_bytes(work: Work) -> bytes:
-    """The chunk of ``compute`` as bytes, which pass between processes and machines and into a file."""
-    return compute(work).to_bytes()
+    """The chunk of ``compute`` as bytes, which pass between processes and machines and into a file.
+
+    The process ends where cases take longer than they may: compiled code cannot be interrupted from within.
+    """
+    watch = _Watch()
+    try:
+        return compute(work, watch.begin).to_bytes()
+    finally:
+        watch.stop()
 
 
-def _some(work: Work, positions: Sequence[int]) -> list[_Result]:
-    """Cases that share the kernel's lanes, or that are solved one after the other."""
+class _Watch:
+    """Ends the process unless it is told in time that the next cases have begun, or that all are through."""
+
+    def __init__(self) -> None:
+        self._timer: threading.Timer | None = None
+
+    def begin(self, seconds: float) -> None:
+        self.stop()
+        self._timer = threading.Timer(STARTING + seconds, _end)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def stop(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+
+
+def _end() -> None:
+    os._exit(1)
+
+
+def _allowed(work: Work, scenario: Scenario) -> float:
+    """Time [s] that a case may take."""
+    record = scenario.record
+    return LEAST_TIME + record.settle + record.duration if work.time_limit is None else work.time_limit
+
+
+def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) -> list[_Result]:
+    """Cases that share the kernel's lanes, or one that is solved alone."""
     results = {k: DEADLY for k in positions if k in work.deadly}
     scenarios: dict[int, Scenario] = {}
     for k in positions:
@@ -137,13 +202,23 @@ def _some(work: Work, positions: Sequence[int]) -> list[_Result]:
                 scenarios[k] = made
             else:
                 results[k] = made
+    begin(sum(_allowed(work, scenario) for scenario in scenarios.values()))
     if work.solve == "steady":
         results |= {k: _guarded(_steady, work, scenario) for k, scenario in scenarios.items()}
     else:
-        torques = simulate_torques(list(scenarios.values()))
-        for (k, scenario), torque in zip(scenarios.items(), torques, strict=True):
+        for (k, scenario), torque in zip(scenarios.items(), _torques(list(scenarios.values())), strict=True):
             results[k] = _guarded(_recorded, work, scenario, torque)
     return [results[k] for k in positions]
+
+
+def _torques(scenarios: list[Scenario]) -> list[Torque | Exception]:
+    """Torques of cases together or, where they fail together, one by one: one case may want more memory than there is."""
+    try:
+        return list(simulate_torques(scenarios))
+    except Exception as error:
+        if len(scenarios) == 1:
+            return [error]
+        return [torque for scenario in scenarios for torque in _torques([scenario])]
 
 
 def _made(base: Scenario, changes: dict[str, Any]) -> Scenario | _Result:
@@ -162,12 +237,14 @@ def _guarded(solve: Callable[..., _Result], work: Work, *given: Any) -> _Result:
         return solve(work, *given)
     except MicrovibError as error:
         return _failed(error)
+    except MemoryError:
+        return _Result(reason="memory is exhausted: record.duration is too long, or record.sample_rate too high")
     except Exception as error:  # one bad case of a million must not stop the others, whatever it is
         return _Result(reason=f"unexpected {type(error).__name__}: {error}")
 
 
-def _recorded(work: Work, scenario: Scenario, torque: Torque | SimulationError) -> _Result:
-    if isinstance(torque, SimulationError):
+def _recorded(work: Work, scenario: Scenario, torque: Torque | Exception) -> _Result:
+    if isinstance(torque, Exception):
         raise torque
     x = torque.T_d
     expected = expected_lines(scenario, PASSBAND * torque.sample_rate, work.harmonics)
@@ -196,7 +273,7 @@ def _lines_of(table: LineTable) -> _Lines:
     return _Lines(tuple(x.line for x in rows), tuple(x.status for x in rows), figures)
 
 
-def gather(results: Sequence[_Result]) -> Chunk:
+def gather(results: Sequence[_Result], label: Label) -> Chunk:
     """Results of single cases as one chunk."""
     found = {i: r.lines for i, r in enumerate(results) if r.lines is not None}
     layouts = dict.fromkeys(lines.names for lines in found.values())
@@ -213,7 +290,8 @@ def gather(results: Sequence[_Result]) -> Chunk:
     scalars = {name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)}
     kept = {k: r.T_d for k, r in enumerate(results) if r.T_d is not None}
     reasons, notes = tuple(r.reason for r in results), tuple(r.note for r in results)
-    return Chunk(names, dict(zip(FIGURES, figures, strict=True)), status, statuses, scalars, reasons, notes, kept)
+    table = dict(zip(FIGURES, figures, strict=True))
+    return Chunk(label, names, table, status, statuses, scalars, reasons, notes, kept)
 
 
 def _brief(status: str) -> str:

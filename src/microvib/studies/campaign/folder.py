@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
+import re
 import tempfile
-import zipfile
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from microvib.errors import MicrovibError, OutputError
-from microvib.io.results import package_versions, to_json, write_folder
-from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario, read_text
-from microvib.io.yaml_text import parse_yaml
-from microvib.model.sentences import validated
-from microvib.model.study import Study
-from microvib.studies.campaign.cases import Chunk, Work
+from microvib.io.results import package_versions, to_json, write_file, write_folder
+from microvib.io.scenario_file import dump_part, dump_scenario
+from microvib.studies.campaign.cases import Chunk, Label, Work
 from microvib.studies.campaign.design import Design
-from microvib.studies.campaign.variation import Levels, Uncertain
+from microvib.studies.campaign.manifest import MANIFEST, SAMPLES, SCENARIO, STUDY, Manifest
 
-MANIFEST, STUDY, SCENARIO, SAMPLES, CHUNKS = "campaign.json", "study.yaml", "scenario.yaml", "samples.npy", "chunks"
+CHUNKS = "chunks"
 SMALLEST_CHUNK, LARGEST_CHUNK = 8, 256
 CHUNKS_WANTED = 64
 HISTORY_BYTES = 64_000_000
 """Largest chunk, where histories are kept."""
+_CHUNK_FILE = re.compile(r"\d{6,}\.npz")
 
 
 @dataclass(frozen=True)
@@ -38,7 +33,16 @@ class Campaign:
 
     folder: Path
     design: Design
-    chunk_size: int
+    manifest: Manifest
+    identity: str
+    """SHA-256 of what is computed, and with which version."""
+    mended: str = ""
+    """What was found wrong and put right when it was opened; empty where nothing was."""
+
+    @property
+    def chunk_size(self) -> int:
+        """Cases of every chunk but the last."""
+        return self.manifest.chunk_size
 
     @property
     def chunks(self) -> int:
@@ -50,11 +54,14 @@ class Campaign:
         first = chunk * self.chunk_size
         return range(first, min(first + self.chunk_size, self.design.cases))
 
-    def work(self, cases: Sequence[int], deadly: tuple[int, ...] = ()) -> Work:
-        """Cases, ready to be sent to a worker."""
+    def work(self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()) -> Work:
+        """A chunk, or some cases of it, ready to be sent to a worker."""
         study = self.design.study
-        changes = tuple(self.design.changes(case) for case in cases)
-        return Work(self.design.base, changes, study.solve, study.harmonics, study.keep, deadly)
+        changes = tuple(self.design.changes(case) for case in (self.cases_of(chunk) if cases is None else cases))
+        label = Label(self.identity, chunk, self.manifest.text)
+        return Work(
+            self.design.base, changes, study.solve, study.harmonics, study.keep, label, study.time_limit, deadly
+        )
 
     def file(self, chunk: int) -> Path:
         """File of a chunk, there or not."""
@@ -69,6 +76,15 @@ class Campaign:
         """Chunks that are not there, in order."""
         done = set(self.done())
         return [k for k in range(self.chunks) if k not in done]
+
+    def check_version(self) -> None:
+        """MicrovibError unless this is the version that made the campaign: its cases must not be computed by two."""
+        here = package_versions()["microvib"]
+        if here != self.manifest.microvib:
+            raise MicrovibError(
+                f"{self.folder}: was made by microvib {self.manifest.microvib}, and this is {here}; go on with that version,"
+                " or make the campaign again"
+            )
 
     def write(self, chunk: int, data: bytes) -> None:
         """Put a chunk's file in place at once; OutputError where the disk does not take it, and nothing is left then."""
@@ -92,16 +108,15 @@ class Campaign:
                 Path(temporary).unlink(missing_ok=True)
 
     def read(self, chunk: int) -> Chunk:
-        """Results of a chunk; MicrovibError where its file is damaged."""
+        """Results of a chunk; MicrovibError where its file is damaged, or is not that chunk of this campaign."""
         path = self.file(chunk)
-        try:
-            found = Chunk.from_bytes(path.read_bytes())
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise MicrovibError(
-                f"{path}: is damaged ({error}); delete it, then: microvib campaign resume {self.folder}"
-            ) from None
-        if len(found.reasons) != len(self.cases_of(chunk)):
+        found = _chunk_of(path, f"delete it, then: microvib campaign resume {self.folder}")
+        if found.label.campaign != self.identity:
             raise MicrovibError(f"{path}: is of another campaign; delete it, then resume this one")
+        if found.label.chunk != chunk or len(found.reasons) != len(self.cases_of(chunk)):
+            raise MicrovibError(
+                f"{path}: is chunk {found.label.chunk} of this campaign; rename it, or delete it and resume"
+            )
         return found
 
     def results(self) -> Iterator[tuple[range, Chunk]]:
@@ -109,10 +124,12 @@ class Campaign:
         for chunk in self.done():
             yield self.cases_of(chunk), self.read(chunk)
 
-    @cached_property
-    def identity(self) -> str:
-        """SHA-256 of what is computed: the scenario, its cases, how they are solved."""
-        return _identity(self.design)
+
+def _chunk_of(path: Path, remedy: str) -> Chunk:
+    try:
+        return Chunk.from_bytes(path.read_bytes())
+    except Exception as error:  # a damaged archive is whatever its reader stumbles over
+        raise MicrovibError(f"{path}: is damaged ({error}); {remedy}") from None
 
 
 def default_chunk(design: Design) -> int:
@@ -125,62 +142,50 @@ def default_chunk(design: Design) -> int:
 
 def create(design: Design, folder: Path, chunk_size: int | None = None) -> Campaign:
     """Write the folder of a new campaign; OutputError where something is in the way."""
-    size = chunk_size or default_chunk(design)
-    manifest = {
-        "cases": design.cases,
-        "chunk_size": size,
-        "sha256": _identity(design),
-        "versions": package_versions(),
-        "combinations": design.combinations,
-        "levels": [asdict(x) for x in design.levels],
-        "uncertain": [asdict(x) for x in design.uncertain],
-    }
+    manifest = Manifest.of(design, chunk_size or default_chunk(design))
     write_folder(folder, {
-        STUDY: dump_part(design.study), SCENARIO: dump_scenario(design.base), MANIFEST: to_json(manifest),
+        STUDY: dump_part(design.study), SCENARIO: dump_scenario(design.base),
+        MANIFEST: _manifest_text(manifest, manifest.identity(design)),
         SAMPLES: lambda path: np.save(path, design.samples), CHUNKS: lambda path: path.mkdir(),
     })  # fmt: skip
     return open_campaign(folder)
 
 
 def open_campaign(folder: Path) -> Campaign:
-    """The campaign of a folder; MicrovibError where it is none, or not whole."""
+    """The campaign of a folder; MicrovibError where it is not one, not whole, or was changed after it was made.
+
+    A manifest that is lost is made again from what every chunk carries.
+    """
+    mended = ""
     if not (folder / MANIFEST).is_file():
-        raise MicrovibError(f"{folder}: is no campaign; make one with: microvib campaign create STUDY {folder}")
+        mended = _mend(folder)
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        design = _design(folder, manifest)
-        size = int(manifest["chunk_size"])
+        entries = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        stated = entries.pop("sha256")
+        manifest = Manifest(entries)
+        design = manifest.design(folder)
+        identity = manifest.identity(design)
+        _ = manifest.chunk_size, manifest.microvib
         (folder / CHUNKS).mkdir(exist_ok=True)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise MicrovibError(f"{folder}: is no whole campaign: {error}") from None
-    if manifest["sha256"] != _identity(design):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise MicrovibError(f"{folder}: is not a whole campaign: {error}") from None
+    if stated != identity:
         raise MicrovibError(
-            f"{folder}: study.yaml, scenario.yaml or samples.npy were changed after the campaign was made"
+            f"{folder}: {MANIFEST}, {STUDY}, {SCENARIO} or {SAMPLES} were changed after the campaign was made; put them back,"
+            " or make a new campaign (another limit needs none: give it to `campaign report` as --limit)"
         )
-    return Campaign(folder, design, size)
+    return Campaign(folder, design, manifest, identity, mended)
 
 
-def _design(folder: Path, manifest: dict[str, Any]) -> Design:
-    study = validated(Study, parse_yaml(read_text(folder / STUDY, "study", ()), STUDY), units_required=True)
-    base = load_scenario(folder / SCENARIO)
-    levels = [Levels(**x | {"values": tuple(x["values"]), "labels": tuple(x["labels"])}) for x in manifest["levels"]]
-    # JSON knows no infinity: an open end is written as null.
-    ends = [{"lower": _or(x["lower"], -np.inf), "upper": _or(x["upper"], np.inf)} for x in manifest["uncertain"]]
-    uncertain = [
-        Uncertain(**x | {"shape": tuple(x["shape"])} | end) for x, end in zip(manifest["uncertain"], ends, strict=True)
-    ]
-    samples = np.load(folder / SAMPLES, allow_pickle=False)
-    return Design(study, base, tuple(manifest["combinations"]), tuple(levels), tuple(uncertain), samples)
+def _mend(folder: Path) -> str:
+    """Write a lost manifest again from a chunk; what was done, in words. MicrovibError where there is no chunk to take it from."""
+    found = sorted(p for p in (folder / CHUNKS).glob("*.npz") if _CHUNK_FILE.fullmatch(p.name))
+    if not found or not (folder / STUDY).is_file():
+        raise MicrovibError(f"{folder}: is not a campaign; make one with: microvib campaign create STUDY {folder}")
+    label = _chunk_of(found[0], "delete it, and try again").label
+    write_file(folder / MANIFEST, _manifest_text(Manifest(json.loads(label.manifest)), label.campaign))
+    return f"{folder / MANIFEST}: was missing and was written again from {found[0].name}."
 
 
-def _or(value: float | None, default: float) -> float:
-    return default if value is None else value
-
-
-def _identity(design: Design) -> str:
-    digest = hashlib.sha256(dump_scenario(design.base).encode())
-    settings: list[Any] = [design.study.solve, design.study.harmonics, design.study.keep, design.combinations]
-    settings += [[x.key, x.values] for x in design.levels] + [x.key for x in design.uncertain]
-    digest.update(json.dumps(settings, sort_keys=True).encode())
-    digest.update(np.ascontiguousarray(design.samples, dtype="<f8").tobytes())
-    return digest.hexdigest()
+def _manifest_text(manifest: Manifest, identity: str) -> str:
+    return to_json({"sha256": identity, **manifest.entries})

@@ -28,6 +28,9 @@ class _Dask:
         submitting: Executor = self.client.get_executor(pure=False)  # each chunk is computed, though alike another
         return submitting
 
+    def watch(self) -> None:
+        """The scheduler does: it gives up workers that are silent for five minutes (its ``worker-ttl``)."""
+
 
 @contextmanager
 def dask(workers: int | None = None, scheduler: str | None = None) -> Iterator[Backend]:

@@ -6,10 +6,11 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Protocol
 
@@ -19,6 +20,13 @@ from microvib.studies.campaign.folder import Campaign
 
 STRIKES = 3
 """Deaths of a worker over one chunk, or over one case alone, after which it is to blame."""
+
+POLL = 5.0
+"""Seconds between two looks at the workers."""
+SILENT = 24
+"""Looks in a row at which a worker gave no sign, after which it is ended: it was stopped, or hangs."""
+BEAT = 1.0
+"""Seconds between two signs of a worker."""
 
 Progress = Callable[[int, int], None]
 """Cases done and cases in all."""
@@ -35,6 +43,10 @@ class Backend(Protocol):
         """A working executor; called again where the last one lost a worker."""
         ...
 
+    def watch(self) -> None:
+        """Look after the workers; called every POLL seconds while they are at work."""
+        ...
+
 
 @contextmanager
 def local(workers: int | None = None) -> Iterator[Backend]:
@@ -48,7 +60,9 @@ def local(workers: int | None = None) -> Iterator[Backend]:
 
 class _Local:
     """A pool of processes on a leash: a pipe whose far end only the coordinator holds. When it closes, because the coordinator
-    ends or is killed, all workers end at once; they have nothing to save."""
+    ends or is killed, all workers end at once; they have nothing to save. On another pipe each gives a sign every second; one
+    that gives none for long is killed, and its cases are computed again. Looks are counted, not seconds, so that a coordinator
+    that was itself stopped for a while blames nobody."""
 
     def __init__(self, workers: int) -> None:
         from concurrent.futures.process import BrokenProcessPool
@@ -58,6 +72,8 @@ class _Local:
         self._context = multiprocessing.get_context("spawn")  # a forked copy of threads and locks may hang
         self._pool: ProcessPoolExecutor | None = None
         self._held: Connection | None = None
+        self._signs: Connection | None = None
+        self._silent: Counter[int] = Counter()
 
     def executor(self) -> Executor:
         self.close()
@@ -65,10 +81,22 @@ class _Local:
             "OPENBLAS_NUM_THREADS", "1"
         )  # inherited: workers' small matrices must not wait on busy cores
         leash, self._held = self._context.Pipe(duplex=False)
-        self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash,))
+        self._signs, sign = self._context.Pipe(duplex=False)
+        self._silent.clear()
+        self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash, sign))
         with _without_interrupts():  # a worker that is still starting must not answer Ctrl-C with a traceback
             self._pool.submit(os.getpid)
         return self._pool
+
+    def watch(self) -> None:
+        heard = set()
+        while self._signs is not None and self._signs.poll():
+            heard.add(int(self._signs.recv_bytes()))
+        for pid in heard | set(self._silent):
+            self._silent[pid] = 0 if pid in heard else self._silent[pid] + 1
+            if self._silent[pid] == SILENT:
+                with suppress(OSError):  # it has ended meanwhile
+                    os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
     def close(self) -> None:
         if self._held is not None:
@@ -90,8 +118,8 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _on_leash(leash: Connection) -> None:
-    """In a worker: Ctrl-C is for the coordinator, and the worker's life is the coordinator's."""
+def _on_leash(leash: Connection, sign: Connection) -> None:
+    """In a worker: Ctrl-C is for the coordinator, the worker's life is the coordinator's, and it says that it lives."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
@@ -100,7 +128,14 @@ def _on_leash(leash: Connection) -> None:
         except (EOFError, OSError):
             os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+    def live() -> None:
+        with suppress(OSError):
+            while True:
+                sign.send_bytes(b"%d" % os.getpid())
+                time.sleep(BEAT)
+
+    for task in (watch, live):
+        threading.Thread(target=task, daemon=True).start()
 
 
 def compute_missing(
@@ -116,6 +151,7 @@ def compute_missing(
     Whenever this ends, by return, error, interrupt or kill, each chunk's file is there whole or not at all. MicrovibError where
     the disk is full or chunks cannot be computed.
     """
+    campaign.check_version()
     mine = (range(campaign.chunks) if todo is None else todo)[shard[0] :: shard[1]]
     left = set(campaign.missing())
     missing = [k for k in mine if k in left]
@@ -143,9 +179,10 @@ class _Coordinator:
         while self._waiting or running:
             while self._waiting and len(running) < 2 * self._backend.workers:  # one in reserve for every worker
                 chunk = self._waiting.popleft()
-                running[self._submit(self._campaign.work(self._campaign.cases_of(chunk)))] = chunk
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                running[self._submit(self._campaign.work(chunk))] = chunk
+            for future in wait(running, timeout=POLL, return_when=FIRST_COMPLETED).done:
                 self._collect(future, running.pop(future))
+            self._backend.watch()
         for chunk in self._suspects:
             self._keep(chunk, self._one_by_one(chunk))
 
@@ -161,7 +198,9 @@ class _Coordinator:
     def _collect(self, future: Future[bytes], chunk: int) -> None:
         try:
             self._keep(chunk, future.result())
-        except self._backend.deaths:
+        except MicrovibError:
+            raise
+        except Exception:  # its worker died, or failed beyond its cases
             self._strikes[chunk] += 1
             if self._strikes[chunk] < STRIKES:
                 self._waiting.appendleft(chunk)
@@ -176,11 +215,12 @@ class _Coordinator:
     def _one_by_one(self, chunk: int) -> bytes:
         """A chunk whose workers died: was it one of its cases, or only near one that was?"""
         cases = self._campaign.cases_of(chunk)
-        data = self._alone(cases)
+        data = self._alone(chunk)
         if data is None:
-            if self._alone([]) is None:
+            if self._alone(chunk, []) is None:
                 raise MicrovibError("workers end as soon as they start; memory may be short: take fewer --workers")
-            data = self._alone(cases, tuple(k for k, case in enumerate(cases) if self._kills(case)))
+            deadly = tuple(k for k, case in enumerate(cases) if self._kills(chunk, case))
+            data = self._alone(chunk, deadly=deadly)
         if data is None:
             raise MicrovibError(
                 f"chunk {chunk} (cases {cases[0]} to {cases[-1]}) ends its worker, though none of its cases does alone; memory"
@@ -188,12 +228,17 @@ class _Coordinator:
             )
         return data
 
-    def _kills(self, case: int) -> bool:
-        return all(self._alone([case]) is None for _ in range(STRIKES))
+    def _kills(self, chunk: int, case: int) -> bool:
+        return all(self._alone(chunk, [case]) is None for _ in range(STRIKES))
 
-    def _alone(self, cases: Sequence[int], deadly: tuple[int, ...] = ()) -> bytes | None:
-        """Cases computed with nothing else under way; None where the worker dies."""
+    def _alone(self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()) -> bytes | None:
+        """A chunk, or some cases of it, computed with nothing else under way; None where the worker dies or fails."""
+        future = self._submit(self._campaign.work(chunk, cases, deadly))
+        while not wait([future], timeout=POLL).done:
+            self._backend.watch()
         try:
-            return self._submit(self._campaign.work(cases, deadly)).result()
-        except self._backend.deaths:
+            return future.result()
+        except MicrovibError:
+            raise
+        except Exception:
             return None
