@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ import pytest
 from baseline import baseline
 
 import microvib as mv
+from microvib.app.reports.document import Document, Live, Section
+from microvib.app.reports.rendering import html
 from microvib.app.web.access import Access
 from microvib.app.web.entrance import opening_file
 from microvib.errors import ScenarioError
@@ -454,3 +457,55 @@ def test_the_token_goes_into_the_browser_and_out_of_the_address(
     assert page.url.startswith(address)
     assert page.url.endswith(fragment)
     assert token not in page.url
+
+
+FOREIGN = """<a href="https://evil.example/">Press</a><img src="https://evil.example/x.png" onerror="alert(1)"><script>alert(1)</script><b>&lt;</b>"""
+
+
+def test_a_foreign_title_is_text_wherever_it_stands(visit: Callable[..., Any], tmp_path: Path) -> None:
+    page = visit()
+    mine = baseline().with_(dict(SHORT)).model_copy(update={"title": FOREIGN})
+    (tmp_path / "mine.yaml").write_text(dump_scenario(mine), encoding="utf-8")
+    page.set_input_files("#upload", tmp_path / "mine.yaml")
+    api.expect(page.locator("#title")).to_have_text(FOREIGN)
+    run(page)
+    page.evaluate(
+        """async (title) => {
+          const { draw } = await import("/static/plots.js");
+          const data = [{ x: [1, 2], y: [1, 2], name: title, text: [title, title], hovertemplate: `%{text}<extra>%{fullData.name}</extra>` }];
+          const place = document.querySelector("#spectrum-plot");
+          await draw(place, data, { showlegend: true, title: { text: title }, annotations: [{ x: 1, y: 1, text: title }] });
+          await window.Plotly.Fx.hover(place, [{ curveNumber: 0, pointNumber: 0 }]);
+        }""",
+        FOREIGN,
+    )
+    assert page.locator("#spectrum-plot .legendtext").inner_html().count("<") == 0
+    assert page.locator("#spectrum-plot .legendtext").text_content() == FOREIGN
+    assert "Press" in page.locator("#spectrum-plot .hoverlayer").text_content()
+    assert "Press" in page.locator("#spectrum-plot .annotation").text_content()
+    assert not page.locator("#results a[href*=evil], #results svg a, img[src*=evil]").count()
+    report = tmp_path / "report.html"
+    report.write_bytes(downloads(page, tmp_path)["report.html"])
+    shown = page.context.new_page()
+    asked: list[str] = []
+    shown.on("request", lambda request: asked.append(request.url))
+    shown.goto(report.as_uri())
+    assert shown.locator("h1").inner_text().startswith('<a href="https://evil.example/">')
+    assert not shown.locator("a, script").count()
+    assert not [url for url in asked if not url.startswith(("file:", "data:"))]
+    shown.evaluate("document.body.append(Object.assign(new Image(), { src: 'https://evil.example/y.png' }))")
+    shown.evaluate(
+        "document.body.append(Object.assign(document.createElement('script'), { textContent: 'window.ran = 1' }))"
+    )
+    assert shown.evaluate("window.ran") is None  # nor would what might slip in later
+
+
+def test_the_one_script_of_a_report_runs(chromium: Any, tmp_path: Path) -> None:
+    """The report's policy lets mode shapes move, and names no more than their script."""
+    moving = (resources.files("microvib.app") / "templates" / "shapes.html").read_text(encoding="utf-8")
+    section = Section("In motion", (Live(moving.replace("__DATA__", '{"names": ["first"]}')),))
+    document = Document("report", "modes", "", (), (), (section,), "")
+    (tmp_path / "report.html").write_text(html(document), encoding="utf-8")
+    page = chromium.new_context().new_page()
+    page.goto((tmp_path / "report.html").as_uri())
+    assert page.locator("#shape-mode option").all_text_contents() == ["first"]

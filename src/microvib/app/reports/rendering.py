@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import asdict
 from functools import partial
+from hashlib import sha256
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,17 @@ def html(document: Document) -> str:
     environment.filters |= {"address": address, "inline": _inline, "symbols": _symbols, "key": _key}
     style = Markup(_template("style.css"))
     beside = not any(_is_wide(block) for block in document.front if isinstance(block, Table))
-    return environment.from_string(_template("report.html")).render(style=style, beside=beside, **_data(document))
+    template = environment.from_string(_template("report.html"))
+    return template.render(style=style, beside=beside, policy=_policy(), **_data(document))
+
+
+def _policy() -> str:
+    """What a browser may do for the file, whose texts are other people's: show it, and run the one script that is ours."""
+    script = re.search(r"<script>(.*?)</script>", _template("shapes.html"), re.DOTALL)
+    assert script is not None
+    ours = base64.b64encode(sha256(script[1].encode()).digest()).decode()
+    allowed = f"script-src 'sha256-{ours}'; style-src 'unsafe-inline'; img-src data:"
+    return f"default-src 'none'; {allowed}; base-uri 'none'; form-action 'none'"
 
 
 def _is_wide(found: Table) -> bool:

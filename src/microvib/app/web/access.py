@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
@@ -52,22 +52,26 @@ class Access:
 
     def may(self, path: str, headers: Mapping[str, str]) -> bool:
         """Whether a request shows that it is the owner's."""
-        if self.opens(headers.get("authorization", "").removeprefix("Bearer ")):
+        if self._bears(headers):
             return True
-        if not any(_same(value, self.session) for value in self._cookies(headers.get("cookie", ""))):
-            return False
-        return _LINKED.fullmatch(path) is not None or _same(headers.get("x-microvib-key", ""), self.key)
+        whole = _LINKED.fullmatch(path) is not None or _same(headers.get("x-microvib-key", ""), self.key)
+        return whole and self._has_cookie(headers)
+
+    def greets(self, headers: Mapping[str, str]) -> bool:
+        """Whether a request comes from somebody who has been let in, which opens nothing yet."""
+        return self._bears(headers) or self._has_cookie(headers)
 
     def opens(self, token: str) -> bool:
         """Whether this is the token."""
         return _same(token, self.token)
 
-    def _cookies(self, header: str) -> Iterator[str]:
+    def _bears(self, headers: Mapping[str, str]) -> bool:
+        return self.opens(headers.get("authorization", "").removeprefix("Bearer "))
+
+    def _has_cookie(self, headers: Mapping[str, str]) -> bool:
         # By hand: http.cookies gives up at the first odd cookie, and other servers of the host have theirs in the same header.
-        for part in header.split(";"):
-            name, _, value = part.strip().partition("=")
-            if name == self.cookie:
-                yield value
+        pairs = (part.strip().partition("=") for part in headers.get("cookie", "").split(";"))
+        return any(name == self.cookie and _same(value, self.session) for name, _, value in pairs)
 
 
 def _same(given: str, wanted: str) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
@@ -27,6 +29,9 @@ _MEANINGS = {
     429: "too much is waiting",
     507: "no room",
 }
+
+
+_BUSY = "the server has too much to do; try again in a moment"
 
 
 class Refused(Exception):
@@ -55,7 +60,7 @@ def asked(desk: Desk, task: str, **arguments: Any) -> Any:
     try:
         job = desk.ask(task, **arguments)
     except Busy:
-        raise Refused(429, "the server has too much to do; try again in a moment") from None
+        raise Refused(429, _BUSY) from None
     if job.state != "done":
         raise Refused(422, job.error or "the server is about to end")
     return job.value
@@ -63,8 +68,9 @@ def asked(desk: Desk, task: str, **arguments: Any) -> Any:
 
 def view(desk: Desk, spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it; what takes long is found out by a worker, and kept."""
-    if not forms.slow(spec):
-        return forms.view_of(spec)
+    with _reading(desk):
+        if not forms.slow(spec):
+            return forms.view_of(spec)
     text = spec.model_dump_json()
     found: dict[str, Any] | None = desk.views.get(text)
     if found is None:
@@ -76,14 +82,28 @@ def view(desk: Desk, spec: Spec) -> dict[str, Any]:
 def meant(desk: Desk, spec: Spec) -> Scenario:
     """The scenario of a request; Refused with what is wrong with it."""
     try:
-        if not forms.slow(spec):
-            return forms.scenario(spec)
+        with _reading(desk):
+            if not forms.slow(spec):
+                return forms.scenario(spec)
     except MicrovibError as error:
         raise refused(error, spec.name) from None
     shown = view(desk, spec)
     if shown["errors"]:
         raise Refused(422, **_first(shown["errors"]))
-    return forms.scenario(Spec(text=shown["yaml"]))
+    with _reading(desk):
+        return forms.scenario(Spec(text=shown["yaml"]))
+
+
+@contextmanager
+def _reading(desk: Desk) -> Iterator[None]:
+    """One reads at a time, because threads that compute slow down the one that answers; Refused where many wait."""
+    if not desk.waiting.acquire(blocking=False):
+        raise Refused(429, _BUSY)
+    try:
+        with desk.reading:
+            yield
+    finally:
+        desk.waiting.release()
 
 
 def refused(error: MicrovibError, name: str = forms.NAME) -> Refused:

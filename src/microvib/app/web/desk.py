@@ -43,10 +43,15 @@ class Desk:
         self._lock = threading.Lock()
         self.views: OrderedDict[str, dict[str, Any]] = OrderedDict()
         """Scenarios with finite elements, as the form shows them."""
+        self.reading = threading.Lock()
+        """Held while a scenario is read in the server itself."""
+        self.waiting = threading.BoundedSemaphore(limits.checks)
         self._receiving = threading.BoundedSemaphore(limits.receiving)
         self._lane = Lane(limits.at_once, limits.wall_s, limits)
         # What a page waits for must not stand behind long computations.
         self._quick = Lane(2, limits.quick_s, limits)
+        # Nor the form behind large recordings.
+        self._checks = Lane(1, limits.check_s, limits)
 
     def submit(self, kind: str, title: str, **arguments: Any) -> Job:
         """Start the task that is called as its kind; lanes.Busy where too many wait."""
@@ -66,7 +71,8 @@ class Desk:
 
     def ask(self, task: str, **arguments: Any) -> Job:
         """A short job, waited for."""
-        job = self._quick.submit(Job(task, arguments))
+        lane = self._checks if task == "view" else self._quick
+        job = lane.submit(Job(task, arguments))
         job.ended.wait()
         return job
 
@@ -148,16 +154,16 @@ class Desk:
     def close(self) -> None:
         """End all computations."""
         self.closed = True
-        self._lane.close()
-        self._quick.close()
+        for lane in (self._lane, self._quick, self._checks):
+            lane.close()
         for job in self.jobs():
             self._lane.cancel(job)
 
     def join(self, seconds: float = 3.0) -> None:
         """Wait for all workers to end, but no longer."""
         until = time.monotonic() + seconds
-        self._lane.join(until)
-        self._quick.join(until)
+        for lane in (self._lane, self._quick, self._checks):
+            lane.join(until)
 
 
 def _size(folder: Path) -> int:

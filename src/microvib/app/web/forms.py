@@ -38,8 +38,8 @@ TITLES = {
     "solver": "Solver",
 }
 MOST_MODES = 100
-LONG_TEXT = 20_000
-"""Characters from which reading YAML takes most of a second."""
+LONG = 2000
+"""Characters of changes, and 20 for each, from which a worker reads them: here they would take a tenth of a second."""
 NAME = "scenario"
 """What a scenario of the page is called in messages, if anything."""
 
@@ -184,8 +184,8 @@ def names_elements(spec: Spec) -> bool:
 
 
 def slow(spec: Spec) -> bool:
-    """Whether the scenario takes long to read, so that a worker should do it."""
-    if len(spec.text or "") + sum(map(len, spec.changes.values())) > LONG_TEXT:
+    """Whether the scenario may take long to read, so that a worker should do it: a text, many changes, finite elements."""
+    if spec.text is not None or sum(20 + len(value) for value in spec.changes.values()) > LONG:
         return True
     try:
         return names_elements(spec)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import re
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
@@ -34,6 +35,9 @@ _HEADERS = [
 FAULT = "the server met a fault of its own; its log says more"
 _STRANGER = "open the address that microvib serve printed last: it carries the token that is needed here"
 _SAFE = ("GET", "HEAD", "OPTIONS")
+_RECORDINGS = "/api/recordings"
+_MOST_STRINGS = 10_000
+_STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 
 
 class Guard:
@@ -51,10 +55,15 @@ class Guard:
         try:
             if refusal is not None:
                 await reply.say(*refusal)
-            elif leads_in(scope):
+                return
+            if self._access.greets(headers):
+                _let_stay(scope)
+            if leads_in(scope):
                 await self._enter(scope, body, reply)
-            else:
+            elif scope["path"] == _RECORDINGS:
                 await self._app(scope, body, reply)
+            else:
+                await self._with_whole(scope, body, reply)
         except ClientDisconnect:
             return
         except Exception as error:
@@ -78,17 +87,38 @@ class Guard:
         if not self._access.opens(await token_of(scope, receive)):
             await reply.say(401, _STRANGER)
             return
+        _let_stay(scope)
         headers, body = inside(self._access)
         await reply.give(200, headers, body)
+
+    async def _with_whole(self, scope: Scope, receive: _Body, reply: _Reply) -> None:
+        """Have a request answered whose body is all here and simple: while it is parsed, all others wait."""
+        body = await receive.whole()
+        if b"\0" in body:  # or UTF-16, in which structure could be hidden
+            await reply.say(422, "the request is no JSON in UTF-8")
+        elif len(_STRINGS.sub(b"", body, count=_MOST_STRINGS)) > self._limits.structure:
+            await reply.say(
+                413,
+                f"the request holds too many values: beside texts at most {self._limits.structure / 1e3:g} kB are taken",
+            )
+        else:
+            await self._app(scope, receive, reply)
 
     def _too_large(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str] | None:
         if "transfer-encoding" in headers:
             return 411, "the length of the request is needed (Content-Length)"
         length = headers.get("content-length", "0")
-        limit = self._limits.recording if scope["path"] == "/api/recordings" else self._limits.body
+        limit = self._limits.recording if scope["path"] == _RECORDINGS else self._limits.body
         if not (length.isascii() and length.isdigit()) or int(length[:20]) > limit:
             return 413, f"the request is too large: at most {limit / 1e6:g} MB are taken here"
         return None
+
+
+def _let_stay(scope: Scope) -> None:
+    """Tell the connection that its client is no stranger."""
+    connection = scope.get("state", {}).get("connection")
+    if connection is not None:
+        connection.owned()
 
 
 def _is_public(scope: Scope) -> bool:
@@ -139,8 +169,12 @@ class _Body:
     def __init__(self, receive: Receive, reply: _Reply, limits: Limits) -> None:
         self._receive, self._reply, self._limits = receive, reply, limits
         self._taken, self._began, self._more = 0, 0.0, True
+        self._kept: bytes | None = None
 
     async def __call__(self) -> MutableMapping[str, Any]:
+        if self._kept is not None:
+            body, self._kept = self._kept, None
+            return {"type": "http.request", "body": body, "more_body": False}
         if not self._more:  # all is here: what comes next is the client's end, which may take as long as it likes
             return await self._receive()
         now = asyncio.get_running_loop().time()
@@ -155,6 +189,17 @@ class _Body:
         self._taken += len(message.get("body", b""))
         self._more = message.get("more_body", False)
         return message
+
+    async def whole(self) -> bytes:
+        """All of it, which is then given again."""
+        parts = []
+        while self._more:
+            message = await self()
+            if message["type"] == "http.disconnect":
+                raise ClientDisconnect
+            parts.append(message.get("body", b""))
+        self._kept = b"".join(parts)
+        return self._kept
 
 
 def _caching(scope: Scope) -> tuple[bytes, bytes]:

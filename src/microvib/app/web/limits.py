@@ -16,6 +16,10 @@ class Limits:
     """Time of one computation [s]."""
     quick_s: float = 120.0
     """Time of what a page waits for: reading a recording, writing a report [s]."""
+    check_s: float = 30.0
+    """Time of reading a scenario [s]."""
+    checks: int = 12
+    """Scenarios that wait to be read."""
     memory: int = 2_500_000_000
     """Address space of one computation, beyond what is loaded [bytes]; bounded on Linux only."""
     record: int = 400_000_000
@@ -28,6 +32,8 @@ class Limits:
     """Their files [bytes]."""
     body: int = 2_000_000
     """A request [bytes], unless it is a recording."""
+    structure: int = 20_000
+    """What of it may stand outside of strings [bytes]."""
     recording: int = 200_000_000
     """A recording [bytes]."""
     recordings: int = 10
@@ -38,3 +44,11 @@ class Limits:
     """How long what a client sends may pause, and how far it may fall behind ``slowest`` [s]."""
     slowest: float = 50_000.0
     """What a client sends at least, in the long run [bytes/s]."""
+    connections: int = 384
+    """Connections at a time."""
+    strangers: int = 256
+    """Connections that have shown no token; the oldest makes room for a further one."""
+    stranger_s: float = 10.0
+    """How long one lasts that shows no token [s]."""
+    reading_s: float = 60.0
+    """How long an answer waits for its reader [s]."""

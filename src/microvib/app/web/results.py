@@ -61,13 +61,13 @@ def finished_run(desk: Desk, id: str) -> Job:
 
 
 @routes.get("/jobs")
-def jobs(desk: At) -> list[JobState]:
+async def jobs(desk: At) -> list[JobState]:
     """All computations."""
     return [_state(job) for job in desk.jobs()]
 
 
 @routes.get("/jobs/{id}")
-def job(id: Id, desk: At) -> JobState:
+async def job(id: Id, desk: At) -> JobState:
     """One computation."""
     return _state(_job(desk, id))
 

@@ -21,10 +21,14 @@ import uvicorn
 from microvib.app.web import forms
 from microvib.app.web.access import Access
 from microvib.app.web.api import create_app
+from microvib.app.web.connection import configuration
 from microvib.app.web.desk import Desk
 from microvib.app.web.entrance import opening_file
 from microvib.app.web.limits import Limits
 from microvib.errors import MicrovibError
+
+_WAITING = 1024
+"""Clients that the system keeps until they are accepted."""
 
 
 def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str], None]) -> None:
@@ -37,7 +41,7 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="microvib-", ignore_cleanup_errors=True) as root:
         desk = Desk(Path(root), Limits())
-        server = _Server(_config(create_app(desk, access)), desk.close)
+        server = _Server(configuration(create_app(desk, access), desk.limits), desk.close)
         try:
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Thread(target=_warm, daemon=True).start()
@@ -65,19 +69,18 @@ def _warm() -> None:
     forms.view_of(forms.Spec(base="state-1"))
 
 
-def _config(app: Any) -> uvicorn.Config:
-    return uvicorn.Config(
-        app, log_level="warning", access_log=False, server_header=False, lifespan="off", ws="none", http="h11",
-        limit_concurrency=200, timeout_graceful_shutdown=3,
-    )  # fmt: skip
-
-
 class _Server(uvicorn.Server):
     """A server that lets its computations go first, so that nothing waits for them."""
 
     def __init__(self, config: uvicorn.Config, leave: Callable[[], None]) -> None:
         super().__init__(config)
         self._leave = leave
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen; who comes while others are being accepted waits in the system's queue."""
+        await super().startup(sockets)
+        for sock in sockets or []:
+            sock.listen(_WAITING)
 
     def handle_exit(self, sig: int, frame: Any) -> None:
         self._leave()
@@ -104,7 +107,7 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
         if sys.platform != "win32":  # there it would share the port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(address)
-        sock.listen(128)
+        sock.listen(_WAITING)
     except OSError as error:
         sock.close()
         if error.errno == errno.EADDRINUSE:

@@ -101,7 +101,7 @@ function curve(run, series) {
     mode: "lines",
     line: { color: run.colour, dash: series.exact ? run.dash : "solid", width: series.exact ? 1.6 : 1 },
     opacity: runs.shown().length > 1 && !series.exact ? 0.7 : 1,
-    hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${unitText(data.unit)}<extra>${run.name}</extra>`,
+    hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${unitText(data.unit)}<extra>%{fullData.name}</extra>`,
   };
 }
 

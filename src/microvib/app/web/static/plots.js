@@ -31,7 +31,7 @@ export async function draw(place, data, layout) {
   plots.set(place, { data, layout });
   await (
     await loaded
-  ).react(place, data, themed(layout), {
+  ).react(place, harmless(data), harmless(themed(layout)), {
     responsive: true,
     displaylogo: false,
     showTips: false,
@@ -40,6 +40,18 @@ export async function draw(place, data, layout) {
     modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]], // none that would send data away
     toImageButtonOptions: { format: "svg", filename: "microvib" },
   });
+}
+
+// Plotly takes markup in any text, links among it, and names in scenarios and recordings are other people's. Names are texts;
+// elsewhere these tags remain, which lead nowhere.
+const MARKUP = /<(?!\/?(?:b|br|i|sub|sup|extra)>)/g;
+
+function harmless(value, key) {
+  if (typeof value === "string" && key === "name") return value.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
+  if (typeof value === "string") return value.replace(MARKUP, "&lt;");
+  if (Array.isArray(value)) return typeof value[0] === "number" ? value : value.map((item) => harmless(item));
+  if (value?.constructor !== Object) return value;
+  return Object.fromEntries(Object.entries(value).map(([name, item]) => [name, harmless(item, name)]));
 }
 
 function themed(layout) {

@@ -93,7 +93,7 @@ function curve(run, spectrum) {
     name: run.name,
     mode: "lines",
     line: { color: run.colour, dash: run.dash, width: 1.2 },
-    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unitText(spectrum.unit)}<extra>${run.name}</extra>`,
+    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unitText(spectrum.unit)}<extra>%{fullData.name}</extra>`,
   };
 }
 
@@ -108,7 +108,7 @@ function dots(run) {
     showlegend: false,
     marker: { color: run.colour, size: 6, line: { color: "#fff", width: 0.8 } },
     text: lines.map((line) => `${line.line}<br>${line.origin}`),
-    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} N m<extra>${run.name}</extra>`,
+    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} N m<extra>%{fullData.name}</extra>`,
   };
 }
 
