@@ -306,7 +306,7 @@ def test_no_path_of_a_page_is_opened(client, key, path):
         ("\x00", "is not YAML"),
         ("", "a mapping of keys is wanted"),
         ("1: 2", ""),
-        ("motor: !!set {a, b}", "motor"),
+        ("motor: !!set {a, b}", "tags"),
         (f"array: {{inertia: {'9' * 5000}}}", ""),
     ],
 )
