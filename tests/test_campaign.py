@@ -19,7 +19,10 @@ import h5py
 import numpy as np
 import pytest
 
+from microvib.app.campaign.report import campaign_report, summarise
 from microvib.app.campaign.text import state_text
+from microvib.app.reports.document import Table
+from microvib.app.reports.rendering import html
 from microvib.errors import MicrovibError, OutputError, ScenarioError
 from microvib.io.scenario_file import load_scenario
 from microvib.model.sentences import validated
@@ -711,6 +714,23 @@ def test_statistics_worst_cases_and_exceedance(tmp_path):
     assert dict(data.sizes) == {"case": 16, "line": len(results.lines)}
     assert data["reducer.stiffness"].attrs["units"] == "N*m/rad"
     data.close()
+
+
+def test_the_report_has_the_worst_cases_as_a_table(tmp_path):
+    results = computed(tmp_path, spread(count=8))
+    summary = summarise(results, None, EVERYTHING)
+    document = campaign_report(summary, {})
+    worst, of_lines = [x for x in document.sections[0].blocks if isinstance(x, Table)]
+    cases = [case for case, _ in summary.worst[ANY]]
+    assert [c.title for c in worst.columns] == ["what", "unit", *(f"case {k}" for k in cases), "scenario"]
+    cells = {row.cells[0]: row.cells[1:] for row in worst.rows}
+    assert float(cells["largest line"][1]) == pytest.approx(1e3 * summary.worst[ANY][0][1], rel=1e-3)
+    stiffness = results.scalar("reducer.stiffness")
+    assert cells["reducer.stiffness"][0] == "N m/rad"
+    assert [float(x) for x in cells["reducer.stiffness"][1:-1]] == pytest.approx(stiffness[cases], rel=1e-3)
+    assert cells["reducer.stiffness"][-1] == f"{results.campaign.design.base.reducer.stiffness:.4g}"
+    assert {row.cells[0] for row in of_lines.rows} == set(summary.worst)
+    assert str(tmp_path) not in html(document)
 
 
 def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):

@@ -149,6 +149,8 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
     assert document.facts[0].value.startswith(f"FAIL: {judge(lines_1, LIMIT).above} of ")
     simulated, main = tables(document.front)
     assert [row.cells[0] for row in simulated.rows][:4] == ["Drive", "Array", "Motion", "Record"]
+    assert simulated.rows[-1].cells[0] == "Invariants"
+    assert simulated.rows[-1].cells[1].startswith("all hold")
     for row in main.rows:
         name, _, amplitude, decibel, factor, verdict = row.cells
         exact = 0.010 / lines_1[name].amplitude_n_m

@@ -10,6 +10,7 @@ from microvib.app import plots
 from microvib.app.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
 from microvib.app.reports.pieces import drawn, figure, milli, number, study
 from microvib.app.reports.rendering import report_files
+from microvib.app.reports.typography import file_name
 from microvib.io.results import columns_csv, lines_csv, write_folder
 from microvib.signals.table import Line, LineTable
 from microvib.studies.analyse import Analysis
@@ -74,7 +75,7 @@ def analysis_report(a: Analysis, form: Form | None = None) -> Document:
     lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
     return study(
         "Analysis report",
-        f"Analysis of {a.name}, channel {a.channel}",
+        f"Analysis of {file_name(a.name)}, channel {a.channel}",
         "Lines with uncertainties and spectra of a " + ("torque." if a.unit == "N m" else "force."),
         facts=_facts(a),
         front=(pairs(_source(a)), *_main_lines(a), spectrum),
@@ -116,7 +117,7 @@ def _largest(a: Analysis) -> list[Line]:
 def _source(a: Analysis) -> list[tuple[str, str]]:
     recording = a.recording
     rows = [
-        ("Source", a.name),
+        ("Source", file_name(a.name)),
         ("Record", f"{recording.samples} samples at {recording.sample_rate:g} Hz, {recording.duration:g} s"),
     ]
     return rows + [("Note", note) for note in recording.notes if note]

@@ -11,8 +11,9 @@ import numpy as np
 
 from microvib.app.parameters import parameter_table
 from microvib.app.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
-from microvib.app.reports.pieces import drawn, signed, study
+from microvib.app.reports.pieces import count, drawn, signed, study
 from microvib.app.reports.rendering import report_files
+from microvib.app.reports.typography import file_name
 from microvib.io.modal_sources import Design, ModalSource
 from microvib.io.modal_table import modes_csv
 from microvib.io.results import read_table, write_folder
@@ -149,20 +150,26 @@ def modes_report(source: ModalSource, form: Form | None = None) -> Document:
         sections.append(Section("Description", (*origin, parameter_table(design)), new_page=True))
     return study(
         "Modes report",
-        f"Modes of {model.title or source.name}",
-        f"{source.name}: {model.frequency.size} modes with the interface clamped, drive axis {model.drive_axis} (as Table 1).",
+        f"Modes of {model.title or file_name(source.name)}",
+        f"{file_name(source.name)}: {model.frequency.size} modes with the interface clamped,"
+        f" drive axis {model.drive_axis} (as Table 1).",
         facts=_facts(model),
         front=front,
         sections=sections,
         form=form,
+        parts={} if design is None else {"description": design},
     )
 
 
 def _facts(model: ModalModel) -> list[Fact]:
-    dominant = int(np.argmax(model.effective[model.axis]))
+    dominant, held = int(np.argmax(model.effective[model.axis])), float(model.fraction[model.axis].sum())
     return [
+        Fact(
+            f"{100 * held:.1f} %",
+            f"of the inertia about {model.drive_axis} in {count(model.frequency.size, 'mode')}; practice asks for 90 %",
+            "pass" if held >= ENOUGH else "fail",
+        ),
         Fact(f"{model.frequency[dominant]:.4g} Hz", f"mode {dominant + 1}, the strongest about {model.drive_axis}"),
-        Fact(f"{100 * model.fraction[model.axis].sum():.1f} %", f"of the inertia about {model.drive_axis} in modes"),
         Fact(f"{model.inertia:.4g} kg m²", f"inertia about {model.drive_axis}"),
         Fact(f"{model.J_h:.4g} kg m²", "residual J_h, rigid on the shaft"),
     ]

@@ -182,8 +182,18 @@ def _facts(plan: RatePlan) -> list[Fact]:
             Fact(torque(top), "its largest line"),
         ]
     if plan.limit is not None:
+        facts += [_margin(found[1], plan.limit)] if found else []
         facts.append(Fact(given(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
     return facts
+
+
+def _margin(top: float, limit: float) -> Fact:
+    """The largest line of the best rate against the limit."""
+    if not top > 0.0:
+        return Fact("Pass", "no line at the best rate", "pass")
+    return Fact(
+        f"{20 * math.log10(limit / top):+.1f} dB", "its margin to the limit", "pass" if top <= limit else "fail"
+    )
 
 
 def _best(plan: RatePlan) -> Table:
@@ -260,6 +270,7 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
         color=plots.RED,
         fillstyle="none",
         markersize=7,
+        zorder=6,
     )
     ax.set(xlabel="rate of the array [deg/s]", ylabel="frequency [Hz]", title=f"{n} microsteps per full step")
     return points

@@ -302,7 +302,7 @@ def sizing_report(result: Result, drawing: Figure, form: Form | None = None) -> 
         "Simulator report",
         "Solar array simulator, sized",
         f"Torsion mode {target.state.frequency:.4g} Hz with {target.state.inertia:.4g} kg m² about the drive axis.",
-        facts=_facts(target),
+        facts=_facts(result),
         front=(settings, *springs),
         sections=(
             Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
@@ -315,14 +315,19 @@ def sizing_report(result: Result, drawing: Figure, form: Form | None = None) -> 
             Section("Description", (*origin, parameter_table(target.design))),
         ),
         form=form,
+        parts={"simulator": target.design},
     )
 
 
-def _facts(target: Setting) -> list[Fact]:
-    d = target.design
+def _facts(result: Result) -> list[Fact]:
+    target, settings = result.sizing.target, result.sizing.settings
+    d, used = target.design, max(x.stress / x.allowable for x in settings)
+    holds = used <= 1.0 and min(x.forces[0] for x in settings) > 0.0
     return [
+        Fact(f"{100 * used:.0f} %", "of the allowed stress, no spring slack", "pass")
+        if holds
+        else Fact("does NOT hold", "a spring goes slack or is overstressed", "fail"),
         Fact(f"{d.spring.rate:g} N/m", f"eight springs {d.spring.name}"),
         Fact(f"{1e3 * d.arm:.1f} mm", "arm l"),
         Fact(f"{d.counterweight.mass:g} kg at {1e3 * d.counterweight.radius:.1f} mm", "each counterweight"),
-        Fact(f"{target.finite_elements[0]:.4f} Hz", "torsion by finite elements"),
     ]

@@ -25,7 +25,7 @@ def draw_simulator(setting: Setting) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(16.0, 10.4), dpi=110)
+    figure = Figure(figsize=(13.0, 8.45), dpi=110)
     FigureCanvasAgg(figure)
     top = figure.add_axes((0.01, 0.02, 0.60, 0.92))
     side = figure.add_axes((0.62, 0.70, 0.37, 0.24))
@@ -199,7 +199,7 @@ def _parts(ax: Any, setting: Setting) -> None:
     """Table of parts and settings over the title block."""
     rows = _rows(setting)
     table = ax.table(
-        [list(row) for row in rows], colLabels=["part", "pcs", "value"], colWidths=[0.26, 0.08, 0.66], cellLoc="left",
+        [list(row) for row in rows], colLabels=["part", "pcs", "value"], colWidths=[0.31, 0.08, 0.61], cellLoc="left",
         bbox=(0.0, 0.23, 1.0, 0.77),
     )  # fmt: skip
     table.auto_set_font_size(False)
@@ -216,7 +216,8 @@ def _rows(setting: Setting) -> list[tuple[str, str, str]]:
     mm, a = 1e3, d.adjustment
     stress = f"{setting.stress / 1e6:.0f} of {setting.allowable / 1e6:.0f} MPa"
     return [
-        ("spring", "8", f"{s.name}: k = {s.rate:g} N/m, wire {mm * s.wire:g}, coil {mm * s.coil:g} mm, {s.coils:g} coils"),
+        ("spring", "8", f"{s.name}, k = {s.rate:g} N/m"),
+        ("its coils", "", f"{s.coils:g}, diameter {mm * s.coil:g} mm, wire {mm * s.wire:g} mm"),
         ("its length", "", f"free {mm * s.free_length:g}, set {mm * (s.free_length + d.preload):.1f} mm"),
         ("its preload", "", f"{mm * d.preload:.1f} mm, {d.spring_force:.1f} N"),
         ("its load", "", f"{low:.1f} to {high:.1f} N at {math.degrees(setting.amplitude):.3g}°, {stress}"),
@@ -238,11 +239,11 @@ def _title_block(ax: Any, setting: Setting) -> None:
     d = setting.design
     ax.add_patch(Rectangle((0, 0), 1, 0.20, transform=ax.transAxes, facecolor="none", edgecolor="black", linewidth=1.4))
     lines = [
-        f"Torsion {d.frequency:.4g} Hz, interface clamped (Eq. 24 with 1/2π, springs' tension included)",
+        f"Torsion {d.frequency:.4g} Hz, interface clamped (Eq. 24 with 1/2π, tension included)",
         f"Inertia about z {d.inertia:.4g} kg m², of which on the shaft J_h = {d.J_h:.3g} kg m²",
         f"Stiffness {d.stiffness:.4g} N m/rad; eight springs, k l² = {d.spring.rate * d.arm**2:.4g} N m",
     ]
-    ax.text(0.02, 0.17, d.title, transform=ax.transAxes, fontsize=12, weight="bold", va="center")
+    ax.text(0.02, 0.17, d.title, transform=ax.transAxes, fontsize=10.5, weight="bold", va="center")
     for text, y in zip(lines, itertools.count(0.12, -0.04), strict=False):
-        ax.text(0.02, y, text, transform=ax.transAxes, fontsize=9.5, va="center")
-    ax.text(0.98, 0.17, "to scale", transform=ax.transAxes, fontsize=9, ha="right", va="center", color=GREY)
+        ax.text(0.02, y, text, transform=ax.transAxes, fontsize=8.5, va="center")
+    ax.text(0.98, 0.04, "to scale", transform=ax.transAxes, fontsize=9, ha="right", va="center", color=GREY)

@@ -48,9 +48,7 @@ def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     ax.set_xlabel("amplitude, 0-to-peak [mN m]")
     ax.set_xscale("log")
     _plain_decades(ax.xaxis)
-    ax.legend(
-        loc="upper center", bbox_to_anchor=(0.4, -0.9 / (1.3 + 0.27 * len(rows))), ncols=5, fontsize=7, frameon=False
-    )
+    figure.legend(loc="outside lower center", ncols=5, fontsize=7, frameon=False)
     return figure
 
 
@@ -89,7 +87,8 @@ def histograms(results: Results, lines: Sequence[str], limit: float | None, band
             )
         _limit_in_milli(ax, limit, x)
         ax.set(title=line, xlabel="amplitude, 0-to-peak [mN m]", ylabel="cases")
-    axes[0].legend(fontsize=7)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7, frameon=False)
     return figure
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +12,8 @@ import numpy as np
 
 from microvib.app.campaign import plots
 from microvib.app.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
-from microvib.app.reports.pieces import count, drawn, given, number, short, study, torque
+from microvib.app.reports.pieces import count, drawn, given, number, plain, short, study, torque
+from microvib.model.scenario import Scenario
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.studies.campaign.statistics import (
@@ -144,12 +147,10 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
     front: list[Block] = [_lines(s)] if s.rows else []
     front += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
     sections = [
+        Section("Worst cases", tuple(_worst(s)), new_page=True),
         Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
         Section("How the figures are meant", (Text(_how_to_read(s)),)),
         *(Section(picture.title, (_block(picture),)) for picture in rest.values()),
-        Section(
-            "Worst cases", (Text(f"Each runs again alone: `microvib campaign case {campaign.folder} CASE`"), _worst(s))
-        ),
         *_failed(s.results),
         Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
     ]
@@ -176,7 +177,7 @@ def _facts(s: Summary) -> list[Fact]:
     top = s.rows[0]
     facts += [
         Fact(torque(top.p95.value), "largest line, 95 % of the cases below"),
-        Fact(torque(top.largest), "worst case"),
+        Fact(torque(top.largest), f"worst case, number {top.worst}"),
     ]
     if top.exceedance is not None and s.limit is not None:
         e = top.exceedance
@@ -229,14 +230,61 @@ def _varied(campaign: Campaign) -> Table:
     return table(["`key`", "how"], rows)
 
 
-def _worst(s: Summary) -> Table:
+def _worst(s: Summary) -> list[Block]:
+    """The cases with the largest lines and what is varied in them, a column each; the worst cases of every line."""
+    found = s.worst[ANY][:WORST]
+    if not found:
+        return [Text("No case is done.")]
     design = s.results.campaign.design
+    labels = [design.labels(case) for case, _ in found]
+    keys = [key for key in design.keys if any(key in x for x in labels)]
+    header = ["what", "unit", *(f"case {case} [1]" for case, _ in found), "scenario [1]"]
     rows = [
-        [line, str(case), milli(amplitude), "; ".join(f"{key} {text}" for key, text in design.labels(case).items())]
-        for line, found in s.worst.items()
-        for case, amplitude in found[:3]
+        ["largest line", "mN m", *(milli(amplitude) for _, amplitude in found), ""],
+        ["which line", "", *(_which(s, case, amplitude) for case, amplitude in found), ""],
+        *(_varied_row(design.base, key, [x.get(key, "") for x in labels]) for key in keys),
     ]
-    return table(["line", "case [1]", "amplitude [mN m]", "what is varied"], rows)
+    caption = "Cases with the largest lines, the worst first; scenario: what the study starts from."
+    again = (
+        f"Each case runs again alone: `microvib campaign case {campaign_name(s)} CASE`. All digits are in `worst.csv`."
+    )
+    return [table(header, rows, caption, {0: "strong"}), _worst_of_lines(s), Text(again, note=True)]
+
+
+def campaign_name(s: Summary) -> str:
+    """Name of the campaign's folder."""
+    folder = s.results.campaign.folder
+    return folder.name or str(folder)
+
+
+def _which(s: Summary, case: int, amplitude: float) -> str:
+    """Name of the line that is the largest of a case."""
+    return next((line for line, found in s.worst.items() if line != ANY and (case, amplitude) in found), "")
+
+
+def _varied_row(base: Scenario, key: str, labels: Sequence[str]) -> list[str]:
+    """A key, its unit, its values in some cases and in the scenario; figures with four digits."""
+    value, quantity = next(((v, q) for name, v, q in base.entries() if name == key), ("", None))
+    texts = [*labels, quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)]
+    parts = [_NUMBER.match(text) for text in texts]
+    units = {m[2] or "" for m in parts if m}
+    if len(units) != 1 or not all(parts):
+        return [key, "", *(short(text, 24) for text in texts)]
+    return [key, units.pop(), *(plain(float(m[1])) for m in parts if m)]
+
+
+_NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
+
+
+def _worst_of_lines(s: Summary) -> Table:
+    """The three worst cases of every line."""
+    rows = []
+    for line, found in s.worst.items():
+        cells = [cell for case, amplitude in found[:3] for cell in (str(case), milli(amplitude))]
+        rows.append([line, *cells, *[""] * (6 - len(cells))])
+    header = ["line", "worst case [1]", "its amplitude [mN m]", "second [1]", "its amplitude [mN m]", "third [1]",
+              "its amplitude [mN m]"]  # fmt: skip
+    return table(header, rows, "The worst cases of each line.", {0: "strong"})
 
 
 def _failed(results: Results) -> list[Section]:

@@ -10,7 +10,7 @@ import numpy as np
 from microvib.app import plots
 from microvib.app.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
 from microvib.app.reports.pieces import count, drawn, figure, given, milli, short, torque
-from microvib.app.reports.trust import failing
+from microvib.app.reports.trust import failing, invariants_sentence
 from microvib.signals.table import Line, LineTable
 from microvib.solve.motion import Motion
 from microvib.studies.margins import Judgement
@@ -80,7 +80,8 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
         ("Motion", _motion(motion)),
         ("Record", f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s"),
     ]
-    return rows + ([("Values", short(scenario.source, 160))] if scenario.source else [])
+    rows += [("Values", short(scenario.source, 160))] if scenario.source else []
+    return [*rows, ("Invariants", invariants_sentence(motion))]
 
 
 def _motion(motion: Motion) -> str:

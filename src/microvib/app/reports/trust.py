@@ -20,6 +20,13 @@ def failing(motion: Motion) -> list[str]:
     return [name for name, (bar, _) in _BARS.items() if not values[name] <= bar]
 
 
+def invariants_sentence(motion: Motion) -> str:
+    """Whether all invariants hold, with the two that say most."""
+    values, fails = vars(motion.invariants), failing(motion)
+    figures = f"momentum within {values['momentum']:.1e}, energy within {values['energy_mechanical']:.1e}"
+    return f"NOT all hold ({', '.join(fails)}); {figures}" if fails else f"all hold; {figures}"
+
+
 def trust_section(motion: Motion) -> Section:
     """Every invariant with its bar and verdict, and what they do not say."""
     values, fails = vars(motion.invariants), failing(motion)
