@@ -136,8 +136,11 @@ def test_good_channels_pass_and_short_ones_do_not():
 def test_units_of_another_kind_are_refused():
     with pytest.raises(RecordingError, match=r"channel Mz is in 'N', but N\*m"):
         Recording({"Mz": T}, RATE, {"Mz": "N"}, "made").in_si()
-    with pytest.raises(RecordingError, match="channel Fx is in 'lbf'; allowed are N, kN"):
-        Recording({"Fx": T}, RATE, {"Fx": "lbf"}, "made").in_si()
+    assert Recording({"Fx": T}, RATE, {"Fx": "lbf"}, "made").in_si()["Fx"] == pytest.approx(4.4482216 * T)
+    with pytest.raises(RecordingError, match=r"channel Fx is in 'mV', .* sensitivity: {Fx: 0.01 N/mV}"):
+        check(Recording({"Fx": T}, RATE, {"Fx": "mV"}, "made").in_si(), "Fx")
+    with pytest.raises(RecordingError, match=r"channel Mz has no unit; .* units: {Mz: N\*m}"):
+        check(Recording({"Mz": T}, RATE, {}, "made").in_si(), "Mz")
     assert Recording({"Fx": T}, RATE, {"Fx": "kN"}, "made").in_si()["Fx"] == pytest.approx(1e3 * T)
 
 

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-import csv
 import os
+import stat
 import tempfile
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from microvib.errors import MicrovibError, OutputError
-from microvib.io.hdf5 import Dataset, open_hdf5
-from microvib.io.matlab import read_matlab
+from microvib.io.formats import READERS, library
+from microvib.io.measured import Hints
 from microvib.io.scenario_file import read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.signals.preparation import Preparation
-from microvib.signals.recording import COMPONENTS, Recording, RecordingError, regular_rate, snapped_rate
+from microvib.signals.recording import COMPONENTS, Recording, RecordingError
+
+__all__ = [
+    "READERS",
+    "WRITERS",
+    "Prepared",
+    "check_output",
+    "load_preparation",
+    "read_prepared",
+    "read_recording",
+    "write_recording",
+]
 
 LARGEST = 2_000_000_000
 """Bytes of the largest recording that is read."""
@@ -30,34 +38,36 @@ LARGEST = 2_000_000_000
 def read_recording(path: Path | str, sample_rate: float | None = None) -> Recording:
     """Channels of a recording, in SI; the format follows from the file's ending. RecordingError says what is wrong.
 
-    ``sample_rate`` [Hz] is needed only where the file has no time axis.
+    ``sample_rate`` [Hz] is needed only where the file has no time axis, or contradicts itself.
     """
-    path = Path(path)
+    return _read(Path(path), Hints(sample_rate)).in_si()
+
+
+def _read(path: Path, hints: Hints) -> Recording:
+    """Channels in the units of the file."""
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise RecordingError(f"{path}: '{path.suffix}' is not known; recordings are read from {', '.join(READERS)}")
     try:
-        size = path.stat().st_size
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    if size > LARGEST:
-        raise RecordingError(f"{path}: has {size / 1e9:.1f} GB; recordings of at most {LARGEST / 1e9:g} GB are read")
+        facts = path.stat()
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not stat.S_ISREG(facts.st_mode):
+        raise RecordingError(f"{path}: is not a file")
+    if facts.st_size > LARGEST:
+        raise RecordingError(
+            f"{path}: has {facts.st_size / 1e9:.1f} GB; recordings of at most {LARGEST / 1e9:g} GB are read"
+        )
     try:
-        recording = reader(path, sample_rate)
+        return reader(path, hints)
     except MicrovibError as error:
         raise RecordingError(str(error)) from None
     except MemoryError:
         raise RecordingError(f"{path}: needs more memory than there is") from None
     except Exception as error:  # the libraries raise whatever they meet in a broken file
         raise RecordingError(
-            f"{path}: is broken or truncated, or not of its kind ({type(error).__name__}: {error})"
+            f"{path}: is broken or truncated, or not of its kind ({type(error).__name__}: {str(error)[:300]})"
         ) from None
-    if not recording.channels:
-        raise RecordingError(f"{path}: has no channels")
-    sizes = {name: x.size for name, x in recording.channels.items()}
-    if len(set(sizes.values())) > 1:
-        raise RecordingError(f"{path}: its channels differ in length: {sizes}")
-    return recording.in_si()
 
 
 @dataclass(frozen=True)
@@ -82,162 +92,18 @@ def read_prepared(path: Path | str, preparation: Preparation | None = None) -> P
     """A recording, and its background, after the steps of ``preparation``; RecordingError says what does not go."""
     if preparation is None:
         return Prepared(read_recording(path))
-    recording = preparation.apply(read_recording(path, preparation.sample_rate))
+    hints = Hints(preparation.sample_rate, preparation.time, preparation.units)
+    recording = preparation.apply(_read(Path(path), hints))
     if preparation.background is None:
         return Prepared(recording)
     whole = preparation.model_copy(update={"start": None, "stop": None})
-    background = whole.apply(read_recording(preparation.background, preparation.sample_rate))
+    background = whole.apply(_read(Path(preparation.background), hints))
     if background.sample_rate != recording.sample_rate:
         raise RecordingError(
             f"{background.title}: was sampled at {background.sample_rate:g} Hz and the recording at"
             f" {recording.sample_rate:g} Hz; a background needs the recording's sample rate"
         )
     return Prepared(recording, background)
-
-
-def _library(name: str, package: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError:
-        raise RecordingError(f"{package} is not installed; pip install 'microvib[test-data]'") from None
-
-
-def _read_uff(path: Path, sample_rate: float | None) -> Recording:
-    pyuff = _library("pyuff", "pyuff")
-    with path.open("rb") as stream:
-        stream.seek(max(path.stat().st_size - 200, 0))
-        if not stream.read().rstrip().endswith(b"-1"):  # each dataset ends so; the library drops one that does not
-            raise RecordingError(f"{path}: is truncated, or no UFF; its last dataset does not end with -1")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sets = pyuff.UFF(str(path)).read_sets()
-    sets = [s for s in (sets if isinstance(sets, list) else [sets]) if s.get("type") == 58]
-    if not sets:
-        raise RecordingError(f"{path}: has no dataset 58")
-    channels: dict[str, np.ndarray] = {}
-    units: dict[str, str] = {}
-    rates: set[float] = set()
-    notes: list[str] = []
-    for s in sets:
-        x = np.asarray(s["data"], dtype=float)
-        if x.size < int(s["num_pts"]):
-            raise RecordingError(
-                f"{path}: channel {s['id1'].strip()} is truncated, {x.size} of {int(s['num_pts'])} samples"
-            )
-        name = s["id1"].strip() or f"channel {len(channels) + 1}"
-        if name in channels:
-            raise RecordingError(f"{path}: channel {name} is there twice")
-        channels[name], units[name] = x, s.get("ordinate_axis_units_lab", "").strip()
-        if int(s.get("abscissa_spacing", 1)) == 1:
-            rate, note = snapped_rate(1.0 / float(s["abscissa_inc"]))
-        else:
-            rate, note = regular_rate(np.asarray(s["x"], dtype=float), str(path))
-        rates.add(rate)
-        notes.append(note)
-    if len(rates) > 1:
-        raise RecordingError(f"{path}: its channels have different sample rates: {sorted(rates)} Hz")
-    return Recording(channels, rates.pop(), units, str(path), tuple(dict.fromkeys(n for n in notes if n)))
-
-
-def _read_mat(path: Path, sample_rate: float | None) -> Recording:
-    return _from_arrays(path, {k: x for k, x in read_matlab(path).items() if isinstance(x, np.ndarray)}, sample_rate)
-
-
-def _read_netcdf(path: Path, sample_rate: float | None) -> Recording:
-    with open_hdf5(path) as root:
-        variables = {
-            name: x for name, x in root.members().items() if isinstance(x, Dataset) and x.numeric and len(x.shape) == 1
-        }
-        data = {name: x.numbers() for name, x in variables.items()}
-        units = {name: str(x.attribute("units") or "") for name, x in variables.items()}
-    if "T_d" in data and "Mz" not in data:  # a motion of ours: what a table would feel about the drive axis
-        data, units = {"time": data["time"], "Mz": data["T_d"]}, {"Mz": "N*m"}
-    return _from_arrays(path, data, sample_rate, units)
-
-
-def _from_arrays(
-    path: Path, data: dict[str, Any], rate: float | None, units: dict[str, str] | None = None
-) -> Recording:
-    """Equal-length vectors of a file; one called time or t is the time axis, a scalar fs or sample_rate the rate."""
-    arrays = {k: np.asarray(v, dtype=float) for k, v in data.items() if np.asarray(v).dtype.kind in "fiu"}
-    scalars = {k.lower(): float(v) for k, v in arrays.items() if v.size == 1}
-    vectors = {k: v for k, v in arrays.items() if v.ndim == 1 and v.size > 1}
-    axis = next((k for k in vectors if k.lower() in ("time", "t", "time [s]", "time_s")), None)
-    note = ""
-    if axis is not None:
-        rate, note = regular_rate(vectors.pop(axis), str(path))
-    else:
-        rate = rate or scalars.get("fs") or scalars.get("sample_rate")
-    if not rate:
-        raise RecordingError(
-            f"{path}: has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate in Hz"
-        )
-    longest = max((v.size for v in vectors.values()), default=0)
-    vectors = {k: v for k, v in vectors.items() if v.size == longest}
-    return Recording(vectors, float(rate), units or {}, str(path), (note,) if note else ())
-
-
-def _read_tdms(path: Path, sample_rate: float | None) -> Recording:
-    tdms = _library("nptdms", "npTDMS").TdmsFile.read(str(path))
-    channels, units, rates = {}, {}, set()
-    for group in tdms.groups():
-        for channel in group.channels():
-            channels[channel.name] = np.asarray(channel[:], dtype=float)
-            units[channel.name] = str(channel.properties.get("unit_string", ""))
-            if "wf_increment" in channel.properties:
-                rates.add(snapped_rate(1.0 / float(channel.properties["wf_increment"]))[0])
-    if len(rates) > 1:
-        raise RecordingError(f"{path}: its channels have different sample rates: {sorted(rates)} Hz")
-    if rates:
-        return Recording(channels, rates.pop(), units, str(path))
-    return _from_arrays(path, channels, sample_rate, units)
-
-
-def _read_csv(path: Path, sample_rate: float | None) -> Recording:
-    """A header row, an optional row of units, then numbers; separator and decimal comma are found out."""
-    text = path.read_text(encoding="utf-8-sig")
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if len(lines) < 10:
-        raise RecordingError(f"{path}: has {len(lines)} rows; a header and samples are wanted")
-    separator = max(";\t,", key=lambda s: min(line.count(s) for line in lines[:10]))
-    comma = separator != "," and "," in lines[-1]
-    names = [name.strip() for name in next(csv.reader([lines[0]], delimiter=separator))]
-    rows = lines[1:]
-    units: dict[str, str] = {}
-    if not _numbers(rows[0], separator, comma):
-        units = dict(
-            zip(names, (u.strip(" []") for u in next(csv.reader([rows[0]], delimiter=separator))), strict=False)
-        )
-        rows = rows[1:]
-    for k, name in enumerate(names):
-        if name.endswith("]") and "[" in name:
-            names[k], unit = (part.strip(" []") for part in name.split("[", 1))
-            units[names[k]] = unit
-    data = np.empty((len(rows), len(names)))
-    for k, row in enumerate(rows):
-        values = _numbers(row, separator, comma)
-        if values is None or len(values) != len(names):
-            raise RecordingError(f"{path}: row {k + 2} has not {len(names)} numbers: {row[:60]!r}")
-        data[k] = values
-    return _from_arrays(path, dict(zip(names, data.T, strict=True)), sample_rate, units)
-
-
-def _numbers(row: str, separator: str, comma: bool) -> list[float] | None:
-    try:
-        return [float(v.replace(",", ".") if comma else v) for v in row.split(separator)]
-    except ValueError:
-        return None
-
-
-READERS: dict[str, Callable[[Path, float | None], Recording]] = {
-    ".uff": _read_uff,
-    ".unv": _read_uff,
-    ".mat": _read_mat,
-    ".nc": _read_netcdf,
-    ".tdms": _read_tdms,
-    ".csv": _read_csv,
-    ".txt": _read_csv,
-}
 
 
 def check_output(path: Path) -> None:
@@ -270,7 +136,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 
 
 def _write_uff(recording: Recording, path: Path) -> None:
-    pyuff = _library("pyuff", "pyuff")
+    pyuff = library("pyuff", "pyuff")
     t = np.arange(recording.samples) / recording.sample_rate
     for name, x in recording.channels.items():
         data = {
@@ -291,14 +157,17 @@ def _write_uff(recording: Recording, path: Path) -> None:
 
 
 def _write_mat(recording: Recording, path: Path) -> None:
-    data = {"fs": recording.sample_rate, **{name: np.asarray(x) for name, x in recording.channels.items()}}
-    _library("scipy.io", "scipy").savemat(path, data, oned_as="column")
+    units = {name: unit for name, unit in recording.units.items() if unit}
+    data = {"fs": recording.sample_rate, "units": units} | {
+        name: np.asarray(x) for name, x in recording.channels.items()
+    }
+    library("scipy.io", "scipy").savemat(path, data, oned_as="column")
 
 
 def _write_csv(recording: Recording, path: Path) -> None:
     t = np.arange(recording.samples) / recording.sample_rate
     names = list(recording.channels)
-    header = ",".join(["time", *names]) + "\n" + ",".join(["s", *(recording.units.get(n, "") or "1" for n in names)])
+    header = ",".join(["time", *names]) + "\n" + ",".join(["s", *(recording.units.get(n, "") or "-" for n in names)])
     np.savetxt(
         path, np.column_stack([t, *recording.channels.values()]), delimiter=",", header=header, comments="", fmt="%.12g"
     )

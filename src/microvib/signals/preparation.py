@@ -9,16 +9,22 @@ import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part, Six
+from microvib.signals.channels import as_load, is_time, is_unit, load_per, per
 from microvib.signals.recording import COMPONENTS, Recording, RecordingError
-from microvib.units import Quantity, convert
+from microvib.units import Quantity
 
 
 class Preparation(Part):
     """Steps from a file's channels to the six components in the drive's frame, in the order of the keys."""
 
     sample_rate: Annotated[float, Quantity("Hz", "sample rate, where the file has no time axis", gt=0)] | None = None
+    time: str | None = Field(default=None, max_length=200, description="name of the column that is the time axis")
     units: dict[str, str] = Field(
         default_factory=dict, description="unit of a channel of the file, or what one count of it stands for ('20 N')"
+    )
+    sensitivity: dict[str, str] = Field(
+        default_factory=dict,
+        description="what one unit of a channel stands for ('0.5 N*m/V'), or the reverse ('2 mV/N')",
     )
     channels: dict[str, str] = Field(
         default_factory=dict, description="component: channel of the file, with a minus sign to turn it round"
@@ -41,8 +47,9 @@ class Preparation(Part):
     )
 
     def apply(self, recording: Recording) -> Recording:
-        """The prepared recording, in SI; RecordingError where a step does not go with it."""
-        recording = _in_units(recording, self.units)
+        """The prepared recording, in SI, of one in its file's units; RecordingError where a step does not go with it."""
+        recording = _in_units(recording, {name: text for name, text in self.units.items() if name != self.time})
+        recording = _scaled(recording, self.sensitivity)
         if self.channels:
             recording = recording.mapped(self.channels)
         recording = recording.in_si()
@@ -60,30 +67,45 @@ class Preparation(Part):
 
 
 def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
-    """Counts to units, where a channel's unit is missing, wrong, or a number of units to the count."""
+    """Channels in other units than their file says, or by how many units a count stands for; that of its time axis was minded."""
     channels, units = dict(recording.channels), dict(recording.units)
     for name, text in given.items():
+        if name not in channels and is_time(name):
+            continue
         values = recording[name]
-        number = re.match(r"\s*[+-]?[\d.]", text)
-        if number is None:
+        if re.match(r"\s*[+-]?[\d.]", text) is None:
+            if not is_unit(text):
+                raise RecordingError(
+                    f"{recording.title}: units.{name}: '{text}' is not a unit; write it such as N*m, mV or counts"
+                )
             units[name] = text
             continue
-        kinds = {"N": "N", "N*m": "N*m"}
-        for unit in kinds:
-            try:
-                channels[name], units[name] = values * convert(text, unit), unit
-                break
-            except ValueError:
-                continue
-        else:
+        found = as_load(text)
+        if found is None:
             raise RecordingError(
                 f"{recording.title}: units.{name}: '{text}' is neither a force nor a torque to the count"
             )
+        channels[name], units[name] = values * found[0], found[1]
     return recording if not given else recording.noted(f"units {given}", channels=channels, units=units)
 
 
+def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
+    """Volts, charges or counts to loads."""
+    channels, units = dict(recording.channels), dict(recording.units)
+    for name, text in given.items():
+        values, unit = recording[name], per(units.get(name, "").strip())
+        found = load_per(text, unit)
+        if found is None:
+            raise RecordingError(
+                f"{recording.title}: sensitivity.{name}: '{text}' does not go with a channel in {unit}; write it such as"
+                f" 0.01 N*m/{unit} or 100 {unit}/(N*m)"
+            )
+        channels[name], units[name] = values * found[0], found[1]
+    return recording if not given else recording.noted(f"sensitivity {given}", channels=channels, units=units)
+
+
 def _six(recording: Recording) -> np.ndarray:
-    return np.array([recording[name] for name in COMPONENTS])
+    return np.array([recording.load(name) for name in COMPONENTS])
 
 
 def _with_six(recording: Recording, six: np.ndarray, note: str) -> Recording:

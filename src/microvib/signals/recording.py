@@ -9,21 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from microvib.errors import MicrovibError
+from microvib.signals.channels import LOADS, as_load, in_yaml, per
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-UNITS = {
-    "N": 1.0,
-    "kN": 1e3,
-    "mN": 1e-3,
-    "N*m": 1.0,
-    "Nm": 1.0,
-    "N m": 1.0,
-    "N.m": 1.0,
-    "mN*m": 1e-3,
-    "mNm": 1e-3,
-    "kN*m": 1e3,
-}
-"""Units of table channels and their factor to N and N m."""
 
 
 class RecordingError(MicrovibError):
@@ -32,7 +20,7 @@ class RecordingError(MicrovibError):
 
 @dataclass(frozen=True)
 class Recording:
-    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; six components in N and N m after ``in_si``."""
+    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; forces and torques in N and N m after ``in_si``."""
 
     channels: Mapping[str, np.ndarray]
     sample_rate: float
@@ -61,21 +49,38 @@ class Recording:
         return replace(self, notes=(*self.notes, note), **changes)  # type: ignore[arg-type]
 
     def in_si(self) -> Recording:
-        """Forces in N, torques in N m; RecordingError where a component's unit is another kind of quantity."""
+        """Forces in N, torques in N m; what is neither keeps its unit. RecordingError where a component is the other of the two."""
         channels, units = dict(self.channels), dict(self.units)
         for name in channels:
             unit = units.get(name, "").strip()
-            if name not in COMPONENTS or not unit:
+            found = as_load(f"1 {unit}") if unit else None
+            if found is None:
                 continue
-            if unit not in UNITS:
-                raise RecordingError(f"{self.title}: channel {name} is in '{unit}'; allowed are {', '.join(UNITS)}")
+            factor, si = found
             wanted = "N" if name.startswith("F") else "N*m"
-            if ("m" in unit.removeprefix("m")) != (wanted == "N*m"):
+            if name in COMPONENTS and si != wanted:
                 raise RecordingError(
-                    f"{self.title}: channel {name} is in '{unit}', but {wanted} or a part of it is wanted"
+                    f"{self.title}: channel {name} is in '{unit}', but {wanted} or a part of it is expected"
                 )
-            channels[name], units[name] = channels[name] * UNITS[unit], wanted
+            channels[name], units[name] = channels[name] * factor, si
         return replace(self, channels=channels, units=units)
+
+    def load(self, name: str) -> np.ndarray:
+        """A force [N] or a torque [N m] after ``in_si``; RecordingError says what the preparation must add where it is neither."""
+        x, unit = self[name], self.units.get(name, "").strip()
+        if unit in LOADS:
+            return x
+        example = "N" if name.startswith("F") else "N*m"
+        if not unit:
+            raise RecordingError(
+                f"{self.title}: channel {name} has no unit; add it to the preparation file (--prepare):"
+                f" units: {{{in_yaml(name)}: {example}}}"
+            )
+        raise RecordingError(
+            f"{self.title}: channel {name} is in '{unit}', which is neither a force nor a torque; add to the preparation file"
+            f" (--prepare) what it stands for, such as sensitivity: {{{in_yaml(name)}: 0.01 {example}/{per(unit)}}}, or its right"
+            f" unit, units: {{{in_yaml(name)}: {example}}}"
+        )
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
         """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to turn it round."""
@@ -90,7 +95,7 @@ class Recording:
         matrix = np.asarray(matrix, dtype=float)
         if matrix.shape != (6, 6) or not np.all(np.isfinite(matrix)) or np.linalg.cond(matrix) > 1e6:
             raise RecordingError(f"{self.title}: the cross-talk matrix must be 6 x 6, finite and invertible")
-        loads = np.linalg.solve(matrix, np.array([self[name] for name in COMPONENTS]))
+        loads = np.linalg.solve(matrix, np.array([self.load(name) for name in COMPONENTS]))
         channels = dict(self.channels) | dict(zip(COMPONENTS, loads, strict=True))
         return self.noted("cross-talk matrix applied", channels=channels)
 
@@ -122,10 +127,10 @@ class Recording:
 def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     """Refuse a channel that cannot be analysed.
 
-    RecordingError where it has NaN, is constant, clipped, has runs of repeated samples (drop-outs) or is shorter than
-    ``shortest`` [s].
+    RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs of repeated samples
+    (drop-outs) or is shorter than ``shortest`` [s].
     """
-    x = recording[name]
+    x = recording.load(name)
     where = f"{recording.title}: channel {name}"
     if x.size == 0:
         raise RecordingError(f"{where} is empty")
@@ -172,11 +177,16 @@ def regular_rate(t: np.ndarray, where: str) -> tuple[float, str]:
     number of hertz, that number is meant.
     """
     if t.size < 8 or not np.all(np.isfinite(t)):
-        raise RecordingError(f"{where}: a time axis of at least 8 finite values is wanted")
+        raise RecordingError(f"{where}: a time axis of at least 8 finite values is expected")
     steps = np.diff(t)
     typical = float(np.median(steps))
-    if typical <= 0.0:
-        raise RecordingError(f"{where}: time does not increase")
+    if typical <= 0.0 and t[-1] > t[0] and np.all(steps >= 0.0):
+        raise RecordingError(
+            f"{where}: its time axis has too few digits to tell the samples apart; write more digits, or leave the axis out and add"
+            " sample_rate to the preparation file (--prepare)"
+        )
+    if typical <= 0.0 or np.any(steps < -0.5 * typical):
+        raise RecordingError(f"{where}: its time axis does not increase throughout")
     gaps = np.flatnonzero(steps > 1.5 * typical)
     if gaps.size:
         missing = round(float((steps[gaps] / typical - 1).sum()))
@@ -192,7 +202,9 @@ def regular_rate(t: np.ndarray, where: str) -> tuple[float, str]:
 
 
 def snapped_rate(rate: float) -> tuple[float, str]:
-    """A whole number of hertz where ``rate`` is within 1e-5 of one, and a note that says so."""
+    """A whole number of hertz where ``rate`` is within 1e-5 of one, and a note that says so; a rate that is not finite as it is."""
+    if not math.isfinite(rate):
+        return rate, ""
     whole = float(round(rate))
     if whole > 0.0 and rate != whole and abs(rate / whole - 1.0) < 1e-5:
         return whole, f"sample rate {rate:.6f} Hz of the time axis read as {whole:g} Hz"

@@ -1,0 +1,186 @@
+"""Tables of numbers as text: separator, decimal mark, header, units and lines on top are found out."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from microvib.io.measured import Column, Hints, recording_of
+from microvib.signals.channels import in_yaml, is_unit, named_unit
+from microvib.signals.recording import Recording, RecordingError
+from microvib.units import convert
+
+FEWEST_ROWS = 8
+LONGEST_TOP = 500
+"""Lines that may stand above the numbers."""
+_FORMS = (("\t", "."), (";", "."), (",", "."), (None, "."), ("\t", ","), (";", ","), (None, ","))
+"""Separators (None: blanks) and decimal marks, in the order in which they are tried."""
+_NUMBER = re.compile(
+    r"\s*\"?\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*\"?\s*|\s*\"?[+-]?(nan|inf|infinity)\"?\s*", re.IGNORECASE
+)
+_RATE = re.compile(
+    r"\W*(?:sampl\w*|abtast\w*)[ _-]*(?:rate|freq\w*|frequenz)[^\d]*?(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\W*([kM]?(?:Hz|S/s))?\W*",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class _Form:
+    separator: str | None
+    decimal: str
+
+    def split(self, line: str) -> list[str]:
+        """Fields of a line; the empty one after a separator at its end does not count."""
+        if self.separator is None:
+            return line.split()
+        fields = next(csv.reader([line], delimiter=self.separator)) if '"' in line else line.split(self.separator)
+        return fields[:-1] if len(fields) > 1 and not fields[-1].strip() else fields
+
+    def numbers(self, line: str) -> int:
+        """How many numbers the line has; 0 where it has anything else."""
+        fields = self.split(line)
+        other = "," if self.decimal == "." else "."
+        return len(fields) if all(_NUMBER.fullmatch(x) and other not in x for x in fields) else 0
+
+
+def read_delimited(path: Path, hints: Hints) -> Recording:
+    """Recording of a text file; RecordingError says which row or column is wrong, or what the preparation must add."""
+    text = _text(path)
+    lines = [line for line in text.splitlines() if line.strip()]
+    form, first, width = _layout(path, lines)
+    top = [line.lstrip("#%").strip(" ") for line in lines[:first]]
+    names, units, headed = _header(top, form, width)
+    body = [line.rstrip(form.separator) for line in lines[first:] if not line.startswith("#")]
+    last = body[-1] if not text.endswith(("\n", "\r")) else None
+    data = _values(path, body, form, width, names)
+    notes = []
+    if last is not None and _doubtful(path, [form.split(line)[-1] for line in body[-2000:]]):
+        data = data[:-1]
+        notes.append("the last row has no end of line and may be cut off: it was left out")
+    rates = _rates(top)
+    columns = [Column(name, data[:, k], units[k], rates) for k, name in enumerate(names)]
+    if not headed and hints.time is None and not rates and hints.sample_rate is None:
+        raise RecordingError(
+            f"{path}: has no header; its columns are called {names[0]} to {names[-1]}; add to the preparation file (--prepare) what"
+            f" they are, such as time: {names[0]}, units: {{{in_yaml(names[0])}: s, {in_yaml(names[-1])}: N*m}}, channels: {{Mz:"
+            f" {in_yaml(names[-1])}}}; without a time axis, sample_rate: 4096 Hz"
+        )
+    return recording_of(path, columns, hints, notes)
+
+
+def _text(path: Path) -> str:
+    data = path.read_bytes()
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16")
+    if b"\0" in data[:4096]:
+        raise RecordingError(f"{path}: is not text")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")  # as older test software writes its units
+
+
+def _layout(path: Path, lines: Sequence[str]) -> tuple[_Form, int, int]:
+    """Form of the rows, the first of them, and how many numbers each has; from where rows of equal length come."""
+    for separator, decimal in _FORMS:
+        form = _Form(separator, decimal)
+        counts = [form.numbers(line) for line in lines[: LONGEST_TOP + FEWEST_ROWS]]
+        for first in range(max(len(counts) - FEWEST_ROWS + 1, 0)):
+            if counts[first] and len(set(counts[first : first + FEWEST_ROWS])) == 1:
+                return form, first, counts[first]
+    raise RecordingError(
+        f"{path}: has no {FEWEST_ROWS} rows of numbers below each other in its first {LONGEST_TOP} lines; expected are rows of"
+        " equal length, separated by commas, semicolons, tabs or blanks, times in seconds and not as dates"
+    )
+
+
+def _header(top: Sequence[str], form: _Form, width: int) -> tuple[list[str], list[str], bool]:
+    """Names and units of the columns, and whether the file names them."""
+    none = [f"column {k + 1}" for k in range(width)]
+    rows = [[field.strip().strip('"').strip() for field in form.split(line)] for line in top[-2:]]
+    if form.separator is None:  # blanks separate names from units, too
+        rows = [row for row in rows if len(row) == width]
+    padded = [row + [""] * (width - len(row)) for row in rows]
+    if not rows or len(rows[-1]) > width or not any(rows[-1]):
+        return none, [""] * width, False
+    below = padded[-1]
+    if (
+        len(rows) == 2
+        and len(rows[0]) in (width, width - 1)
+        and all(not x or x in ("-", "1") or is_unit(x) for x in below)
+    ):
+        named = [named_unit(x) for x in padded[0]]
+        units = [u.strip(" []()") if u not in ("-", "1") else "" for u in below]
+        return (
+            [n or none[k] for k, (n, _) in enumerate(named)],
+            [u or v for u, (_, v) in zip(units, named, strict=True)],
+            True,
+        )
+    if len(rows[-1]) != width or any(form.numbers(x) and x for x in below):
+        return none, [""] * width, False
+    found = [named_unit(x) for x in below]
+    return [n or none[k] for k, (n, _) in enumerate(found)], [u for _, u in found], True
+
+
+def _values(path: Path, body: list[str], form: _Form, width: int, names: Sequence[str]) -> np.ndarray:
+    """The numbers, (rows, columns); RecordingError names the first row that is cut off or has anything else."""
+    clean = [line.replace('"', "").replace(",", ".") if form.decimal == "," else line.replace('"', "") for line in body]
+    try:
+        data = np.loadtxt(clean, delimiter=form.separator, comments=None, ndmin=2)
+    except ValueError:
+        data = np.empty((0, 0))
+    if data.shape == (len(body), width):
+        return data
+    for k, line in enumerate(body):
+        fields = form.split(line)
+        last = k == len(body) - 1
+        if len(fields) != width:
+            what = "; the file is truncated" if last and len(fields) < width else ""
+            raise RecordingError(
+                f"{path}: row {k + 1} of its numbers has {len(fields)} of {width} columns: {line[:60]!r}{what}"
+            )
+        for name, field in zip(names, fields, strict=True):
+            if not form.numbers(field):
+                raise RecordingError(
+                    f"{path}: row {k + 1} of its numbers, {name}: {field.strip()[:40]!r} is not a number"
+                )
+    raise RecordingError(f"{path}: has rows that are not {width} numbers")
+
+
+def _doubtful(path: Path, texts: Sequence[str]) -> bool:
+    """Whether the last of these numbers, which no end of line follows, may have lost digits; RecordingError where it has.
+
+    Numbers with the same count of decimals show it; with others, one that is shorter than all but a hundredth of them.
+    """
+    whole = [x.strip().strip('"').replace(",", ".") for x in texts]
+    parts = [re.split("[eE]", x) for x in whole]
+    decimals = [len(p[0].partition(".")[2]) for p in parts]
+    digits = [len(re.sub(r"\D", "", p[0]).lstrip("0")) for p in parts]
+    exponents = [len(p[1].lstrip("+-")) for p in parts[:-1] if len(p) > 1]
+    fixed = len(set(decimals[:-1])) == 1 and decimals[0] > 0
+    cut = decimals[-1] != decimals[0] if fixed else digits[-1] < float(np.quantile(digits[:-1], 0.01))
+    if len(parts[-1]) > 1:
+        cut |= len(parts[-1][1].lstrip("+-")) < min(exponents, default=1)
+    elif len(exponents) == len(parts) - 1:
+        cut = True
+    if cut:
+        raise RecordingError(
+            f"{path}: is truncated; its last number, {whole[-1]!r}, has fewer digits than the others and no end of line"
+        )
+    return not any(decimals)
+
+
+def _rates(top: Sequence[str]) -> dict[str, float]:
+    """Sample rates [Hz] that the lines on top say, such as ``Sample rate: 4096 Hz``."""
+    found = {}
+    for line in top:
+        said = _RATE.fullmatch(line.strip())
+        if said:
+            unit = (said[2] or "Hz").replace("S/s", "Hz")
+            found[f"the line '{line.strip()[:40]}'"] = float(said[1].replace(",", ".")) * convert(f"1 {unit}", "Hz")
+    return found
