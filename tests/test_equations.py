@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import microvib as mv
 from microvib.model.friction import Friction, SlipRing
 from microvib.model.sas import spring_rate_times_arm_squared, torsion_frequency
 from microvib.solve.command import Command
@@ -112,3 +113,19 @@ def equations_named_in(path: Path) -> set[int]:
     groups = re.findall(r"Eq\. ([\d, -]+)", path.read_text())
     ranges = re.findall(r"(\d+)(?:-(\d+))?", " ".join(groups))
     return {n for first, last in ranges for n in range(int(first), int(last or first) + 1)}
+
+
+def test_many_coupled_modes_are_those_of_the_whole_eigenproblem(state_1, monkeypatch):
+    modes = [
+        {"frequency": f"{3 * k} Hz", "damping": 0.01, "effective_inertia": f"{4 / k**1.5} kg*m^2"}
+        for k in range(1, 121)
+    ]
+    scenario = state_1.with_({"array.modes": modes, "array.inertia": "15 kg*m^2", "array.rigid_inertia": None})
+    exact = mv.coupled_modes(scenario)
+    monkeypatch.setattr("microvib.model.linear.MANY", 40)
+    near = mv.coupled_modes(scenario)
+    assert [m.name for m in near] == [m.name for m in exact]
+    assert near != exact
+    for a, b in zip(near, exact, strict=True):
+        assert a.frequency == pytest.approx(b.frequency, rel=1e-4), b
+        assert a.damping == pytest.approx(b.damping, rel=0.02), b
