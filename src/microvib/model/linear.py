@@ -8,9 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from microvib.model.array import Array
+from microvib.model.friction import Friction
+from microvib.model.motor import Motor
+from microvib.model.reducer import Reducer
 from microvib.model.scenario import Scenario
 
 MANY = 300
@@ -30,15 +35,20 @@ class CoupledMode:
 
 def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if rigid), eta (Eq. 16-18)."""
-    array, reducer, motor = scenario.array, scenario.reducer, scenario.motor
+    return _matrices(scenario.motor, scenario.reducer, scenario.friction, scenario.array)
+
+
+def _matrices(
+    motor: Motor, reducer: Reducer, friction: Friction, array: Array
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     H, s = array.H, len(array.modes)
     h, spring = reducer.ratio, motor.electromagnetic_stiffness
     J_out = reducer.output_inertia + array.inertia
     M, C, K = (np.zeros((2 + s, 2 + s)) for _ in range(3))
-    M[0, 0], M[1, 1] = scenario.rotor_inertia, J_out
+    M[0, 0], M[1, 1] = motor.rotor_inertia + reducer.wave_generator_inertia, J_out
     M[1, 2:] = M[2:, 1] = H
     M[2:, 2:] = np.eye(s)
-    C[0, 0], C[1, 1] = motor.friction.viscous, scenario.friction.viscous
+    C[0, 0], C[1, 1] = motor.friction.viscous, friction.viscous
     C[2:, 2:] = np.diag(array.D)
     K[0, 0] = spring
     K[2:, 2:] = np.diag(array.Lambda)
@@ -104,19 +114,24 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
     of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
     """
-    M, C, K = matrices(scenario)
-    n, s = M.shape[0], len(scenario.array.modes)
+    return _coupled_modes(scenario.motor, scenario.reducer, scenario.friction, scenario.array)
+
+
+@lru_cache(maxsize=16)
+def _coupled_modes(motor: Motor, reducer: Reducer, friction: Friction, array: Array) -> tuple[CoupledMode, ...]:
+    M, C, K = _matrices(motor, reducer, friction, array)
+    n, s = M.shape[0], len(array.modes)
     values, vectors = _eigenvalues_of_many(M, C, K) if s > MANY else _eigenvalues(M, C, K)
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:, keep]
     elastic = np.sum(vectors.conj() * (K @ vectors), axis=0).real
-    share = scenario.array.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
+    share = array.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
     # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as the array's modes do.
     by_share = np.argsort(-share, kind="stable")
     array_columns = sorted(by_share[:s], key=lambda c: abs(values[c]))
-    order = np.argsort(scenario.array.Lambda, kind="stable")
+    order = np.argsort(array.Lambda, kind="stable")
     modes = {
-        int(k): _mode(f"array_mode_{k + 1}", values[c], scenario.array.modes[int(k)].frequency)
+        int(k): _mode(f"array_mode_{k + 1}", values[c], array.modes[int(k)].frequency)
         for k, c in zip(order, array_columns, strict=False)
     }
     rest = sorted((values[c] for c in by_share[s:]), key=abs)
