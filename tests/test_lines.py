@@ -1,5 +1,8 @@
 """Line estimation on made signals, whose truth is known."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +10,7 @@ from hypothesis import strategies as st
 
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.signals.lines import estimate_lines, figures_at_known_clock, lines_at_known_clock
+from microvib.signals.orders import Orders
 from microvib.signals.spectrum import amplitude_spectrum, tone_amplitude
 
 RATE, SAMPLES = 4096.0, 65536
@@ -113,8 +117,8 @@ def test_tone_amplitude_between_bins():
 def test_stated_uncertainties_cover_the_truth():
     lines = [
         expect("array_mode_1", 1.15, "array mode", 0.03),
-        expect("full_step_1", 10 / 3),
-        *(expect(f"drive_{k}", 160 / 3 * k) for k in (1, 2, 3)),
+        expect("full_step_1", 10 / 3, width=0.02),
+        *(expect(f"drive_{k}", 160 / 3 * k, width=0.32 * k) for k in (1, 2, 3)),
     ]
     ratio, sigma = 1.0003, 0.07
     tones = {
@@ -170,3 +174,119 @@ def test_what_is_refused_has_a_nearest_bin_and_nothing_else():
     assert np.isfinite(figures.bin_amplitude).all()
     for values in (figures.frequency, figures.amplitude, figures.phase, figures.decay, figures.floor):
         assert np.isnan(values).tolist() == [False, True]
+
+
+DRIVE = 14.505
+
+
+def clocked(width: float = 0.0, microsteps: int = 16) -> list[ExpectedLine]:
+    """The lines of a clock, searched within a part ``width`` of their frequencies."""
+    lines = [expect(f"drive_{k}", k * DRIVE, "drive", width * k * DRIVE) for k in range(1, 6)]
+    full = DRIVE / microsteps
+    for k in (1, 2, 3):
+        origin = f"full step, order {k}"
+        lines.append(
+            ExpectedLine(
+                f"full_step_{k}", "full step", k * full, k * full * (1 - width), k * full * (1 + width), origin
+            )
+        )
+    return lines
+
+
+def sum_of(tones: dict[float, float]) -> np.ndarray:
+    return sum((a * np.cos(2 * np.pi * f * T + f) for f, a in tones.items()), np.zeros(SAMPLES))
+
+
+@pytest.mark.parametrize(("width", "ratio"), [(0.0, 1.0), (0.02, 1.0), (0.02, 1.013)])
+def test_an_unlisted_line_beside_a_listed_one_captures_neither_it_nor_the_clock(width, ratio):
+    truth = {f"drive_{k}": 0.03 / k for k in range(1, 6)} | {"full_step_1": 0.00019, "full_step_2": 0.02}
+    lines = clocked(width)
+    at = {line.name: ratio * line.frequency for line in lines}
+    beside = at["full_step_1"] + 1.4 / 16
+    table = estimate_lines(sum_of({at[name]: a for name, a in truth.items()} | {beside: 0.151}), RATE, lines)
+    assert table.clock_ratio == pytest.approx(ratio, abs=1e-7)
+    for name, amplitude in truth.items():
+        assert table[name].status == "ok"
+        assert table[name].amplitude_n_m == pytest.approx(amplitude, rel=1e-3)
+    assert table["other_1"].frequency_hz == pytest.approx(beside, abs=1e-5)
+    assert table["other_1"].amplitude_n_m == pytest.approx(0.151, rel=1e-4)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.02])
+@pytest.mark.parametrize("apart", [0.3, 0.45, -0.6])
+def test_a_line_that_another_within_a_bin_hides_makes_no_claim(width, apart):
+    lines = clocked(width)
+    at = {line.name: line.frequency for line in lines}
+    tones = {at[f"drive_{k}"]: 0.03 / k for k in range(1, 6)} | {
+        at["full_step_2"]: 0.01,
+        at["full_step_2"] + apart / 16: 0.04,
+    }
+    table = estimate_lines(sum_of(tones), RATE, lines)
+    assert table["full_step_2"].status == "not separable from an unlisted line within a bin, or not steady"
+    assert np.isnan(table["full_step_2"].amplitude_n_m)
+    assert table["drive_3"].amplitude_n_m == pytest.approx(0.01, rel=1e-4)
+
+
+def test_at_random_distances_what_is_ok_is_within_its_uncertainty():
+    random, hits = np.random.default_rng(7), []
+    for searched in (False, True) * 12:
+        lines = clocked(0.02 if searched else 0.0)
+        ratio = 1.0 + random.uniform(-0.015, 0.015) * searched
+        truth = {line.name: (ratio * line.frequency, 10 ** random.uniform(-2, 0)) for line in lines}
+        tones = dict(truth.values())
+        for name in random.choice(list(truth), 2):
+            tones[truth[name][0] + random.choice([-1, 1]) * random.uniform(0.3, 6.0) / 16] = 10 ** random.uniform(-2, 0)
+        x = sum_of(tones) + random.normal(0.0, 10 ** random.uniform(-5, -2), SAMPLES)
+        table = estimate_lines(x, RATE, lines)
+        for name, (_, amplitude) in truth.items():
+            if table[name].status == "ok":
+                hits.append(abs(table[name].amplitude_n_m - amplitude) < 3 * table[name].amplitude_uncertainty_n_m)
+    assert len(hits) > 170
+    assert np.mean(hits) > 0.97
+
+
+@pytest.mark.parametrize("pair", ["modes", "clock"])
+@pytest.mark.parametrize("distance", [2.6, 4.0])
+def test_uncertainties_of_lines_near_each_other_cover_the_truth(pair, distance):
+    benchmark = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "lines.py"))
+    found = benchmark["coverage"](pair, distance, noise=0.2, fold=1.0, records=60)
+    assert found.claimed > 0.7
+    assert found.amplitude > 0.9
+    assert found.frequency > 0.88
+
+
+def test_a_subharmonic_is_not_an_array_mode():
+    fifth = DRIVE / 16 / 5 * 6  # 6/5 of the full step, in the band of the mode
+    lines = [*clocked(), expect("array_mode_2", fifth + 0.01, "array mode", 0.05)]
+    tones = {k * DRIVE: 0.03 / k for k in range(1, 6)} | {fifth: 0.02}
+    table = estimate_lines(sum_of(tones), RATE, lines)
+    assert table["array_mode_2"].status == "not separable from 6/5 of the full step"
+    assert table["other_1"].origin == "6/5 of the full step"
+    assert table["other_1"].amplitude_n_m == pytest.approx(0.02, rel=1e-4)
+    ringing = sum_of({k * DRIVE: 0.03 / k for k in range(1, 6)}) + 0.02 * np.exp(-0.05 * T) * np.cos(
+        2 * np.pi * fifth * T
+    )
+    assert estimate_lines(ringing, RATE, lines)["array_mode_2"].status == "decaying"
+
+
+@pytest.mark.parametrize(
+    ("order", "name"),
+    [
+        (9 / 16, "full step, order 9"),
+        (7.0, "order 7 of the driving frequency"),
+        (1.25 / 16, "electrical period, order 5"),
+        (1.2, "6/5 of the driving frequency"),
+        (11 / 3 / 16, "11/3 of the full step"),
+        (9.137 / 16, "no simple order of the driving frequency"),
+    ],
+)
+def test_names_of_unlisted_lines_follow_from_the_orders_of_the_clock(order, name):
+    table = estimate_lines(sum_of({k * DRIVE: 0.03 / k for k in range(1, 6)} | {order * DRIVE: 0.02}), RATE, clocked())
+    assert table["other_1"].origin == name
+    assert table["other_1"].frequency_hz == pytest.approx(order * DRIVE, abs=1e-6)
+
+
+def test_an_order_that_any_frequency_is_near_names_nothing():
+    slow = Orders(drive=10.0 / 16, full_step=10.0 / 256)  # full steps 0.6 bins apart
+    assert slow.name(3.0 * 10.0 / 256, within=0.05 / 16) is None
+    assert slow.name(3.0 * 10.0 / 16, within=0.05 / 16) == "order 3 of the driving frequency"

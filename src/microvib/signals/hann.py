@@ -19,8 +19,6 @@ FAR = 400
 """Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
 _ABOUT = (4, 20)
 """Bins on each side of a line, from and to, that its floor is of."""
-ROOM = _ABOUT[1] + 4
-"""Bins beyond its band that the fit of a mode may look at: the margins of its peak and of its frequency, and the floor."""
 _DEPENDENT = 1e-12
 """Square of the part of a column that the columns before it leave, below which it is made up of them."""
 COMPILE: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
@@ -187,16 +185,6 @@ def amplitudes(cycles, decay, values, table):
 
 
 @njit(**COMPILE)
-def take_out(cycles, decay, amplitude, k, values, table):
-    """Take one tone out of ``values``, from those of the bins ``k`` where it stands out of rounding."""
-    centre = round(cycles)
-    first, last = np.searchsorted(k, centre - FAR), np.searchsorted(k, centre + FAR + 1)
-    known = tone(cycles, decay, amplitude, k[first:last], table)
-    for i in range(known.size):
-        values[k[first + i]] -= known[i]
-
-
-@njit(**COMPILE)
 def floor(cycles, values):
     """Median amplitude of the bins 4 to 20 away from one tone."""
     centre = round(cycles)
@@ -237,76 +225,3 @@ def peak(low, high, margin, values):
     side, neighbour = (1.0, right) if right >= left else (-1.0, left)
     ratio = neighbour / centre if centre > 0.0 else 0.0
     return best + side * (2.0 * ratio - 1.0) / (ratio + 1.0), centre
-
-
-@njit(**COMPILE)
-def fit_modes(clock, expected, low, high, detection, room, values, table):
-    """Frequency and decay of each decaying tone, whether it is seen, and whether its fit ended at a limit, (m,) each.
-
-    They are ``expected`` from ``low`` to ``high``, beside the steady tones ``clock``, which are taken out first; then the
-    strongest is fitted and taken out, and so on. One is seen that stands ``detection`` times above the floor about it. The bins
-    ``room`` reach from ``low`` to ``high``, ``expected`` among them, and ROOM beyond.
-    """
-    m = expected.size
-    rest = values.copy()
-    known = amplitudes(clock, np.zeros(clock.size), values, table)
-    for i in range(clock.size):
-        take_out(clock[i], 0.0, known[i], room, rest, table)
-    heights = np.empty(m)
-    for i in range(m):
-        heights[i] = peak(low[i], high[i], 1.5, rest)[1]
-    cycles, decay = expected.copy(), np.zeros(m)
-    seen, limited = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
-    for _ in range(m):
-        i = int(np.argmax(heights))
-        heights[i] = -1.0
-        at, height = peak(low[i], high[i], 1.5, rest)
-        if height < detection * floor(expected[i], rest):
-            continue
-        seen[i] = True
-        cycles[i], decay[i], limited[i] = _fit_decay(at, low[i], high[i], rest, table)
-        one = amplitudes(cycles[i : i + 1], decay[i : i + 1], rest, table)
-        take_out(cycles[i], decay[i], one[0], room, rest, table)
-    return cycles, decay, seen, limited
-
-
-@njit(**COMPILE)
-def _fit_decay(at, low, high, values, table):
-    """Damped tone that fits the bins about a peak: damped Gauss-Newton over frequency and decay, amplitude eliminated."""
-    around = np.array([at])
-    k = bins_in(around, around, REACH, values.size)
-    lowest, highest = (max(low - 2.0, 0.5), -8.0), (high + 2.0, 60.0)
-    u, v = _within(at, lowest[0], highest[0]), 0.3
-    r = _left(u, v, k, values, table)
-    damping, nudge = 1e-3, 1e-4
-    for _ in range(60):
-        f = (_left(u + nudge, v, k, values, table) - r) / nudge
-        d = (_left(u, v + nudge, k, values, table) - r) / nudge
-        # the normal equations of the two slopes
-        a, b, c = _dot(f, f) * (1.0 + damping) + 1e-300, _dot(f, d), _dot(d, d) * (1.0 + damping) + 1e-300
-        dv = (b / a * _dot(f, r) - _dot(d, r)) / (c - b / a * b)
-        du = -(_dot(f, r) + b * dv) / a
-        reach = max(0.5, 0.3 * abs(v))
-        u_new = _within(u + _within(du, -0.5, 0.5), lowest[0], highest[0])
-        v_new = _within(v + _within(dv, -reach, reach), lowest[1], highest[1])
-        r_new = _left(u_new, v_new, k, values, table)
-        if _dot(r_new, r_new) > _dot(r, r):
-            damping *= 8.0
-            if damping > 1e8:
-                break
-            continue
-        converged = max(abs(u_new - u), abs(v_new - v)) < 1e-9
-        u, v, r, damping = u_new, v_new, r_new, max(0.2 * damping, 1e-12)
-        if converged:
-            break
-    return u, v, u <= lowest[0] or u >= highest[0] or v <= lowest[1] or v >= highest[1]
-
-
-@njit(**COMPILE)
-def _left(cycles, decay, k, values, table):
-    return residual(np.array([cycles]), np.array([decay]), k, values, table)
-
-
-@njit(**COMPILE)
-def _within(x, low, high):
-    return min(max(x, low), high)

@@ -14,38 +14,59 @@ from dataclasses import replace
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
+from microvib.signals.clock import agreeing, estimate_clock_ratio
+from microvib.signals.joint import NEAR, Joint, moved
+from microvib.signals.orders import Orders
+from microvib.signals.search import FALLS, MOST_OTHERS, PASSBAND, Found, search
 from microvib.signals.spectrum import tone_amplitude
-from microvib.signals.table import DETECTION, FAINT, Figures, Line, LineTable, Uncertainty
-from microvib.signals.tones import HannSpectrum, Tones, estimate_clock_ratio, mean_of_decay, steady, with_modes
-from microvib.signals.uncertainty import uncertainties
+from microvib.signals.table import DETECTION, FAINT, Figures, LineTable, Uncertainty
+from microvib.signals.tones import HannSpectrum, Tones, steady
+from microvib.signals.uncertainty import disturbed, uncertainties
 
 SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
 _RANK = {"array mode": 1, "electrical": 2}
-MOST_OTHERS = 12
-PASSBAND = 0.35
-"""Part of the sample rate up to which unexpected lines are looked for."""
+_ROUNDS = 3
+_STILL = 0.01
+"""Bins that the highest line may move in a round after which the clock is found."""
+_WORSE = 2.0
+"""Standard uncertainty beside a larger line, over that without it, from which that line is the reason."""
+AN_OTHER = "an unlisted line"
+UNSURE = 0.3
+"""Standard uncertainty over amplitude from which a line beside another is not told from it."""
+__all__ = [
+    "MOST_OTHERS",
+    "PASSBAND",
+    "estimate_lines",
+    "figures_at_known_clock",
+    "lines_at_known_clock",
+    "with_background",
+]
 
 
 def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
-    """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate`` [Hz]."""
-    spectrum = _spectrum(x, sample_rate)
-    wanted, refused = _sort_out(expected, spectrum.duration)
-    clock = [line for line in wanted if line.kind != "array mode"]
-    modes = [line for line in wanted if line.kind == "array mode"]
-    ratio = estimate_clock_ratio(clock, spectrum)
-    tones = with_modes(steady(clock, ratio or 1.0), modes, spectrum)
-    tones, mistaken = _without_mistaken(tones, ratio, spectrum.duration)
-    amplitudes = spectrum.amplitudes(tones)
-    rest = spectrum.without(tones, amplitudes)
-    spread, ratio_spread = uncertainties(tones, amplitudes, ratio, spectrum, rest)
-    rows = _figures(expected, tones, refused | mistaken, amplitudes, rest).rows(_placed(spread, expected, tones))
-    rows += _others(rest, rows, clock, ratio)
+    """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate`` [Hz], and find further ones.
+
+    Where the bands of the clock's lines have a width, the clock is searched within them; where they have none, it is known, as
+    that of a simulation is.
+    """
+    spectrum, found, ratio = _fitted(x, sample_rate, expected)
+    joint, searched = found.joint, _is_searched(expected)
+    spread, ratio_spread = uncertainties(
+        joint.tones, joint.amplitudes, ratio if searched else None, spectrum, joint.rest
+    )
+    ratio_spread = ratio_spread if searched or ratio is None else 0.0
+    refused = found.refused | _not_apart(joint, spread)
+    others = _others(joint, spread, Orders.of(expected, ratio))
+    rows = _figures(expected, joint, refused).rows(_placed(spread, expected, joint.tones))
+    rows += _figures([line for line, _ in others], joint, {}, [tone for _, tone in others]).rows(
+        _placed(spread, [tone for _, tone in others], joint.tones)
+    )
     return LineTable(rows, ratio, ratio_spread, spectrum.samples, sample_rate)
 
 
 def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
-    """Lines of a simulated torque ``x`` (n,) [N m], whose clock is exactly the expected one: no noise, so no uncertainties.
+    """Lines of a simulated torque ``x`` (n,) [N m], whose clock is exactly the expected one, without uncertainties.
 
     Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time.
     """
@@ -56,11 +77,47 @@ def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[E
 
 def figures_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> Figures:
     """The figures of ``lines_at_known_clock`` as arrays, for many records."""
+    known = [
+        replace(line, low=line.frequency, high=line.frequency) if line.kind != "array mode" else line
+        for line in expected
+    ]
+    _, found, _ = _fitted(x, sample_rate, known, everywhere=False)
+    return _figures(expected, found.joint, found.refused)
+
+
+def _fitted(
+    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], everywhere: bool = True
+) -> tuple[HannSpectrum, Found, float | None]:
+    """The one recipe: the clock, known or searched; what else stands in the record; all that is near each other together."""
     spectrum = _spectrum(x, sample_rate)
     wanted, refused = _sort_out(expected, spectrum.duration)
-    clock = steady([line for line in wanted if line.kind != "array mode"])
-    tones = with_modes(clock, [line for line in wanted if line.kind == "array mode"], spectrum)
-    return _figures(expected, tones, refused, spectrum.amplitudes(tones), spectrum)
+    clock = [line for line in wanted if line.kind != "array mode"]
+    modes = [line for line in wanted if line.kind == "array mode"]
+    searched = _is_searched(expected)
+    ratio = (estimate_clock_ratio(clock, spectrum) if searched else 1.0) if clock else None
+    for _ in range(_ROUNDS):
+        orders = Orders.of(expected, ratio)
+        found = search(Joint.of(spectrum, steady(clock, ratio or 1.0)), modes, orders, everywhere=everywhere)
+        tones = found.joint.tones
+        if not searched or ratio is None:
+            break
+        before = ratio
+        tones, ratio = moved(tones, spectrum, before, _telling(found.joint, clock, before))
+        if abs((ratio or 0.0) - before) * max(line.frequency for line in clock) * spectrum.duration < _STILL:
+            break
+    return spectrum, Found(Joint.of(spectrum, tones), refused | found.refused), ratio
+
+
+def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
+    """Which tones tell the clock ratio once what is not of the clock is taken out, (m,)."""
+    free = joint.tones.free
+    lines, _ = agreeing(clock, ratio, joint.spectrum.without(joint.tones.only(free), joint.amplitudes[free]))
+    names = {line.name for line in lines}
+    return np.array([line.name in names for line in joint.tones.lines], dtype=bool)
+
+
+def _is_searched(expected: Sequence[ExpectedLine]) -> bool:
+    return any(line.high > line.low for line in expected if line.kind != "array mode")
 
 
 def _spectrum(x: np.ndarray, sample_rate: float) -> HannSpectrum:
@@ -86,65 +143,37 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
     return replace(table, lines=tuple(rows))
 
 
-def _without_mistaken(tones: Tones, ratio: float | None, duration: float) -> tuple[Tones, dict[str, str]]:
-    """Take out array modes that are really steady lines of the clock: on a multiple of the full-step rate, not decaying."""
-    base = next((f for line, f in zip(tones.lines, tones.frequency, strict=True) if line.name == "full_step_1"), None)
-    if ratio is None or base is None or base * duration < 2 * SEPARATION:
-        return tones, {}
-    order = np.rint(tones.frequency / base)
-    mistaken = (
-        tones.modes
-        & (np.abs(tones.decay) * duration < 0.05)
-        & (np.abs(tones.frequency - order * base) * duration < 0.5)
-    )
-    why = {
-        tones.lines[k].name: f"not separable from order {order[k]:.0f} of the full step"
-        for k in np.flatnonzero(mistaken)
-    }
-    return tones.without(mistaken), why
+def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
+    """Names of the lines that stand out and yet have no figure of their own, with the reason: what is beside them hides it."""
+    tones, sizes, duration = joint.tones, joint.sizes, joint.spectrum.duration
+    unsure = (spread.amplitude > UNSURE * sizes) & (sizes > DETECTION * joint.rest.floors(tones.frequency))
+    more = disturbed(tones, joint.rest)
+    why: dict[str, str] = {}
+    for i in (i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"):
+        apart = np.abs(tones.frequency - tones.frequency[i]) * duration
+        near = [j for j in np.argsort(apart, kind="stable").tolist() if j != i and apart[j] < NEAR]
+        larger = next((tones.lines[j] for j in near if sizes[j] > sizes[i]), None)
+        one = np.arange(len(tones)) == i
+        alone, _ = uncertainties(tones.only(one), joint.amplitudes[one], None, joint.spectrum, joint.rest)
+        if larger is not None and spread.amplitude[i] > _WORSE * alone.amplitude[0]:
+            why[tones.lines[i].name] = f"not separable from {AN_OTHER if larger.kind == 'other' else larger.name}"
+        elif more[i] and tones.clock[i]:
+            why[tones.lines[i].name] = f"not separable from {AN_OTHER} within a bin, or not steady"
+        else:
+            why[tones.lines[i].name] = FAINT
+    return why
 
 
-def _others(
-    rest: HannSpectrum, rows: Sequence[Line], clock: Sequence[ExpectedLine], ratio: float | None
-) -> tuple[Line, ...]:
-    """Lines that stand in what is left, from a hundredth of the largest; with their place among the clock's orders.
-
-    Such are further full-step orders, and subharmonics: stick and slip may repeat only after several microsteps.
-    """
-    duration = rest.duration
-    top = max((row.amplitude_n_m for row in rows if np.isfinite(row.amplitude_n_m)), default=0.0)
-    drive = next((line.frequency * (ratio or 1.0) for line in clock if line.name == "drive_1"), None)
-    found: tuple[Line, ...] = ()
-    if drive is None:  # without a steady clock there is nothing that a line could be unexpected against
-        return found
-    highest = int(PASSBAND * rest.samples)
-    magnitude = rest.magnitude[:highest].copy()
-    magnitude[: int(SEPARATION) + 1] = 0.0
-    while len(found) < MOST_OTHERS and magnitude.size > 8:
-        k = int(np.argmax(magnitude))
-        low, high = max(k - 1, 0) / duration, (k + 1) / duration
-        if magnitude[k] < max(0.01 * top, 1e-12) or magnitude[k] < DETECTION * rest.floor(k / duration):
-            break
-        magnitude[max(k - 4, 0) : k + 5] = 0.0
-        frequency, _ = rest.peak(low, high, margin=0.0)
-        line = ExpectedLine(
-            f"other_{len(found) + 1}", "other", frequency, low, high, _place(frequency, drive, duration)
-        )
-        tone = steady([line])
-        amplitude = rest.amplitudes(tone)
-        spread, _ = uncertainties(tone, amplitude, None, rest, rest)
-        found += _figures([line], tone, {}, amplitude, rest).rows(spread)
-    return found
-
-
-def _place(frequency: float, drive: float | None, duration: float) -> str:
-    """Where a line stands among the orders of the driving frequency, as the simplest fraction."""
-    if drive:
-        for q in (*range(1, 9), 16, 32, 64):
-            p = round(frequency * q / drive)
-            if p > 0 and abs(frequency - p * drive / q) * duration < 0.3:
-                return f"{p}/{q} of the driving frequency" if q > 1 else f"order {p} of the driving frequency"
-    return "no simple order of the driving frequency"
+def _others(joint: Joint, spread: Uncertainty, orders: Orders | None) -> list[tuple[ExpectedLine, ExpectedLine]]:
+    """Unlisted lines, the strongest first, with their place among the clock's orders; beside each the line of its tone."""
+    tones, duration = joint.tones, joint.spectrum.duration
+    mine = [i for i in np.argsort(-joint.sizes, kind="stable").tolist() if tones.lines[i].kind == "other"]
+    named = []
+    for number, i in enumerate(mine, 1):
+        frequency, within = float(tones.frequency[i]), max(3.0 * float(spread.frequency[i]), 0.02 / duration)
+        origin = (orders.name(frequency, within) if orders else None) or "no simple order of the driving frequency"
+        named.append((replace(tones.lines[i], name=f"other_{number}", origin=origin), tones.lines[i]))
+    return named
 
 
 def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[ExpectedLine], dict[str, str]]:
@@ -170,26 +199,28 @@ def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[E
 
 
 def _figures(
-    expected: Sequence[ExpectedLine], tones: Tones, refused: dict[str, str], amplitudes: np.ndarray, rest: HannSpectrum
+    expected: Sequence[ExpectedLine], joint: Joint, refused: dict[str, str], of: Sequence[ExpectedLine] | None = None
 ) -> Figures:
     """Figures of the tones and, nan but for their nearest bin, of the lines that are ``refused`` for a reason.
 
-    Floors are those of ``rest``.
+    ``of`` are the lines that the tones of the ``expected`` go by, where these have got other names.
     """
-    duration = rest.duration
+    tones, rest, duration = joint.tones, joint.rest, joint.spectrum.duration
     fold = tones.decay * duration
-    size, floor = np.abs(amplitudes) * mean_of_decay(fold)[0], rest.floors(tones.frequency)
-    status = _statuses(tones, size, floor, fold) | refused
-    order = _order(expected, tones)
+    size, floor = joint.sizes, rest.floors(tones.frequency)
+    status = _statuses(tones, size, floor, fold)
+    order = _order(of or expected, tones)
+    hidden = [refused.get(line.name, FAINT) != FAINT for line in expected]
+    order = np.where(np.array(hidden, dtype=bool), len(tones), order)
     frequency = _at(tones.frequency, order)
     wanted = np.array([line.frequency for line in expected], dtype=float)
     bins = np.minimum(np.rint(np.where(np.isnan(frequency), wanted, frequency) * duration), rest.values.size - 1)
     return Figures(
         expected=tuple(expected),
-        status=tuple(status[line.name] for line in expected),
+        status=tuple(refused.get(x.name) or status[t.name] for x, t in zip(expected, of or expected, strict=True)),
         frequency=frequency,
         amplitude=_at(size, order),
-        phase=_at(np.angle(amplitudes), order),
+        phase=_at(np.angle(joint.amplitudes), order),
         decay=_at(tones.decay, order),
         floor=_at(floor, order),
         # The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low (picket fence), so that
@@ -201,8 +232,8 @@ def _figures(
 
 def _statuses(tones: Tones, size: np.ndarray, floor: np.ndarray, fold: np.ndarray) -> dict[str, str]:
     """Status of each tone of amplitude ``size`` that falls by ``fold`` e-foldings, by the name of its line."""
-    faint, falling = size < DETECTION * floor, tones.seen & (np.abs(fold) > 0.1)
-    status = np.select([faint, tones.limited, falling & (fold > 0.0), falling], [0, 1, 2, 3], 4)
+    faint, falls = size < DETECTION * floor, tones.falls & (np.abs(fold) > FALLS)
+    status = np.select([faint, tones.limited, falls & (fold > 0.0), falls], [0, 1, 2, 3], 4)
     words = (FAINT, "at a limit of its fit", "decaying", "growing", "ok")
     return {line.name: words[k] for line, k in zip(tones.lines, status.tolist(), strict=True)}
 

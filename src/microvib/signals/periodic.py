@@ -10,7 +10,8 @@ from fractions import Fraction
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals.lines import MOST_OTHERS
+from microvib.signals.orders import Orders
+from microvib.signals.search import MOST_OTHERS
 from microvib.signals.table import FAINT, Line, LineTable
 
 TRANSIENT = "not in a steady state"
@@ -40,7 +41,7 @@ def lines_of_series(
         else:
             row = _row(line, 0.0, 0.0, FAINT)
         rows.append(row)
-    rows += _others(series, base, microsteps, named, max((line.frequency for line in expected), default=0.0))
+    rows += _others(series, base, microsteps, named, Orders.of(expected, 1.0))
     frequency, amplitude = bins.nearest(np.array([row.expected_hz for row in rows]))
     filled = [
         replace(row, bin_frequency_hz=float(f), bin_amplitude_n_m=float(a))
@@ -75,7 +76,7 @@ def _row(line: ExpectedLine, amplitude: float, phase: float, status: str) -> Lin
     )
 
 
-def _others(series: np.ndarray, base: float, microsteps: int, named: set[int], highest: float) -> list[Line]:
+def _others(series: np.ndarray, base: float, microsteps: int, named: set[int], orders: Orders | None) -> list[Line]:
     """Orders without a name, from a hundredth of the largest, the strongest first, as ``estimate_lines`` lists them."""
     amplitudes = np.abs(series)
     amplitudes[[0, *named]] = 0.0
@@ -83,10 +84,8 @@ def _others(series: np.ndarray, base: float, microsteps: int, named: set[int], h
     least = 0.01 * float(np.max(np.abs(series[1:]), initial=0.0))
     lines: list[Line] = []
     for k in (int(k) for k in strong if amplitudes[k] > least):
-        order = Fraction(k, microsteps)
-        origin = (
-            f"{order} of the driving frequency" if order.denominator > 1 else f"order {order} of the driving frequency"
-        )
+        origin = orders.name(k * base, 1e-6 * base) if orders else None
+        origin = origin or f"{Fraction(k, microsteps)} of the driving frequency"
         line = ExpectedLine(f"other_{len(lines) + 1}", "other", k * base, k * base, k * base, origin)
         lines.append(_row(line, float(amplitudes[k]), float(np.angle(series[k])), "ok"))
     return lines

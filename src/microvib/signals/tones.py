@@ -14,11 +14,7 @@ import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.signals import hann
-from microvib.signals.hann import FAR, REACH, ROOM
-from microvib.signals.table import DETECTION
-
-MOST_FOR_CLOCK = 12
-"""Lines, the strongest, that the clock ratio is estimated from."""
+from microvib.signals.hann import FAR, REACH
 
 
 @dataclass(frozen=True)
@@ -30,7 +26,10 @@ class Tones:
     """[Hz]."""
     decay: np.ndarray
     """Decay rates [1/s]."""
-    seen: np.ndarray
+    free: np.ndarray
+    """Whether the frequency is fitted by itself; that of the others is known, or known but for the clock ratio."""
+    falls: np.ndarray
+    """Whether the decay is fitted."""
     limited: np.ndarray
     """Whether the fit ended at the end of the band or of the decay rates that it may take."""
 
@@ -38,22 +37,36 @@ class Tones:
         return len(self.lines)
 
     @property
-    def modes(self) -> np.ndarray:
-        """Which of them are array modes that were seen, (m,)."""
-        modes: np.ndarray = self.seen & np.array([line.kind == "array mode" for line in self.lines], dtype=bool)
-        return modes
+    def clock(self) -> np.ndarray:
+        """Which of them keep to the step clock, (m,)."""
+        clock: np.ndarray = ~self.free & np.array([line.kind != "array mode" for line in self.lines], dtype=bool)
+        return clock
 
-    def without(self, some: np.ndarray) -> Tones:
-        """The others than ``some``, (m,) true or false."""
-        lines = tuple(line for line, out in zip(self.lines, some, strict=True) if not out)
-        return Tones(lines, self.frequency[~some], self.decay[~some], self.seen[~some], self.limited[~some])
+    def only(self, some: np.ndarray) -> Tones:
+        """Those of ``some``, (m,) true or false."""
+        lines = tuple(line for line, keep in zip(self.lines, some, strict=True) if keep)
+        return Tones(lines, *(getattr(self, name)[some] for name in _ARRAYS))
+
+    def and_those(self, more: Tones) -> Tones:
+        """These and ``more``."""
+        arrays = (np.concatenate([getattr(self, name), getattr(more, name)]) for name in _ARRAYS)
+        return Tones(self.lines + more.lines, *arrays)
+
+
+_ARRAYS = ("frequency", "decay", "free", "falls", "limited")
 
 
 def steady(lines: Sequence[ExpectedLine], ratio: float = 1.0) -> Tones:
     """Steady tones at the expected frequencies times a clock ratio."""
     frequency = np.array([line.frequency for line in lines], dtype=float) * ratio
     none = np.zeros(len(lines), dtype=bool)
-    return Tones(tuple(lines), frequency, np.zeros(len(lines)), ~none, none)
+    return Tones(tuple(lines), frequency, np.zeros(len(lines)), none, none, none)
+
+
+def falling(lines: Sequence[ExpectedLine], frequency: np.ndarray, decay: np.ndarray) -> Tones:
+    """Tones whose frequencies and decays are fitted, from ``frequency`` [Hz] and ``decay`` [1/s], (m,) each."""
+    every = np.ones(len(lines), dtype=bool)
+    return Tones(tuple(lines), np.asarray(frequency, float), np.asarray(decay, float), every, every, ~every)
 
 
 @dataclass(frozen=True)
@@ -138,73 +151,24 @@ class HannSpectrum:
         cycles, amplitude = hann.peak(low * self.duration, high * self.duration, margin, self.values)
         return cycles / self.duration, amplitude
 
+    def peaks(self, low: float, high: float, most: int) -> list[tuple[float, float]]:
+        """Frequency [Hz] and amplitude of the ``most`` highest peaks from ``low`` to ``high``, a few bins of margin allowed."""
+        first, last = max(int(low * self.duration - 1.5), 1), int(np.ceil(high * self.duration + 1.5)) + 1
+        inside = self.magnitude[first - 1 : last + 1]
+        tops = 1 + np.flatnonzero((inside[1:-1] >= inside[:-2]) & (inside[1:-1] >= inside[2:]))
+        strongest = tops[np.argsort(-inside[tops], kind="stable")][:most]
+        at = (strongest + first - 1) / self.duration
+        return [self.peak(f, f, margin=0.0) for f in at.tolist()]
+
+    def height(self, frequency: float, within: float) -> float:
+        """Largest amplitude of the bins within so many bins of a frequency, the two beside it at least."""
+        cycles = frequency * self.duration
+        first, last = int(np.floor(cycles - within)), int(np.ceil(cycles + within))
+        return float(np.max(self.magnitude[max(first, 0) : last + 1], initial=0.0))
+
     def _in_record(self, tones: Tones) -> tuple[np.ndarray, np.ndarray]:
         """Cycles and e-foldings of the tones over the record."""
         return tones.frequency * self.duration, tones.decay * self.duration
-
-
-def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
-    """Clock ratio that explains the lines of the clock best, all together; None where none of them stands out.
-
-    One line gives the start; then Gauss-Newton on the joint fit, which weights each line with what it tells.
-    """
-    start = _first_ratio(clock, spectrum)
-    if start is None:
-        return None
-    peaks = [(line, spectrum.peak(line.frequency * start, line.frequency * start)[1]) for line in clock]
-    seen = [(line, a) for line, a in peaks if a > DETECTION * max(spectrum.floor(line.frequency * start), 1e-300)]
-    lines = [line for line, _ in sorted(seen, key=lambda item: -item[1])[:MOST_FOR_CLOCK]]
-    near = spectrum.near(steady(lines, start).frequency)
-    ratio, bin_ratio = start, 1.0 / (max(line.frequency for line in lines) * spectrum.duration)
-    r = spectrum.residual(steady(lines, ratio), near)
-    for _ in range(12):
-        slope = (spectrum.residual(steady(lines, ratio + 1e-4 * bin_ratio), near) - r) / (1e-4 * bin_ratio)
-        move = float(np.clip(-(slope @ r) / max(float(slope @ slope), 1e-300), -0.2 * bin_ratio, 0.2 * bin_ratio))
-        r_new = spectrum.residual(steady(lines, ratio + move), near)
-        if r_new @ r_new > r @ r:
-            break
-        ratio, r = ratio + move, r_new
-        if abs(move) < 1e-9 * bin_ratio:
-            break
-    return ratio
-
-
-def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
-    """Clock ratio that one line tells: the strongest of the first driving lines, whose search bands hold no other line."""
-    candidates = [line for line in clock if line.kind == "drive"][:3] or [
-        line for line in clock if line.kind == "full step" and line.high > line.low
-    ]  # a clock that is known is not looked for in these slow lines
-    peaks = [(line, *spectrum.peak(line.low, line.high)) for line in candidates]
-    seen = [item for item in peaks if item[2] > DETECTION * max(spectrum.floor(item[1]), 1e-300)]
-    if not seen:
-        return None
-    line, frequency, _ = max(seen, key=lambda item: item[1] * item[2])
-    slack = 0.7 * spectrum.sample_rate / spectrum.samples
-    if not line.low - slack <= frequency <= line.high + slack:  # that peak is another line's
-        return None
-    return frequency / line.frequency
-
-
-def with_modes(clock: Tones, modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> Tones:
-    """The tones of the clock, and frequency and decay of each array mode, fitted beside them."""
-    if not modes:
-        return clock
-    duration, expected = spectrum.duration, steady(modes)
-    low, high = (np.array([getattr(line, end) for line in modes], dtype=float) * duration for end in ("low", "high"))
-    at, values = expected.frequency * duration, spectrum.values
-    room = hann.bins_in(np.minimum(low, at), np.maximum(high, at), ROOM, values.size)
-    cycles, decay, seen, limited = hann.fit_modes(
-        clock.frequency * duration, at, low, high, DETECTION, room, values, spectrum.table
-    )
-    # what is not seen stays where it is expected
-    frequency = np.where(seen, cycles / duration, expected.frequency)
-    return Tones(
-        clock.lines + expected.lines,
-        np.concatenate([clock.frequency, frequency]),
-        np.concatenate([clock.decay, decay / duration]),
-        np.concatenate([clock.seen, seen]),
-        np.concatenate([clock.limited, limited]),
-    )
 
 
 def mean_of_decay(fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from microvib.signals import hann
+from microvib.signals.hann import REACH
 from microvib.signals.table import Uncertainty
 from microvib.signals.tones import HannSpectrum, Tones, mean_of_decay
 
 _NUDGE = 1e-4
 """Step of difference quotients, in cycles or e-foldings over the record."""
+_FEW = 1.1
+"""Widens what follows from a floor: a median of some thirty bins, not all independent, is itself off by a sixth."""
+_USUAL = 2.0
+"""RMS of what is left in a tone's own bins, over that of the noise, which noise alone hardly exceeds."""
+_HIDES = 5.0
+"""What a line within a bin of another adds to it, over what it leaves: the fit of the one takes most of the other along."""
 
 
 def uncertainties(
@@ -27,8 +34,9 @@ def uncertainties(
     if m == 0:
         return result, None
     near = spectrum.near(tones.frequency)
-    modes = np.flatnonzero(tones.modes).tolist()
-    slopes = [_slopes(tones, amplitudes, near, spectrum, k) for k in modes]
+    free, falls = (np.flatnonzero(some).tolist() for some in (tones.free, tones.falls))
+    slopes = [_slope(tones, amplitudes, near, spectrum, k, moves=(_NUDGE, 0.0)) for k in free]
+    slopes += [_slope(tones, amplitudes, near, spectrum, k, moves=(0.0, _NUDGE)) for k in falls]
     if ratio is not None:
         slopes.append(_ratio_slope(tones, amplitudes, ratio, near, spectrum))
     J = np.column_stack([spectrum.equations(tones, near), *slopes])
@@ -36,9 +44,10 @@ def uncertainties(
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     ratio_spread = None if ratio is None else float(spread[-1])
     frequency[:] = [(ratio_spread or 0.0) * line.frequency for line in tones.lines]
-    columns = {k: 2 * m + 1 + 2 * i for i, k in enumerate(modes)}
-    for k, column in columns.items():
-        frequency[k], decay[k] = spread[column : column + 2] / duration
+    first = 2 * m + 1
+    frequency[free] = spread[first : first + len(free)] / duration
+    columns = {k: first + len(free) + i for i, k in enumerate(falls)}
+    decay[falls] = spread[list(columns.values())] / duration
     mean, slope = mean_of_decay(tones.decay * duration)
     for k, a in enumerate(amplitudes):
         size, angle = abs(a), np.angle(a)
@@ -47,7 +56,7 @@ def uncertainties(
         along[2 * k : 2 * k + 2] = np.cos(angle), np.sin(angle)
         if k in columns:
             along *= mean[k]
-            along[columns[k] + 1] = size * slope[k]
+            along[columns[k]] = size * slope[k]
         amplitude[k] = np.sqrt(max(float(along @ covariance @ along), 0.0))
         phase[k] = np.sqrt(max(float(across @ covariance @ across), 0.0)) / size if size > 0.0 else np.inf
     return result, ratio_spread
@@ -57,13 +66,14 @@ def _stack(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values.real, values.imag])
 
 
-def _slopes(tones: Tones, amplitudes: np.ndarray, near: np.ndarray, spectrum: HannSpectrum, k: int) -> np.ndarray:
-    """Change of the model at the bins ``near`` with frequency and with decay of tone ``k``, in cycles and e-foldings."""
+def _slope(
+    tones: Tones, amplitudes: np.ndarray, near: np.ndarray, spectrum: HannSpectrum, k: int, moves: tuple[float, float]
+) -> np.ndarray:
+    """Change of the model at the bins ``near`` with frequency or decay of tone ``k``, in cycles or e-foldings."""
     cycles, decay = tones.frequency[k] * spectrum.duration, tones.decay[k] * spectrum.duration
     base = hann.tone(cycles, decay, amplitudes[k], near, spectrum.table)
-    higher = hann.tone(cycles + _NUDGE, decay, amplitudes[k], near, spectrum.table)
-    faster = hann.tone(cycles, decay + _NUDGE, amplitudes[k], near, spectrum.table)
-    return np.column_stack([_stack(higher - base), _stack(faster - base)]) / _NUDGE
+    moved = hann.tone(cycles + moves[0], decay + moves[1], amplitudes[k], near, spectrum.table)
+    return _stack(moved - base) / sum(moves)
 
 
 def _ratio_slope(
@@ -72,10 +82,10 @@ def _ratio_slope(
     """Change of the model with the clock ratio, which moves all lines of the clock together."""
     clock = [
         (line.frequency * spectrum.duration, a)
-        for line, a in zip(tones.lines, amplitudes, strict=True)
-        if line.kind != "array mode"
+        for line, a, own in zip(tones.lines, amplitudes, tones.clock, strict=True)
+        if own
     ]
-    nudge = _NUDGE / max(cycles for cycles, _ in clock)
+    nudge = _NUDGE / max((cycles for cycles, _ in clock), default=1.0)
     total = np.zeros(near.size, dtype=complex)
     for cycles, a in clock:
         total += hann.tone(cycles * (ratio + nudge), 0.0, a, near, spectrum.table)
@@ -84,13 +94,38 @@ def _ratio_slope(
 
 
 def _noise(tones: Tones, near: np.ndarray, rest: HannSpectrum) -> np.ndarray:
-    """RMS of real and imaginary part of the noise at each bin of ``near``, from the floor about the closest tone."""
-    # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
-    floors = rest.floors(tones.frequency) / np.sqrt(2.0 * np.log(2.0))
+    """RMS of real and imaginary part of the noise at each bin of ``near``, from what is left about the closest tone.
+
+    That is the floor; where the bins of the tone itself are left with more than noise leaves, the tone is not all that is there,
+    and what it does not explain counts as noise.
+    """
+    floors, left = _floors(tones, rest)
     centres = tones.frequency * rest.duration
     closest = np.argmin(np.abs(near[:, None] - centres[None, :]), axis=1)
-    result: np.ndarray = floors[closest]
+    noise = np.sqrt((_FEW * floors) ** 2 + _HIDES**2 * np.maximum(left**2 - (_USUAL * floors) ** 2, 0.0))
+    result: np.ndarray = noise[closest]
     return result
+
+
+def disturbed(tones: Tones, rest: HannSpectrum) -> np.ndarray:
+    """Which tones are not all that is in their bins, or change within the record, (m,): more is left there than noise leaves."""
+    floors, left = _floors(tones, rest)
+    found: np.ndarray = left > _USUAL * floors
+    return found
+
+
+def _floors(tones: Tones, rest: HannSpectrum) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of real and imaginary part of the noise about each tone, and of what is left in its own bins, (m,) each."""
+    # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
+    floors = rest.floors(tones.frequency) / np.sqrt(2.0 * np.log(2.0))
+    return floors, np.array([_left(rest, centre) for centre in tones.frequency * rest.duration])
+
+
+def _left(rest: HannSpectrum, centre: float) -> float:
+    """RMS of real and imaginary part of what is left in the bins of a tone at ``centre``."""
+    first = max(round(centre) - REACH, 1)
+    values = rest.values[first : round(centre) + REACH + 1]
+    return float(np.sqrt(np.mean(np.abs(values) ** 2) / 2.0)) if values.size else 0.0
 
 
 def _sandwich(J: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:

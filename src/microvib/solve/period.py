@@ -162,7 +162,7 @@ class PeriodMap:
 def interrupted(status: int) -> NotPeriodic:
     """What a status of the kernel means to a search."""
     if status == kernel.LOST_SYNCHRONISM:
-        return NotPeriodic("the rotor loses synchronism")
+        return NotPeriodic("a trial of the search lost synchronism, which says nothing of the drive itself")
     return NotPeriodic("the solution is not finite, or its step became too small")
 
 

@@ -1,0 +1,74 @@
+"""Names of lines by their place among the orders of the step clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from microvib.model.expected import ExpectedLine
+
+_CHANCE = 0.05
+"""A fraction that a frequency anywhere would hit as often by chance is no evidence."""
+_LARGEST = 8
+"""Denominator of the fractions that names are made of."""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """The step clock that a record shows: frequencies [Hz] of microsteps and of full steps (detent periods), None where there are
+    none, and what the latter are called."""
+
+    drive: float
+    full_step: float | None
+    word: str = "full step"
+
+    @classmethod
+    def of(cls, expected: Sequence[ExpectedLine], ratio: float | None) -> Orders | None:
+        """Those of the ``expected`` lines at a clock ratio; None without a clock."""
+        found = {line.name: line for line in expected if line.name in ("drive_1", "full_step_1")}
+        if "drive_1" not in found or ratio is None:
+            return None
+        full = found.get("full_step_1")
+        word = full.origin.partition(",")[0] if full else "full step"
+        return cls(found["drive_1"].frequency * ratio, full.frequency * ratio if full else None, word)
+
+    def whole(self, frequency: float, within: float) -> float | None:
+        """The frequency [Hz] of the whole order of microsteps or full steps that is ``within`` so many Hz of this one."""
+        for base in (self.drive, self.full_step):
+            k = round(frequency / base) if base else 0
+            if base and k > 0 and base > 4.0 * within and abs(frequency - k * base) <= within:
+                return k * base
+        return None
+
+    def name(self, frequency: float, within: float) -> str | None:
+        """The simplest order that lies ``within`` so many Hz of a frequency; None where there is none, or where one lay as near any
+        frequency by chance."""
+        hits: list[tuple[int, int, str]] = []
+        for rank, (base, words) in enumerate(self._families()):
+            for q in range(1, _LARGEST + 1):
+                p = round(frequency * q / base)
+                chance = 2.0 * within * sum(_coprime(i) for i in range(1, q + 1)) / base
+                if p > 0 and math.gcd(p, q) == 1 and abs(frequency - p * base / q) <= within and chance < _CHANCE:
+                    hits.append((q, rank, words(p, q)))
+        return min(hits)[2] if hits else None
+
+    def _families(self) -> Iterable[tuple[float, Callable[[int, int], str]]]:
+        yield (
+            self.drive,
+            lambda p, q: f"{p}/{q} of the driving frequency" if q > 1 else f"order {p} of the driving frequency",
+        )
+        if self.full_step:
+            yield self.full_step, self._of_full_step
+
+    def _of_full_step(self, p: int, q: int) -> str:
+        if q == 1:
+            return f"{self.word}, order {p}"
+        if q in (2, 4):
+            return f"electrical period, order {p * 4 // q}"
+        return f"{p}/{q} of the {self.word}"
+
+
+def _coprime(q: int) -> int:
+    """How many fractions with the denominator ``q`` lie between two whole numbers."""
+    return sum(math.gcd(p, q) == 1 for p in range(1, q + 1))
