@@ -8,7 +8,9 @@ import shlex
 
 import pytest
 
+from microvib.app.reports import fonts
 from microvib.app.reports.document import Form, Section, Text
+from microvib.app.reports.fonts import package_fonts
 from microvib.app.reports.pieces import study
 from microvib.app.reports.rendering import html, pdf
 from microvib.app.reports.title_block import TitleBlock, read_title_block
@@ -111,3 +113,27 @@ def test_bad_report_data_is_one_sentence(content, complaint, tmp_path):
         read_title_block(tmp_path / "report.yaml")
     assert complaint in str(error.value)
     assert "\n" not in str(error.value)
+
+
+# Characters without a font
+
+
+def test_characters_without_a_font_are_told_in_words(monkeypatch):
+    monkeypatch.setattr("matplotlib.font_manager.findSystemFonts", list)
+    fonts._found.cache_clear()
+    made = study("Kind", "衛星 drive", "Subtitle", front=[Text("x")], sections=[], form=None)
+    (page,) = pages(pdf(made))
+    assert "has the characters U+661F, U+885B: they are missing" in page
+    assert "衛星" in html(made)
+    fonts._found.cache_clear()
+
+
+def test_a_font_of_the_system_is_taken_where_those_of_the_package_lack_characters(monkeypatch):
+    stix = package_fonts() / "STIXNonUni.ttf"  # has characters of private use, as a font of the system may
+    monkeypatch.setattr("matplotlib.font_manager.findSystemFonts", lambda: [str(stix), "/no/such/font.ttf"])
+    fonts._found.cache_clear()
+    rare = next(chr(c) for c in sorted(fonts._characters(str(stix))) if 0xE000 <= c < 0xF8FF)
+    found = fonts._found(frozenset({rare, "\u885b"}))
+    assert (found.families, found.folders) == (("STIXNonUnicode",), (str(stix.parent),))
+    assert found.unknown == {"\u885b"}
+    fonts._found.cache_clear()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -54,14 +55,32 @@ def svg(figure: Figure) -> str:
     """A figure of a report as SVG, the same text each time; letters are outlines, so that no font is needed."""
     import matplotlib
 
+    _with_fallback(figure)
     for ax in figure.axes:
         ax.tick_params(labelsize=7.5)
         for text, size in ((ax.xaxis.label, 8), (ax.yaxis.label, 8), (ax.title, 8.5)):
             text.set_fontsize(min(size, text.get_fontsize()))
     stream = io.StringIO()
-    with matplotlib.rc_context({"svg.hashsalt": "microvib", "svg.fonttype": "path"}):
+    with (
+        matplotlib.rc_context({"svg.hashsalt": "microvib", "svg.fonttype": "path"}),
+        warnings.catch_warnings(
+            action="ignore", category=UserWarning
+        ),  # of characters without a font: the report tells it
+    ):
         figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     return stream.getvalue()
+
+
+def _with_fallback(figure: Figure) -> None:
+    """Give texts with characters that the package's font lacks the fonts of the system that have them."""
+    from matplotlib.text import Text
+
+    from microvib.app.reports.fonts import fallback_for
+
+    for text in figure.findobj(Text):
+        families = fallback_for([text.get_text()]).families
+        if families:
+            text.set_fontfamily([*text.get_fontfamily(), *families])
 
 
 def plot(motion: Motion, table: LineTable | None = None) -> Figure:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
 from hashlib import sha256
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.app.reports.document import Block, Document, Form, Table
+from microvib.app.reports.fonts import fallback_for, package_fonts
 from microvib.app.reports.typography import typeset
 from microvib.io.results import Writer
 
@@ -61,15 +63,15 @@ def _is_wide(found: Table) -> bool:
 
 def pdf(document: Document) -> bytes:
     """The document as PDF, A4. Needs the library typst."""
-    import matplotlib
     import typst
 
     # Texts reach the template as data, so that nothing in them is taken for markup.
-    data = json.dumps(_data(document), ensure_ascii=False)
-    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    content = _data(document)
+    fallback = fallback_for(_texts(content))
+    data = json.dumps({**content, "fonts": fallback.families, "notice": fallback.sentence}, ensure_ascii=False)
     made = typst.compile(  # type: ignore[misc]  # its stub ties the kind of the fonts' paths to that of the input
         _template("report.typ").encode(),
-        font_paths=[str(fonts)],
+        font_paths=[str(package_fonts()), *fallback.folders],
         ignore_system_fonts=True,
         sys_inputs={"document": data},
         timestamp=0,
@@ -93,6 +95,16 @@ def _data(document: Document) -> dict[str, Any]:
         "front": [_block(b) for b in document.front],
         "sections": sections,
     }
+
+
+def _texts(data: Any) -> Iterator[str]:
+    """All texts of plain data but pictures, whose letters are outlines."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, dict):
+        yield from (text for key, value in data.items() if key not in ("svg", "html") for text in _texts(value))
+    elif isinstance(data, (list, tuple)):
+        yield from (text for value in data for text in _texts(value))
 
 
 def _block(block: Block) -> dict[str, Any]:
