@@ -36,7 +36,58 @@ def test_six_component_loads(state_1):
 
 
 def test_no_six_components_without_participation(state_1):
-    assert mv.simulate(state_1.with_si(SHORT)).interface_loads() is None
+    motion = mv.simulate(state_1.with_si(SHORT))
+    assert motion.interface_loads() is None
+    for door in (mv.lines, mv.spectrum, type(motion).__getitem__):
+        with pytest.raises(
+            mv.MicrovibError, match=r"'Fz' is not in this motion, whose array has no participation .* T_d"
+        ):
+            door(motion, "Fz")
+        with pytest.raises(mv.MicrovibError, match=r"^channel 'Tz' is not in this motion; there are i_A, .*E_damping$"):
+            door(motion, "Tz")
+    with pytest.raises(mv.MicrovibError, match="'eta' has a column for each mode"):
+        mv.lines(motion, "eta")
+
+
+def test_lines_of_a_force_at_the_interface(state_1):
+    """A mode that pulls along y as it twists: Fy is its participation there over that about the axis, times the modal torque."""
+    H = float(state_1.array.H[0])
+    changes = {
+        "array.modes.0.interface_participation": (0.0, 3.0, 0.0, 0.0, 0.0, H),
+        "record.settle": 1.0,
+        "record.duration": 8.0,
+    }
+    scenario = state_1.with_si(changes)
+    motion = mv.simulate(scenario)
+    twist = -(motion["T_l"] - scenario.array.inertia * motion["alpha_l"])
+    assert motion["Fy"] == pytest.approx(twist * 3.0 / H, abs=1e-9 * abs(twist).max())
+    assert (motion["Mz"] == motion["T_d"]).all()
+    force, torque = mv.lines(motion, "Fy"), mv.lines(motion)
+    assert (force.unit, torque.unit) == ("N", "N*m")
+    assert " N " in str(force).splitlines()[0]
+    k = int(np.argmin(abs(np.fft.rfftfreq(twist.size, 1 / 4096) - force["drive_1"].frequency_hz)))
+    assert force["drive_1"].bin_amplitude_n_m == pytest.approx(
+        2 / twist.size * abs(np.fft.rfft(motion["Fy"]))[k], rel=1e-6
+    )
+    assert force["drive_1"].status == "ok"
+    assert mv.lines(motion, "Mz")["drive_1"] == torque["drive_1"]
+    assert mv.lines(motion, "Fx").notable() == ()
+    kept = mv.simulate(state_1.with_si(SHORT), channels=("T_d",))
+    with pytest.raises(mv.MicrovibError, match=r"of which alpha_l, eta, eta_rate, T_d were not kept; there are T_d$"):
+        mv.lines(kept, "Fy")
+
+
+def test_lines_of_a_force_in_the_steady_state(state_1):
+    H = float(state_1.array.H[0])
+    state = mv.steady(state_1.with_si({"array.modes.0.interface_participation": (0.0, 3.0, 0.0, 0.0, 0.0, H)})).state
+    force, torque = mv.lines(state, "Fy"), mv.lines(state, "T_l")
+    array = state.scenario.array
+    twist = -(state["T_l"] - array.inertia * state["alpha_l"])
+    assert state["Fy"] == pytest.approx(twist * 3.0 / H, abs=1e-9 * abs(twist).max())
+    assert (force.unit, torque.unit) == ("N", "N*m")
+    assert force["drive_1"].amplitude_n_m > 0.0
+    with pytest.raises(mv.MicrovibError, match="'Tz' is not in this motion"):
+        mv.lines(state, "Tz")
 
 
 def test_drive_axis_chooses_the_component(state_1):

@@ -26,6 +26,12 @@ class SynchronismLost(SimulationError):
         self.time = time
 
 
+class ChannelError(MicrovibError, KeyError):
+    """A channel that a motion does not have: says which, why where that is known, and which there are."""
+
+    __str__ = Exception.__str__
+
+
 class OutputError(MicrovibError):
     """A result that could not be written; nothing was overwritten."""
 

@@ -232,7 +232,7 @@ def _figures(
 
 def _statuses(tones: Tones, size: np.ndarray, floor: np.ndarray, fold: np.ndarray) -> dict[str, str]:
     """Status of each tone of amplitude ``size`` that falls by ``fold`` e-foldings, by the name of its line."""
-    faint, falls = size < DETECTION * floor, tones.falls & (np.abs(fold) > FALLS)
+    faint, falls = size <= DETECTION * floor, tones.falls & (np.abs(fold) > FALLS)
     status = np.select([faint, tones.limited, falls & (fold > 0.0), falls], [0, 1, 2, 3], 4)
     words = (FAINT, "at a limit of its fit", "decaying", "growing", "ok")
     return {line.name: words[k] for line, k in zip(tones.lines, status.tolist(), strict=True)}

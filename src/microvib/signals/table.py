@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
+from microvib.units import pretty
 
 DETECTION = 6.0
 """A line is seen when it stands this many times above the floor about it."""
@@ -55,6 +56,8 @@ class LineTable:
     """Its standard uncertainty."""
     samples: int
     sample_rate: float
+    unit: str = "N*m"
+    """Of all amplitudes, in place of N m where the lines are those of another channel than a torque."""
 
     def __iter__(self):  # type: ignore[no-untyped-def]
         return iter(self.lines)
@@ -85,7 +88,10 @@ class LineTable:
     def text(self, notable: bool = False) -> str:
         """The table as text, whole or only what is notable."""
         shown = self.notable() if notable else self.lines
-        rows = [f"{'line':16s} {'expected Hz':>12s} {'Hz':>12s} {'N m':>12s} {'bin Hz':>10s} {'bin N m':>12s}  status"]
+        unit = pretty(self.unit)
+        rows = [
+            f"{'line':16s} {'expected Hz':>12s} {'Hz':>12s} {unit:>12s} {'bin Hz':>10s} {f'bin {unit}':>12s}  status"
+        ]
         rows += [
             f"{x.line:16s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
             f" {x.bin_amplitude_n_m:12.4e}  {x.status}"

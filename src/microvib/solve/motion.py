@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from microvib.errors import ChannelError
+from microvib.model.array import Array
 from microvib.model.scenario import Scenario
 
 
@@ -57,6 +60,8 @@ MODAL = {
     "eta_rate": Channel("eta_rate", "kg^0.5*m/s", "rates of the modal coordinates"),
 }
 INTERFACE = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+_OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
+"""Channels of which the loads at the interface are made."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,7 @@ class Motion:
     solver: dict[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.channels[name]
+        return channel_of(self.channels, name, self.scenario.array)
 
     @property
     def sample_rate(self) -> float:
@@ -100,21 +105,7 @@ class Motion:
 
         The drive axis carries T_d; the others are what modes and interface inertia push back with.
         """
-        array = self.scenario.array
-        P = array.interface
-        needed = {"alpha_l", "eta", "eta_rate", "T_d"} <= set(self.channels)
-        if not array.modes and array.interface_inertia is not None:
-            P = np.zeros((6, 0))
-        if P is None or not needed:
-            return None
-        alpha = self.channels["alpha_l"]
-        w_rate = -(self.channels["eta_rate"] * array.D + self.channels["eta"] * array.Lambda)
-        acceleration = w_rate - np.outer(alpha, array.H)
-        loads: np.ndarray = -acceleration @ P.T
-        if array.interface_inertia is not None:
-            loads -= np.outer(alpha, np.array(array.interface_inertia))
-        loads[:, 3 + "xyz".index(array.drive_axis)] = self.channels["T_d"]
-        return loads
+        return interface_loads(self.channels, self.scenario.array)
 
     @property
     def dataset(self) -> Any:
@@ -129,7 +120,69 @@ class Motion:
         loads = self.interface_loads()
         if loads is not None:
             for k, name in enumerate(INTERFACE):
-                unit = "N" if k < 3 else "N*m"
-                data[name] = (("time",), loads[:, k], {"units": unit, "long_name": f"{name} on the spacecraft"})
+                data[name] = (
+                    ("time",),
+                    loads[:, k],
+                    {"units": unit_of(name), "long_name": f"{name} on the spacecraft"},
+                )
         coords = {"time": ("time", self.time, {"units": "s", "long_name": "time from the start of the command"})}
         return xr.Dataset(data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate})
+
+
+def interface_loads(channels: Mapping[str, np.ndarray], array: Array) -> np.ndarray | None:
+    """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md)."""
+    P = array.interface
+    if not array.modes and array.interface_inertia is not None:
+        P = np.zeros((6, 0))
+    if P is None or not set(_OF_INTERFACE) <= set(channels):
+        return None
+    alpha = channels["alpha_l"]
+    w_rate = -(channels["eta_rate"] * array.D + channels["eta"] * array.Lambda)
+    acceleration = w_rate - np.outer(alpha, array.H)
+    loads: np.ndarray = -acceleration @ P.T
+    if array.interface_inertia is not None:
+        loads -= np.outer(alpha, np.array(array.interface_inertia))
+    loads[:, 3 + "xyz".index(array.drive_axis)] = channels["T_d"]
+    return loads
+
+
+def unit_of(name: str) -> str:
+    """Unit of a channel or of a load at the interface."""
+    if name in INTERFACE:
+        return "N" if name.startswith("F") else "N*m"
+    return (CHANNELS.get(name) or MODAL[name]).unit
+
+
+def channel_of(channels: Mapping[str, np.ndarray], name: str, array: Array) -> np.ndarray:
+    """A channel by its name, (n,) or modal (n, s), or a load at the interface; ChannelError where there is none of it."""
+    if name in channels:
+        return channels[name]
+    loads = interface_loads(channels, array) if name in INTERFACE else None
+    if loads is not None:
+        column: np.ndarray = loads[:, INTERFACE.index(name)]
+        return column
+    raise ChannelError(
+        f"channel '{name}' is not in this motion{_why(channels, name)}; there are {_names(channels, array)}"
+    )
+
+
+def series_of(channels: Mapping[str, np.ndarray], name: str, array: Array) -> np.ndarray:
+    """The same for one value at a time, (n,): ChannelError for a modal channel."""
+    values = channel_of(channels, name, array)
+    if values.ndim != 1:
+        raise ChannelError(f"channel '{name}' has a column for each mode; there are {_names(channels, array)}")
+    return values
+
+
+def _why(channels: Mapping[str, np.ndarray], name: str) -> str:
+    if name not in INTERFACE:
+        return ""
+    if not set(_OF_INTERFACE) <= set(channels):
+        return f", of which {', '.join(_OF_INTERFACE)} were not kept"
+    return ", whose array has no participation in six components (interface_participation of its modes)"
+
+
+def _names(channels: Mapping[str, np.ndarray], array: Array) -> str:
+    """Channels that are one value at a time, in words."""
+    loads = () if interface_loads({key: values[:1] for key, values in channels.items()}, array) is None else INTERFACE
+    return ", ".join((*(key for key, values in channels.items() if values.ndim == 1), *loads))

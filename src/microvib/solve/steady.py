@@ -15,7 +15,7 @@ import numpy as np
 
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
-from microvib.solve.motion import Invariants, Motion
+from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.shooting import NotUnique, Search
 from microvib.solve.simulate import Progress, Run, balance, channels_of
@@ -53,7 +53,7 @@ class SteadyState:
     solver: dict[str, Any]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.T_d if name == "T_d" else self.channels[name]
+        return self.T_d if name == "T_d" else channel_of(self.channels, name, self.scenario.array)
 
     @property
     def channels(self) -> dict[str, np.ndarray]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import estimate_lines
 from microvib.signals.periodic import lines_of_series
 from microvib.signals.table import LineTable
 from microvib.solve.decimate import PASSBAND
-from microvib.solve.motion import Invariants, Motion
+from microvib.solve.motion import Invariants, Motion, series_of, unit_of
 from microvib.solve.period import NotPeriodic
 from microvib.solve.simulate import Progress, simulate
 from microvib.solve.steady import SteadyState, steady_state
@@ -67,11 +66,11 @@ def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
 
 def steady_lines(state: SteadyState, channel: str = "T_d", harmonics: int = 8) -> LineTable:
     """Lines of one channel of a steady state, named as those of a record, with its bins and its first sample's phases."""
-    if channel != "T_d" and (channel not in state.channels or state[channel].ndim != 1):
-        names = ", ".join(name for name, values in state.channels.items() if values.ndim == 1)
-        raise MicrovibError(f"channel '{channel}' is not in this motion; there are {names}")
+    if channel != "T_d":
+        series_of(state.channels, channel, state.scenario.array)
     record = state.scenario.record
     highest = PASSBAND * record.sample_rate
     series = state.harmonics(channel)[: int(highest / state.frequency) + 1]
     expected = expected_lines(state.scenario, highest, harmonics)
-    return lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)
+    table = lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)
+    return replace(table, unit=unit_of(channel))
