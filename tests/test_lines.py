@@ -290,3 +290,24 @@ def test_an_order_that_any_frequency_is_near_names_nothing():
     slow = Orders(drive=10.0 / 16, full_step=10.0 / 256)  # full steps 0.6 bins apart
     assert slow.name(3.0 * 10.0 / 256, within=0.05 / 16) is None
     assert slow.name(3.0 * 10.0 / 16, within=0.05 / 16) == "order 3 of the driving frequency"
+
+
+@pytest.mark.parametrize(
+    ("x", "rate"),
+    [
+        (np.ones(1024), float("nan")),
+        (np.ones(1024), 0.0),
+        (np.ones(1024), float("inf")),
+        (np.where(np.arange(1024) == 5, np.nan, 1.0), 1024.0),
+        (np.where(np.arange(1024) == 5, np.inf, 1.0), 1024.0),
+        (np.where(np.arange(1024) % 2, 1e308, -1e308), 1024.0),
+        (np.ones(3), 1024.0),
+    ],
+)
+def test_what_is_not_finite_does_not_reach_compiled_code(x, rate):
+    """It took indices from it, and the process crashed."""
+    from microvib.signals.spectrum import SpectrumError
+
+    line = ExpectedLine("drive_1", "drive", 53.0, 52.0, 54.0, "made")
+    with np.errstate(all="ignore"), pytest.raises(SpectrumError, match="lines need"):
+        estimate_lines(x, rate, [line])

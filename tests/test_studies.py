@@ -140,3 +140,14 @@ def test_unexpected_lines_are_matched_by_frequency_not_by_number():
 def test_comparison_of_a_scenario_with_itself():
     _, _, rows = compare("state-2", "state-2")
     assert all(row.bin_error == 0.0 for row in rows)
+
+
+def test_a_recording_names_no_lines_of_a_drive_that_nobody_named(recording):
+    from microvib.studies.analyse import analyse
+
+    found = analyse(str(recording))
+    assert found.table is None
+    assert "no lines are named, for no drive was; name it with --scenario" in found.recording.notes
+    assert analyse(str(recording), scenario="state-1").table["drive_1"].status == "ok"
+    with pytest.raises(MicrovibError, match="which lines to look for is not known"):
+        compare(str(recording), str(recording))

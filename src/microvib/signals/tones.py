@@ -15,6 +15,10 @@ import numpy as np
 from microvib.model.expected import ExpectedLine
 from microvib.signals import hann
 from microvib.signals.hann import FAR, REACH
+from microvib.signals.spectrum import SpectrumError
+
+FEWEST = 8
+"""Samples of the shortest record."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +84,20 @@ class HannSpectrum:
     samples: int
     sample_rate: float
 
+    def __post_init__(self) -> None:
+        """SpectrumError for what compiled code must not see: it would take indices from numbers that are none."""
+        if not 0.0 < self.sample_rate < np.inf or self.samples < FEWEST:
+            raise SpectrumError(
+                f"lines need at least {FEWEST} samples at a finite rate; there are {self.samples} at {self.sample_rate:g} Hz"
+            )
+        if not np.all(np.isfinite(self.values)):
+            raise SpectrumError("lines need finite samples, and no larger than a spectrum of them can be")
+
     @classmethod
     def of(cls, x: np.ndarray, sample_rate: float) -> HannSpectrum:
-        """Spectrum of the mean-free samples ``x`` (n,), at ``sample_rate`` [Hz]."""
+        """Spectrum of the mean-free samples ``x`` (n,), at ``sample_rate`` [Hz]; SpectrumError where they are not finite."""
+        if x.size < FEWEST:
+            raise SpectrumError(f"lines need at least {FEWEST} samples; there are {x.size}")
         plain = np.fft.rfft(x) * (2.0 / x.size)
         mirrored = plain[-2 if x.size % 2 == 0 else -1]
         beside = np.concatenate([plain[1:], [mirrored.conj()]])

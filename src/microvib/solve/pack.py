@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib.errors import SimulationError
 from microvib.model.friction import Friction
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
@@ -59,9 +60,20 @@ def pack(scenario: Scenario) -> Packed:
         energy=np.zeros(kernel.N_POWERS),
     )
     width = max(kernel.N_CHANNELS + size, 32)
-    packed = Packed(_drive(scenario), state, np.zeros((kernel.SCRATCH_ROWS, width)))
+    packed = Packed(_finite(_drive(scenario)), state, np.zeros((kernel.SCRATCH_ROWS, width)))
     _hold(scenario, packed)
     return packed
+
+
+def _finite(drive: Any) -> Any:
+    """The drive, if compiled code may see it: parameters that are finite can give constants that are not."""
+    for name, value in zip(drive._fields, drive, strict=True):
+        if name != "U_max" and not np.all(np.isfinite(value)):
+            raise SimulationError(
+                f"this drive cannot be computed: its constant {name} is not a finite number; parameters of such sizes do not"
+                " go together"
+            )
+    return drive
 
 
 def _hold(scenario: Scenario, packed: Packed) -> None:

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, read_prepared, read_recording
 from microvib.io.scenario_file import catalog_names, load_scenario
@@ -15,7 +13,7 @@ from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import PASSBAND, estimate_lines
 from microvib.signals.preparation import Preparation
-from microvib.signals.recording import Recording, check
+from microvib.signals.recording import COMPONENTS, Recording, check
 from microvib.signals.spectrum import (
     Density,
     Spectrum,
@@ -28,6 +26,9 @@ from microvib.signals.spectrum import (
 from microvib.signals.table import LineTable
 from microvib.solve.simulate import Progress, simulate
 from microvib.studies.evidence import measured_lines
+from microvib.units import pretty
+
+NO_DRIVE = "no lines are named, for no drive was; name it with --scenario"
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Analysis:
 def analyse(
     source: str,
     *,
-    scenario: str = "state-1",
+    scenario: str | None = None,
     channel: str = "Mz",
     preparation: Preparation | None = None,
     window: Window = "hann",
@@ -63,19 +64,20 @@ def analyse(
 ) -> Analysis:
     """Lines and spectra of a scenario, a run folder or a recording.
 
-    ``scenario`` says which lines to look for in a recording. ``resolution`` [Hz] is that of density and waterfall.
-    MicrovibError where the source cannot be read or is too short.
+    ``scenario`` says which lines to look for in a recording; without it none is named. ``resolution`` [Hz] is that of
+    density and waterfall. MicrovibError where the source cannot be read or is too short.
     """
-    recording, background, table, expected = _source(source, load_scenario(scenario), channel, preparation, progress)
+    guide = None if scenario is None else load_scenario(scenario)
+    recording, background, table, expected = _source(source, guide, channel, preparation, progress)
     found = None if table is None else table.clock_ratio
-    x, rate = recording[channel], recording.sample_rate
+    x, rate = recording.load(channel), recording.sample_rate
     density = power_spectral_density(x, rate, resolution, window)
     if background is not None:
         density = density.less(power_spectral_density(background[channel], rate, density.resolution, window))
     return Analysis(
         name=source,
         channel=channel,
-        unit="N" if channel.startswith("F") else "N m",
+        unit=pretty(recording.units[channel]),
         recording=recording,
         table=table,
         clock_ratio=None if found is None else found * expected,
@@ -87,7 +89,7 @@ def analyse(
 
 
 def _source(
-    source: str, guide: Scenario, channel: str, preparation: Preparation | None, progress: Progress | None
+    source: str, guide: Scenario | None, channel: str, preparation: Preparation | None, progress: Progress | None
 ) -> tuple[Recording, Recording | None, LineTable | None, float]:
     """Recording, background, lines, and the step clock over nominal at which the lines were expected."""
     path = Path(source)
@@ -100,17 +102,20 @@ def _source(
         if (path / "scenario.yaml").is_file():
             guide = load_scenario(path / "scenario.yaml")
         recording = read_recording(path / "motion.nc")
+        if guide is None:
+            return recording.noted(NO_DRIVE), None, None, 1.0
         return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
     if path.suffix.lower() not in READERS:
         raise MicrovibError(
             f"{source}: cannot be analysed; wanted is a scenario, a run folder or a recording ({', '.join(READERS)})"
         )
-    if channel == "M" + guide.array.drive_axis:
+    if guide is not None and _about_the_axis(channel, guide):
         prepared, table = measured_lines(path, guide, channel, preparation)
         return prepared.recording, prepared.background, table, guide.tracking.clock_ratio
     prepared = read_prepared(path, preparation)
     check(prepared.recording, channel)
-    return prepared.recording, prepared.background, None, guide.tracking.clock_ratio
+    recording = prepared.recording if guide is not None else prepared.recording.noted(NO_DRIVE)
+    return recording, prepared.background, None, 1.0
 
 
 def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> tuple[Recording, Scenario]:
@@ -119,8 +124,13 @@ def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> tupl
     return Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name), scenario
 
 
+def _about_the_axis(channel: str, guide: Scenario) -> bool:
+    """Whether a channel is the torque about the drive axis; one that is not called as a component is meant as it."""
+    return channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
+
+
 def _lines(recording: Recording, channel: str, guide: Scenario) -> LineTable | None:
-    x: np.ndarray = recording[channel]
     if channel != "M" + guide.array.drive_axis:
         return None
+    x = recording[channel]
     return estimate_lines(x, recording.sample_rate, expected_lines(guide, PASSBAND * recording.sample_rate))

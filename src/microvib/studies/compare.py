@@ -107,7 +107,7 @@ def compare(
     a: str,
     b: str,
     *,
-    scenario: str = "state-1",
+    scenario: str | None = None,
     channel: str = "Mz",
     preparation: Preparation | None = None,
     progress: Progress | None = None,
@@ -115,12 +115,14 @@ def compare(
     """Both sides and the lines that at least one of them has.
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
-    look for in recordings where neither side is a scenario; ``preparation`` is applied to recordings.
+    look for in recordings where neither side is a scenario, nor the paper; ``preparation`` is applied to recordings.
     """
     guide = (
         next((load_scenario(x) for x in (a, b) if _is_scenario(x)), None)
         or _folder_scenario(a, b)
-        or load_scenario(scenario)
+        or (
+            load_scenario(scenario or "state-1") if scenario or {a, b} & set(PAPER) else None
+        )  # the paper's tables are of state 1
     )
     sides: dict[str, Side] = {}
     for source in sorted((a, b), key=_is_scenario):
@@ -159,7 +161,7 @@ def _folder_scenario(*sources: str) -> Scenario | None:
 
 def _side(
     source: str,
-    guide: Scenario,
+    guide: Scenario | None,
     channel: str,
     preparation: Preparation | None,
     clock: float | None,
@@ -175,6 +177,10 @@ def _side(
     if path.suffix.lower() == ".csv" and path.is_file() and path.read_bytes()[:5] == b"line,":
         return Side(source, "table", _read_lines(path))
     if path.suffix.lower() in READERS:
+        if guide is None:
+            raise MicrovibError(
+                f"{source}: which lines to look for is not known, for no drive was named; name it with --scenario"
+            )
         prepared, table = measured_lines(path, guide, channel, preparation)
         recording = prepared.recording
         ratio = None if table.clock_ratio is None else table.clock_ratio * guide.tracking.clock_ratio

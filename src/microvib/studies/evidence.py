@@ -15,7 +15,7 @@ from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import PASSBAND, estimate_lines, with_background
 from microvib.signals.preparation import Preparation
-from microvib.signals.recording import check
+from microvib.signals.recording import RecordingError, check
 from microvib.signals.table import DETECTION, LineTable
 
 CLOCK_TOLERANCE = 0.02
@@ -80,6 +80,10 @@ def measured_lines(
     prepared = read_prepared(path, preparation)
     recording, background = prepared.recording, prepared.background
     check(recording, channel, shortest=2.0)
+    if recording.units[channel] != "N*m":
+        raise RecordingError(
+            f"{recording.title}: channel {channel} is a force; the torque about the drive axis is expected"
+        )
     table = lines_of_recording(recording[channel], recording.sample_rate, scenario)
     if background is not None:
         check(background, channel, shortest=2.0)

@@ -33,7 +33,7 @@ from microvib.errors import MicrovibError
 @report_options
 @channel_option
 @prepare_option
-@click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in a recording.")
+@click.option("--scenario", help="Drive of a recording: which lines to look for [default: none].")
 @click.option(
     "--window",
     type=click.Choice(["rectangular", "hann", "flat-top"]),
@@ -46,8 +46,8 @@ from microvib.errors import MicrovibError
 )
 @click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="RMS of a band, such as '0.5:5 Hz'.")
 def analyse(
-    source: str, out: Path | None, overwrite: bool, form: Form, channel: str, prepare: Path | None, scenario: str, window: Any,
-    resolution: str | None, bands: tuple[str, ...],
+    source: str, out: Path | None, overwrite: bool, form: Form, channel: str, prepare: Path | None, scenario: str | None,
+    window: Any, resolution: str | None, bands: tuple[str, ...],
 ) -> None:  # fmt: skip
     """Lines with uncertainties and spectra of SOURCE: a scenario, a run folder or a recording."""
     from microvib.app.analyses import analysis_text, write_analysis
@@ -74,7 +74,7 @@ def analyse(
 @report_options
 @channel_option
 @prepare_option
-@click.option("--scenario", default="state-1", show_default=True, help="Which lines to look for in two recordings.")
+@click.option("--scenario", help="Drive of the recordings, where neither A nor B is a scenario.")
 def compare(
     a: str,
     b: str,
@@ -83,7 +83,7 @@ def compare(
     form: Form,
     channel: str,
     prepare: Path | None,
-    scenario: str,
+    scenario: str | None,
 ) -> None:
     """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
     from microvib.app.comparison import comparison_text, write_comparison
