@@ -146,8 +146,19 @@ def test_a_recording_names_no_lines_of_a_drive_that_nobody_named(recording):
     from microvib.studies.analyse import analyse
 
     found = analyse(str(recording))
-    assert found.table is None
-    assert "no lines are named, for no drive was; name it with --scenario" in found.recording.notes
-    assert analyse(str(recording), scenario="state-1").table["drive_1"].status == "ok"
-    with pytest.raises(MicrovibError, match="which lines to look for is not known"):
-        compare(str(recording), str(recording))
+    assert {line.kind for line in found.table} == {"other"}
+    assert {line.origin for line in found.table} == {""}
+    assert found.clock_ratio is None
+    assert "lines are not named, for no drive was; name it with --scenario" in found.recording.notes
+    named = analyse(str(recording), scenario="state-1")
+    largest = max(named.table, key=lambda line: line.amplitude_n_m if line.status == "ok" else 0.0)
+    assert max(line.amplitude_n_m for line in found.table) == pytest.approx(largest.amplitude_n_m, rel=0.01)
+    _, _, rows = compare(str(recording), str(recording))
+    assert rows
+    assert all(row.line.startswith("other_") and row.error == 0.0 for row in rows)
+
+
+def test_a_recording_and_a_table_need_a_drive_that_names_the_lines(recording, tmp_path):
+    (tmp_path / "lines.csv").write_text("line,frequency_hz,amplitude_n_m\ndrive_1,14.5,0.05\n")
+    with pytest.raises(MicrovibError, match="name it with --scenario"):
+        compare(str(recording), str(tmp_path / "lines.csv"))

@@ -46,6 +46,7 @@ __all__ = [
 
 def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
     """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate`` [Hz], and find further ones.
+    Where none are expected, all that stand out are found, and not named.
 
     Where the bands of the clock's lines have a width, the clock is searched within them; where they have none, it is known, as
     that of a simulation is.
@@ -171,7 +172,7 @@ def _others(joint: Joint, spread: Uncertainty, orders: Orders | None) -> list[tu
     named = []
     for number, i in enumerate(mine, 1):
         frequency, within = float(tones.frequency[i]), max(3.0 * float(spread.frequency[i]), 0.02 / duration)
-        origin = (orders.name(frequency, within) if orders else None) or "no simple order of the driving frequency"
+        origin = (orders.name(frequency, within) or "no simple order of the driving frequency") if orders else ""
         named.append((replace(tones.lines[i], name=f"other_{number}", origin=origin), tones.lines[i]))
     return named
 

@@ -40,8 +40,8 @@ class Found:
 def search(joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *, everywhere: bool = True) -> Found:
     """Find ``modes`` and unlisted lines in what ``joint``, the fit of the clock's lines, leaves; the strongest first.
 
-    Unlisted lines need a clock against which they are none of it, so ``orders``. Not ``everywhere`` means only where they are near
-    other lines.
+    Beside listed lines, unlisted ones need a clock against which they are none of it, so ``orders``. Not ``everywhere`` means
+    only where they are near other lines.
     """
     return _Search(joint, modes, orders, everywhere).found()
 
@@ -49,6 +49,7 @@ def search(joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *
 class _Search:
     def __init__(self, joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, everywhere: bool) -> None:
         self.joint, self.orders = joint, orders
+        self.unlisted = orders is not None or not (modes or len(joint.tones))
         self.duration = joint.spectrum.duration
         self.groups = _groups(modes, self.duration)
         self.refused: dict[str, str] = {}
@@ -144,10 +145,10 @@ class _Search:
 
     def _fit_other(self, k: int) -> bool:
         """Fit an unlisted line about bin ``k``; False where it is none, or where there are enough."""
-        if self.orders is None or self.others >= MOST_OTHERS:
+        if not self.unlisted or self.others >= MOST_OTHERS:
             return False
         at, height = self.joint.rest.peak(k / self.duration, k / self.duration, margin=0.0)
-        order = self.orders.whole(at, 0.3 / self.duration)
+        order = self.orders.whole(at, 0.3 / self.duration) if self.orders else None
         if order is not None and not np.any(np.abs(self.joint.tones.frequency - order) * self.duration < 0.01):
             fit = self.joint.with_tones(steady([self._other(order)]))
             if self._explains(fit, k, height):

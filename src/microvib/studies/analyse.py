@@ -28,7 +28,7 @@ from microvib.solve.simulate import Progress, simulate
 from microvib.studies.evidence import measured_lines
 from microvib.units import pretty
 
-NO_DRIVE = "no lines are named, for no drive was; name it with --scenario"
+NO_DRIVE = "lines are not named, for no drive was; name it with --scenario"
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ def analyse(
 ) -> Analysis:
     """Lines and spectra of a scenario, a run folder or a recording.
 
-    ``scenario`` says which lines to look for in a recording; without it none is named. ``resolution`` [Hz] is that of
-    density and waterfall. MicrovibError where the source cannot be read or is too short.
+    ``scenario`` says which lines to look for in a recording; without it those that stand out are not named. ``resolution``
+    [Hz] is that of density and waterfall. MicrovibError where the source cannot be read or is too short.
     """
     guide = None if scenario is None else load_scenario(scenario)
     recording, background, table, expected = _source(source, guide, channel, preparation, progress)
@@ -103,19 +103,22 @@ def _source(
             guide = load_scenario(path / "scenario.yaml")
         recording = read_recording(path / "motion.nc")
         if guide is None:
-            return recording.noted(NO_DRIVE), None, None, 1.0
+            raise MicrovibError(
+                f"{path}: has no scenario.yaml that says which lines to look for; name one with --scenario"
+            )
         return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
     if path.suffix.lower() not in READERS:
         raise MicrovibError(
             f"{source}: cannot be analysed; wanted is a scenario, a run folder or a recording ({', '.join(READERS)})"
         )
-    if guide is not None and _about_the_axis(channel, guide):
-        prepared, table = measured_lines(path, guide, channel, preparation)
-        return prepared.recording, prepared.background, table, guide.tracking.clock_ratio
-    prepared = read_prepared(path, preparation)
-    check(prepared.recording, channel)
-    recording = prepared.recording if guide is not None else prepared.recording.noted(NO_DRIVE)
-    return recording, prepared.background, None, 1.0
+    if channel.startswith("F") or not _about_the_axis(channel, guide):
+        prepared = read_prepared(path, preparation)
+        check(prepared.recording, channel)
+        return prepared.recording, prepared.background, None, 1.0
+    prepared, table = measured_lines(path, guide, channel, preparation)
+    if guide is None:
+        return prepared.recording.noted(NO_DRIVE), prepared.background, table, 1.0
+    return prepared.recording, prepared.background, table, guide.tracking.clock_ratio
 
 
 def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> tuple[Recording, Scenario]:
@@ -124,9 +127,9 @@ def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> tupl
     return Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name), scenario
 
 
-def _about_the_axis(channel: str, guide: Scenario) -> bool:
+def _about_the_axis(channel: str, guide: Scenario | None) -> bool:
     """Whether a channel is the torque about the drive axis; one that is not called as a component is meant as it."""
-    return channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
+    return guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
 
 
 def _lines(recording: Recording, channel: str, guide: Scenario) -> LineTable | None:

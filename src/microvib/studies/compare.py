@@ -128,6 +128,8 @@ def compare(
     for source in sorted((a, b), key=_is_scenario):
         other = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
         sides[source] = _side(source, guide, channel, preparation, other, progress)
+    if guide is None and {"recording"} < {side.kind for side in sides.values()}:
+        raise MicrovibError(f"{a}, {b}: lines of a recording have no names without a drive; name it with --scenario")
     first, second = sides[a], _with_names_of(sides[a], sides[b])
     names = [*first.lines, *(name for name in second.lines if name not in first.lines)]
     return (
@@ -177,13 +179,9 @@ def _side(
     if path.suffix.lower() == ".csv" and path.is_file() and path.read_bytes()[:5] == b"line,":
         return Side(source, "table", _read_lines(path))
     if path.suffix.lower() in READERS:
-        if guide is None:
-            raise MicrovibError(
-                f"{source}: which lines to look for is not known, for no drive was named; name it with --scenario"
-            )
         prepared, table = measured_lines(path, guide, channel, preparation)
         recording = prepared.recording
-        ratio = None if table.clock_ratio is None else table.clock_ratio * guide.tracking.clock_ratio
+        ratio = None if table.clock_ratio is None or guide is None else table.clock_ratio * guide.tracking.clock_ratio
         return Side(source, "recording", _figures(table), ratio, recording[channel], recording.sample_rate)
     raise MicrovibError(
         f"{source}: cannot be compared; wanted is a scenario, a run folder, a recording ({', '.join(READERS)}),"

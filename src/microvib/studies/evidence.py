@@ -74,7 +74,7 @@ def read_evidence(
 
 
 def measured_lines(
-    path: Path, scenario: Scenario, channel: str = "Mz", preparation: Preparation | None = None
+    path: Path, scenario: Scenario | None, channel: str = "Mz", preparation: Preparation | None = None
 ) -> tuple[Prepared, LineTable]:
     """A recording as ``preparation`` has it, and the lines in its ``channel``, its background accounted for."""
     prepared = read_prepared(path, preparation)
@@ -91,11 +91,14 @@ def measured_lines(
     return prepared, table
 
 
-def lines_of_recording(x: np.ndarray, sample_rate: float, scenario: Scenario) -> LineTable:
+def lines_of_recording(x: np.ndarray, sample_rate: float, scenario: Scenario | None) -> LineTable:
     """Lines of a measured torque ``x`` (n,) [N m]: the scenario says which, the clock is searched within two per cent.
 
     A record at another rate than the scenario's is looked at in the same way; lines above 0.35 of its rate are not looked for.
+    Without a scenario, lines that stand out are found and not named.
     """
+    if scenario is None:
+        return estimate_lines(x, sample_rate, [])
     expected = expected_lines(
         scenario, PASSBAND * sample_rate, clock_tolerance=CLOCK_TOLERANCE, mode_tolerance=MODE_TOLERANCE
     )
