@@ -44,7 +44,7 @@ def test_two_standard_uncertainties_of_the_difference_decide():
 
 def test_the_sentence_counts_and_names():
     assert verdict_sentence(ROWS) == (
-        "1 of 2 lines agree within 2 standard uncertainties of the difference (drive_1); 1 differ (drive_2)."
+        "1 of 2 lines agrees within 2 standard uncertainties of the difference (drive_1); 1 differs (drive_2)."
         " 1 line only A has (drive_4). 1 line only B has (drive_5). 2 lines without uncertainties (drive_6, drive_3)."
     )
     assert verdict_sentence(ROWS[2:3]) == "No line is judged: no uncertainty is known of one of the sides."

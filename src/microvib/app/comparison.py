@@ -64,13 +64,18 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
         rest = "No line is judged: no uncertainty is known of one of the sides."
     else:
         rest = (
-            f"{len(of[AGREES])} of {count(judged, 'line')} agree within {COVERAGE:g} standard uncertainties of the"
-            f" difference{_names(of[AGREES])}; {len(of[DIFFERS])} differ{_names(of[DIFFERS])}."
+            f"{len(of[AGREES])} of {count(judged, 'line')} agree{_s(of[AGREES])} within {COVERAGE:g} standard uncertainties of the"
+            f" difference{_names(of[AGREES])}; {len(of[DIFFERS])} differ{_s(of[DIFFERS])}{_names(of[DIFFERS])}."
         )
     for v, text in ((ONLY_A, "only A has"), (ONLY_B, "only B has"), (UNJUDGED, "without uncertainties")):
         if of[v] and (judged or v != UNJUDGED):
             rest += f" {count(len(of[v]), 'line')} {text}{_names(of[v])}."
     return rest
+
+
+def _s(rows: Sequence[Row]) -> str:
+    """The ending of a verb whose subject these lines are."""
+    return "s" if len(rows) == 1 else ""
 
 
 def _names(rows: Sequence[Row]) -> str:

@@ -35,7 +35,7 @@ def budget_section(motion: Motion, lines: LineTable) -> Section:
         "What the housing feels of each torque. The contributions add up to the disturbance torque, line by line as phasors:"
         " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a cosine at the first sample."
     )
-    drawing, axes = plots.sheet(2.9, 1, 2)
+    drawing, axes = plots.plain_sheet(2.9, 1, 2)
     plots.draw_torques(axes[0, 0], motion)
     plots.draw_motor_torques(axes[0, 1], motion)
     caption = "Left, torques at the output less their means; right, torques at the rotor."

@@ -116,14 +116,14 @@ def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
 
 
 def _array_modes(motion: Motion, lines: LineTable) -> Section:
-    zoom, axes = plots.sheet(2.6)
+    zoom, axes = plots.plain_sheet(2.6)
     plots.draw_array_zoom(axes[0, 0], motion, lines)
     caption = "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped frequency."
     return Section("About the array's modes", (drawn(zoom, "Amplitude spectrum about the array's modes", caption),))
 
 
 def _microsteps(motion: Motion) -> Section:
-    drawing, axes = plots.sheet(2.4)
+    drawing, axes = plots.plain_sheet(2.4)
     plots.draw_stretch(axes[0, 0], motion)
     caption = "The first microsteps of the record. Grey: the output shaft sticks, its rate is exactly zero."
     return Section("Through the microsteps", (drawn(drawing, "Disturbance torque through a few microsteps", caption),))
