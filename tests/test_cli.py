@@ -298,3 +298,12 @@ def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
     summary = json.loads((tmp_path / "lines" / "summary.json").read_text())
     assert summary["solver"]["steady"].startswith("not used: the transmission error")
     assert rows(tmp_path / "lines")["array_mode_1"]["status"] == "decaying"
+
+
+def test_unusual_values_are_told_once_on_standard_error(tmp_path):
+    done = microvib("show", "state-1", "--set", "array.modes.0.damping=50 %", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr.splitlines() == [
+        "Note: state-1: array.modes.0.damping: 50 % is unusual; 0.01 % to 15 % is expected (modal damping ratio)"
+    ]
+    assert "damping: 0.5\n" in done.stdout

@@ -459,3 +459,10 @@ def test_other_commands_write_a_pdf_of_the_same_look(tmp_path):
     (text,) = pages((out / "report.pdf").read_bytes())
     assert "Comparison of disturbance lines" in text
     assert "microvib compare paper-test paper-simulation" in text
+
+
+def test_unusual_values_stand_on_the_first_page(motion_1, lines_1):
+    doubtful = replace(motion_1, scenario=motion_1.scenario.with_({"array.modes.0.damping": "50 %"}))
+    for motion, there in ((doubtful, True), (motion_1, False)):
+        notes = " ".join(b.text for b in run_report(motion, lines_1).front if isinstance(b, Text))
+        assert ("array.modes.0.damping: 50 % is unusual; 0.01 % to 15 % is expected" in notes) == there

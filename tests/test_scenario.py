@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import microvib as mv
-from microvib.io.scenario_file import json_schema, load_scenario, parse_value
+from microvib.io.scenario_file import catalog_text, json_schema, load_scenario, parse_value, scenario_of
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import scenario_from
 
 EXAMPLE = """
@@ -244,8 +245,6 @@ def test_any_text_gives_a_scenario_or_a_sentence(text):
 
 
 def load_scenario_text(text: str) -> mv.Scenario:
-    from microvib.io.yaml_text import parse_yaml
-
     return scenario_from(parse_yaml(text, "text"), units_required=True)
 
 
@@ -348,3 +347,45 @@ def test_sources_of_what_is_no_longer_there_are_dropped(state_1):
     every = state_1.with_sources(dict.fromkeys((*keys, *wrong), "made"))
     assert tuple(every.sources) == keys
     assert tuple(every.with_({"array.modes": [], "array.rigid_inertia": None}).sources) == (*keys[:2], keys[4])
+
+
+@pytest.mark.parametrize("name", [*mv.catalog_names(), "new"])
+def test_nothing_of_the_catalog_is_doubtful(name):
+    assert scenario_of(parse_yaml(catalog_text(name), name), name).doubts() == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("array.modes.0.damping", "50 %", "50 % is unusual; 0.01 % to 15 % is expected (modal damping ratio)"),
+        ("motor.current", "0.25 mA", "0.00025 A is unusual; 0.005 A to 20 A is expected"),
+        ("tracking.rate", "-3 rad/s", "-171.887 °/s is unusual; 0.0001 °/s to 10 °/s is expected"),
+        ("motor.rotor_inertia", "0.2 kg*m^2", "2000 kg cm² is unusual"),
+        ("tracking", {"profile": [{"rate": "1 deg/s", "hold": "1 s"}, {"rate": "1 rad/s"}]}, "57.2958 °/s is unusual"),
+    ],
+)
+def test_what_is_allowed_but_of_an_unusual_size_is_doubted(key, value, said):
+    (text,) = load_scenario("state-1", {key: value}).doubts()
+    assert text.startswith(key)
+    assert said in text
+
+
+def test_nothing_is_doubted_where_zero_means_none():
+    changes = {
+        "array.modes.0.damping": 0,
+        "motor.detent_torque": "0 N*m",
+        "record.settle": "0 s",
+        "tracking.rate": "0 deg/s",
+    }
+    assert load_scenario("state-1", changes).doubts() == ()
+
+
+def test_every_usual_size_is_allowed():
+    declared = [quantity for name in mv.catalog_names() for _, _, quantity in load_scenario(name).entries() if quantity]
+    with_sizes = [quantity for quantity in declared if quantity.usual]
+    assert len(with_sizes) > 100
+    for quantity in with_sizes:
+        low, high = quantity.usual
+        assert 0.0 < low < high
+        assert quantity.doubt(low) == quantity.doubt(high) == ""
+        assert quantity.le is None or high <= quantity.le

@@ -734,3 +734,11 @@ def test_addresses_that_are_refused(arguments, words):
 
 def test_channels_of_the_page_are_those_of_a_motion(client, finished):
     assert [c["name"] for c in result(client, finished)["channels"]] == list(CHANNELS)
+
+
+def test_the_form_tells_unusual_values():
+    from microvib.app.web.forms import Spec, view_of
+
+    assert view_of(Spec(base="state-1"))["doubts"] == []
+    (said,) = view_of(Spec(base="state-1", changes={"motor.current": "0.25 mA"}))["doubts"]
+    assert said.startswith("motor.current: 0.00025 A is unusual")

@@ -255,6 +255,7 @@ def summary(
         "solver": solver,
         "clock_ratio_found": table.clock_ratio,
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
+        "doubts": list(scenario.doubts()),
         "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
         "versions": package_versions(),
         "timings_s": timings,

@@ -17,8 +17,12 @@ SLACK = 1e-9  # relative; what rounding may make of sum H^2 = J
 class Mode(Part):
     """One fixed-interface mode, mass-normalised (Eq. 14, 16)."""
 
-    frequency: Annotated[float, Quantity("Hz", "natural frequency with the interface clamped", "Omega/2pi", gt=0)]
-    damping: Annotated[float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent")]
+    frequency: Annotated[
+        float, Quantity("Hz", "natural frequency with the interface clamped", "Omega/2pi", gt=0, usual=(5e-3, 5000.0))
+    ]
+    damping: Annotated[
+        float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent", usual=(1e-4, 0.15))
+    ]
     participation: Annotated[float, Quantity("kg^0.5*m", "participation about the drive axis", "H")] | None = None
     effective_inertia: (
         Annotated[float, Quantity("kg*m^2", "effective inertia about the drive axis", "H^2", ge=0)] | None
@@ -44,7 +48,9 @@ class Mode(Part):
 class Array(Part):
     """Solar array, or its simulator, about the drive axis; no modes make it a rigid load."""
 
-    inertia: Annotated[float, Quantity("kg*m^2", "moment of inertia about the drive axis", "J", gt=0)]
+    inertia: Annotated[
+        float, Quantity("kg*m^2", "moment of inertia about the drive axis", "J", gt=0, usual=(1e-3, 1e5))
+    ]
     rigid_inertia: Annotated[float, Quantity("kg*m^2", "inertia rigidly on the shaft", "J_h", ge=0)] | None = None
     modes: tuple[Mode, ...] = Field(max_length=2000, description="fixed-interface modes; an empty list is a rigid load")
     interface_inertia: Six | None = Field(

@@ -17,12 +17,17 @@ class Driver(Part):
 
     beats: Annotated[int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")]
     microsteps: Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step, n")]
-    proportional_gain: Annotated[float, Quantity("V/A", "proportional gain of the current loop", "K_P", ge=0)]
+    proportional_gain: Annotated[
+        float, Quantity("V/A", "proportional gain of the current loop", "K_P", ge=0, usual=(0.05, 1e5))
+    ]
     integral_gain: Annotated[
-        float, Quantity("V/A/s", "integral gain of the current loop", "K_I", ge=0, display="V/(A*s)")
+        float, Quantity("V/A/s", "integral gain of the current loop", "K_I", ge=0, display="V/(A*s)", usual=(0.05, 1e8))
     ]
     derivative_gain: Annotated[float, Quantity("V*s/A", "derivative gain, on the measured current", "K_D", ge=0)] = 0.0
-    supply_voltage: Annotated[float, Quantity("V", "limit of the phase voltage; null is none", "U", gt=0)] | None = None
+    supply_voltage: (
+        Annotated[float, Quantity("V", "limit of the phase voltage; null is none", "U", gt=0, usual=(1.0, 400.0))]
+        | None
+    ) = None
 
     def full_step(self, motor: Motor) -> float:
         """Full step of the rotor Delta theta [rad] (Eq. 25)."""

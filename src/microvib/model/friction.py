@@ -15,9 +15,9 @@ class SlipRing(Part):
     """Conductive slip ring: brushes that slide on rings (Eq. 6)."""
 
     contact_pairs: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="pairs of ring and brush, N_c")]
-    contact_force: Annotated[float, Quantity("N", "force of one contact", "p", ge=0)]
-    friction_factor: Annotated[float, Quantity("", "friction factor of the contact", "mu", ge=0)]
-    ring_radius: Annotated[float, Quantity("m", "radius of the rings", "r", ge=0, display="mm")]
+    contact_force: Annotated[float, Quantity("N", "force of one contact", "p", ge=0, usual=(1e-3, 20.0))]
+    friction_factor: Annotated[float, Quantity("", "friction factor of the contact", "mu", ge=0, usual=(0.01, 5.0))]
+    ring_radius: Annotated[float, Quantity("m", "radius of the rings", "r", ge=0, display="mm", usual=(5e-4, 0.5))]
 
     @property
     def torque(self) -> float:
@@ -28,11 +28,13 @@ class SlipRing(Part):
 class Friction(Part):
     """Stribeck friction of one shaft (Eq. 5, 7)."""
 
-    coulomb: Annotated[float, Quantity("N*m", "Coulomb friction torque", "T_c", ge=0)]
-    breakaway: Annotated[float, Quantity("N*m", "breakaway (static) torque", "T_s", ge=0)]
-    stribeck_rate: Annotated[float, Quantity("rad/s", "Stribeck rate", "omega_s", gt=0, display="deg/s")]
+    coulomb: Annotated[float, Quantity("N*m", "Coulomb friction torque", "T_c", ge=0, usual=(1e-6, 100.0))]
+    breakaway: Annotated[float, Quantity("N*m", "breakaway (static) torque", "T_s", ge=0, usual=(1e-6, 100.0))]
+    stribeck_rate: Annotated[
+        float, Quantity("rad/s", "Stribeck rate", "omega_s", gt=0, display="deg/s", usual=(1e-7, 20.0))
+    ]
     stribeck_shape: Annotated[float, Quantity("", "exponent of the Stribeck curve", "delta", gt=0, le=10)] = 1.0
-    viscous: Annotated[float, Quantity("N*m*s/rad", "viscous friction", "sigma", ge=0)]
+    viscous: Annotated[float, Quantity("N*m*s/rad", "viscous friction", "sigma", ge=0, usual=(1e-7, 1e4))]
     slip_ring: SlipRing | None = None
 
     @model_validator(mode="after")

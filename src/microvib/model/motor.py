@@ -16,13 +16,15 @@ class Motor(Part):
     """Two-phase hybrid stepping motor (Table 3)."""
 
     rotor_teeth: Annotated[int, Field(ge=1, le=10_000, strict=True, description="number of rotor teeth, z")]
-    current: Annotated[float, Quantity("A", "amplitude of the phase currents", "I", gt=0)]
-    torque_constant: Annotated[float, Quantity("N*m/A", "motor torque constant", "K_m", gt=0)]
-    detent_torque: Annotated[float, Quantity("N*m", "amplitude of the detent torque", "K_d", ge=0)]
-    winding_resistance: Annotated[float, Quantity("ohm", "resistance of one winding", "R", gt=0)]
-    winding_inductance: Annotated[float, Quantity("H", "self-inductance of one winding", "L", gt=0, display="mH")]
+    current: Annotated[float, Quantity("A", "amplitude of the phase currents", "I", gt=0, usual=(5e-3, 20.0))]
+    torque_constant: Annotated[float, Quantity("N*m/A", "motor torque constant", "K_m", gt=0, usual=(1e-3, 20.0))]
+    detent_torque: Annotated[float, Quantity("N*m", "amplitude of the detent torque", "K_d", ge=0, usual=(1e-6, 2.0))]
+    winding_resistance: Annotated[float, Quantity("ohm", "resistance of one winding", "R", gt=0, usual=(0.02, 2000.0))]
+    winding_inductance: Annotated[
+        float, Quantity("H", "self-inductance of one winding", "L", gt=0, display="mH", usual=(5e-6, 2.0))
+    ]
     rotor_inertia: Annotated[
-        float, Quantity("kg*m^2", "moment of inertia of the rotor", "J_r", gt=0, display="kg*cm^2")
+        float, Quantity("kg*m^2", "moment of inertia of the rotor", "J_r", gt=0, display="kg*cm^2", usual=(1e-9, 1e-2))
     ]
     friction: Friction = Field(description="friction on the rotor, against omega_m")
 

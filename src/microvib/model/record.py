@@ -15,9 +15,9 @@ MOST_SAMPLES = 2_000_000_000
 class Record(Part):
     """The recorded window (the paper's: 16 s at 4096 Hz, in stable operation)."""
 
-    settle: Annotated[float, Quantity("s", "time before the window", ge=0)]
-    duration: Annotated[float, Quantity("s", "length of the window", gt=0)]
-    sample_rate: Annotated[float, Quantity("Hz", "samples per second", gt=0, le=1e7)]
+    settle: Annotated[float, Quantity("s", "time before the window", ge=0, usual=(1e-3, 1e6))]
+    duration: Annotated[float, Quantity("s", "length of the window", gt=0, usual=(0.01, 1e6))]
+    sample_rate: Annotated[float, Quantity("Hz", "samples per second", gt=0, le=1e7, usual=(5.0, 1e6))]
 
     @model_validator(mode="after")
     def _countable(self) -> Self:
@@ -41,7 +41,9 @@ class Record(Part):
 class Solver(Part):
     """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it."""
 
-    tolerance: Annotated[float, Quantity("", "local error over the size of each state", gt=0, le=0.01)] = 2e-5
+    tolerance: Annotated[
+        float, Quantity("", "local error over the size of each state", gt=0, le=0.01, usual=(1e-10, 1e-3))
+    ] = 2e-5
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
     refinement: Annotated[
         int, Field(ge=1, le=64, strict=True, description="makes every step this many times finer")

@@ -15,24 +15,32 @@ class TransmissionError(Part):
     """One harmonic of the kinematic error, in turns of the wave generator."""
 
     order: Annotated[int, Field(ge=1, le=1000, strict=True, description="cycles per turn of the wave generator")]
-    amplitude: Annotated[float, Quantity("rad", "amplitude at the output", ge=0, display="arcsec")]
+    amplitude: Annotated[float, Quantity("rad", "amplitude at the output", ge=0, display="arcsec", usual=(1e-7, 0.02))]
     phase: Annotated[float, Quantity("rad", "phase at the wave generator's zero", display="deg")] = 0.0
 
 
 class Reducer(Part):
     """Harmonic reducer; ``stiffness: rigid`` is the paper's, which has no compliance and no loss."""
 
-    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1, le=1e5)]
+    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1, le=1e5, usual=(1.0, 5000.0))]
     wave_generator_inertia: Annotated[
-        float, Quantity("kg*m^2", "moment of inertia of the wave generator", "J_wg", ge=0, display="kg*cm^2")
+        float,
+        Quantity(
+            "kg*m^2", "moment of inertia of the wave generator", "J_wg", ge=0, display="kg*cm^2", usual=(1e-10, 1e-2)
+        ),
     ]
     stiffness: (
-        Annotated[float, Quantity("N*m/rad", "torsional stiffness at the output, or rigid", "K_g", gt=0)]
+        Annotated[
+            float, Quantity("N*m/rad", "torsional stiffness at the output, or rigid", "K_g", gt=0, usual=(1.0, 1e7))
+        ]
         | Literal["rigid"]
     )
-    damping: Annotated[float, Quantity("N*m*s/rad", "torsional damping at the output; no part if rigid", "C_g", ge=0)]
+    damping: Annotated[
+        float,
+        Quantity("N*m*s/rad", "torsional damping at the output; no part if rigid", "C_g", ge=0, usual=(1e-4, 1e4)),
+    ]
     output_inertia: Annotated[
-        float, Quantity("kg*m^2", "moment of inertia of flexspline and output", "J_flex", ge=0)
+        float, Quantity("kg*m^2", "moment of inertia of flexspline and output", "J_flex", ge=0, usual=(1e-7, 10.0))
     ] = 0.0
     transmission_error: tuple[TransmissionError, ...] = Field(
         default=(), description="kinematic error, harmonic by harmonic"

@@ -139,6 +139,15 @@ class Scenario(Part):
             if name not in _WORDS:
                 yield from entries(name, getattr(self, name), type(self).quantity_of(name))
 
+    def doubts(self) -> tuple[str, ...]:
+        """Values that are allowed but not of a usual size, a sentence each: often another unit was meant."""
+        said = (
+            (key, quantity.doubt(value))
+            for key, value, quantity in self.entries()
+            if quantity and isinstance(value, float)
+        )
+        return tuple(f"{key}: {text}" for key, text in said if text)
+
     def source_of(self, key: str) -> str:
         """Source of one key: its own, or that of the closest group above it, or the scenario's."""
         parts = key.split(".")

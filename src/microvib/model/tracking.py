@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Self
 
 import numpy as np
@@ -10,11 +11,15 @@ from pydantic import Field, model_validator
 from microvib.model.part import Part
 from microvib.units import Quantity
 
+_RATES = (math.radians(1e-4), math.radians(10.0))
+
 
 class Leg(Part):
     """One leg of a profile: reach ``rate`` over ``ramp``, then hold it for ``hold``."""
 
-    rate: Annotated[float, Quantity("rad/s", "commanded rate of the array; negative turns back", display="deg/s")]
+    rate: Annotated[
+        float, Quantity("rad/s", "commanded rate of the array; negative turns back", display="deg/s", usual=_RATES)
+    ]
     ramp: Annotated[float, Quantity("s", "time to reach the rate linearly; 0 is a jump", ge=0)] = 0.0
     hold: Annotated[float, Quantity("s", "time at the rate; without it the leg lasts to the end", ge=0)] | None = None
 
@@ -23,10 +28,15 @@ class Tracking(Part):
     """Commanded motion of the array; ``rate`` alone is a constant rate from t = 0."""
 
     rate: (
-        Annotated[float, Quantity("rad/s", "constant commanded rate of the array", "omega", display="deg/s")] | None
+        Annotated[
+            float, Quantity("rad/s", "constant commanded rate of the array", "omega", display="deg/s", usual=_RATES)
+        ]
+        | None
     ) = None
     profile: tuple[Leg, ...] | None = Field(default=None, max_length=1000, description="legs of the motion, from rest")
-    clock_ratio: Annotated[float, Quantity("", "step clock over its nominal rate", gt=0, le=10)] = 1.0
+    clock_ratio: Annotated[float, Quantity("", "step clock over its nominal rate", gt=0, le=10, usual=(0.8, 1.25))] = (
+        1.0
+    )
 
     @model_validator(mode="after")
     def _one_command(self) -> Self:

@@ -38,10 +38,12 @@ def campaign() -> None:
 @click.option("--chunk", type=click.IntRange(1, 100_000), help="Cases that are computed and written together.")
 def create(study: Path, folder: Path, chunk: int | None) -> None:
     """Draw the cases of STUDY (a YAML file) and write them to the new folder DIR."""
+    from microvib.app.commands.common import say_doubts
     from microvib.studies.campaign import folder as campaigns
     from microvib.studies.campaign.design import read_design
 
     design = read_design(study)
+    say_doubts(design.base, str(study))
     made = campaigns.create(design, folder, chunk)
     click.echo(f"{design.cases} cases in {made.chunks} chunks of {made.chunk_size}.")
     for levels in design.levels:

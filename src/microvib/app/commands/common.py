@@ -81,11 +81,12 @@ def report_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_form
 
 
+MOST_DOUBTS = 8
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
 
 
 def load(source: str, settings: tuple[str, ...]) -> Scenario:
-    """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied."""
+    """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied; what is doubtful in it is said on standard error."""
     from microvib.io.scenario_file import load_scenario, parse_value
 
     changes = {}
@@ -94,7 +95,18 @@ def load(source: str, settings: tuple[str, ...]) -> Scenario:
         if not equals or not key.strip():
             raise ScenarioError(f"--set {setting}: KEY=VALUE is wanted, such as reducer.stiffness='9000 N*m/rad'")
         changes[key.strip()] = parse_value(value)
-    return load_scenario(source, changes)
+    loaded = load_scenario(source, changes)
+    say_doubts(loaded, source)
+    return loaded
+
+
+def say_doubts(scenario: Scenario, name: str) -> None:
+    """Tell values that are allowed but unusual, on standard error."""
+    found = scenario.doubts()
+    for text in found[:MOST_DOUBTS]:
+        click.echo(f"Note: {name}: {text}", err=True)
+    if len(found) > MOST_DOUBTS:
+        click.echo(f"Note: {name}: and {len(found) - MOST_DOUBTS} more unusual values", err=True)
 
 
 def preparation(file: Path | None) -> Preparation | None:

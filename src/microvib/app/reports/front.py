@@ -11,6 +11,7 @@ from microvib.app import plots
 from microvib.app.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
 from microvib.app.reports.pieces import count, drawn, figure, given, milli, short, torque
 from microvib.app.reports.trust import failing, invariants_sentence
+from microvib.model.scenario import Scenario
 from microvib.signals.table import Line, LineTable
 from microvib.solve.motion import Motion
 from microvib.studies.margins import Judgement
@@ -142,8 +143,15 @@ def what(line: Line) -> str:
 
 
 def _notes(motion: Motion, lines: LineTable, judged: Judgement | None) -> list[Text]:
-    notes = [*_decaying(motion, lines, judged), *(_limits(judged) if judged else [])]
+    notes = [*_doubts(motion.scenario), *_decaying(motion, lines, judged), *(_limits(judged) if judged else [])]
     return [Text(" ".join(notes), note=True)] if notes else []
+
+
+def _doubts(scenario: Scenario) -> Iterable[str]:
+    found = scenario.doubts()
+    yield from (f"{text}." for text in found[:4])
+    if len(found) > 4:
+        yield f"So are {len(found) - 4} more; `microvib show scenario.yaml` names them."
 
 
 def _decaying(motion: Motion, lines: LineTable, judged: Judgement | None) -> Iterable[str]:

@@ -225,6 +225,7 @@ def view_of(spec: Spec) -> dict[str, Any]:
         "changed": changed or list(typed),
         "errors": errors,
         "derived": derived(found) if found else [],
+        "doubts": list(found.doubts()) if found else [],
         "yaml": dump_scenario(found) if found else None,
     }
 

@@ -131,6 +131,7 @@ class View(BaseModel):
     changed: list[str]
     errors: list[Wrong]
     derived: list[str]
+    doubts: list[str]
     yaml: str | None
 
 

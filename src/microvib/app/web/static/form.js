@@ -36,6 +36,11 @@ function show(seen) {
   const count = Object.keys(changes).length;
   $("#changed-count").textContent = count || "";
   $("#undo-all").disabled = !count;
+  const doubts = $("#doubts");
+  if (doubts) {
+    doubts.hidden = !seen.doubts.length;
+    doubts.textContent = seen.doubts.join(". ");
+  }
   $("#derived")?.replaceChildren(...seen.derived.map((text) => h("li", {}, text)));
   if ($("#only-changed").checked) filter();
 }
@@ -88,7 +93,8 @@ function build(keys) {
     if (own.length) groups.set(name, makeGroup(name, title, own, open.size ? open.has(name) : name === "motor"));
   }
   const derived = h("details", { class: "group" }, h("summary", {}, "What follows from it"), h("ul", { id: "derived" }));
-  $("#form").replaceChildren(...[...groups.values()].map((group) => group.element), derived);
+  const doubts = h("p", { id: "doubts", class: "help", role: "status", hidden: true });
+  $("#form").replaceChildren(doubts, ...[...groups.values()].map((group) => group.element), derived);
   const again = rows.get(wasTyping?.key)?.input;
   if (!again) return;
   again.value = wasTyping.text; // what is being typed goes on

@@ -8,7 +8,7 @@ const DELAY = 200;
 const LONGEST_LINK = 30_000;
 
 const state = { base: "state-1", text: null, changes: {} };
-let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], title: "", yaml: null };
+let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], doubts: [], title: "", yaml: null };
 let running;
 let latest = null;
 const listeners = new Set();
