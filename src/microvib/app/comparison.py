@@ -25,7 +25,8 @@ _NAMED = 4
 def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
     """Tables 5 and 6 for any pair, as text: the form that does not depend on bins with a verdict, and the nearest bins."""
     shown = worth_a_row(rows)
-    lines = [f"A: {a.name} ({a.kind})", f"B: {b.name} ({b.kind})", clock_sentence(a, b), ""]
+    lines = [f"A: {a.name} ({a.kind})", *(f"  {note}" for note in a.notes)]
+    lines += [f"B: {b.name} ({b.kind})", *(f"  {note}" for note in b.notes), clock_sentence(a, b), ""]
     header = ("A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "B/A %")
     lines.append(f"{'line':16s}" + "".join(f"{text:>12s}" for text in header))
     for row in shown:
@@ -120,7 +121,8 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
     main = sorted((r for r in told if math.isfinite(r.error)), key=lambda r: -r.a.amplitude)[:_MOST_IN_FRONT]
     pictures = _spectra(a, b)
     binned = [r for r in shown if math.isfinite(r.bin_error) and (r in main or not main)]
-    front: list[Block] = [pairs((("A", _side(a)), ("B", _side(b)), ("Clock", clock_sentence(a, b))))]
+    notes = [(f"{mark}, prepared", note) for mark, s in (("A", a), ("B", b)) for note in s.notes]
+    front: list[Block] = [pairs((("A", _side(a)), ("B", _side(b)), *notes, ("Clock", clock_sentence(a, b))))]
     front += [Text(f"{verdict_sentence(told or shown)} {_WORTH}")]
     front += [_line_table([r for r in told if r in main])] if main else []
     sections = [Section("All lines", (_line_table(told),), new_page=True)] if len(main) < len(told) else []

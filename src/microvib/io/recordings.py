@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import math
 import os
 import stat
 import tempfile
@@ -11,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OutputError
+from microvib.errors import MicrovibError, OutputError, ScenarioError
 from microvib.io.formats import READERS, library
 from microvib.io.measured import Hints
 from microvib.io.scenario_file import read_text
@@ -19,6 +21,7 @@ from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.signals.preparation import Preparation
 from microvib.signals.recording import COMPONENTS, Recording, RecordingError
+from microvib.signals.response import Stage
 
 __all__ = [
     "READERS",
@@ -79,13 +82,35 @@ class Prepared:
 
 
 def load_preparation(path: Path | str) -> Preparation:
-    """How to prepare recordings, from a YAML file; its background is found relative to the file. ScenarioError if it is wrong."""
+    """How to prepare recordings, from a YAML file; files that it names are relative to it. ScenarioError if it is wrong."""
     path = Path(path)
     data = parse_yaml(read_text(path, "preparation", ()), str(path))
     preparation = validated(Preparation, data if data is not None else {}, units_required=True, origin=str(path))
-    if preparation.background is None:
-        return preparation
-    return preparation.model_copy(update={"background": str(path.parent / preparation.background)})
+    tables = [stage for stage in preparation.response if stage.file is not None]
+    chain = tuple(_with_table(stage, path.parent) if stage in tables else stage for stage in preparation.response)
+    background = None if preparation.background is None else str(path.parent / preparation.background)
+    return preparation.model_copy(update={"response": chain, "background": background})
+
+
+def _with_table(stage: Stage, folder: Path) -> Stage:
+    """A stage with the rows of its table; ScenarioError says which row is wrong."""
+    path = folder / str(stage.file)
+    rows = []
+    table = csv.DictReader(read_text(path, "table of a response", ()).splitlines())
+    for number, row in enumerate(table, 2):
+        try:
+            values = tuple(float(row.get(name) or default) for name, default in _RESPONSE_COLUMNS)
+        except ValueError:
+            values = (math.nan,)
+        if not all(map(math.isfinite, values)):
+            raise ScenarioError(
+                f"{path}, row {number}: expected are numbers in the columns frequency_hz, magnitude and, if known, phase_deg"
+            )
+        rows.append(values)
+    return validated(Stage, {"kind": "table", "file": str(stage.file), "rows": rows}, origin=str(path))
+
+
+_RESPONSE_COLUMNS = (("frequency_hz", "nan"), ("magnitude", "nan"), ("phase_deg", "0"))
 
 
 def read_prepared(path: Path | str, preparation: Preparation | None = None) -> Prepared:

@@ -11,6 +11,7 @@ from pydantic import Field
 from microvib.model.part import Part, Six
 from microvib.signals.channels import as_load, is_time, is_unit, load_per, per
 from microvib.signals.recording import COMPONENTS, Recording, RecordingError
+from microvib.signals.response import Chain, without_response
 from microvib.units import Quantity
 
 
@@ -28,6 +29,9 @@ class Preparation(Part):
     )
     channels: dict[str, str] = Field(
         default_factory=dict, description="component: channel of the file, with a minus sign to turn it round"
+    )
+    response: Chain = Field(
+        default=(), description="measuring chain whose response is taken out: boxcar, or a list of stages"
     )
     cross_talk: tuple[Six, Six, Six, Six, Six, Six] | None = Field(
         default=None, description="6 x 6 matrix: readings Fx Fy Fz Mx My Mz = matrix x loads"
@@ -53,6 +57,8 @@ class Preparation(Part):
         if self.channels:
             recording = recording.mapped(self.channels)
         recording = recording.in_si()
+        if self.response:
+            recording = without_response(recording, self.response)
         if self.cross_talk is not None:
             recording = recording.without_cross_talk(np.array(self.cross_talk))
         if self.offset is not None:

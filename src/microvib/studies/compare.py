@@ -67,6 +67,8 @@ class Side:
     torque: np.ndarray | None = None
     sample_rate: float = math.nan
     scenario: Scenario | None = None
+    notes: tuple[str, ...] = ()
+    """What reading and preparing a recording did."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,8 @@ def _side(
         prepared, table = measured_lines(path, guide, channel, preparation)
         recording = prepared.recording
         ratio = None if table.clock_ratio is None or guide is None else table.clock_ratio * guide.tracking.clock_ratio
-        return Side(source, "recording", _figures(table), ratio, recording[channel], recording.sample_rate)
+        x, rate = recording[channel], recording.sample_rate
+        return Side(source, "recording", _figures(table), ratio, x, rate, notes=recording.notes)
     raise MicrovibError(
         f"{source}: cannot be compared; wanted is a scenario, a run folder, a recording ({', '.join(READERS)}),"
         f" a table of lines (.csv) or one of {', '.join(PAPER)}"

@@ -30,7 +30,7 @@ prepare_option = click.option(
     "--prepare",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="How to prepare recordings: a YAML file with units, channels, cross_talk, axes, trimming, background.",
+    help="How to prepare recordings: a YAML file with units, channels, response, cross_talk, axes, trimming, background.",
 )
 channel_option = click.option(
     "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
