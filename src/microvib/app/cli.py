@@ -4,62 +4,38 @@ from __future__ import annotations
 
 import os
 import shlex
+import sys
+from functools import partial
 from typing import Any
 
 import click
 
-from microvib import __version__
-from microvib.app.commands import arrays, campaign, docs, families, reports, scenarios, test_data, web
-from microvib.errors import MicrovibError
+try:
+    from microvib import __version__
+    from microvib.app.commands import arrays, campaign, docs, families, reports, scenarios, test_data, web
+    from microvib.app.edge import status_of
+except KeyboardInterrupt:  # before anything began there is nothing to say
+    sys.exit(130)
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-_EXTRAS = {
-    "pyfe3d": "fem",
-    "pyyeti": "fem",
-    "pyuff": "test-data",
-    "nptdms": "test-data",
-    "typst": "report",
-    "distributed": "dask",
-    "sphinx": "docs",
-    "fastapi": "serve",
-    "uvicorn": "serve",
-}
-"""Extra of the package that brings a library."""
+# Drawings go into files: which window system a user's other programs draw on, or whether it exists, is nothing to us.
+os.environ["MPLBACKEND"] = "agg"
 
 
-class _Sentences(click.Group):
-    """Turns errors meant for the user into sentences on standard error and an exit status."""
+class _Command(click.Group):
+    """The command ``microvib``; called as a program it ends with a status, and says errors in sentences."""
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **settings: Any) -> Any:
+        run = partial(super().main, *arguments, standalone_mode=False, **settings)
+        return sys.exit(status_of(run)) if standalone_mode else run()
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.obj = shlex.join(["microvib", *args])  # a report says by which command it was made
         return super().parse_args(ctx, args)
 
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except MicrovibError as error:
-            for line in str(error).splitlines():
-                click.echo(f"Error: {line}", err=True)
-            ctx.exit(1)
-        except ModuleNotFoundError as error:
-            extra = _EXTRAS.get((error.name or "").split(".")[0])
-            if extra is None:
-                raise
-            click.echo(
-                f"Error: this needs {error.name}, which is not installed; pip install 'microvib[{extra}]'", err=True
-            )
-            ctx.exit(1)
-        except KeyboardInterrupt:
-            click.echo("Interrupted; nothing was written.", err=True)
-            ctx.exit(130)
-        except MemoryError:
-            click.echo("Error: memory is exhausted; shorten record.duration, or use --lines-only", err=True)
-            ctx.exit(1)
 
-
-@click.group(cls=_Sentences, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="microvib")
 def main() -> None:
     """Disturbance torque of a sun-tracking solar array: from the drive's data sheet to its lines.

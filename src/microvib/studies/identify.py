@@ -186,9 +186,10 @@ def identify(
             problem = wider
             problem.search(_sobol(len(problem.keys), max(starts // 2, 2), seed), finishes)
     except KeyboardInterrupt:
+        if problem.best_u is None:
+            raise
         interrupted = True
-    if problem.best_u is None:
-        raise MicrovibError("interrupted before the first simulation was through; nothing was identified")
+        problem.stage = "interrupted, uncertainties of the best so far"
     return problem.result(seed, interrupted)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from microvib.app.commands.common import overwrite_option, report_options
+from microvib.app.commands.common import deliver, overwrite_option, report_options
 from microvib.app.modal_options import import_from, modal_options
 from microvib.app.reports.document import Form
 
@@ -32,9 +32,7 @@ def modes(source: str, count: int | None, out: Path | None, overwrite: bool, for
     out = out or free_folder(f"{Path(source).stem}-modes")
     check_folder(out, overwrite)
     found = modal_source(source, count, options=import_from(Path(source), deck))
-    click.echo(table_text(found))
-    files = write_modes(out, found, overwrite, form)
-    click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+    deliver(table_text(found), out, lambda folder: write_modes(folder, found, overwrite, form))
 
 
 @click.group()
@@ -65,6 +63,4 @@ def sas_size(out: Path | None, overwrite: bool, form: Form, **options: Any) -> N
     out = out or free_folder("sas")
     check_folder(out, overwrite)
     result = sized(**options)
-    click.echo(sizing_text(result))
-    files = write_sizing(out, result, overwrite, form)
-    click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+    deliver(sizing_text(result), out, lambda folder: write_sizing(folder, result, overwrite, form))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.app.commands.common import report_options
+from microvib.app.commands.common import deliver, report_options
+from microvib.app.commands.progress import progress_bar
+from microvib.app.edge import INTERRUPTED, echo
 from microvib.errors import MicrovibError
 
 if TYPE_CHECKING:
@@ -45,12 +46,12 @@ def create(study: Path, folder: Path, chunk: int | None) -> None:
     design = read_design(study)
     say_doubts(design.base, str(study))
     made = campaigns.create(design, folder, chunk)
-    click.echo(f"{design.cases} cases in {made.chunks} chunks of {made.chunk_size}.")
+    echo(f"{design.cases} cases in {made.chunks} chunks of {made.chunk_size}.")
     for levels in design.levels:
-        click.echo(f"  {levels.key}: {len(levels.values)} levels, {levels.labels[0]} to {levels.labels[-1]}")
+        echo(f"  {levels.key}: {len(levels.values)} levels, {levels.labels[0]} to {levels.labels[-1]}")
     for uncertain in design.uncertain:
-        click.echo(f"  {uncertain.key}: {uncertain.text}")
-    click.echo(f"Written: {folder}. Now: microvib campaign run {folder}")
+        echo(f"  {uncertain.key}: {uncertain.text}")
+    echo(f"Written: {folder}. Now: microvib campaign run {folder}")
 
 
 def _opened(folder: Path) -> Campaign:
@@ -59,7 +60,7 @@ def _opened(folder: Path) -> Campaign:
 
     opened = open_campaign(folder)
     if opened.mended:
-        click.echo(opened.mended, err=True)
+        echo(opened.mended, err=True)
     return opened
 
 
@@ -110,19 +111,19 @@ def _compute(
     if on == "slurm":
         from microvib.studies.campaign.slurm import submit
 
-        click.echo(submit(opened, workers or 8, directives, only_write=no_submit))
+        echo(submit(opened, workers or 8, directives, only_write=no_submit))
         return
     from microvib.studies.campaign.run import compute_missing
 
     try:
-        with _backend(on, workers, scheduler) as backend, _rate(opened) as progress:
+        with _backend(on, workers, scheduler) as backend, _progress() as progress:
             compute_missing(opened, backend, shard=part, todo=listed, progress=progress)
     except KeyboardInterrupt:
-        click.echo(f"Interrupted; what was computed is kept. Go on with: microvib campaign resume {folder}", err=True)
-        sys.exit(130)
-    click.echo(_state_text(opened))
+        echo(f"Interrupted; what was computed is kept. Go on with: microvib campaign resume {folder}", err=True)
+        sys.exit(INTERRUPTED)
+    echo(_state_text(opened))
     if not opened.missing():
-        click.echo(f"Now: microvib campaign report {folder}")
+        echo(f"Now: microvib campaign report {folder}")
 
 
 @contextmanager
@@ -139,6 +140,10 @@ def _backend(on: str, workers: int | None, scheduler: str | None) -> Iterator[An
             yield backend
 
 
+def _progress() -> progress_bar:
+    return progress_bar("computing", "cases", lines_every=_EVERY)
+
+
 def _shard(text: str | None) -> tuple[int, int]:
     if text is None:
         return 0, 1
@@ -148,47 +153,11 @@ def _shard(text: str | None) -> tuple[int, int]:
     raise MicrovibError(f"--shard: {text!r} is not allowed; write K/N with K from 0 to N-1, such as 0/8")
 
 
-@contextmanager
-def _rate(opened: Campaign) -> Iterator[Callable[[int, int], None]]:
-    """Progress with rate and time left: a bar on a terminal, elsewhere a line now and then."""
-    if sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("starting workers", total=opened.design.cases)
-            yield _Reporter(
-                lambda done, total, text: bar.update(task, completed=done, total=total, description=text), 0.0
-            )
-    else:
-        yield _Reporter(lambda done, total, text: click.echo(f"{done} of {total} cases, {text}", err=True), _EVERY)
-
-
-class _Reporter:
-    """Rate of this run, from its second report on."""
-
-    def __init__(self, tell: Callable[[int, int, str], None], every: float) -> None:
-        self._tell, self._every = tell, every
-        self._begun, self._last = 0.0, 0.0
-        self._before = -1
-
-    def __call__(self, done: int, total: int) -> None:
-        now = time.monotonic()
-        if self._before < 0:
-            self._begun, self._before, self._last = now, done, now
-        elif now - self._last >= self._every or done >= total:
-            self._last = now
-            rate = (done - self._before) / max(now - self._begun, 1e-9)
-            left = f", {(total - done) / rate:.0f} s left" if rate > 0.0 and done < total else ""
-            self._tell(done, total, f"{rate:.3g} cases/s{left}")
-
-
 @campaign.command()
 @folder_argument
 def status(folder: Path) -> None:
     """What is computed of DIR, what failed and why."""
-    click.echo(_state_text(_opened(folder), reasons=True))
+    echo(_state_text(_opened(folder), reasons=True))
 
 
 def _state_text(opened: Campaign, reasons: bool = False) -> str:
@@ -204,8 +173,8 @@ def merge(folder: Path) -> None:
     from microvib.studies.campaign.results import merge as merge_chunks
 
     merged = merge_chunks(_opened(folder))
-    click.echo(f"{merged.done} of {merged.cases} cases done, {merged.failed} failed, {len(merged.lines)} lines.")
-    click.echo(f"Written: {merged.path}")
+    echo(f"{merged.done} of {merged.cases} cases done, {merged.failed} failed, {len(merged.lines)} lines.")
+    echo(f"Written: {merged.path}")
 
 
 @campaign.command()
@@ -228,9 +197,7 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     text = band or opened.design.study.band
     merge_chunks(opened)
     summary = summarise(open_results(opened), most, band_of(text) if text else (0.0, float("inf")))
-    click.echo(report_text(summary))
-    files = write_report(folder / "report", summary, form)
-    click.echo(f"\nWritten: {', '.join(str(folder / 'report' / name) for name in files)}")
+    deliver(report_text(summary), folder / "report", lambda out: write_report(out, summary, form))
 
 
 @campaign.command()
@@ -248,6 +215,6 @@ def case(folder: Path, number: int, out: Path | None) -> None:
         from microvib.app.campaign.text import write_case
 
         write_case(opened, number, out)
-    click.echo(again_text(opened, number))
+    echo(again_text(opened, number))
     if out is not None:
-        click.echo(f"Written: {out}. Whole motion and report: microvib run {out}")
+        echo(f"Written: {out}. Whole motion and report: microvib run {out}")

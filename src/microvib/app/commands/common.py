@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from microvib.app.edge import echo
 from microvib.app.reports.document import Form
 from microvib.errors import MicrovibError, ScenarioError
 
@@ -116,40 +115,9 @@ def preparation(file: Path | None) -> Preparation | None:
     return None if file is None else load_preparation(file)
 
 
-class progress_bar:
-    """A progress bar on standard error where that is a terminal, and nothing otherwise."""
-
-    def __init__(self, doing: str = "simulating", unit: str = "s") -> None:
-        self._doing, self._unit = doing, unit
-
-    def __enter__(self) -> Callable[[float, float], None] | None:
-        self._bar: Any = None
-        if not sys.stderr.isatty():
-            return None
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[amount]}"),  # empty until the length of the work is known
-        )
-        self._bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
-        self._bar.start()
-        task = self._bar.add_task(f"{self._doing} (compiles on first use)", total=None, amount="")
-        last = 0.0
-
-        def report(done: float, total: float) -> None:
-            nonlocal last
-            now = time.monotonic()
-            if now - last > 0.1 or done >= total:
-                last = now
-                text = "lines and report (compiles on first use)" if done >= total else self._doing
-                amount = f"{done:.0f} of {total:.0f} {self._unit}"
-                self._bar.update(task, completed=done, total=total, description=text, amount=amount)
-
-        return report
-
-    def __exit__(self, *args: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+def deliver(text: str, out: Path | None, write: Callable[[Path], tuple[str, ...]]) -> None:
+    """Write a study's folder, where there is one, then print: a reader who leaves early does not cost the results."""
+    files = () if out is None else write(out)
+    echo(text)
+    if files:
+        echo(f"\nWritten: {', '.join(str(out / name) for name in files if out is not None)}")

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from microvib.app.commands.common import check_target, load, overwrite_option, progress_bar, report_options, set_option
+from microvib.app.commands.common import check_target, deliver, load, overwrite_option, report_options, set_option
+from microvib.app.commands.progress import progress_bar
 from microvib.app.options import band_of, counts_of, quantity
 from microvib.app.reports.document import Form
 from microvib.errors import ScenarioError
@@ -46,7 +47,5 @@ def rates(
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(loaded, grid, counts, limit=most, band=within, linear=linear, progress=progress)
         text = linear_text(plan) if linear else ""
-    click.echo("\n".join(filter(None, (plan_text(plan), text))))
-    if out is not None:
-        files = write_plan(out, plan, text, overwrite, form)
-        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+    said = "\n".join(filter(None, (plan_text(plan), text)))
+    deliver(said, out, lambda folder: write_plan(folder, plan, text, overwrite, form))

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.app.commands.common import band_option, limit_option, load, progress_bar, report_options, set_option
+from microvib.app.commands.common import band_option, limit_option, load, report_options, set_option
+from microvib.app.commands.progress import progress_bar
+from microvib.app.edge import echo
 from microvib.app.reports.document import Form
 from microvib.errors import MicrovibError
 
@@ -48,7 +50,7 @@ def run(
     loaded = load(scenario, settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
-    with progress_bar() as progress:
+    with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         result = run_scenario(
             loaded,
             out,
@@ -62,15 +64,15 @@ def run(
         )
     _print_lines(loaded, result.table)
     if allowed is not None:
-        click.echo(f"\n{judge(result.table, allowed)}")
+        echo(f"\n{judge(result.table, allowed)}")
     if steady:
-        click.echo(_steady_sentence(result))
+        echo(_steady_sentence(result))
     i = result.invariants
-    click.echo(
+    echo(
         f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
         f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
     )
-    click.echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
+    echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
 
 
 def _steady_sentence(result: RunResult) -> str:
@@ -86,24 +88,24 @@ def _steady_sentence(result: RunResult) -> str:
 def _print_lines(loaded: Scenario, table: LineTable) -> None:
     from microvib.studies.paper import compare_with_paper, paper_state, standing
 
-    click.echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
-    click.echo(table.text(notable=True))
+    echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
+    echo(table.text(notable=True))
     if not any(line.status in ("ok", "decaying", "growing") for line in table):
-        click.echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
+        echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
     rows = compare_with_paper(loaded, table)
     if rows:
-        click.echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {standing(loaded)}:\n")
-        click.echo(
+        echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {standing(loaded)}:\n")
+        echo(
             f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
             f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
         )
         for r in rows:
-            click.echo(
+            echo(
                 f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
                 f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
             )
     elif paper_state(loaded) not in (None, 1):
-        click.echo("\nThe paper tabulates the lines of state 1 only; for the other states it gives statements.")
+        echo("\nThe paper tabulates the lines of state 1 only; for the other states it gives statements.")
 
 
 @click.command()
@@ -114,7 +116,7 @@ def scenarios() -> None:
     for name in catalog_names():
         loaded = load_scenario(name)
         mode = loaded.array.modes[0]
-        click.echo(
+        echo(
             f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode {mode.frequency:g} Hz [{loaded.source}]"
         )
 
@@ -152,7 +154,7 @@ def new(file: Path) -> None:
         if made:
             file.unlink(missing_ok=True)
         raise OutputError(f"{file}: cannot be written: {error.strerror}") from None
-    click.echo(f"Written: {file}. Edit it, then: microvib run {file}")
+    echo(f"Written: {file}. Edit it, then: microvib run {file}")
 
 
 @click.command()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,16 @@ import click
 from microvib.app.commands.common import (
     channel_option,
     check_target,
+    deliver,
     load,
     overwrite_option,
     preparation,
     prepare_option,
-    progress_bar,
     report_options,
     set_option,
 )
+from microvib.app.commands.progress import progress_bar
+from microvib.app.edge import INTERRUPTED, echo
 from microvib.app.options import band_of, quantity
 from microvib.app.reports.document import Form
 from microvib.errors import MicrovibError
@@ -60,10 +61,7 @@ def analyse(
             resolution=None if resolution is None else quantity("--resolution", resolution, "Hz"),
             bands=[band_of(text) for text in bands], progress=progress,
         )  # fmt: skip
-    click.echo(analysis_text(analysis))
-    if out is not None:
-        files = write_analysis(out, analysis, overwrite, form)
-        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+    deliver(analysis_text(analysis), out, lambda folder: write_analysis(folder, analysis, overwrite, form))
 
 
 @click.command()
@@ -94,10 +92,8 @@ def compare(
         first, second, rows = run_comparison(
             a, b, scenario=scenario, channel=channel, preparation=preparation(prepare), progress=progress
         )
-    click.echo(comparison_text(first, second, rows))
-    if out is not None:
-        files = write_comparison(out, first, second, rows, overwrite, form)
-        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+    text = comparison_text(first, second, rows)
+    deliver(text, out, lambda folder: write_comparison(folder, first, second, rows, overwrite, form))
 
 
 @click.command()
@@ -119,10 +115,10 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
         recording = run_bench(load(scenario, settings), load_bench(bench), seed=seed, progress=progress)
     write_recording(recording, output)
     for name, x in recording.channels.items():
-        click.echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
+        echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
     for note in recording.notes:
-        click.echo(note)
-    click.echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
+        echo(note)
+    echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
 
 
 @click.command()
@@ -184,27 +180,21 @@ def identify(
         raise MicrovibError(
             f"--model-error: {model_error} is not allowed; it must be greater than 0 and at most 100 percent"
         )
-    fit = run_identification(
-        loaded, tests, fit_keys, seed=seed, starts=starts, model_error=trusted, progress=_best_so_far()
-    )
-    click.echo(fit_text(fit))
-    if out is not None:
-        files = write_fit(out, fit, overwrite, form)
-        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+    with progress_bar("searching") as progress:
+        fit = run_identification(
+            loaded, tests, fit_keys, seed=seed, starts=starts, model_error=trusted, progress=_best_so_far(progress)
+        )
+    deliver(fit_text(fit), out, lambda folder: write_fit(folder, fit, overwrite, form))
+    if fit.interrupted:
+        sys.exit(INTERRUPTED)
 
 
-def _best_so_far() -> Callable[[str, int, float, dict[str, float]], None] | None:
-    """Every two seconds a line on standard error with the best fit so far, where that is a terminal."""
-    if not sys.stderr.isatty():
-        return None
-    last = 0.0
+def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str, float]], None]:
+    """The best fit so far, in the bar's words."""
 
     def report(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
-        nonlocal last
-        if time.monotonic() - last > 2.0:
-            last = time.monotonic()
-            values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
-            click.echo(f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}", err=True)
+        values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
+        progress.say(f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}")
 
     return report
 
@@ -219,9 +209,6 @@ def validate(out: Path | None, overwrite: bool, form: Form) -> None:
     from microvib.studies.validate import validate as run_validation
 
     check_target(out, overwrite, form)
-    tell = (lambda text: click.echo(f"running {text}", err=True)) if sys.stderr.isatty() else None
-    checks, states = run_validation(tell)
-    click.echo(validation_text(checks))
-    if out is not None:
-        files = write_validation(out, checks, states, overwrite, form)
-        click.echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+    with progress_bar() as progress:
+        checks, states = run_validation(lambda text: progress.say(f"running {text}"))
+    deliver(validation_text(checks), out, lambda folder: write_validation(folder, checks, states, overwrite, form))

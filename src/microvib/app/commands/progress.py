@@ -1,0 +1,94 @@
+"""How far a command is, on standard error: the one place that draws bars."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from typing import Any
+
+import click
+
+_PAUSE = 0.1
+"""Seconds between two drawings of a bar."""
+_WIDE = 80
+"""Columns of a terminal from which on there is room for the bar itself."""
+
+
+class progress_bar:
+    """A bar where a terminal can draw one, gone when the work is done; elsewhere a line every ``lines_every`` seconds.
+
+    Called with what is done and the whole, in ``unit``; ``finishing`` stands there when all is done.
+    """
+
+    def __init__(
+        self, doing: str = "simulating", unit: str = "s", *, finishing: str = "finishing", lines_every: float = math.inf
+    ) -> None:
+        self._doing, self._unit, self._finishing, self._every = doing, unit, finishing, lines_every
+        self._bar: Any = None
+        self._told = -math.inf
+        self._first: tuple[float, float] | None = None
+
+    def __enter__(self) -> progress_bar:
+        if sys.stderr.isatty():
+            self._bar = _bar(self._doing)
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *args: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, done: float, total: float) -> None:
+        """Tell how far it is, unless it was told just now."""
+        if self._bar is None and not math.isfinite(self._every):
+            return
+        now = time.monotonic()
+        if self._first is None:  # what was there before counts for no rate
+            self._first = now, done
+            self._told = now if self._bar is None else -math.inf
+            total = math.inf if self._bar is None else total
+        pause = self._every if self._bar is None else _PAUSE
+        if now - self._told < pause and done < total:
+            return
+        self._told = now
+        amount, pace = f"{done:.0f} of {total:.0f} {self._unit}", self._pace(now, done, total)
+        if self._bar is not None:
+            text = self._finishing if done >= total else f"{self._doing}{pace}"
+            self._bar.update(self._bar.task_ids[0], completed=done, total=total, description=text, amount=amount)
+        else:
+            click.echo(f"{amount}{pace}", err=True)
+
+    def say(self, text: str) -> None:
+        """What is being done, where nobody knows how much of it there is."""
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], description=text)
+
+    def _pace(self, now: float, done: float, total: float) -> str:
+        """Rate and time left of what is counted on lines, too."""
+        begun, before = self._first or (now, done)
+        if done <= before or not math.isfinite(self._every):
+            return ""
+        rate = (done - before) / max(now - begun, 1e-9)
+        left = f", {(total - done) / rate:.0f} s left" if done < total and self._bar is None else ""
+        return f", {rate:.3g} {self._unit}/s{left}"
+
+
+def _bar(doing: str) -> Any:
+    """A bar that fits into the terminal; None where it can only print lines."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.table import Column
+
+    console = Console(stderr=True)
+    if console.is_dumb_terminal:
+        return None
+    console.width = max(console.width - len("^C "), 20)  # echoed behind the bar, it must not begin a line of its own
+    one_line = Column(no_wrap=True, overflow="ellipsis", ratio=1)
+    text = TextColumn("{task.description}", markup=False, table_column=one_line)
+    amount = TextColumn("{task.fields[amount]}", markup=False, table_column=Column(no_wrap=True))
+    columns = (text, BarColumn(), amount, TimeRemainingColumn()) if console.width >= _WIDE else (text, amount)
+    bar = Progress(*columns, console=console, transient=True, expand=True)
+    bar.add_task(f"{doing} (compiles on first use)", total=None, amount="")
+    return bar

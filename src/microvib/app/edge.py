@@ -1,0 +1,161 @@
+"""Where the command line meets its surroundings: standard streams, interrupts, and errors that become sentences and a status."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+import textwrap
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+from microvib.errors import MicrovibError
+
+FAILED, BUG, INTERRUPTED = 1, 70, 128 + signal.SIGINT
+CLOSED_PIPE = 128 + 13
+"""As the shell counts a program that SIGPIPE ended."""
+TRACEBACK = "MICROVIB_TRACEBACK"
+"""Environment variable that asks for the traceback of a bug."""
+
+_EXTRAS = {
+    "pyfe3d": "fem",
+    "pyyeti": "fem",
+    "pyuff": "test-data",
+    "nptdms": "test-data",
+    "typst": "report",
+    "distributed": "dask",
+    "sphinx": "docs",
+    "fastapi": "serve",
+    "uvicorn": "serve",
+}
+"""Extra of the package that brings a library."""
+
+
+def status_of(command: Callable[[], Any]) -> int:
+    """Run a command to its exit status; whatever ends it is said in sentences on standard error."""
+    with _streams():
+        try:
+            status = command() or 0
+            sys.stdout.flush()
+        except BaseException as error:
+            status = _said(error)
+        return int(status)
+
+
+def _said(error: BaseException) -> int:
+    """Say in sentences what ended a command, and return its status."""
+    match error:
+        case SystemExit():
+            return error.code if isinstance(error.code, int) else FAILED if error.code else 0
+        case KeyboardInterrupt() | click.Abort():
+            return _say("Interrupted; no file was left half-written.", INTERRUPTED)
+        case click.ClickException():
+            error.show()
+            return error.exit_code
+        case MicrovibError():
+            return _say("\n".join(f"Error: {line}" for line in str(error).splitlines()))
+        case ModuleNotFoundError() if extra := _EXTRAS.get((error.name or "").split(".")[0]):
+            return _say(f"Error: this needs {error.name}, which is not installed; pip install 'microvib[{extra}]'")
+        case MemoryError():
+            return _say("Error: memory is exhausted; a shorter record.duration or fewer cases at a time need less")
+        case Refused():
+            cause = error.args[0]
+            if isinstance(cause, BrokenPipeError):
+                return CLOSED_PIPE  # who reads has enough: nothing is wrong
+            return _say(f"Error: standard output cannot be written: {cause.strerror or cause}")
+        case OSError() if error.filename is not None:
+            return _say(f"Error: {error.filename}: {error.strerror or error}")
+    return _bug(error)
+
+
+def _bug(error: BaseException) -> int:
+    """What nobody foresaw is said to be ours, never the user's."""
+    if os.environ.get(TRACEBACK):
+        _say("".join(traceback.format_exception(error)).rstrip())
+    what = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    return _say(
+        f"Error: a bug in microvib, not in your input ({what}); please report it to its developers, with the command, its"
+        f" files, and what it prints when {TRACEBACK}=1 is set",
+        BUG,
+    )
+
+
+def _say(text: str, status: int = FAILED) -> int:
+    echo(text, err=True)
+    return status
+
+
+def echo(text: str, err: bool = False) -> None:
+    """Print; where a terminal is narrower than a line, the line is broken between words and not inside figures."""
+    stream = sys.stderr if err else sys.stdout
+    if stream.isatty():
+        width = max(_columns(stream), 20)
+        fold = textwrap.TextWrapper(
+            width, subsequent_indent="    ", replace_whitespace=False, break_long_words=False, break_on_hyphens=False
+        )
+        text = "\n".join(line if len(line) <= width else fold.fill(line) for line in text.split("\n"))
+    click.echo(text, err=err)
+
+
+def _columns(stream: Any) -> int:
+    try:
+        return os.get_terminal_size(stream.fileno()).columns
+    except (OSError, ValueError):
+        return 80
+
+
+class Refused(Exception):
+    """Standard output does not take what is written to it. Not an OSError, which libraries on the way would answer."""
+
+
+class _Output(io.FileIO):
+    def write(self, data: Any) -> Any:
+        try:
+            return super().write(data)
+        except OSError as error:
+            os.dup2(_null(), self.fileno())  # what is left goes nowhere, and the interpreter's end is quiet
+            raise Refused(error) from None
+
+
+class _Messages(io.FileIO):
+    def write(self, data: Any) -> Any:
+        try:
+            return super().write(data)
+        except OSError:  # nobody listens: the work goes on, and the status tells
+            return memoryview(data).nbytes
+
+
+def _null() -> int:
+    return os.open(os.devnull, os.O_RDWR)
+
+
+@contextmanager
+def _streams() -> Iterator[None]:
+    """Standard streams that are there, whatever the caller closed, and that tell their own failures from those of files."""
+    before = {name: getattr(sys, name) for name in ("stdin", "stdout", "stderr")}
+    for name, mode, kind in (("stdin", "r", None), ("stdout", "w", _Output), ("stderr", "w", _Messages)):
+        if before[name] is None:  # its number must not go to the next file that is opened
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+            os.set_inheritable(getattr(sys, name).fileno(), True)
+        elif kind is not None:
+            setattr(sys, name, _over(before[name], kind))
+    try:
+        yield
+    finally:
+        for name, stream in before.items():
+            setattr(sys, name, stream or getattr(sys, name))
+
+
+def _over(stream: Any, kind: type[io.FileIO]) -> Any:
+    """The same stream over a file of another kind; as it is where it is not that of a file."""
+    buffer = getattr(stream, "buffer", None)
+    if not isinstance(getattr(buffer, "raw", buffer), io.FileIO):
+        return stream
+    stream.flush()
+    raw = io.BufferedWriter(kind(stream.fileno(), "w", closefd=False))
+    return io.TextIOWrapper(raw, stream.encoding, stream.errors, line_buffering=True)

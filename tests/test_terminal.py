@@ -1,0 +1,308 @@
+"""The command line in a terminal, in a pipe and without either: what is on the screen, what it ends with, never a traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pty", reason="pseudo-terminals are of POSIX")
+
+import click
+from terminal import in_terminal, screen
+
+from microvib.app.commands.progress import progress_bar
+from microvib.app.edge import BUG, TRACEBACK, status_of
+from microvib.errors import MicrovibError
+
+SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
+LONG = ["--set", "record.duration=20000 s"]
+STUDY = """
+scenario: state-1
+set: {record.settle: 0.2 s, record.duration: 1 s, record.sample_rate: 1024 Hz}
+vary: {driver.microsteps: [8, 16]}
+sampling: {method: random, count: 1}
+"""
+
+
+EXPECTED = {"error": 1, "usage": 2, "docs": (0, 1)}  # the site is not in every installation
+ONE_AFTER_ANOTHER = """
+import json, sys
+from microvib.app.cli import main
+for name, arguments in json.loads(sys.argv[1]).items():
+    status = 0
+    try:
+        main(arguments, prog_name="microvib")
+    except SystemExit as end:
+        status = end.code
+    print(f"== {name} == {status}", flush=True)
+"""
+
+
+def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """What a POSIX shell makes of a line, ``microvib`` standing for the command."""
+    line = f'microvib() {{ "$PYTHON" -m microvib "$@"; }}; {line}'
+    env = {**os.environ, "PYTHON": sys.executable}
+    return subprocess.run(
+        ["sh", "-c", line], cwd=cwd, env=env, capture_output=True, text=True, timeout=240, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A recording, a finished run, a campaign that is computed: what the commands work on."""
+    where = tmp_path_factory.mktemp("terminal")
+    (where / "study.yaml").write_text(STUDY)
+    (where / "long.yaml").write_text(STUDY.replace("count: 1", "count: 2000"))
+    (where / "modes.csv").write_text("frequency_hz,damping,effective_inertia_kg_m2\n1.19,0.01,8\n")
+    made = {
+        "run": ["run", "state-1", *SHORT, "--out", "old"],
+        "measure": ["measure", "state-1", *SHORT, "-o", "old.csv"],
+        "create": ["campaign", "create", "study.yaml", "batch"],
+        "create long": ["campaign", "create", "long.yaml", "long"],
+        "campaign": ["campaign", "run", "batch", "--workers", "1"],
+    }
+    program = [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(made)]
+    done = subprocess.run(program, cwd=where, check=True, capture_output=True, text=True, timeout=240)
+    assert re.findall(r"^== .* == (\d+)$", done.stdout, re.M) == ["0"] * len(made), done.stderr
+    return where
+
+
+COMMANDS = {
+    "run": ["run", "state-1", *SHORT],
+    "run --steady": ["run", "state-1", "--steady", "--lines-only", *SHORT],
+    "report": ["report", "old"],
+    "compare": ["compare", "old", "old.csv", "--channel", "Mz"],
+    "analyse": ["analyse", "old.csv"],
+    "measure": ["measure", "state-1", *SHORT, "-o", "new.csv"],
+    "identify": [
+        "identify",
+        "state-1",
+        "old/lines.csv",
+        "--fit",
+        "reducer.stiffness=8000:10000",
+        "--starts",
+        "2",
+        *SHORT,
+    ],
+    "rates": ["rates", "state-1", "--from", "0.05 deg/s", "--to", "0.06 deg/s", "--count", "2", "--linear"],
+    "modes": ["modes", "modes.csv"],
+    "sas size": ["sas", "size", "--inertia", "8.18", "--frequency", "1.19"],
+    "campaign run": ["campaign", "run", "batch"],
+    "campaign status": ["campaign", "status", "batch"],
+    "campaign merge": ["campaign", "merge", "batch"],
+    "campaign report": ["campaign", "report", "batch"],
+    "campaign case": ["campaign", "case", "batch", "1"],
+    "scenarios": ["scenarios"],
+    "show": ["show", "state-1"],
+    "new": ["new", "drive.yaml"],
+    "schema": ["schema"],
+    "docs": ["docs", "--path"],
+    "help": ["--help"],
+    "error": ["show", "nowhere", "--set", "a=b"],
+    "usage": ["nothing"],
+}
+
+
+def in_one_terminal(commands: dict[str, list[str]], cwd: Path, **settings) -> dict[str, tuple[int, list[str]]]:
+    """Status and screen of each command, run in one terminal and one process, whose imports they share."""
+    program = [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(commands)]
+    shown = in_terminal(program=program, cwd=cwd, **settings)
+    assert shown.status == 0, shown.text
+    ended, begin = {}, 0
+    for k, line in enumerate(shown.screen):
+        if mark := re.fullmatch(r"== (.+) == (\d+)", line):
+            ended[mark[1]] = int(mark[2]), shown.screen[begin:k]
+            begin = k + 1
+    assert list(ended) == list(commands), shown.text
+    return ended
+
+
+def test_every_command_in_a_narrow_terminal(folder):
+    """40 columns: nothing of a bar is left, no figure is broken at the edge, no traceback, the status that a pipe gets."""
+    for name, (status, lines) in in_one_terminal(COMMANDS, folder, columns=40).items():
+        said = "\n".join(lines)
+        expected = EXPECTED.get(name, 0)
+        assert status in (expected if isinstance(expected, tuple) else (expected,)), (name, said)
+        assert lines, name
+        for unwanted in ("Traceback", "bug in microvib", "━", "\x1b", " of 2 s", "computing", "searching"):
+            assert unwanted not in said, (name, said)
+
+
+@pytest.mark.parametrize(
+    "environment", [{"TERM": "dumb"}, {"NO_COLOR": "1"}, {"TERM": "no-such-terminal"}, {"COLUMNS": "0"}]
+)
+def test_a_run_in_terminals_of_all_sorts(folder, tmp_path, environment):
+    shown = in_terminal("run", "state-1", *SHORT, "--out", str(tmp_path / "out"), cwd=folder, environment=environment)
+    assert shown.status == 0, shown.text
+    assert "Written:" in shown.text
+    assert "simulating" not in shown.text
+    if environment.get("TERM") == "dumb":
+        assert "\x1b" not in shown.raw
+    if "NO_COLOR" in environment:
+        assert not re.search(r"\x1b\[[\d;]*(3\d|4\d|9\d)m", shown.raw)
+
+
+def test_the_screen_is_read_as_a_terminal_shows_it():
+    assert screen("half\rwhole\x1b[K\r\n\x1b[31mred\x1b[0m", 20) == ["whole", "red"]
+    assert screen("a bar\r\n\x1b[1A\x1b[2K\rgone", 20) == ["gone"]
+    assert screen("abcdef", 4) == ["abcd", "ef"]
+
+
+def test_a_bar_is_drawn_while_it_goes_on_and_gone_at_the_end(folder, tmp_path):
+    arguments = ["measure", "state-1", *SHORT, "--set", "record.settle=20 s", "-o", str(tmp_path / "a.csv")]
+    shown = in_terminal(*arguments, cwd=folder)
+    assert shown.status == 0, shown.text
+    assert re.search(r"simulating.*━.* of \d+ s", shown.raw)
+    assert "━" not in shown.text
+
+
+# -- interrupted -----------------------------------------------------------------------------------------------------
+
+INTERRUPTED = (130, -2)
+"""As we end, and as the interpreter ends where the interrupt came within code that it compiled from text; a shell says 130."""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sign"),
+    [
+        (["run", "state-1", "--lines-only", *LONG, "--out", "out"], " of 20030 s"),
+        (["rates", "state-1", "--from", "0.01 deg/s", "--to", "0.3 deg/s", "--count", "5000", "--out", "out"], " cases"),
+        (["validate", "--out", "out"], "running"),
+        (["campaign", "run", "{folder}/long"], " of 4000 cases"),
+        (["measure", "state-1", "--set", "record.duration=800 s", "-o", "out.csv"], " of 830 s"),
+    ],
+    ids=lambda x: x[0] if isinstance(x, list) else "",
+)  # fmt: skip
+def test_an_interrupt_ends_every_long_command_with_one_sentence(folder, tmp_path, arguments, sign):
+    arguments = [text.format(folder=folder) for text in arguments]
+    shown = in_terminal(*arguments, cwd=tmp_path, columns=300, until=lambda written: sign in written)
+    assert shown.status in INTERRUPTED, shown.text
+    assert [line for line in shown.screen if line.strip(" ^C")] == [shown.screen[-1]], shown.text
+    assert shown.screen[-1].startswith("Interrupted; ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_identification_that_is_interrupted_keeps_the_best_and_says_so(folder, tmp_path):
+    fits = [f"--fit={key}" for key in ("reducer.stiffness", "motor.friction.viscous", "motor.detent_torque")]
+    search = ["identify", "state-1", str(folder / "old" / "lines.csv"), *fits, "--starts", "100000", "--out", "out"]
+    shown = in_terminal(*search, cwd=tmp_path, columns=300, until=lambda written: "global: 5" in written)
+    assert shown.status in INTERRUPTED, shown.text
+    assert "Interrupted: the best so far" in shown.text
+    assert json.loads((tmp_path / "out" / "fit.json").read_text())["interrupted"] is True
+
+
+def test_an_interrupt_while_the_program_is_still_starting_is_quiet(tmp_path):
+    program = "import sys, threading, _thread\nimport microvib.app.commands.common as c\nsys.modules.pop('microvib.app.commands.web', None)"
+    program += (
+        "\nclass Late:\n  def find_spec(self, name, *a):\n    if name.endswith('commands.web'): raise KeyboardInterrupt"
+    )
+    program += "\nsys.meta_path.insert(0, Late())\nfrom microvib.app.cli import main\nmain()"
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
+# -- pipes, closed streams, full disks -------------------------------------------------------------------------------
+
+NO_SPACE = "Error: standard output cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "status", "said"),
+    [
+        ("microvib show state-1 >&-", 0, ""),
+        ("microvib show state-1 <&- >&- 2>&-", 0, ""),
+        ("microvib show nowhere 2>&-", 1, ""),
+        ("microvib nothing 2>&-", 2, ""),
+        ("microvib show nowhere 2>/dev/full", 1, ""),
+        ("microvib show state-1 >/dev/full", 1, NO_SPACE),
+        ("microvib --help >/dev/full", 1, NO_SPACE),
+        ("microvib show state-1 >/dev/full 2>&1", 1, ""),
+        ("(microvib schema; echo $? >&2) | head -0", 0, "141\n"),
+        ("(microvib schema; echo $? >&2) | head -1 | grep -c .", 0, None),
+        ("(microvib --help; echo $? >&2) | true", 0, "141\n"),
+    ],
+)
+def test_streams_that_are_closed_broken_or_full(tmp_path, line, status, said):
+    if "/dev/full" in line and not os.path.exists("/dev/full"):
+        pytest.skip("there is no /dev/full here")
+    done = shell(line, tmp_path)
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr
+    if said is not None:
+        assert done.stderr == said
+
+
+def test_a_run_without_standard_error_works_and_nothing_is_written_into_its_files(folder, tmp_path):
+    line = "microvib run state-1 --set 'record.settle=0.5 s' --set 'record.duration=2 s' --out out"
+    quiet = shell(f"{line} <&- >&- 2>&-", tmp_path)
+    assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
+    assert (tmp_path / "out" / "lines.csv").read_text() == (folder / "old" / "lines.csv").read_text()
+
+
+@pytest.mark.parametrize("reader", ["| true", "> /dev/full"])
+def test_results_are_written_although_nobody_reads_the_text(folder, tmp_path, reader):
+    done = shell(f"microvib analyse '{folder}/old.csv' --out out {reader}", tmp_path)
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+# -- what nobody foresaw ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "sentence"),
+    [
+        (MicrovibError("reducer: is too soft"), 1, "Error: reducer: is too soft\n"),
+        (PermissionError(13, "Permission denied", "a/b"), 1, "Error: a/b: Permission denied\n"),
+        (
+            MemoryError(),
+            1,
+            "Error: memory is exhausted; a shorter record.duration or fewer cases at a time need less\n",
+        ),
+        (KeyboardInterrupt(), 130, "Interrupted; no file was left half-written.\n"),
+        (SystemExit(3), 3, ""),
+        (click.UsageError("no"), 2, "Error: no\n"),
+    ],
+)
+def test_what_ends_a_command_is_one_sentence_and_a_status(capsys, error, status, sentence):
+    def fail():
+        raise error
+
+    assert status_of(fail) == status
+    assert capsys.readouterr().err == sentence
+
+
+def test_a_bug_is_called_a_bug_and_shows_its_traceback_on_request(capsys, monkeypatch):
+    def fail():
+        raise ZeroDivisionError("of all things")
+
+    assert status_of(fail) == BUG == 70
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "a bug in microvib, not in your input (ZeroDivisionError: of all things)" in said
+    assert TRACEBACK in said
+    monkeypatch.setenv(TRACEBACK, "1")
+    assert status_of(fail) == BUG
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("backend", ["nonsense", "TkAgg", "module://nowhere"])
+def test_drawings_do_not_depend_on_the_window_system(folder, tmp_path, backend):
+    line = f"MPLBACKEND={backend} microvib analyse '{folder}/old.csv' --out out"
+    done = shell(line, tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_progress_on_lines_has_rate_and_time_left(capsys, monkeypatch):
+    now = iter([0.0, 5.0, 16.0, 20.0])
+    monkeypatch.setattr("microvib.app.commands.progress.time.monotonic", lambda: next(now))
+    with progress_bar("computing", "cases", lines_every=15.0) as tell:
+        for done in (10, 20, 42, 50):
+            tell(done, 50)
+    assert capsys.readouterr().err == "42 of 50 cases, 2 cases/s, 4 s left\n50 of 50 cases, 2 cases/s\n"
