@@ -29,6 +29,12 @@ vary: {driver.microsteps: [8, 16]}
 sampling: {method: random, count: 1}
 """
 
+LONG_STUDY = """
+scenario: state-1
+set: {record.settle: 0.2 s, record.duration: 1 s, record.sample_rate: 1024 Hz}
+vary: {friction.breakaway: {distribution: uniform, within: 20 percent}}
+sampling: {method: random, count: 4000}
+"""
 
 EXPECTED = {"error": 1, "usage": 2, "docs": (0, 1)}  # the site is not in every installation
 ONE_AFTER_ANOTHER = """
@@ -58,7 +64,7 @@ def folder(tmp_path_factory) -> Path:
     """A recording, a finished run, a campaign that is computed: what the commands work on."""
     where = tmp_path_factory.mktemp("terminal")
     (where / "study.yaml").write_text(STUDY)
-    (where / "long.yaml").write_text(STUDY.replace("count: 1", "count: 2000"))
+    (where / "long.yaml").write_text(LONG_STUDY)
     (where / "modes.csv").write_text("frequency_hz,damping,effective_inertia_kg_m2\n1.19,0.01,8\n")
     made = {
         "run": ["run", "state-1", *SHORT, "--out", "old"],
@@ -85,7 +91,7 @@ COMMANDS = {
         "state-1",
         "old/lines.csv",
         "--fit",
-        "reducer.stiffness=8000:10000",
+        "reducer.stiffness",
         "--starts",
         "2",
         *SHORT,
@@ -175,7 +181,6 @@ INTERRUPTED = (130, -2)
         (["rates", "state-1", "--from", "0.01 deg/s", "--to", "0.3 deg/s", "--count", "5000", "--out", "out"], " cases"),
         (["validate", "--out", "out"], "running"),
         (["campaign", "run", "{folder}/long"], " of 4000 cases"),
-        (["measure", "state-1", "--set", "record.duration=800 s", "-o", "out.csv"], " of 830 s"),
     ],
     ids=lambda x: x[0] if isinstance(x, list) else "",
 )  # fmt: skip
@@ -189,9 +194,9 @@ def test_an_interrupt_ends_every_long_command_with_one_sentence(folder, tmp_path
 
 
 def test_an_identification_that_is_interrupted_keeps_the_best_and_says_so(folder, tmp_path):
-    fits = [f"--fit={key}" for key in ("reducer.stiffness", "motor.friction.viscous", "motor.detent_torque")]
-    search = ["identify", "state-1", str(folder / "old" / "lines.csv"), *fits, "--starts", "100000", "--out", "out"]
-    shown = in_terminal(*search, cwd=tmp_path, columns=300, until=lambda written: "global: 5" in written)
+    tested = str(folder / "old" / "lines.csv")
+    search = ["identify", "state-1", tested, "--fit", "reducer.stiffness", "--starts", "4096", *SHORT, "--out", "out"]
+    shown = in_terminal(*search, cwd=tmp_path, columns=300, until=lambda written: "global: " in written)
     assert shown.status in INTERRUPTED, shown.text
     assert "Interrupted: the best so far" in shown.text
     assert json.loads((tmp_path / "out" / "fit.json").read_text())["interrupted"] is True
@@ -245,9 +250,8 @@ def test_a_run_without_standard_error_works_and_nothing_is_written_into_its_file
     assert (tmp_path / "out" / "lines.csv").read_text() == (folder / "old" / "lines.csv").read_text()
 
 
-@pytest.mark.parametrize("reader", ["| true", "> /dev/full"])
-def test_results_are_written_although_nobody_reads_the_text(folder, tmp_path, reader):
-    done = shell(f"microvib analyse '{folder}/old.csv' --out out {reader}", tmp_path)
+def test_results_are_written_although_nobody_reads_the_text(folder, tmp_path):
+    done = shell(f"microvib analyse '{folder}/old.csv' --out out | true", tmp_path)
     assert "Traceback" not in done.stderr
     assert (tmp_path / "out" / "report.html").is_file()
 
@@ -292,9 +296,8 @@ def test_a_bug_is_called_a_bug_and_shows_its_traceback_on_request(capsys, monkey
     assert "Traceback" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("backend", ["nonsense", "TkAgg", "module://nowhere"])
-def test_drawings_do_not_depend_on_the_window_system(folder, tmp_path, backend):
-    line = f"MPLBACKEND={backend} microvib analyse '{folder}/old.csv' --out out"
+def test_drawings_do_not_depend_on_the_window_system(folder, tmp_path):
+    line = f"MPLBACKEND=nonsense microvib analyse '{folder}/old.csv' --out out"
     done = shell(line, tmp_path)
     assert done.returncode == 0, done.stderr
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import microvib
 from microvib.errors import MicrovibError, OutputError
+from microvib.io.writing import put_in_place, workspace
 
 PACKAGE = Path(microvib.__file__).parent
 SITE = PACKAGE / "site"
@@ -34,14 +34,12 @@ def build_site() -> None:
 
     doctrees = SOURCE / "_build" / "doctrees"
     try:
-        with tempfile.TemporaryDirectory(prefix=".site-", dir=PACKAGE) as temporary:
-            new = Path(temporary) / "new"
+        with workspace(PACKAGE, SITE.name) as space:
+            new = space / "new"
             if build_main(["-W", "--keep-going", "-q", "-d", str(doctrees), str(SOURCE), str(new)]) != 0:
                 raise MicrovibError(
                     "the site was not built, for the reasons above; the one that was there is unchanged"
                 )
-            if SITE.exists():
-                SITE.rename(Path(temporary) / "old")
-            new.rename(SITE)
+            put_in_place(new, SITE, space)
     except OSError as error:
         raise OutputError(f"{SITE}: cannot be written: {error.strerror or error}") from None

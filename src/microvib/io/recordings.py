@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 import stat
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from microvib.errors import MicrovibError, OutputError, ScenarioError
 from microvib.io.formats import READERS, library
 from microvib.io.measured import Hints
 from microvib.io.scenario_file import read_text
+from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.signals.preparation import Preparation
@@ -145,19 +145,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
     """Write UFF 58 (binary), MATLAB v5 or CSV, by the file's ending; whole or not at all, and never over a file."""
     path = Path(path)
     check_output(path)
-    writer = WRITERS[path.suffix.lower()]
-    temporary = None
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.absolute().parent)
-        os.close(handle)
-        os.unlink(temporary)
-        writer(recording, Path(temporary))
-        os.rename(temporary, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
+    write_file(path, partial(WRITERS[path.suffix.lower()], recording))
 
 
 def _write_uff(recording: Recording, path: Path) -> None:

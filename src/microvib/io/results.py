@@ -7,11 +7,9 @@ import hashlib
 import io
 import json
 import math
-import os
 import platform
 import shutil
-import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,6 +18,7 @@ from typing import Any
 from microvib.errors import OutputError
 from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario
+from microvib.io.writing import Writer, real_path, workspace, write_files
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.table import Line, LineTable
@@ -27,9 +26,6 @@ from microvib.solve.motion import CHANNELS, INTERFACE, MODAL, Motion
 
 RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.html")
 """Files of a run's folder; only a folder that holds nothing else may be replaced."""
-
-Writer = Callable[[Path], None]
-
 
 STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
@@ -44,10 +40,10 @@ STUDY_FILES = (
 def check_folder(out: Path, overwrite: bool = False) -> None:
     """OutputError unless ``out`` is free: absent, empty, or with ``overwrite`` a folder that holds results and no more."""
     try:
-        exists = out.exists()
-        parent = _existing_parent(out)
-        with tempfile.TemporaryDirectory(prefix=".microvib-", dir=out if out.is_dir() else parent):
+        where = real_path(out)
+        with workspace(out if out.is_dir() else _existing_parent(where), out.name):
             pass  # it can be written to
+        exists = out.exists()
     except OSError as error:
         raise OutputError(f"{str(out)[:200]}: cannot be made or written to: {error.strerror or error}") from None
     if not exists:
@@ -95,66 +91,9 @@ def check_room(out: Path, size: float) -> None:
 
 
 def write_folder(out: Path, files: dict[str, str | Writer], overwrite: bool = False) -> None:
-    """Write all files beside ``out`` first and put them in place together; on any failure nothing is left."""
+    """Write a folder of results, whole or not at all, where ``check_folder`` allows it."""
     check_folder(out, overwrite)
-    out = out.resolve()  # where a link leads, not the link
-    temporary: Path | None = None
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        # An empty folder that is there may be a mount: it is filled, not replaced.
-        fill = out.is_dir() and not any(out.iterdir())
-        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out if fill else out.parent))
-        for name, content in files.items():
-            if isinstance(content, str):
-                (temporary / name).write_text(content, encoding="utf-8")
-            else:
-                content(temporary / name)
-        temporary.chmod(0o755)
-        if fill:
-            for name in files:
-                os.replace(temporary / name, out / name)
-        else:
-            _put_in_place(temporary, out)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {error.strerror or error}; nothing was left behind") from None
-    finally:
-        if temporary is not None:
-            shutil.rmtree(temporary, ignore_errors=True)
-
-
-def write_file(path: Path, content: str | bytes, overwrite: bool = False) -> None:
-    """Write one file, whole or not at all; OutputError where it cannot be, or is there already without ``overwrite``."""
-    if path.exists() and not (overwrite and path.is_file()):
-        raise OutputError(f"{path}: exists already; nothing was written")
-    temporary: Path | None = None
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", dir=path.absolute().parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content.encode() if isinstance(content, str) else content)
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}; nothing was left behind") from None
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-
-
-def _put_in_place(temporary: Path, out: Path) -> None:
-    if not out.exists():
-        temporary.rename(out)
-        return
-    # The old run is set aside until the new one is in place, so that one of them is there whatever happens.
-    aside = Path(tempfile.mkdtemp(prefix=f".{out.name}-old-", dir=out.parent))
-    out.rename(aside / "run")
-    try:
-        temporary.rename(out)
-    except BaseException:  # an interrupt, too, must not cost the old run
-        (aside / "run").rename(out)
-        raise
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+    write_files(out, files)
 
 
 def columns_csv(columns: dict[str, Iterable[float]]) -> str:

@@ -368,8 +368,11 @@ class _Problem:
 
     def several(self, points: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Residuals at several points, two at a time: the kernel holds no lock while it runs."""
-        with ThreadPoolExecutor(max_workers=2) as pool:
+        pool = ThreadPoolExecutor(max_workers=2)
+        try:
             return list(pool.map(self.residuals, points))
+        finally:  # an interrupt, too, must not wait for what has not begun
+            pool.shutdown(cancel_futures=True)
 
     def relative(self, J: np.ndarray, u: np.ndarray) -> np.ndarray:
         values = np.array([key.from_unit(float(x)) for key, x in zip(self.keys, u, strict=True)])

@@ -23,9 +23,9 @@ from microvib.app.campaign.report import (
 )
 from microvib.app.reports.document import Form
 from microvib.app.reports.rendering import report_files
-from microvib.errors import OutputError
 from microvib.io.results import rows_csv, write_folder
 from microvib.io.scenario_file import dump_scenario
+from microvib.io.writing import write_file
 from microvib.studies.campaign.cases import FIGURES, compute
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
@@ -192,11 +192,4 @@ def _same(a: Any, i: int, b: Any, j: int, name: str) -> bool:
 
 def write_case(campaign: Campaign, case: int, path: Path) -> None:
     """Write a case's scenario to a new file; OutputError where there is one already."""
-    text = dump_scenario(campaign.design.scenario(case))
-    try:
-        with path.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-    except FileExistsError:
-        raise OutputError(f"{path}: exists already; nothing was written") from None
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_file(path, dump_scenario(campaign.design.scenario(case)))

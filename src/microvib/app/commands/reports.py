@@ -36,7 +36,7 @@ def report(folder: Path, limit: str | None, band: str | None, output: Path | Non
     report.html of the folder is replaced, with --pdf report.pdf too. --limit none leaves the limit out.
     """
     from microvib.app.reports.rendering import html, pdf
-    from microvib.io.results import write_file
+    from microvib.io.writing import write_file
 
     targets = _targets(folder, output, form)
     again = output is None or overwrite

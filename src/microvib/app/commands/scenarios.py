@@ -140,20 +140,10 @@ def show(scenario: str, settings: tuple[str, ...]) -> None:
 @click.argument("file", type=click.Path(path_type=Path))
 def new(file: Path) -> None:
     """Write FILE, a commented scenario to start from. Never overwrites."""
-    from microvib.errors import OutputError
     from microvib.io.scenario_file import catalog_text
+    from microvib.io.writing import write_file
 
-    made = False
-    try:
-        with file.open("x", encoding="utf-8") as stream:
-            made = True
-            stream.write(catalog_text("new"))
-    except FileExistsError:
-        raise OutputError(f"{file}: exists already; nothing was written") from None
-    except OSError as error:
-        if made:
-            file.unlink(missing_ok=True)
-        raise OutputError(f"{file}: cannot be written: {error.strerror}") from None
+    write_file(file, catalog_text("new"))
     echo(f"Written: {file}. Edit it, then: microvib run {file}")
 
 

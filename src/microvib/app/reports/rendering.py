@@ -16,7 +16,7 @@ from typing import Any
 from microvib.app.reports.document import Block, Document, Form, Table
 from microvib.app.reports.fonts import fallback_for, package_fonts
 from microvib.app.reports.typography import typeset
-from microvib.io.results import Writer
+from microvib.io.writing import Writer
 
 
 def report_files(document: Document, form: Form | None) -> dict[str, str | Writer]:

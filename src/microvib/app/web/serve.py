@@ -26,6 +26,7 @@ from microvib.app.web.desk import Desk
 from microvib.app.web.entrance import opening_file
 from microvib.app.web.limits import Limits
 from microvib.errors import MicrovibError
+from microvib.io.writing import workspace
 
 _WAITING = 1024
 """Clients that the system keeps until they are accepted."""
@@ -39,8 +40,8 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     url = _url(address, port)
     logging.basicConfig(stream=sys.stderr, format="%(message)s")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with tempfile.TemporaryDirectory(prefix="microvib-", ignore_cleanup_errors=True) as root:
-        desk = Desk(Path(root), Limits())
+    with workspace(Path(tempfile.gettempdir()), "page") as root:
+        desk = Desk(root, Limits())
         server = _Server(configuration(create_app(desk, access), desk.limits), desk.close)
         try:
             with contextlib.suppress(KeyboardInterrupt):

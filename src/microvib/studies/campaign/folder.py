@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import os
 import re
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OutputError
-from microvib.io.results import package_versions, to_json, write_file, write_folder
+from microvib.errors import MicrovibError
+from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_part, dump_scenario
+from microvib.io.writing import write_file
 from microvib.studies.campaign.cases import Chunk, Label, Work
 from microvib.studies.campaign.design import Design
 from microvib.studies.campaign.manifest import MANIFEST, SAMPLES, SCENARIO, STUDY, Manifest
@@ -88,24 +88,8 @@ class Campaign:
 
     def write(self, chunk: int, data: bytes) -> None:
         """Put a chunk's file in place at once; OutputError where the disk does not take it, and nothing is left then."""
-        target = self.file(chunk)
-        temporary = None
-        try:
-            handle, temporary = tempfile.mkstemp(prefix=f".{chunk:06d}-", dir=target.parent)
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.replace(temporary, target)
-            temporary = None
-        except OSError as error:
-            raise OutputError(
-                f"{target}: cannot be written: {error.strerror or error}; what was computed before is kept, go on with:"
-                f" microvib campaign resume {self.folder}"
-            ) from None
-        finally:
-            if temporary is not None:
-                Path(temporary).unlink(missing_ok=True)
+        after = f"; what was computed before is kept, go on with: microvib campaign resume {self.folder}"
+        write_file(self.file(chunk), data, overwrite=True, after=after)
 
     def read(self, chunk: int) -> Chunk:
         """Results of a chunk; MicrovibError where its file is damaged, or is not that chunk of this campaign."""

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OutputError
+from microvib.errors import MicrovibError
 from microvib.io.hdf5 import open_hdf5
 from microvib.io.netcdf import new_netcdf
 from microvib.io.results import package_versions
+from microvib.io.writing import write_file
 from microvib.studies.campaign.cases import FIGURES, SCALARS, Chunk
 from microvib.studies.campaign.folder import Campaign
 
@@ -57,30 +54,16 @@ def merge(campaign: Campaign) -> Merged:
     lines = tuple(dict.fromkeys(name for _, chunk in campaign.results() for name in chunk.lines))
     statuses = tuple(sorted({text for _, chunk in campaign.results() for text in chunk.statuses}))
     path = campaign.folder / RESULTS
-    with _in_place(path) as temporary:
-        state = _write(campaign, temporary, lines, statuses)
+    state = np.full(campaign.design.cases, MISSING, dtype=np.int8)
+    write_file(path, lambda new: _write(campaign, new, lines, statuses, state), overwrite=True)
     return Merged(campaign.design.cases, int(np.sum(state == DONE)), int(np.sum(state == FAILED)), lines, path)
 
 
-@contextmanager
-def _in_place(path: Path) -> Iterator[Path]:
-    """A temporary file that takes its place when it is whole."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _write(campaign: Campaign, path: Path, lines: tuple[str, ...], statuses: tuple[str, ...]) -> np.ndarray:
+def _write(
+    campaign: Campaign, path: Path, lines: tuple[str, ...], statuses: tuple[str, ...], state: np.ndarray
+) -> None:
+    """Write the merged file and fill in ``state`` of each case, (cases,)."""
     design = campaign.design
-    state = np.full(design.cases, MISSING, dtype=np.int8)
     with new_netcdf(path) as f:
         f.dimensions = {"case": design.cases, "line": len(lines)}
         f.attrs["title"] = design.study.title or "microvib campaign"
@@ -109,7 +92,6 @@ def _write(campaign: Campaign, path: Path, lines: tuple[str, ...], statuses: tup
         _text(f, "note", ("case",), notes, "what is to be known of the case")
         kept = f.create_variable("state", ("case",), data=state)
         kept.attrs["flag_meanings"] = "0: not computed; 1: done; 2: failed"
-    return state
 
 
 def _spread(values: np.ndarray, where: list[int], width: int, empty: float) -> np.ndarray:

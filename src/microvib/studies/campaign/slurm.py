@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from microvib.errors import MicrovibError
+from microvib.io.writing import write_file
 from microvib.studies.campaign.folder import Campaign
 
 SCRIPT, JOBS, TODO = "slurm.sh", "slurm.json", "slurm-todo.txt"
@@ -27,13 +28,13 @@ def submit(campaign: Campaign, jobs: int, directives: Sequence[str] = (), *, onl
     _refuse_second(campaign)
     count = min(jobs, len(missing))
     # What is missing now: while shards work it changes, and they would not agree on who takes what.
-    (campaign.folder / TODO).write_text("\n".join(map(str, missing)) + "\n", encoding="utf-8")
+    write_file(campaign.folder / TODO, "\n".join(map(str, missing)) + "\n", overwrite=True)
     script = campaign.folder.resolve() / SCRIPT
-    script.write_text(_script(campaign, count, directives), encoding="utf-8")
+    write_file(script, _script(campaign, count, directives), overwrite=True)
     if only_write:
         return f"Written: {script}. Submit it with: sbatch {script}"
     job = _sbatch(str(script))
-    (campaign.folder / JOBS).write_text(json.dumps({"job": job, "shards": count}) + "\n", encoding="utf-8")
+    write_file(campaign.folder / JOBS, json.dumps({"job": job, "shards": count}) + "\n", overwrite=True)
     return (
         f"Submitted job {job}: {count} shards over {len(missing)} chunks. Look with: microvib campaign status {campaign.folder}"
         f"; whatever ends it: microvib campaign resume {campaign.folder} --on slurm"

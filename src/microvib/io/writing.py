@@ -1,0 +1,165 @@
+"""Files and folders that appear whole or not at all: written beside their place in a hidden folder, then moved into it.
+
+The hidden folder is locked while its process lives. Where a process was killed, the next one that writes at the same place finds
+the folder without its lock and clears it away; results that had been set aside in it come back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from microvib.errors import OutputError
+
+fcntl: Any = None
+with contextlib.suppress(ImportError):  # Windows
+    import fcntl
+
+Writer = Callable[[Path], None]
+
+_ENDING, _LOCK, _NEW, _OLD = ".microvib", "lock", "new", "old"
+
+
+def write_files(out: Path, files: Mapping[str, str | Writer]) -> None:
+    """Fill or replace the folder ``out`` with ``files``, together or not at all; OutputError leaves what was there."""
+    out = real_path(out)  # where a link leads, not the link
+    with _told(out, "; nothing was left behind"):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        # An empty folder that is there may be a mount: it is filled, not replaced.
+        fill = out.is_dir() and not any(out.iterdir())
+        with workspace(out if fill else out.parent, out.name) as space:
+            new = space / _NEW
+            new.mkdir()
+            for name, content in files.items():
+                _write(new / name, content)
+            if fill:
+                for name in files:
+                    os.replace(new / name, out / name)
+            else:
+                put_in_place(new, out, space)
+
+
+def write_file(path: Path, content: str | bytes | Writer, overwrite: bool = False, after: str = "") -> None:
+    """Write one file, whole or not at all; OutputError where it cannot be, or is there already without ``overwrite``.
+
+    ``after`` ends the sentence of a failure: what is kept, and how to go on.
+    """
+    path = real_path(path)
+    if path.exists() and not (overwrite and path.is_file()):
+        raise OutputError(f"{path}: exists already; nothing was written")
+    with _told(path, after or "; nothing was left behind"), workspace(path.absolute().parent, path.name) as space:
+        new = space / path.name  # with its ending, which some writers look at
+        _write(new, content)
+        os.replace(new, path)
+
+
+def real_path(path: Path) -> Path:
+    """Where a path leads; OutputError where its links lead nowhere."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):  # RuntimeError: links in a circle, until Python 3.13
+        raise OutputError(f"{path}: leads nowhere: its links go round in a circle") from None
+
+
+@contextmanager
+def workspace(parent: Path, name: str) -> Iterator[Path]:
+    """A hidden folder in ``parent`` for what becomes ``name``, gone at the end; those of killed processes are cleared first."""
+    clear(parent)
+    lock = None
+    while lock is None:
+        space = Path(tempfile.mkdtemp(prefix=f".{name[:40]}-", suffix=_ENDING, dir=parent))
+        lock = _locked(space / _LOCK)
+    try:
+        yield space
+    finally:
+        os.close(lock)
+        shutil.rmtree(space, ignore_errors=True)
+
+
+def clear(parent: Path) -> None:
+    """Clear away the workspaces of killed processes in ``parent``, and put back what they had set aside.
+
+    Not on Windows, where a lock does not tell whether its process lives.
+    """
+    for space in list(parent.glob(f".*{_ENDING}")) if fcntl else ():
+        with contextlib.suppress(OSError):  # in use, of somebody else, or cleared by another at the same time
+            if _is_ours(space):
+                _clear(space)
+
+
+def put_in_place(new: Path, out: Path, space: Path) -> None:
+    """Put the folder ``new`` of a workspace in the place of ``out``, which may be there."""
+    if not out.exists():
+        new.rename(out)
+        return
+    # What was there is set aside until the new is in place, so that one of them is there whatever happens.
+    old = space / _OLD / out.name
+    old.parent.mkdir()
+    out.rename(old)
+    try:
+        new.rename(out)
+    except BaseException:  # an interrupt, too, must not cost the old results
+        old.rename(out)
+        raise
+
+
+def _clear(space: Path) -> None:
+    """Clear one workspace away. OSError where its process lives."""
+    try:
+        lock = os.open(space / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        space.rmdir()  # killed before it was locked; who is about to lock it makes another
+        return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        for old in (space / _OLD).glob("*"):
+            if not os.path.lexists(space.parent / old.name):
+                old.rename(space.parent / old.name)
+        shutil.rmtree(space, ignore_errors=True)
+    finally:
+        os.close(lock)
+
+
+def _is_ours(space: Path) -> bool:
+    found = space.lstat()
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+
+
+def _write(path: Path, content: str | bytes | Writer) -> None:
+    if callable(content):
+        content(path)
+        return
+    with path.open("wb") as stream:
+        stream.write(content.encode() if isinstance(content, str) else content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+@contextmanager
+def _told(path: Path, after: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}{after}") from None
+
+
+def _locked(path: Path) -> int | None:
+    """The lock of a new workspace, held while the process lives; None where another cleared it away before it was taken."""
+    try:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileNotFoundError:
+        return None
+    with contextlib.suppress(OSError):  # a file system without locks: nobody clears away what he cannot lock
+        if fcntl:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+    if path.exists():
+        return lock
+    os.close(lock)
+    return None
