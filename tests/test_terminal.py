@@ -65,7 +65,7 @@ def folder(tmp_path_factory) -> Path:
     where = tmp_path_factory.mktemp("terminal")
     (where / "study.yaml").write_text(STUDY)
     (where / "long.yaml").write_text(LONG_STUDY)
-    (where / "modes.csv").write_text("frequency_hz,damping,effective_inertia_kg_m2\n1.19,0.01,8\n")
+    (where / "modes.csv").write_text("frequency_hz,damping,effective_inertia_kg_m2,inertia_kg_m2\n1.19,0.01,8,9\n")
     made = {
         "run": ["run", "state-1", *SHORT, "--out", "old"],
         "measure": ["measure", "state-1", *SHORT, "-o", "old.csv"],
