@@ -11,6 +11,7 @@ import * as runs from "./runs.js";
 import { makeSas } from "./sas.js";
 import * as scenario from "./scenario.js";
 
+const HEARTBEAT = 5000;
 const tabs = [...document.querySelectorAll("[role=tab]")];
 
 function openTab(tab) {
@@ -138,6 +139,7 @@ function makeNotice() {
     show();
   });
   for (const event of ["focus", "online"]) window.addEventListener(event, knock);
+  setInterval(() => document.hidden || knock(), HEARTBEAT);
 }
 
 makeTabs();

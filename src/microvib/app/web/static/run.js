@@ -70,15 +70,18 @@ function welcome() {
 
 /** What became of a run that did not end as it should, or whose samples are lost. */
 function failure(run) {
-  if (run.state === "failed") return [h("p", { class: "error block" }, `${run.name} failed: ${run.error}`)];
-  if (run.state === "cancelled") return [h("p", { class: "soft" }, `${run.name} was cancelled.`)];
-  if (run.state !== "gone") return [];
+  const ends = {
+    failed: `failed: ${run.error}`,
+    cancelled: run.unwanted ? "was cancelled." : "was cancelled, by another tab or because the server ended.",
+    gone: "is not on the server any more: it was started again, or gave the run up for newer ones.",
+  };
+  if (!ends[run.state]) return [];
   const again = () => runs.again(run).catch((error) => announce(error.message, { error: true }));
   return [
     h(
       "p",
-      { class: "error block" },
-      `${run.name} is not on the server any more; it was started again, or gave the run up for newer ones. `,
+      { class: run.unwanted ? "soft" : "error block" },
+      `${run.name} ${ends[run.state]} `,
       run.scenario && h("button", { type: "button", onclick: again }, "Run it again"),
     ),
   ];

@@ -57,8 +57,8 @@ const origin = () => state.text ?? state.base;
 
 /** Change one key; the text of the base takes the change back. */
 export function change(key, text) {
-  if (seen.of === origin() && text === seen.base_values[key]) delete state.changes[key];
-  else state.changes[key] = text;
+  delete state.changes[key]; // what is changed last stands last
+  if (seen.of !== origin() || text !== seen.base_values[key]) state.changes[key] = text;
   soon();
 }
 
