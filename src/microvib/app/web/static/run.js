@@ -35,7 +35,11 @@ export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
   picture.append(sketch, slow, caption);
   place.append(chips, going, head, picture, figures, tables);
-  runs.onChange((what) => (what === "progress" ? showProgress() : show()));
+  runs.onChange((what) => {
+    if (what === "runs") return show();
+    if (what === "state") showChips();
+    showProgress();
+  });
   scenario.onCheck(() => !runs.selected()?.result && showDrawing());
   show();
 }

@@ -19,6 +19,7 @@ export const shown = () =>
   runs.filter((run) => run.state === "done" && run.visible).sort((a, b) => (a === chosen) - (b === chosen));
 export const selected = () => chosen;
 export const going = (run) => ["asked", "queued", "running"].includes(run.state);
+/** Listeners hear "runs" where there are others, or other results; "state" and "progress" of those that go on. */
 export const onChange = (listener) => listeners.add(listener);
 const tell = (what) => listeners.forEach((listener) => listener(what));
 
@@ -83,9 +84,10 @@ async function finish(run) {
 }
 
 function step(run, { state, progress }) {
-  if (run.state !== "running" && state === "running") announce(`${run.name}: running.`);
+  const what = run.state === state ? "progress" : "state";
   Object.assign(run, { state, progress });
-  tell("progress");
+  if (what === "state" && state === "running") announce(`${run.name}: running.`);
+  tell(what);
 }
 
 /** Runs of this tab, after a reload; of those that the server has no more their scenarios. */

@@ -24,14 +24,17 @@ export function makeSlowMotion(show) {
   const time = h("span", { class: "soft" });
   const means = h("button", { type: "button", onclick: reset }, "Means");
   const bar = h("div", { class: "bar slow", hidden: true }, play, place, time, means);
-  runs.onChange((what) => what !== "progress" && reset());
+  let mine = null; // what it is of
+  const done = () => (runs.selected()?.state === "done" ? runs.selected().result : null);
+  runs.onChange(() => mine !== done() && reset());
   return bar;
 
   function reset() {
     stop();
     asking.forget();
     stretch = null;
-    bar.hidden = runs.selected()?.state !== "done";
+    mine = done();
+    bar.hidden = !mine;
     for (const part of [place, time, means]) part.hidden = true;
     show(null);
   }
