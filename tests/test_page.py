@@ -10,10 +10,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from importlib import resources
-
-
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
