@@ -14,22 +14,16 @@ import webbrowser
 from collections.abc import Callable
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
-
-import uvicorn
 
 from microvib.app.web import forms
 from microvib.app.web.access import Access
 from microvib.app.web.api import create_app
-from microvib.app.web.connection import configuration
+from microvib.app.web.connection import WAITING, Server, configuration
 from microvib.app.web.desk import Desk
 from microvib.app.web.entrance import opening_file
 from microvib.app.web.limits import Limits
 from microvib.errors import MicrovibError
 from microvib.io.writing import workspace
-
-_WAITING = 1024
-"""Clients that the system keeps until they are accepted."""
 
 
 def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str], None]) -> None:
@@ -40,15 +34,16 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     url = _url(address, port)
     logging.basicConfig(stream=sys.stderr, format="%(message)s")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Its mode keeps others out, and no umask: under one, code compiled for all users of an installation could be read by one.
     with workspace(Path(tempfile.gettempdir()), "page") as root:
         desk = Desk(root, Limits())
-        server = _Server(configuration(create_app(desk, access), desk.limits), desk.close)
+        server = Server(configuration(create_app(desk, access), desk.limits), desk.close)
         try:
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Thread(target=_warm, daemon=True).start()
                 tell(f"microvib serves at {url}?token={access.token}   (Ctrl-C ends it)")
                 if browser:
-                    opening = opening_file(Path(root), url, access)
+                    opening = opening_file(root, url, access)
                     threading.Timer(0.5, webbrowser.open, [opening.as_uri()]).start()
                 server.run(sockets=[sock])
         finally:
@@ -68,24 +63,6 @@ def _warm() -> None:
     """Load what the form needs while the page is being opened."""
     forms.groups()
     forms.view_of(forms.Spec(base="state-1"))
-
-
-class _Server(uvicorn.Server):
-    """A server that lets its computations go first, so that nothing waits for them."""
-
-    def __init__(self, config: uvicorn.Config, leave: Callable[[], None]) -> None:
-        super().__init__(config)
-        self._leave = leave
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listen; who comes while others are being accepted waits in the system's queue."""
-        await super().startup(sockets)
-        for sock in sockets or []:
-            sock.listen(_WAITING)
-
-    def handle_exit(self, sig: int, frame: Any) -> None:
-        self._leave()
-        super().handle_exit(sig, frame)
 
 
 def _access(host: str, port: int, remote: bool) -> Access:
@@ -108,7 +85,7 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
         if sys.platform != "win32":  # there it would share the port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(address)
-        sock.listen(_WAITING)
+        sock.listen(WAITING)
     except OSError as error:
         sock.close()
         if error.errno == errno.EADDRINUSE:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import signal
 import sys
 import time
@@ -17,6 +18,7 @@ from microvib.errors import MicrovibError
 Tell = Callable[[float, float | None, str, str], None]
 """done, total (None: not known), unit, text"""
 
+_FOLDERS = re.compile(r"""(?<![\w.*^/\\])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:;,'"]+[/\\])+""")
 _OUT_OF_MEMORY = "memory is exhausted; shorten record.duration or lower record.sample_rate"
 
 
@@ -55,17 +57,26 @@ def _done(task: str, arguments: dict[str, Any], tell: Tell) -> tuple[str, Any]:
 
     try:
         return "done", getattr(tasks, task)(tell=tell, **arguments)
-    except MicrovibError as error:
-        return "failed", str(error).removeprefix("--")  # options of commands are keys here
-    except MemoryError:
-        return "failed", _OUT_OF_MEMORY
-    except ModuleNotFoundError as error:
-        return "failed", f"this needs {error.name}, which is not installed beside the server"
-    except OSError as error:
-        return "failed", f"a file of the server could not be used: {error.strerror or error}"
     except Exception as error:
-        logging.getLogger("microvib.serve").exception("%s failed", task)
-        return "failed", f"ended by a fault of the program ({type(error).__name__}: {error})"
+        return "failed", without_folders(_said(task, error))
+
+
+def _said(task: str, error: Exception) -> str:
+    if isinstance(error, MicrovibError):
+        return str(error).removeprefix("--")  # options of commands are keys here
+    if isinstance(error, MemoryError):
+        return _OUT_OF_MEMORY
+    if isinstance(error, ModuleNotFoundError):
+        return f"this needs {error.name}, which is not installed beside the server"
+    if isinstance(error, OSError):
+        return f"a file of the server could not be used: {error.strerror or error}"
+    logging.getLogger("microvib.serve").error("%s failed", task, exc_info=error)
+    return f"ended by a fault of the program ({type(error).__name__}: {error})"
+
+
+def without_folders(text: str) -> str:
+    """A text in which files have no folders: those of the server's machine are nobody's business."""
+    return _FOLDERS.sub("", text)
 
 
 def _telling(pipe: Connection) -> Tell:
