@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -41,16 +42,22 @@ QUIET = [
 ]  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def printed_address() -> Iterator[str]:
-    """What a server of its own prints, with its token."""
-    command = [sys.executable, "-m", "microvib", "serve", "--port", "0", "--no-browser"]
+@contextmanager
+def served(port: int = 0) -> Iterator[str]:
+    """A server of its own; what it prints, with its token."""
+    command = [sys.executable, "-m", "microvib", "serve", "--port", str(port), "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         found = re.search(r"http://\S+", process.stdout.readline())
         assert found is not None
         yield found.group()
         process.terminate()
+
+
+@pytest.fixture(scope="module")
+def printed_address() -> Iterator[str]:
+    with served() as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -509,3 +516,137 @@ def test_the_one_script_of_a_report_runs(chromium: Any, tmp_path: Path) -> None:
     page = chromium.new_context().new_page()
     page.goto((tmp_path / "report.html").as_uri())
     assert page.locator("#shape-mode option").all_text_contents() == ["first"]
+
+
+class Held:
+    """Answers that the server has given and that have not arrived; what comes later may overtake them."""
+
+    def __init__(self, page: Any, address: str, method: str = "GET") -> None:
+        self._page, self._method, self._holds = page, method, True
+        self._waiting: list[tuple[Any, Any]] = []
+        page.route(address, self._hold)
+
+    def _hold(self, route: Any) -> None:
+        if self._holds and route.request.method == self._method:
+            self._waiting.append((route, route.fetch()))
+        else:
+            route.continue_()
+
+    def wait(self) -> None:
+        """Until one is held."""
+        end = time.monotonic() + 30
+        while not self._waiting:
+            assert time.monotonic() < end
+            self._page.wait_for_timeout(20)
+
+    def release(self) -> None:
+        """Let all arrive, and what comes after them go by."""
+        self._holds = False
+        for route, answer in self._waiting:
+            route.fulfill(response=answer)
+
+
+QUICK = "#base=state-1&record.settle=1+s&record.duration=4+s"
+
+
+def delay(page: Any, milliseconds: int) -> None:
+    """Each request takes so much longer."""
+    network = page.context.new_cdp_session(page)
+    conditions = {"latency": milliseconds, "downloadThroughput": -1, "uploadThroughput": -1, "offline": False}
+    network.send("Network.emulateNetworkConditions", conditions)
+
+
+def test_an_answer_from_before_a_start_says_nothing_of_it(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    held = Held(page, "**/api/jobs*")
+    page.click("#go")
+    held.wait()  # a list of all jobs, asked for before the second run
+    with page.expect_response("**/api/runs"):
+        page.click("#go")
+    page.wait_for_timeout(50)
+    held.release()
+    page.locator(".chip.done").nth(1).wait_for(timeout=60_000)
+    assert page.locator(".chip").count() == 2
+
+
+def test_run_change_run_again_and_cancel_over_a_slow_line(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    delay(page, 200)
+    page.click("#go")
+    write(page, "motor.current", "0.5 A")
+    page.click("#go")
+    write(page, "record.settle", "5000 s")
+    page.click("#go")
+    page.locator(".chip.running").get_by_text("settle 5000 s").wait_for(timeout=60_000)
+    page.get_by_role("button", name="Cancel").last.click()
+    page.locator(".chip.cancelled").wait_for()
+    drawn(page, 2)
+    page.locator(".chip .name").nth(1).click()
+    motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "motor.current": "0.5 A"}))
+    api.expect(page.locator("#run tr", has_text="drive_1").first).to_contain_text(
+        f"{1e3 * mv.lines(motion)['drive_1'].amplitude_n_m:#.5g}"
+    )
+    page.reload()
+    page.locator(".chip.done").nth(1).wait_for(timeout=60_000)
+
+
+def test_run_takes_the_form_as_it_was_at_the_click(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    write(page, "motor.current", "0.5 A")
+    held = Held(page, "**/api/scenario", "POST")
+    page.click("#go")
+    write(page, "motor.current", "0.7 A")  # while nothing has been answered
+    held.wait()
+    held.release()
+    drawn(page, 1)
+    page.locator("details.menu summary").click()
+    with page.expect_download() as coming:
+        page.locator("details.menu a[download='scenario.yaml']").click()
+    assert mv.load_scenario(str(coming.value.path())).motor.current == 0.5
+
+
+def test_a_late_answer_about_another_run_is_not_shown(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    run(page)
+    write(page, "motor.current", "0.5 A")
+    run(page)
+    page.locator(".chip .name").first.click()
+    held = Held(page, "**/series?channels=T_e*")
+    page.get_by_role("button", name="Slow motion").click()
+    held.wait()
+    page.locator(".chip .name").last.click()
+    held.release()
+    page.get_by_role("button", name="Slow motion").click()
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_label("Instant of the record").fill("10")
+    motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "motor.current": "0.5 A"}))
+    shown = f"{1e3 * motion['T_d'][10]:+#.4g} mN m".replace("-", "−")
+    api.expect(page.locator("svg.drive .whole")).to_contain_text(shown)
+
+
+def test_a_server_that_was_started_again_says_so(chromium: Any) -> None:
+    with served() as address:
+        page = chromium.new_context().new_page()
+        page.goto(address + QUICK)
+        page.wait_for_selector("html[data-ready]")
+        run(page)
+    api.expect(page.locator("#server")).to_contain_text("does not answer", timeout=20_000)
+    with served(int(re.findall(r":(\d+)/", address)[0])) as address:
+        api.expect(page.locator("#server")).to_contain_text("was started again", timeout=20_000)
+        page.locator(".chip.gone").wait_for()
+        other = page.context.new_page()
+        other.goto(address)  # lets the browser in
+        other.wait_for_selector("html[data-ready]")
+        page.get_by_role("button", name="Run it again").click()
+        drawn(page, 1)
+        assert page.locator(".chip").count() == 1
+
+
+def test_no_colour_comes_twice(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    colours = page.evaluate("import('/static/styles.js').then(m => [...Array(60).keys()].map(k => m.style(k)[0]))")
+    assert len(set(colours)) == 60
+    run(page)
+    traces = page.evaluate("document.querySelector('#history-plot').data.map(t => t.line.color)")
+    assert len(traces) == len(set(traces)) == 7
+    assert not set(traces[1:]) & set(colours)

@@ -9,7 +9,7 @@ import shlex
 import pytest
 
 from microvib.app.reports import fonts
-from microvib.app.reports.document import Form, Section, Text
+from microvib.app.reports.document import Form, Row, Section, Table, Text, table
 from microvib.app.reports.fonts import package_fonts
 from microvib.app.reports.pieces import study
 from microvib.app.reports.rendering import html, pdf
@@ -52,6 +52,16 @@ def test_no_line_is_broken_before_or_within_a_unit():
     assert in_print("16 s, 3.8 mN m, 9 N m/rad, 8 kg m², 12 steps") == (
         "16\u00a0s, 3.8\u00a0mN\u00a0m, 9\u00a0N\u00a0m/rad, 8\u00a0kg\u00a0m², 12 steps"
     )
+
+
+def test_a_column_that_says_nothing_is_left_out():
+    rows = [Row(("all",), "group"), Row(("a", "", "1", "")), Row(("b", "", "", "x"))]
+    found = Table(table(["line", "what it is", "size [mm]", "`key`"], ()).columns, tuple(rows))
+    made = study("Kind", "Title", "Subtitle", front=[found], sections=[], form=None)
+    page = html(made)
+    assert "what it is" not in page
+    assert '<td colspan="3">all</td>' in page
+    assert all(f">{text}<" in page for text in ("line", "key", "a", "1", "b", "x"))
 
 
 def test_a_command_names_files_and_no_folders():

@@ -152,7 +152,7 @@ def _all_lines(lines: LineTable) -> tuple[Block, ...]:
         "status",
     ]
     rows = [
-        [x.line, number(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
+        [x.line, figure(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
          _spread(x.amplitude_uncertainty_n_m), number(1e3 * x.floor_n_m, 2), x.origin, x.status]
         for x in lines.notable()
     ]  # fmt: skip

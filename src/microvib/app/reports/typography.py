@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 
-from microvib.app.reports.document import Block, Code, Document, Figure, Live, Row, Section, Table, Text
+from microvib.app.reports.document import Block, Code, Column, Document, Figure, Live, Row, Section, Table, Text
 
 _MINUS = re.compile(r"(?<![\w.)\]/-])-(?=\.?\d)|(?<= )-(?= )")
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-])0*(\d+)\b")
@@ -83,11 +83,17 @@ def _block(block: Block) -> Block:
 
 
 def _table(found: Table) -> Table:
-    columns = tuple(replace(c, title=in_print(c.title)) for c in found.columns)
-    kinds = [c.kind for c in columns]
+    """A table without the columns that say nothing in any row."""
+    whole = [r for r in found.rows if r.mark != "group"]
+    kept = [k for k in range(len(found.columns)) if not whole or any(r.cells[k] for r in whole)]
+    columns = tuple(replace(found.columns[k], title=in_print(found.columns[k].title)) for k in kept)
+
+    def cell(text: str, column: Column) -> str:
+        return without_folders(text) if column.kind == "code" else in_print(text)
 
     def row(r: Row) -> Row:
-        cells = zip(r.cells, kinds, strict=False)
-        return replace(r, cells=tuple(without_folders(x) if kind == "code" else in_print(x) for x, kind in cells))
+        if r.mark == "group":
+            return replace(r, cells=tuple(map(in_print, r.cells)))
+        return replace(r, cells=tuple(cell(r.cells[k], c) for k, c in zip(kept, columns, strict=True)))
 
     return replace(found, columns=columns, rows=tuple(map(row, found.rows)), caption=in_print(found.caption))

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from microvib.app.web.series import loudest
+from microvib.app.web.forms import values_of
+from microvib.app.web.series import outline
 from microvib.model.scenario import Scenario
 from microvib.signals.table import LineTable
 from microvib.solve.motion import CHANNELS, INTERFACE, Motion
@@ -28,6 +29,7 @@ def run_answer(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict
     scenario = motion.scenario
     return {
         "title": scenario.title,
+        "values": values_of(scenario),
         "lines": [asdict(line) for line in table],
         "notable": [line.line for line in table.notable()],
         "facts": _facts(motion, summed),
@@ -117,8 +119,8 @@ def _rms(*phases: np.ndarray) -> float:
 
 def analysis_answer(a: Analysis) -> dict[str, Any]:
     """Lines, spectrum, density of one channel."""
-    f, amplitude = loudest(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
-    g, density = loudest(a.density.frequency, a.density.density, _POINTS)
+    f, amplitude = outline(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
+    g, density = outline(a.density.frequency, a.density.density, _POINTS)
     return {
         "title": f"{a.name}, {a.channel}",
         "lines": [] if a.table is None else [asdict(line) for line in a.table],

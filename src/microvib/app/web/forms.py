@@ -212,8 +212,8 @@ def view_of(spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it, also one that is wrong."""
     base, errors = _tried(spec.model_copy(update={"changes": {}}))
     found, errors = _tried(spec) if spec.changes else (base, errors)
-    base_values = {} if base is None else _values(base)
-    values = _values(found) if found else base_values or _written(spec)
+    base_values = {} if base is None else values_of(base)
+    values = values_of(found) if found else base_values or _written(spec)
     changed = [key for key in values if base_values.get(key) != values[key]] if found else []
     typed = {key: text for key, text in spec.changes.items() if found is None or key in changed}
     shown = found or base
@@ -270,7 +270,7 @@ def sentences(text: str, name: str = NAME) -> list[dict[str, Any]]:
     return found
 
 
-def _values(loaded: Scenario) -> dict[str, str]:
+def values_of(loaded: Scenario) -> dict[str, str]:
     """Every parameter as the text that one would type."""
     return {key: _text(value, quantity) for key, value, quantity in loaded.entries()}
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 import re
+import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
@@ -31,7 +32,9 @@ _HEADERS = [
     (b"referrer-policy", b"no-referrer"),
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
+    (b"microvib-server", secrets.token_hex(8).encode()),
 ]
+"""The last is drawn at each start: by it a page sees that another server has taken the place of the one it knew."""
 FAULT = "the server met a fault of its own; its log says more"
 _STRANGER = "open the address that microvib serve printed last: it carries the token that is needed here"
 _SAFE = ("GET", "HEAD", "OPTIONS")

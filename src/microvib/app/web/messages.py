@@ -209,4 +209,11 @@ class SpectrumOf(BaseModel):
     made: str
 
 
+class RecordedSpectrum(BaseModel):
+    """A stretch of a recording's spectrum, in the unit of its analysis."""
+
+    f: list[float]
+    values: list[float]
+
+
 Result = dict[str, Any]

@@ -16,7 +16,7 @@ from microvib.app.web import series
 from microvib.app.web.common import At, Refused, asked, refusals
 from microvib.app.web.desk import Desk
 from microvib.app.web.lanes import ENDED, Job
-from microvib.app.web.messages import Id, JobState, Result, Series, SpectrumOf
+from microvib.app.web.messages import Id, JobState, RecordedSpectrum, Result, Series, SpectrumOf
 
 FILES = {
     "scenario.yaml": "text/yaml",
@@ -31,6 +31,7 @@ MADE = ("motion.nc", "report.html", "report.pdf")
 Points = Annotated[int, Query(ge=2, le=20_000)]
 From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
 To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]
+Log = Annotated[bool, Query(description="for a logarithmic axis of frequency")]
 
 routes = APIRouter(responses=refusals(404))
 
@@ -61,9 +62,12 @@ def finished_run(desk: Desk, id: str) -> Job:
 
 
 @routes.get("/jobs")
-async def jobs(desk: At) -> list[JobState]:
-    """All computations."""
-    return [_state(job) for job in desk.jobs()]
+async def jobs(
+    desk: At, ids: Annotated[str | None, Query(max_length=2000, description="ids, separated by commas")] = None
+) -> list[JobState]:
+    """All computations, or those of the ids that are still here."""
+    asked = None if ids is None else set(ids.split(","))
+    return [_state(job) for job in desk.jobs() if asked is None or job.id in asked]
 
 
 @routes.get("/jobs/{id}")
@@ -125,11 +129,26 @@ def series_of(
 def spectrum_of(
     id: Id, desk: At, channel: Annotated[str, Query(max_length=50)] = "T_d",
     window: Literal["rectangular", "hann", "flat-top"] = "hann", points: Points = 4000, low: From = None, high: To = None,
+    log: Log = False,
 ) -> SpectrumOf:  # fmt: skip
     """Amplitude spectrum of a channel, 0-to-peak."""
     folder, axis = _run(desk, id)
-    found = series.spectrum(_channel(folder, channel), axis["sample_rate"], window, low, high, points)
+    found = series.spectrum(_channel(folder, channel), axis["sample_rate"], window, low, high, points, log)
     return SpectrumOf(unit=series.unit(channel), **found)
+
+
+@routes.get("/analyses/{id}/spectrum", responses=refusals(409))
+def recorded(
+    id: Id, desk: At, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
+    high: To = None, log: Log = False,
+) -> RecordedSpectrum:  # fmt: skip
+    """Amplitude spectrum, 0-to-peak, or power spectral density of an analysed recording."""
+    if _job(desk, id).kind != "analysis":
+        raise Refused(404, "this computation is not an analysis")
+    f, y = np.load(_there(desk.folder(_done(desk, id)) / f"{of}.npy"), mmap_mode="r")
+    keep = series.within(f, low, high)
+    f, y = series.outline(f[keep], y[keep], points, log)
+    return RecordedSpectrum(f=f.tolist(), values=y.tolist())
 
 
 def _run(desk: Desk, id: str) -> tuple[Path, dict[str, Any]]:

@@ -11,14 +11,32 @@ from microvib.signals.spectrum import Window, amplitude_spectrum
 from microvib.solve.motion import CHANNELS, INTERFACE
 
 
-def loudest(f: np.ndarray, amplitude: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most ``points`` bins: of neighbours the largest, at its own frequency."""
-    size = -(-f.size // points)
-    if size <= 1:
-        return f, amplitude
-    starts = np.arange(0, f.size, size)
-    keep = np.array([k + int(np.argmax(amplitude[k : k + size])) for k in starts])
-    return f[keep], amplitude[keep]
+def outline(f: np.ndarray, y: np.ndarray, points: int, log: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """A spectrum in at most ``points`` bins, for a screen.
+
+    Where there are more, the smallest and the largest of each group of neighbours, at their own frequencies: the largest alone
+    would lift the floor. Groups are equally wide on a linear axis of frequency or, with ``log``, on a logarithmic one, where
+    groups of equally many bins would make a plateau of each line at low frequencies.
+    """
+    if f.size <= points:
+        return f, y
+    groups = max(points // 2, 1)
+    starts = np.unique(_log_starts(f, groups) if log else np.arange(groups) * f.size // groups)
+    spans = zip(starts, [*starts[1:], f.size], strict=True)
+    keep = [k for a, b in spans for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})]
+    return f[keep], y[keep]
+
+
+def _log_starts(f: np.ndarray, groups: int) -> np.ndarray:
+    """First bins of groups that are equally wide on a logarithmic axis; the bin at zero belongs to the first."""
+    edges = np.geomspace(f[f > 0.0][0], f[-1], groups, endpoint=False)
+    return np.concatenate([[0], np.searchsorted(f, edges[1:])])
+
+
+def within(f: np.ndarray, low: float | None, high: float | None) -> np.ndarray:
+    """Which frequencies lie from ``low`` to ``high`` [Hz]."""
+    keep: np.ndarray = (f >= (low or 0.0)) & (f <= (np.inf if high is None else high))
+    return keep
 
 
 def extremes(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -67,10 +85,10 @@ def series(
 
 
 def spectrum(
-    x: np.ndarray, rate: float, window: Window, low: float | None, high: float | None, points: int
+    x: np.ndarray, rate: float, window: Window, low: float | None, high: float | None, points: int, log: bool = False
 ) -> dict[str, Any]:
-    """Amplitudes, 0-to-peak, from ``low`` to ``high`` [Hz]; of neighbouring bins the largest."""
+    """Amplitudes, 0-to-peak, from ``low`` to ``high`` [Hz], as an outline."""
     s = amplitude_spectrum(np.asarray(x), rate, window)
-    keep = (s.frequency >= (low or 0.0)) & (s.frequency <= (np.inf if high is None else high))
-    f, amplitude = loudest(s.frequency[keep], s.amplitude[keep], points)
+    keep = within(s.frequency, low, high)
+    f, amplitude = outline(s.frequency[keep], s.amplitude[keep], points, log)
     return {"f": f.tolist(), "amplitude": amplitude.tolist(), "resolution": s.resolution, "made": str(s)}

@@ -140,7 +140,10 @@ def analysis(folder: str, recording: str, scenario: str, channel: str, names: di
     tell(0, None, "", "reading and finding the lines")
     guide = _put(folder, scenario)
     with _speaking_of(names):
-        _write(folder, analysis_answer(analyse(recording, scenario=guide, channel=channel)), names)
+        found = analyse(recording, scenario=guide, channel=channel)
+        np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
+        np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
+        _write(folder, analysis_answer(found), names)
 
 
 def comparison(folder: str, recording: str, run: str, channel: str, names: dict[str, str], tell: Tell) -> None:

@@ -1,84 +1,118 @@
-// The server's side of the page: requests, and jobs that are followed to their end.
+// Requests to the server, and how it stands: whether it answers, and whether it is still the one that was asked first.
 
 /** What the server says is wrong, in its own sentence; `key` names the field where it knows one. */
 export class Refused extends Error {
-  constructor(sentence, key = null) {
+  constructor(sentence, key = null, status = 0) {
     super(sentence);
     this.key = key;
+    this.status = status;
   }
 }
+
+/** No answer came; what was asked may or may not have been done. */
+export class Silent extends Error {}
+
+const NO_ANSWER = "The server does not answer; is microvib serve still running?";
+const ANSWER_WITHIN = 20_000;
+const AGAIN = 1000;
+const TOO_MUCH = 429;
+const NOT_LET_IN = 401;
+const server = { name: null, past: new Set(), silent: false, shut: false };
+const listeners = new Set();
+
+/** Listeners hear "silent", "answers", "restarted", and "shut" and "open": whether this browser is let in. */
+export const onServer = (listener) => listeners.add(listener);
+const tell = (what) => listeners.forEach((listener) => listener(what));
+export const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 /** Beside the cookie, which browsers send to every port of a host, the key that was left here on the way in. */
 const key = () => localStorage.getItem("microvib.key") ?? "";
 
 async function request(path, options = {}) {
-  let answer;
-  try {
-    answer = await fetch(path, { ...options, headers: { ...options.headers, "X-Microvib-Key": key() } });
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw new Refused("The server does not answer; is microvib serve still running?");
+  const { answer, text } = await fetched(path, options);
+  hear(answer.headers.get("microvib-server"));
+  if (server.shut !== (answer.status === NOT_LET_IN)) {
+    server.shut = !server.shut;
+    tell(server.shut ? "shut" : "open");
   }
   if (!answer.ok) {
-    const body = await answer.json().catch(() => ({}));
-    throw new Refused(body.error ?? `The server answers ${answer.status} ${answer.statusText}.`, body.key);
+    const { error, key } = parsed(text) ?? {};
+    throw new Refused(error ?? `The server answers ${answer.status} ${answer.statusText}.`, key, answer.status);
   }
-  return answer;
+  return parsed(text);
 }
 
-export const get = async (path, query = {}, options = {}) => {
+async function fetched(path, options) {
+  try {
+    const answer = await fetch(path, { ...options, headers: { ...options.headers, "X-Microvib-Key": key() } });
+    return { answer, text: await answer.text() };
+  } catch (error) {
+    if (options.signal?.aborted && options.signal.reason?.name !== "TimeoutError") throw error; // nobody wants it any more
+    hearNothing();
+    throw new Silent(NO_ANSWER);
+  }
+}
+
+function parsed(text) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return null;
+  }
+}
+
+// Each start of the server has a name of its own; one that was followed by another is past, and what still comes from it is not heard.
+function hear(name) {
+  if (server.silent) {
+    server.silent = false;
+    tell("answers");
+  }
+  if (name === null || name === server.name || server.past.has(name)) return;
+  const restarted = server.name !== null;
+  if (restarted) server.past.add(server.name);
+  server.name = name;
+  if (restarted) tell("restarted");
+}
+
+async function hearNothing() {
+  if (server.silent) return;
+  server.silent = true;
+  tell("silent");
+  while (server.silent) {
+    await pause(AGAIN);
+    await knock();
+  }
+}
+
+/** Ask whether the server is there; listeners hear what has changed. */
+export const knock = () => get("/api/jobs", { ids: "" }, { signal: AbortSignal.timeout(ANSWER_WITHIN) }).catch(() => null);
+
+export const get = (path, query = {}, options = {}) => {
   const given = Object.entries(query).filter(([, value]) => value !== undefined && value !== null);
   const text = new URLSearchParams(given).toString();
-  return (await request(path + (text && `?${text}`), options)).json();
+  return request(path + (text && `?${text}`), options);
 };
 
-export const post = async (path, data, options = {}) => {
+/** The same, asked until it is answered: for what must not be missed because nobody answered, or all were busy, for a moment. */
+export async function getSurely(path, query = {}) {
+  for (;;) {
+    try {
+      return await get(path, query, { signal: AbortSignal.timeout(ANSWER_WITHIN) });
+    } catch (error) {
+      if (error instanceof Refused && error.status < 500 && error.status !== TOO_MUCH) throw error;
+    }
+    await pause(AGAIN);
+  }
+}
+
+export const post = (path, data, options = {}) => {
   const body = JSON.stringify(data);
-  return (await request(path, { ...options, method: "POST", headers: { "Content-Type": "application/json" }, body })).json();
+  return request(path, { ...options, method: "POST", headers: { "Content-Type": "application/json" }, body });
 };
 
-export const upload = async (path, query, body) => {
+export const upload = (path, query, body, options = {}) => {
   const headers = { "Content-Type": "application/octet-stream" };
-  return (await request(`${path}?${new URLSearchParams(query)}`, { method: "POST", headers, body })).json();
+  return request(`${path}?${new URLSearchParams(query)}`, { ...options, method: "POST", headers, body });
 };
 
 export const drop = (id) => request(`/api/jobs/${id}`, { method: "DELETE" });
-
-const ENDED = ["done", "failed", "cancelled"];
-const PAUSE = 100;
-const watched = new Map();
-let looking = false;
-
-/** Follow a job to its end; its result, or Refused with the reason. `onStep` gets each state on the way. */
-export async function follow(id, onStep = () => {}) {
-  const state = await new Promise((resolve) => {
-    watched.set(id, { onStep, resolve });
-    look();
-  });
-  if (state === "done") return get(`/api/jobs/${id}/result`);
-  if (state === "cancelled") throw new Refused("Cancelled.");
-  throw new Refused((await get(`/api/jobs/${id}`)).error ?? "The job failed.");
-}
-
-// One question for all jobs: a stream for each would use up the six connections that a browser's tabs share.
-async function look() {
-  if (looking) return;
-  looking = true;
-  while (watched.size) {
-    const jobs = await get("/api/jobs").catch(() => null);
-    for (const job of jobs ?? []) tell(job);
-    for (const id of jobs ? watched.keys() : []) if (!jobs.some((job) => job.id === id)) end(id, "cancelled");
-    await new Promise((resolve) => setTimeout(resolve, jobs ? PAUSE : 10 * PAUSE));
-  }
-  looking = false;
-}
-
-function tell(job) {
-  watched.get(job.id)?.onStep(job);
-  if (ENDED.includes(job.state)) end(job.id, job.state);
-}
-
-function end(id, state) {
-  watched.get(id)?.resolve(state);
-  watched.delete(id);
-}

@@ -1,7 +1,9 @@
 // The page: starts its parts, and what stands around them (tabs, scenario choice, run button, link).
 
+import { knock, onServer } from "./api.js";
 import { $, announce, h, onDrop, save } from "./dom.js";
 import { makeForm } from "./form.js";
+import { keep, kept } from "./kept.js";
 import { makeRates } from "./rates.js";
 import { makeRecording } from "./recording.js";
 import { makeRun } from "./run.js";
@@ -9,6 +11,7 @@ import * as runs from "./runs.js";
 import { makeSas } from "./sas.js";
 import * as scenario from "./scenario.js";
 
+const HEARTBEAT = 5000;
 const tabs = [...document.querySelectorAll("[role=tab]")];
 
 function openTab(tab) {
@@ -17,6 +20,7 @@ function openTab(tab) {
     other.tabIndex = other === tab ? 0 : -1;
     $(`#${other.getAttribute("aria-controls")}`).hidden = other !== tab;
   }
+  keep("tab", tab.id);
   window.dispatchEvent(new Event("resize")); // plots that were hidden take their size
 }
 
@@ -58,14 +62,19 @@ async function open(file) {
   }
 }
 
-async function go() {
-  await scenario.remember();
-  await scenario.check();
-  const [first] = scenario.checked().errors;
-  if (first) return wrong(first.error, first.key);
+/** Run what the form says at the click, whatever is typed or answered afterwards. */
+async function go(event) {
+  if (event.detail > 1) return; // the second click of a double click
+  const wanted = wish(scenario.current(), scenario.shortName());
+  scenario.remember();
   openTab(tabs[0]);
-  await begin(scenario.current(), scenario.shortName());
   if (matchMedia("(max-width: 900px)").matches) $("#results").scrollIntoView();
+  await begin(wanted);
+}
+
+function wish(what, name) {
+  const steady = $("#steady").checked;
+  return { scenario: what, name: steady ? `${name}, steady` : name, steady };
 }
 
 function wrong(sentence, key) {
@@ -73,24 +82,23 @@ function wrong(sentence, key) {
   announce(sentence, { error: true });
 }
 
-async function begin(what, name) {
-  const steady = $("#steady").checked;
+async function begin(wanted) {
   try {
-    await runs.start(what, steady ? `${name}, steady` : name, steady);
+    await runs.start(wanted);
   } catch (error) {
     wrong(error.message, error.key);
   }
 }
 
-async function five() {
+async function five(event) {
+  if (event.detail > 1) return;
   openTab(tabs[0]);
-  for (const { name } of scenario.catalog.filter((item) => /^state-[1-5]$/.test(item.name))) {
-    await begin({ base: name, text: null, changes: {} }, name);
-  }
+  const states = scenario.catalog.filter((item) => /^state-[1-5]$/.test(item.name));
+  for (const wanted of states.map(({ name }) => wish({ base: name, text: null, changes: {} }, name))) await begin(wanted);
 }
 
 async function copy() {
-  const link = await scenario.link();
+  const link = scenario.link();
   if (link === null) return announce("This scenario is too long for a link; save it as a file instead.", { error: true });
   try {
     await navigator.clipboard.writeText(link);
@@ -100,13 +108,42 @@ async function copy() {
   }
 }
 
-function saveScenario() {
-  const { yaml, errors } = scenario.checked();
-  if (yaml) save(yaml, `${scenario.baseName() ?? "scenario"}.yaml`);
-  else announce(errors[0]?.error ?? "The scenario has errors.", { error: true });
+async function saveScenario() {
+  const name = `${scenario.baseName() ?? "scenario"}.yaml`;
+  try {
+    const { yaml, errors } = await scenario.asFile();
+    if (yaml) save(yaml, name);
+    else announce(errors[0]?.error ?? "The scenario has errors.", { error: true });
+  } catch (error) {
+    announce(error.message, { error: true });
+  }
+}
+
+/** How the server stands, above everything until it is well again or has been read. */
+function makeNotice() {
+  const place = $("#server");
+  const words = {
+    silent: "The server does not answer. Is microvib serve still running? The page asks again every second.",
+    restarted: "The server was started again. What it had computed and read before is gone; the scenarios of your runs are still here.",
+    shut: "This browser is not let in: open the address that microvib serve printed last, then come back to this tab.",
+  };
+  const told = new Set();
+  const close = h("button", { type: "button", onclick: () => show(told.clear()) }, "Close");
+  function show() {
+    place.replaceChildren(...[...told].map((what) => h("span", {}, words[what])), close);
+    place.hidden = !told.size;
+  }
+  onServer((what) => {
+    if (words[what]) told.add(what);
+    told.delete({ answers: "silent", open: "shut" }[what]);
+    show();
+  });
+  for (const event of ["focus", "online"]) window.addEventListener(event, knock);
+  setInterval(() => document.hidden || knock(), HEARTBEAT);
 }
 
 makeTabs();
+makeNotice();
 await scenario.load().catch((error) => {
   announce(error.message, { error: true });
   throw error;
@@ -129,6 +166,7 @@ document.addEventListener("click", (event) => {
   for (const menu of document.querySelectorAll("details.menu[open]"))
     menu.open = menu.contains(event.target) && !event.target.closest("a");
 });
+openTab(tabs.find((tab) => tab.id === kept("tab")) ?? tabs[0]);
 await scenario.restore();
-await runs.restore();
+runs.restore();
 document.documentElement.dataset.ready = "";

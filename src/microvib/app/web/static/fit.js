@@ -2,21 +2,26 @@
 
 import { post } from "./api.js";
 import { announce, h, number, unitText } from "./dom.js";
-import { work } from "./progress.js";
+import { keep, kept } from "./kept.js";
+import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
 import { table } from "./tables.js";
 
+const KEPT = "fit.asked";
 const FIRST = ["reducer.stiffness", "motor.friction.viscous", "array.rigid_inertia"];
 
 const chosen = h("div", { class: "fits" });
 const starts = h("input", { type: "text", class: "short", id: "fit-starts", value: "3", inputmode: "numeric" });
 const place = h("div", {});
 const result = h("div", {});
+const task = makeTask("fit", place, (answer) => result.replaceChildren(...shown(answer)));
 
 /** The part of the page; `evidence` gives recordings and channel when asked. */
 export function makeFit(evidence) {
-  scenario.onCheck(() => !chosen.children.length && add(FIRST[0]));
-  return h(
+  const { rows = [{ key: FIRST[0] }], count } = kept(KEPT, {});
+  if (count) starts.value = count;
+  scenario.onCheck(() => chosen.children.length || rows.forEach(add));
+  const element = h(
     "div",
     {},
     h(
@@ -28,14 +33,28 @@ export function makeFit(evidence) {
     h(
       "div",
       { class: "ask" },
-      h("button", { type: "button", onclick: () => add(next()) }, "Add a parameter"),
+      h("button", { type: "button", onclick: () => add({ key: next() }) }, "Add a parameter"),
       h("label", {}, "starts", starts),
       h("button", { type: "button", class: "primary", onclick: () => identify(evidence()) }, "Identify"),
     ),
     place,
     result,
   );
+  for (const event of ["input", "click"]) element.addEventListener(event, store);
+  const leave = () => {
+    task.leave();
+    result.replaceChildren();
+  };
+  return { element, leave, restore: task.restore };
 }
+
+const store = () => keep(KEPT, { rows: rowsNow(), count: starts.value });
+
+const rowsNow = () =>
+  [...chosen.children].map((row) => {
+    const [low, high] = [...row.querySelectorAll("input")].map((input) => input.value.trim());
+    return { key: row.querySelector("select").value, low, high };
+  });
 
 const used = () => [...chosen.querySelectorAll("select")].map((select) => select.value);
 const next = () => FIRST.find((key) => !used().includes(key)) ?? numbers().find((key) => !used().includes(key));
@@ -46,15 +65,15 @@ function numbers() {
   );
 }
 
-function add(key) {
+function add({ key, low: from = "", high: to = "" }) {
   if (!key || !numbers().includes(key)) return;
   const select = h(
     "select",
     { "aria-label": "Parameter to identify", onchange: () => hint() },
     numbers().map((name) => h("option", { value: name }, name)),
   );
-  const low = h("input", { type: "text", "aria-label": "From", placeholder: "from" });
-  const high = h("input", { type: "text", "aria-label": "To", placeholder: "to" });
+  const low = h("input", { type: "text", "aria-label": "From", placeholder: "from", value: from });
+  const high = h("input", { type: "text", "aria-label": "To", placeholder: "to", value: to });
   const now = h("span", { class: "soft note" });
   const hint = () => (now.textContent = `now ${scenario.checked().values[select.value]}`);
   const row = h(
@@ -71,18 +90,11 @@ function add(key) {
   chosen.append(row);
 }
 
-function wanted() {
-  return [...chosen.children].map((row) => {
-    const [low, high] = [...row.querySelectorAll("input")].map((input) => input.value.trim());
-    return row.querySelector("select").value + (low || high ? `=${low}:${high}` : "");
-  });
-}
+const wanted = () => rowsNow().map(({ key, low, high }) => key + (low || high ? `=${low}:${high}` : ""));
 
 async function identify(evidence) {
-  result.replaceChildren();
   const body = { ...evidence, scenario: scenario.current(), fit: wanted(), starts: Number(starts.value) || undefined };
-  const answer = await work(place, "Identification", () => post("/api/identifications", body));
-  if (answer) result.replaceChildren(...shown(answer));
+  await task.start("Identification", () => post("/api/identifications", body));
 }
 
 function shown({ parameters, rows, scenario_changes: changes, text }) {

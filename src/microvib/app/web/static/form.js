@@ -133,7 +133,7 @@ function wholeButton(list) {
 
 async function editWhole(list) {
   const items = [];
-  for (const [key, text] of Object.entries(scenario.checked().values)) {
+  for (const [key, text] of Object.entries({ ...scenario.checked().values, ...scenario.current().changes })) {
     const [, n, name] = key.startsWith(`${list}.`) ? /^(\d+)\.(.*)$/.exec(key.slice(list.length + 1)) : [];
     if (name && text) (items[n] ??= []).push(`${name}: ${text}`);
   }

@@ -1,14 +1,15 @@
 // Time history: a channel of all shown runs; below it the phase currents and the stick of the chosen one, on the same time.
 // Each zoom asks the server for that window, as an envelope, so that peaks survive and a microstep is seen sample by sample.
 
-import { get } from "./api.js";
-import { h, unitText } from "./dom.js";
+import { announce, h, unitText } from "./dom.js";
+import { latest } from "./latest.js";
 import { draw, envelopeTrace, ink, onZoom } from "./plots.js";
+import { fillChannels, has } from "./channels.js";
 import * as runs from "./runs.js";
+import { PHASE, STICK } from "./styles.js";
 
 const view = { channel: "T_d", window: null, y: null };
-const CURRENTS = { i_A: ["#0072B2", "solid"], i_B: ["#D55E00", "dash"], i_ref_A: ["#56B4E9", "dot"], i_ref_B: ["#E69F00", "dot"] };
-const STICK = { stuck_output: ["#009E73", "shaft sticks"], stuck_rotor: ["#CC79A7", "rotor sticks"] };
+const BELOW = [...Object.keys(PHASE), ...Object.keys(STICK)];
 
 const plot = h("div", { class: "plot taller", id: "history-plot", role: "img", "aria-label": "Time history of the runs" });
 const channel = h("select", { id: "history-channel", onchange: () => set({ channel: channel.value }) });
@@ -37,18 +38,20 @@ export const card = h(
 
 function set(changes) {
   Object.assign(view, { y: null }, changes);
-  return update();
+  return update().catch((error) => announce(error.message, { error: true }));
 }
 
 const result = () => runs.shown().at(-1)?.result;
 const microstep = () => 1 / (result()?.drivetrain.f_d || 50);
-const microsteps = () => Number(runs.selected()?.values?.["driver.microsteps"]) || 16;
+const microsteps = () => Number(result()?.values["driver.microsteps"]) || 16;
 
 function stretch(length) {
   const { t0, t1 } = result() ?? { t0: 0, t1: 1 };
   const from = view.window ? Math.max((view.window[0] + view.window[1] - length) / 2, t0) : t0;
   return [from, Math.min(from + length, t1)];
 }
+
+const reaches = ({ result: { t0, t1 } }) => view.window[0] < t1 && view.window[1] > t0;
 
 /** Move the window by a part of its length, within the record. */
 function shift(part) {
@@ -60,37 +63,29 @@ function shift(part) {
 }
 
 let listening = false;
-let last = 0;
+const asking = latest();
 
 /** Ask for the window of each run, and draw it. */
 export async function update() {
-  const shown = runs.shown();
+  fillChannels(channel, runs.shown(), view.channel);
+  const shown = runs.shown().filter((run) => has(run, view.channel));
   const chosen = shown.at(-1);
-  fillChannels(chosen);
-  const turn = ++last;
+  if (view.window && !shown.some(reaches)) view.window = null; // it was another run's
   const [from, to] = view.window ?? [undefined, undefined];
-  const series = await Promise.all(
-    shown.map((run) => {
-      const channels =
-        run === chosen ? [...new Set([view.channel, ...Object.keys(CURRENTS), ...Object.keys(STICK)])] : [view.channel];
-      return get(`/api/runs/${run.id}/series`, { channels: channels.join(","), from, to, points: 1500 });
-    }),
+  const channels = (run) => (run === chosen ? [...new Set([view.channel, ...BELOW])] : [view.channel]).join(",");
+  await asking(
+    (signal) =>
+      Promise.all(shown.map((run) => runs.ask(run, "series", { channels: channels(run), from, to, points: 1500 }, { signal }))),
+    (series) => show(shown, series, chosen),
   );
-  if (turn !== last) return;
+}
+
+async function show(shown, series, chosen) {
   const traces = shown.map((run, k) => curve(run, series[k]));
-  if (chosen) traces.push(...below(series[shown.indexOf(chosen)]));
+  if (chosen) traces.push(...below(series.at(-1)));
   await draw(plot, traces, layout(series, chosen));
   if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x, y }));
   listening = true;
-}
-
-function fillChannels(run) {
-  const channels = run?.result.channels ?? [];
-  if (channel.options.length === channels.length) return;
-  channel.replaceChildren(
-    ...channels.map((item) => h("option", { value: item.name, title: item.meaning }, `${item.name}  ${item.meaning}`)),
-  );
-  channel.value = view.channel;
 }
 
 function curve(run, series) {
@@ -106,7 +101,7 @@ function curve(run, series) {
 }
 
 function below(series) {
-  const currents = Object.entries(CURRENTS).map(([name, [color, dash]]) => ({
+  const currents = Object.entries(PHASE).map(([name, [color, dash]]) => ({
     ...envelopeTrace(series.t, series.channels[name], series.exact),
     name,
     mode: "lines",

@@ -94,6 +94,16 @@ export function onZoom(place, action) {
   });
 }
 
+/** The query for a stretch of an axis: a little more than is shown, so that the curve goes on to the edge. */
+export function stretch(window) {
+  if (window === null) return {};
+  const more = 0.01 * (window[1] - window[0]);
+  return { from: Math.max(window[0] - more, 0), to: window[1] + more };
+}
+
+/** Range of an axis of amplitudes up to the largest, with room for names above it. */
+export const bounds = (largest, log) => (log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 0.8] : [0, 1.22 * largest]);
+
 /** A line through a min/max envelope, so that no peak is lost; where each sample is there, through the samples. */
 export function envelopeTrace(t, channel, exact) {
   if (exact) return { x: t, y: channel.min };

@@ -1,7 +1,9 @@
 // A job under way: bar, words, cancel.
 
-import { drop, follow } from "./api.js";
+import { drop } from "./api.js";
 import { announce, h, number } from "./dom.js";
+import { follow } from "./jobs.js";
+import { keep, kept } from "./kept.js";
 
 /** A row with a bar; `show` takes each state of the job. */
 export function progressRow(name, cancel) {
@@ -22,33 +24,85 @@ export function progressRow(name, cancel) {
     if (state === "running" && total) Object.assign(bar, { max: total, value: done ?? 0 });
     else bar.removeAttribute("value");
     const count = total ? `, ${number(done, 3)} of ${number(total, 3)} ${unit ?? ""}` : done ? `, ${done} ${unit ?? ""}` : "";
-    words.textContent = state === "queued" ? text || "waits for its turn" : `${text || "working"}${count}`;
+    words.textContent = { asked: "asks the server", queued: text || "waits for its turn" }[state] ?? `${text || "working"}${count}`;
   }
 }
 
-/** Start a job and show it in `place` until it ends; its result, or null where it failed (which is then said there, at the field it is about). */
-export async function work(place, name, begin) {
-  let id = null;
-  let cancelled = false;
-  const row = progressRow(name, () => {
-    cancelled = true;
-    if (id) drop(id).catch(() => null);
-  });
-  place.replaceChildren(row.element);
-  announce(`${name} …`);
-  try {
-    ({ id } = await begin());
-    if (cancelled) await drop(id);
-    const result = await follow(id, row.show);
-    place.replaceChildren();
-    announce(`${name}: done.`);
-    return result;
-  } catch (error) {
-    place.replaceChildren(
-      h("p", { class: cancelled ? "soft" : "error block", role: "alert" }, cancelled ? `${name} was cancelled.` : error.message),
-    );
+/**
+ * A place for one job at a time: one that the server accepts takes the place of the last, whose end then counts no more. It is
+ * found again after a reload. `show(result, context, id)` gets what came out, and what `start` was told.
+ */
+export function makeTask(key, place, show) {
+  const rows = h("div", { class: "going" });
+  const words = h("div", {});
+  place.append(rows, words);
+  let asked = 0; // how often the server was asked to start one
+  let mine = null; // the job that counts
+
+  async function start(name, begin, context = {}) {
+    const turn = ++asked;
+    const row = addRow(name, () => turn === asked && asked++);
+    try {
+      const { id } = await begin();
+      if (turn !== asked) return forget(id);
+      leave();
+      await finish({ id, name, context });
+    } catch (error) {
+      if (turn === asked) refuse(error);
+    } finally {
+      row.element.remove();
+    }
+  }
+
+  function addRow(name, cancel) {
+    const row = progressRow(name, () => {
+      cancel();
+      row.element.remove();
+      say(`${name} was cancelled.`);
+    });
+    words.replaceChildren();
+    rows.append(row.element);
+    return row;
+  }
+
+  async function finish(job) {
+    mine = job;
+    keep(key, job);
+    rows.replaceChildren();
+    const row = addRow(job.name, leave);
+    announce(`${job.name} …`);
+    const end = await follow(job.id, row.show);
+    row.element.remove();
+    if (job !== mine) return;
+    if (end.state !== "done") return say(end.error ?? `${job.name} was cancelled.`, end.state !== "cancelled");
+    announce(`${job.name}: done.`);
+    await show(end.result, job.context, job.id);
+  }
+
+  /** What is under way, or shown, counts no more. */
+  function leave() {
+    if (mine) forget(mine.id);
+    mine = null;
+    keep(key, null);
+    words.replaceChildren();
+  }
+
+  function refuse(error) {
+    say(error.message, true);
     const field = error.key && place.parentElement.querySelector(`[name="${CSS.escape(error.key)}"]`);
     field?.focus();
-    return null;
   }
+
+  function say(sentence, wrong = false) {
+    words.replaceChildren(h("p", { class: wrong ? "error block" : "soft", role: "alert" }, sentence));
+  }
+
+  return {
+    start,
+    leave,
+    /** The job of before a reload. */
+    restore: () => kept(key) && finish(kept(key)),
+  };
 }
+
+const forget = (id) => drop(id).catch(() => null);

@@ -3,8 +3,10 @@
 import { post } from "./api.js";
 import { h, number, quantity } from "./dom.js";
 import { draw, ink } from "./plots.js";
-import { work } from "./progress.js";
+import { keepFields } from "./kept.js";
+import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
+import { LIMIT, style } from "./styles.js";
 import { table } from "./tables.js";
 
 const FAINTEST = 1e-3;
@@ -36,6 +38,7 @@ const inputs = Object.fromEntries(
 const linear = h("input", { type: "checkbox", id: "rates-linear" });
 const place = h("div", {});
 const result = h("div", { class: "figures" });
+const task = makeTask("rates", place, show);
 
 export function makeRates(tab) {
   const ask = h(
@@ -46,6 +49,8 @@ export function makeRates(tab) {
     h("button", { class: "primary" }, "Map"),
   );
   tab.append(h("section", { class: "card" }, h("h2", {}, "Rate map of the scenario"), ask, place), result);
+  keepFields("rates.asked", { ...inputs, linear });
+  task.restore();
 }
 
 async function plan(event) {
@@ -64,8 +69,7 @@ async function plan(event) {
     limit: text("limit") || undefined,
     band: text("band") || undefined,
   };
-  const answer = await work(place, "Rate map", () => post("/api/rates", body));
-  if (answer) await show(answer);
+  await task.start("Rate map", () => post("/api/rates", body));
 }
 
 async function show(plan) {
@@ -210,19 +214,11 @@ const bands = (plan, n, tail) =>
       x1: deg(band.high),
       y0: 0,
       y1: 1,
-      fillcolor: "#D55E00",
+      fillcolor: LIMIT,
       opacity: 0.13,
       line: { width: 0 },
       layer: "below",
     }));
-
-const STYLES = [
-  ["#0072B2", "solid"],
-  ["#D55E00", "dash"],
-  ["#009E73", "dot"],
-  ["#E69F00", "dashdot"],
-  ["#CC79A7", "longdash"],
-];
 
 function drawLargest(place, plan, counts) {
   const [low, high] = plan.band?.map((edge) => edge ?? Infinity) ?? [0, Infinity];
@@ -232,7 +228,7 @@ function drawLargest(place, plan, counts) {
       .reduce((most, line) => Math.max(most, line.amplitude), 0) || null;
   const traces = counts.map((n, k) => {
     const cases = plan.cases.filter((item) => item.microsteps === n);
-    const [color, dash] = STYLES[k % STYLES.length];
+    const [color, dash] = style(k);
     return {
       x: cases.map((item) => deg(item.rate)),
       y: cases.map(top),
@@ -246,7 +242,7 @@ function drawLargest(place, plan, counts) {
   const limit =
     plan.limit === null
       ? []
-      : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: plan.limit, y1: plan.limit, line: { color: "#D55E00", width: 2 } }];
+      : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: plan.limit, y1: plan.limit, line: { color: LIMIT, width: 2 } }];
   return draw(place, traces, {
     xaxis: { title: { text: "rate of the array [deg/s]" } },
     yaxis: { title: { text: "largest line [N m]" }, type: "log", dtick: "D2" },

@@ -1,44 +1,38 @@
 // The Recording tab: a test's file, what is in it, beside the current run, and parameters from it.
 
-import { get, post, upload } from "./api.js";
+import { post, upload } from "./api.js";
 import { announce, h, number, onDrop, quantity, unitText } from "./dom.js";
 import { makeFit } from "./fit.js";
-import { draw } from "./plots.js";
-import { work } from "./progress.js";
+import { keep, kept } from "./kept.js";
+import { latest } from "./latest.js";
+import { makeTask } from "./progress.js";
+import * as recorded from "./recorded.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import { shortTable } from "./tables.js";
 
-let recording = null;
-const file = h("input", { type: "file", id: "recording-file", class: "away", accept: ".uff,.unv,.mat,.tdms,.csv,.txt" });
+const KEPT = "recording.file";
+const file = h("input", { type: "file", id: "recording-file", class: "away" });
 const zone = h(
   "div",
   { class: "dropzone" },
-  h("p", {}, "Drop a recording here (UFF, MATLAB, TDMS, CSV), or ", h("label", { class: "button" }, "choose a file…", file)),
+  h("p", {}, "Drop a recording here, or ", h("label", { class: "button" }, "choose a file…", file)),
   h("p", { class: "soft note" }, "It stays on this machine. Lines are looked for where the scenario on the left expects them."),
 );
 const state = h("div", { "aria-live": "polite" });
-const found = h("div", { hidden: true });
+const found = h("div", { class: "figures", hidden: true });
 const channel = h("select", { id: "recording-channel", onchange: () => analyse() });
 const facts = h("p", { class: "soft" });
-const notes = h("p", { class: "soft note" });
-const spectrumPlot = h("div", {
-  class: "plot tall",
-  id: "recording-plot",
-  role: "img",
-  "aria-label": "Amplitude spectrum of the recording",
-});
-const densityPlot = h("div", {
-  class: "plot",
-  id: "density-plot",
-  role: "img",
-  "aria-label": "Power spectral density of the recording",
-});
-const logY = h("button", { type: "button", "aria-pressed": "true", onclick: () => turn() }, "log amplitude");
 const working = h("div", {});
 const lines = h("div", {});
+const comparing = h("div", {});
 const comparison = h("div", {});
-let analysis = null;
+const reading = latest();
+const analysing = makeTask("analysis", working, showAnalysis);
+const comparisons = makeTask("comparison", comparing, showComparison);
+let recording = null;
+let fit = null;
+let notable = []; // names of the lines that are worth a row
 
 const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
 
@@ -48,7 +42,7 @@ export function makeRecording(place) {
     file.value = "";
   });
   onDrop(zone, take);
-  const fit = makeFit(() => ({ recordings: [recording.id], channel: channel.value }));
+  fit = makeFit(() => ({ recordings: [recording.id], channel: channel.value }));
   found.append(
     card(
       "Recording",
@@ -62,7 +56,7 @@ export function makeRecording(place) {
       ),
       working,
     ),
-    h("section", { class: "card" }, h("div", { class: "bar" }, h("h2", {}, "Spectrum"), logY, notes), spectrumPlot),
+    recorded.spectrum.card,
     card("Lines with uncertainty", lines),
     card(
       "Beside the current run",
@@ -72,136 +66,74 @@ export function makeRecording(place) {
         "The run's scenario is simulated at the clock that the recording shows, then both are read the same way.",
       ),
       h("button", { type: "button", onclick: compare }, "Compare with the current run"),
+      comparing,
       comparison,
     ),
-    card("Identification", fit),
-    card("Power spectral density", densityPlot),
+    card("Identification", fit.element),
+    recorded.density.card,
   );
-  found.className = "figures";
   place.append(zone, state, found);
+  runs.onChange((what) => what === "runs" && recorded.spectrum.update());
+  restore();
 }
 
 async function take(chosen) {
   state.replaceChildren(h("p", { class: "soft" }, `Reading ${chosen.name} …`));
   try {
-    recording = await upload("/api/recordings", { name: chosen.name }, chosen);
+    await reading((signal) => upload("/api/recordings", { name: chosen.name }, chosen, { signal }), begin);
   } catch (error) {
     state.replaceChildren(h("p", { class: "error block", role: "alert" }, error.message));
-    return;
   }
+}
+
+/** A recording that the server has read. */
+function begin(answer) {
+  announce(`${answer.name} is read.`);
+  comparisons.leave();
+  fit.leave();
+  comparison.replaceChildren();
+  show(answer, usual(answer.channels));
+  return analyse();
+}
+
+const usual = (channels) =>
+  (channels.find((item) => item.name === "Mz") ?? channels.find((item) => item.unit === "N*m") ?? channels[0])?.name;
+
+function show(answer, chosen) {
+  recording = answer;
   state.replaceChildren();
-  announce(`${chosen.name} is read.`);
   facts.textContent = `${recording.name}: ${recording.channels.length} channels, ${recording.samples} samples at ${number(recording.sample_rate, 6)} Hz, ${number(recording.duration, 4)} s. ${(recording.notes ?? []).join(" ")}`;
   channel.replaceChildren(
     ...recording.channels.map((item) => h("option", { value: item.name }, `${item.name}, ${quantity(item.rms, item.unit)} RMS`)),
   );
-  channel.value = (
-    recording.channels.find((item) => item.name === "Mz") ??
-    recording.channels.find((item) => item.unit === "N*m") ??
-    recording.channels[0]
-  )?.name;
+  channel.value = chosen;
   found.hidden = false;
-  comparison.replaceChildren();
-  await analyse();
 }
 
-async function analyse() {
+/** The recording of before a reload, and what was made of it. */
+function restore() {
+  const before = kept(KEPT);
+  if (!before) return;
+  show(before.recording, before.channel);
+  analysing.restore();
+  comparisons.restore();
+  fit.restore();
+}
+
+function analyse() {
+  keep(KEPT, { recording, channel: channel.value });
   const body = { recording: recording.id, channel: channel.value, scenario: scenario.current() };
-  const answer = await work(working, `Analysis of ${channel.value}`, () => post("/api/analyses", body));
-  if (!answer) return;
-  analysis = answer;
-  notes.textContent = answer.clock_ratio
+  return analysing.start(`Analysis of ${channel.value}`, () => post("/api/analyses", body));
+}
+
+function showAnalysis(answer, _, id) {
+  const analysis = { ...answer, id };
+  notable = answer.notable;
+  const clock = answer.clock_ratio
     ? `step clock at ${number(answer.clock_ratio, 6)} of its nominal rate`
     : "no line of the step clock is seen";
   lines.replaceChildren(linesTable(answer));
-  await Promise.all([drawSpectrum(), drawDensity()]);
-}
-
-function turn() {
-  logY.setAttribute("aria-pressed", String(logY.getAttribute("aria-pressed") !== "true"));
-  drawSpectrum();
-}
-
-const seen = () => analysis.lines.filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor");
-
-async function drawSpectrum() {
-  const { f, amplitude } = analysis.spectrum;
-  const unit = unitText(analysis.unit);
-  const log = logY.getAttribute("aria-pressed") === "true";
-  const largest = Math.max(
-    ...seen().map((line) => line.amplitude_n_m),
-    amplitude.slice(1).reduce((a, b) => Math.max(a, b), 1e-12),
-  );
-  const curve = {
-    x: f,
-    y: amplitude,
-    mode: "lines",
-    name: analysis.channel,
-    line: { color: "#0072B2", width: 1.1 },
-    hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
-  };
-  const marks = {
-    x: seen().map((line) => line.frequency_hz),
-    y: seen().map((line) => line.amplitude_n_m),
-    mode: "markers",
-    name: "lines",
-    text: seen().map((line) => line.line),
-    error_y: {
-      type: "data",
-      array: seen().map((line) => line.amplitude_uncertainty_n_m ?? 0),
-      visible: true,
-      color: "#D55E00",
-      thickness: 1.5,
-      width: 4,
-    },
-    marker: { color: "#D55E00", size: 7, line: { color: "#fff", width: 0.8 } },
-    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${unit}<extra></extra>`,
-  };
-  return draw(spectrumPlot, [...(await beside()), curve, marks], {
-    xaxis: { title: { text: "frequency [Hz]" }, range: [0, Math.min(200, f.at(-1))] },
-    yaxis: {
-      title: { text: `amplitude [${unit}]` },
-      type: log ? "log" : "linear",
-      dtick: log ? 1 : undefined,
-      range: log ? [Math.log10(largest) - 4.5, Math.log10(largest) + 0.4] : [0, 1.1 * largest],
-    },
-  });
-}
-
-/** The chosen run's torque under the recording's, where both are torques. */
-async function beside() {
-  const run = runs.selected();
-  if (run?.state !== "done" || unitText(analysis.unit) !== "N m") return [];
-  const { f, amplitude } = await get(`/api/runs/${run.id}/spectrum`, { channel: "T_d", points: 6000 }).catch(() => ({
-    f: [],
-    amplitude: [],
-  }));
-  return [
-    {
-      x: f,
-      y: amplitude,
-      mode: "lines",
-      name: `T_d of ${run.name}`,
-      line: { color: "#E69F00", width: 2.2 },
-      opacity: 0.75,
-      hovertemplate: "%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
-    },
-  ];
-}
-
-function drawDensity() {
-  const { f, psd } = analysis.density;
-  const curve = {
-    x: f,
-    y: psd,
-    mode: "lines",
-    line: { color: "#009E73", width: 1.1 },
-    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} (${unitText(analysis.unit)})²/Hz<extra></extra>`,
-  };
-  return draw(densityPlot, [curve], {
-    xaxis: { title: { text: "frequency [Hz]" }, range: [0, Math.min(200, f.at(-1))] },
-    yaxis: { title: { text: `density [(${unitText(analysis.unit)})²/Hz]` }, type: "log" },
-  });
+  return Promise.all([recorded.spectrum.show(analysis, clock), recorded.density.show(analysis, "")]);
 }
 
 const hz = (value) => number(value, 7);
@@ -213,9 +145,9 @@ function linesTable({ lines: rows, notable, unit }) {
     [
       { key: "line", title: "line" },
       { key: "frequency_hz", title: "frequency", unit: "Hz", show: hz },
-      { key: "frequency_uncertainty_hz", title: "±", unit: "Hz", show: (value) => number(value, 2) },
+      { key: "frequency_uncertainty_hz", title: "± (1σ)", unit: "Hz", show: (value) => number(value, 2) },
       { key: "amplitude_n_m", title: "amplitude", unit: small, show: milli(4) },
-      { key: "amplitude_uncertainty_n_m", title: "±", unit: small, show: milli(2) },
+      { key: "amplitude_uncertainty_n_m", title: "± (1σ)", unit: small, show: milli(2) },
       { key: "floor_n_m", title: "floor", unit: small, show: milli(2) },
       { key: "origin", title: "what it is" },
       { key: "status", title: "status" },
@@ -226,23 +158,20 @@ function linesTable({ lines: rows, notable, unit }) {
   );
 }
 
-async function compare() {
+function compare() {
   const run = runs.selected();
   if (run?.state !== "done") {
-    comparison.replaceChildren(
-      h("p", { class: "error", role: "alert" }, "There is no finished run to compare with; start one first."),
-    );
+    const missing = "There is no finished run to compare with; start one first.";
+    comparison.replaceChildren(h("p", { class: "error", role: "alert" }, missing));
     return;
   }
-  const result = h("div", {});
-  const place = h("div", {});
-  comparison.replaceChildren(place, result);
-  const answer = await work(place, `Comparison with ${run.name}`, () =>
-    post("/api/comparisons", { recording: recording.id, run: run.id, channel: channel.value }),
-  );
-  if (!answer) return;
-  const { a, b, rows } = answer;
-  result.replaceChildren(
+  const body = { recording: recording.id, run: run.id, channel: channel.value };
+  comparisons.start(`Comparison with ${run.name}`, () => post("/api/comparisons", body), { notable });
+}
+
+function showComparison({ a, b, rows }, context) {
+  const off = (value) => (value === null ? "–" : `${value > 0 ? "+" : ""}${number(100 * value, 3)} %`);
+  comparison.replaceChildren(
     h("p", { class: "soft" }, `${a.name} (${a.kind}) and ${b.name} (${b.kind}).`),
     shortTable(
       [
@@ -251,14 +180,10 @@ async function compare() {
         { key: "b_hz", title: "run", unit: "Hz", show: hz },
         { key: "a_n_m", title: "recording", unit: "mN m", show: milli(4) },
         { key: "b_n_m", title: "run", unit: "mN m", show: milli(4) },
-        {
-          key: "error",
-          title: "run against recording",
-          show: (value) => (value === null ? "–" : `${value > 0 ? "+" : ""}${number(100 * value, 3)} %`),
-        },
+        { key: "error", title: "run against recording", show: off },
       ],
       rows,
-      (row) => analysis.notable.includes(row.line),
+      (row) => context.notable.includes(row.line),
       { caption: "Recording beside run" },
     ),
   );

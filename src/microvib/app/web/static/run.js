@@ -1,8 +1,9 @@
 // The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
 
 import { announce, h, number, quantity, s } from "./dom.js";
-import { drawing } from "./drive.js";
+import { drawing as driveOf } from "./drive.js";
 import * as history from "./history.js";
+import { latest } from "./latest.js";
 import { progressRow } from "./progress.js";
 import { tablesOf } from "./result.js";
 import * as runs from "./runs.js";
@@ -11,6 +12,7 @@ import { makeSlowMotion } from "./slow.js";
 import * as spectrum from "./spectrum.js";
 
 const bars = new Map();
+const drawing = latest();
 const chips = h("ul", { class: "chips", "aria-label": "Runs" });
 const going = h("div", { class: "going", hidden: true });
 const head = h("div", { class: "head" });
@@ -33,7 +35,11 @@ export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
   picture.append(sketch, slow, caption);
   place.append(chips, going, head, picture, figures, tables);
-  runs.onChange((what) => (what === "progress" ? showProgress() : show()));
+  runs.onChange((what) => {
+    if (what === "runs") return show();
+    if (what === "state") showChips();
+    showProgress();
+  });
   scenario.onCheck(() => !runs.selected()?.result && showDrawing());
   show();
 }
@@ -43,15 +49,17 @@ async function show() {
   showProgress();
   showDrawing();
   const run = runs.selected();
-  head.replaceChildren(...(run?.result ? headOf(run) : run?.error ? [failure(run)] : runs.all().length ? [] : [welcome()]));
+  head.replaceChildren(...(run ? [...(run.result ? headOf(run) : []), ...failure(run)] : [welcome()]));
   tables.replaceChildren(...(run?.result ? tablesOf(run) : []));
   const shown = runs.shown();
   const names = shown.map((item) => item.id).join(" ");
   figures.hidden = !shown.length;
   if (figures.hidden || names === figures.dataset.drawn) return;
-  await Promise.all([spectrum.update(), history.update()]).catch((error) => announce(error.message, { error: true }));
-  performance.mark("run-drawn");
-  figures.dataset.drawn = names;
+  figures.dataset.drawn = "";
+  await drawing(async () => Promise.all([spectrum.update(), history.update()]), () => {
+    performance.mark("run-drawn");
+    figures.dataset.drawn = names;
+  }).catch((error) => announce(error.message, { error: true }));
 }
 
 function welcome() {
@@ -64,19 +72,29 @@ function welcome() {
   );
 }
 
+/** What became of a run that did not end as it should, or whose samples are lost. */
 function failure(run) {
-  const failed = run.state === "failed";
-  return h(
-    "p",
-    { class: failed ? "error block" : "soft" },
-    failed ? `${run.name} failed: ${run.error}` : `${run.name} was cancelled.`,
-  );
+  const ends = {
+    failed: `failed: ${run.error}`,
+    cancelled: run.unwanted ? "was cancelled." : "was cancelled, by another tab or because the server ended.",
+    gone: "is not on the server any more: it was started again, or gave the run up for newer ones.",
+  };
+  if (!ends[run.state]) return [];
+  const again = () => runs.again(run).catch((error) => announce(error.message, { error: true }));
+  return [
+    h(
+      "p",
+      { class: run.unwanted ? "soft" : "error block" },
+      `${run.name} ${ends[run.state]} `,
+      run.scenario && h("button", { type: "button", onclick: again }, "Run it again"),
+    ),
+  ];
 }
 
 function showDrawing(now = null) {
   const run = runs.selected();
   const done = run?.result;
-  sketch.replaceChildren(drawing(done, done ? run.values : scenario.checked().values, done && now));
+  sketch.replaceChildren(driveOf(done, done ? done.values : scenario.checked().values, done && now));
   const widths = now ? "its distance from its mean" : "its amplitude ∿ at the driving frequency f_d";
   caption.textContent = done
     ? `Each arrow's head is on the body that the torque acts on; positive is one sense about the drive axis. What the housing feels adds up to T_d. An arrow's width goes with ${widths}, by decades.`
@@ -165,7 +183,7 @@ function headOf(run) {
       { class: "facts" },
       h("h2", {}, result.title || run.name),
       ...facts.map(([words, value]) => h("div", {}, h("b", {}, value), h("span", {}, words))),
-      menu(run),
+      run.state === "done" && menu(run),
     ),
   ];
 }

@@ -1,19 +1,13 @@
 // The runs that are kept: started, followed, shown over each other, chosen, removed.
+// A run's state is what the server said of its id; what a person asks for (cancel) is asked of the server, and shown when it is so.
 
-import { drop, follow, get, post } from "./api.js";
+import { drop, get, onServer, post } from "./api.js";
 import { announce } from "./dom.js";
+import { follow } from "./jobs.js";
+import { keep, kept } from "./kept.js";
+import { style } from "./styles.js";
 
-// Okabe and Ito's colours, which colour-blind people can tell apart, and a dash for those who see none.
-const STYLES = [
-  ["#0072B2", "solid"],
-  ["#D55E00", "dash"],
-  ["#009E73", "dot"],
-  ["#E69F00", "dashdot"],
-  ["#CC79A7", "longdash"],
-  ["#56B4E9", "longdashdot"],
-  ["#8c8c8c", "solid"],
-];
-const KEPT = "microvib.runs";
+const KEPT = "runs";
 
 const runs = [];
 let chosen = null;
@@ -24,86 +18,148 @@ export const all = () => runs;
 export const shown = () =>
   runs.filter((run) => run.state === "done" && run.visible).sort((a, b) => (a === chosen) - (b === chosen));
 export const selected = () => chosen;
+export const going = (run) => ["asked", "queued", "running"].includes(run.state);
+/** Listeners hear "runs" where there are others, or other results; "state" and "progress" of those that go on. */
 export const onChange = (listener) => listeners.add(listener);
 const tell = (what) => listeners.forEach((listener) => listener(what));
 
-/** Start a run, which is followed to its end. Refused where the server does not take it. */
-export async function start(scenario, name, steady) {
-  const { id } = await post("/api/runs", { scenario, name: name.slice(0, 200), steady });
-  keep({ id, name, scenario });
+/** Start a run of {scenario, name, steady}, which is then followed to its end. Refused where the server does not take it. */
+export async function start({ scenario, name, steady }) {
+  const run = add({ name: unlike(name), scenario, steady });
+  choose(run);
+  try {
+    await launch(run);
+  } catch (error) {
+    take(run);
+    throw error;
+  }
 }
 
-function keep({ id, name, scenario }) {
-  const style = STYLES.findIndex((_, k) => runs.every((run) => run.style !== k));
-  const run = { id, name, scenario, style: Math.max(style, 0), state: "queued", progress: {}, visible: true, result: null };
-  [run.colour, run.dash] = STYLES[run.style];
-  runs.push(run);
+async function launch(run) {
+  const { scenario, name, steady } = run;
+  ({ id: run.id } = await post("/api/runs", { scenario, name: name.slice(0, 200), steady }));
   store();
-  choose(run);
+  if (run.unwanted) drop(run.id).catch(() => null);
   finish(run);
 }
 
-async function finish(run) {
+/** Start again what the server has no more. */
+export async function again(run) {
+  Object.assign(run, { state: "asked", id: null, progress: {}, unwanted: false });
+  tell("runs");
   try {
-    const parameters = post("/api/scenario", run.scenario);
-    run.result = await follow(run.id, (job) => step(run, job));
-    run.values = (await parameters).values;
-    performance.mark("run-done");
-    run.state = "done";
-    announce(`${run.name}: done.`);
+    await launch(run);
   } catch (error) {
-    if (!runs.includes(run)) return;
-    run.state = run.cancelled ? "cancelled" : "failed";
-    run.error = error.message;
-    announce(`${run.name}: ${run.state}.`);
+    run.state = "gone";
+    tell("runs");
+    throw error;
   }
+}
+
+function add({ id = null, name, scenario, steady = false, look, visible = true }) {
+  const taken = runs.map((run) => run.look);
+  const run = { id, name, scenario, steady, visible, state: "asked", progress: {}, result: null, error: null, unwanted: false };
+  run.look = look ?? style.free(taken);
+  [run.colour, run.dash] = style(run.look);
+  runs.push(run);
+  return run;
+}
+
+/** The name, with a number where another run has it already. */
+function unlike(name) {
+  const names = runs.map((run) => run.name);
+  for (let k = 1; ; k++) {
+    const tried = k === 1 ? name : `${name} (${k})`;
+    if (!names.includes(tried)) return tried;
+  }
+}
+
+async function finish(run) {
+  const end = await follow(run.id, (job) => step(run, job));
+  if (!runs.includes(run)) return;
+  Object.assign(run, end.state === "gone" && run.unwanted ? { state: "cancelled" } : end);
+  if (run.state === "done") performance.mark("run-done");
+  announce(`${run.name}: ${run.state}.`);
   tell("runs");
 }
 
-function step(run, job) {
-  const began = run.state === "queued" && job.state === "running";
-  if (job.state !== "done") run.state = job.state;
-  run.progress = job.progress ?? {};
-  if (began) announce(`${run.name}: running.`);
-  tell("progress");
+function step(run, { state, progress }) {
+  const what = run.state === state ? "progress" : "state";
+  Object.assign(run, { state, progress });
+  if (what === "state" && state === "running") announce(`${run.name}: running.`);
+  tell(what);
 }
 
-/** Runs of this tab that the server still has, after a reload. */
-export async function restore() {
-  for (const kept of JSON.parse(sessionStorage.getItem(KEPT) ?? "[]")) {
-    const job = await get(`/api/jobs/${kept.id}`).catch(() => null);
-    if (job && job.state !== "cancelled") keep(kept);
-  }
-  store();
+/** Runs of this tab, after a reload; of those that the server has no more their scenarios. */
+export function restore() {
+  const found = kept(KEPT, []);
+  const again = found.map(add);
+  choose(again[found.findIndex((one) => one.chosen)] ?? again.at(-1) ?? null);
+  return Promise.all(again.map(finish));
 }
 
 function store() {
-  sessionStorage.setItem(KEPT, JSON.stringify(runs.map(({ id, name, scenario }) => ({ id, name, scenario }))));
+  const known = runs.filter((run) => run.id !== null);
+  const facts = known.map(({ id, name, scenario, steady, look, visible }, k) => ({
+    id,
+    name,
+    scenario,
+    steady,
+    look,
+    visible,
+    chosen: known[k] === chosen,
+  }));
+  // Long texts of scenarios may be more than the browser keeps; then the runs come back, but cannot be started again.
+  if (!keep(KEPT, facts)) keep(KEPT, facts.map((one) => ({ ...one, scenario: null }))); // prettier-ignore
 }
 
 export function choose(run) {
   chosen = run;
   if (run) run.visible = true;
+  store();
   tell("runs");
 }
 
 export function toggle(run) {
   run.visible = !run.visible;
+  store();
   tell("runs");
 }
 
-export const going = (run) => run.state === "queued" || run.state === "running";
-
+/** Ask the server to cancel a run; it is cancelled when the server says so. */
 export async function cancel(run) {
-  run.cancelled = true;
-  await drop(run.id).catch((error) => announce(error.message, { error: true }));
+  run.unwanted = true;
+  tell("progress");
+  if (run.id) await drop(run.id).catch((error) => announce(error.message, { error: true }));
+}
+
+function take(run) {
+  const place = runs.indexOf(run);
+  runs.splice(place, 1);
+  if (chosen === run) chosen = runs[Math.min(place, runs.length - 1)] ?? null;
+  store();
+  tell("runs");
 }
 
 export async function remove(run) {
-  if (going(run)) run.cancelled = true;
-  runs.splice(runs.indexOf(run), 1);
-  store();
-  if (chosen === run) chosen = runs.at(-1) ?? null;
-  tell("runs");
-  await drop(run.id).catch(() => null);
+  run.unwanted = true;
+  take(run);
+  if (run.id) await drop(run.id).catch(() => null);
 }
+
+/** What the server says of a run's samples; a run that it has no more is gone from now on. */
+export async function ask(run, what, query, options) {
+  try {
+    return await get(`/api/runs/${run.id}/${what}`, query, options);
+  } catch (error) {
+    if (error.status === 404 && run.state === "done") lose([run]);
+    throw error;
+  }
+}
+
+function lose(lost) {
+  for (const run of lost) run.state = "gone";
+  tell("runs");
+}
+
+onServer((what) => what === "restarted" && lose(runs.filter((run) => run.state === "done")));

@@ -2,7 +2,8 @@
 
 import { post } from "./api.js";
 import { h } from "./dom.js";
-import { work } from "./progress.js";
+import { keepFields } from "./kept.js";
+import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
 import { table } from "./tables.js";
 
@@ -27,6 +28,7 @@ const inputs = Object.fromEntries(
 );
 const place = h("div", {});
 const result = h("div", { class: "figures" });
+const task = makeTask("sas", place, show);
 
 export function makeSas(tab) {
   const ask = h(
@@ -46,14 +48,15 @@ export function makeSas(tab) {
     h("section", { class: "card" }, h("h2", {}, "Solar array simulator for an inertia and a frequency"), ask, place),
     result,
   );
+  keepFields("sas.asked", inputs);
+  task.restore();
 }
 
 async function size(ofScenario) {
   const text = (key) => inputs[key].value.trim() || undefined;
   const what = ofScenario ? { from_scenario: scenario.current() } : { inertia: text("inertia"), frequency: text("frequency") };
   const body = { ...what, amplitude: text("amplitude"), rate: text("rate"), states: text("states")?.split(/[\s,]+/) };
-  const answer = await work(place, "Sizing", () => post("/api/sas", body));
-  if (answer) show(answer);
+  await task.start("Sizing", () => post("/api/sas", body));
 }
 
 function show({ table: settings, tolerance, text, drawing }) {

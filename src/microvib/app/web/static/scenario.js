@@ -3,14 +3,16 @@
 
 import { get, post } from "./api.js";
 import { debounce } from "./dom.js";
+import { latest } from "./latest.js";
 
 const DELAY = 200;
 const LONGEST_LINK = 30_000;
 
-const state = { base: "state-1", text: null, changes: {} };
-let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], doubts: [], title: "", yaml: null };
-let running;
-let latest = null;
+const state = { base: "state-1", text: null, packed: null, changes: {} };
+let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], doubts: [], title: "", yaml: null, of: null };
+let answered = null;
+const checking = latest();
+const opening = latest();
 const listeners = new Set();
 
 export let catalog = [];
@@ -44,16 +46,19 @@ export function partsOf(key) {
 
 /** A short name: the base, and what was changed last. */
 export function shortName() {
-  const base = state.text === null ? state.base : seen.title || "uploaded";
+  const base = state.text === null ? state.base : (seen.of === origin() && seen.title) || "uploaded";
   const changes = Object.entries(state.changes).map(([key, text]) => `${key.split(".").slice(-2).join(" ")} ${text}`);
   const more = changes.length > 2 ? ` and ${changes.length - 2} more` : "";
   return [base, ...changes.slice(-2).reverse()].join(", ") + more;
 }
 
+/** What the server's last word was about: another base has other values. */
+const origin = () => state.text ?? state.base;
+
 /** Change one key; the text of the base takes the change back. */
 export function change(key, text) {
-  if (text === seen.base_values[key]) delete state.changes[key];
-  else state.changes[key] = text;
+  delete state.changes[key]; // what is changed last stands last
+  if (seen.of !== origin() || text !== seen.base_values[key]) state.changes[key] = text;
   soon();
 }
 
@@ -77,60 +82,69 @@ export async function undoAll() {
 }
 
 /** Start from a catalog scenario, or from a text, which may have values to correct. One that cannot be read changes nothing. */
-export async function startFrom({ base = null, text = null }) {
-  if (text !== null) await readable(text);
-  Object.assign(state, { base, text, changes: {} });
-  remember();
-  await check();
+export function startFrom({ base = null, text = null }) {
+  return opening(async (signal) => (text === null ? null : (await readable(text, signal), packed(text))), (packed) => {
+    Object.assign(state, { base, text, packed, changes: {} });
+    remember();
+    return check();
+  });
 }
 
-async function readable(text) {
-  const answer = await post("/api/scenario", { base: null, text, changes: {} });
+async function readable(text, signal) {
+  const answer = await post("/api/scenario", { base: null, text, changes: {} }, { signal });
   if (!Object.keys(answer.values).length) throw new Error(answer.errors.map((item) => item.error).join(" "));
 }
 
 const soon = debounce(() => check(), DELAY);
 
-/** Ask the server what it thinks; who waits for an answer that a newer question overtakes gets the newer one's. */
+/** Ask the server what it thinks of the scenario as it is now; done when its newest answer is there. */
 export function check() {
-  latest = ask();
-  return latest;
+  answered = ask();
+  return answered;
 }
 
 async function ask() {
-  running?.abort();
-  running = new AbortController();
+  const of = origin();
   try {
-    seen = await post("/api/scenario", current(), { signal: running.signal });
+    const question = (signal) => post("/api/scenario", current(), { signal });
+    const newest = await checking(question, (answer) => hear({ ...answer, of }));
+    if (!newest) await answered;
   } catch (error) {
-    if (error.name === "AbortError") return latest;
-    seen = { ...seen, errors: [{ key: null, error: error.message }] };
+    hear({ ...seen, errors: [{ key: null, error: error.message }] });
   }
+}
+
+/** The scenario as a file's text, and what is wrong with it: as it is now, not as it was when the server last spoke. */
+export const asFile = () => post("/api/scenario", current());
+
+function hear(answer) {
+  seen = answer;
   for (const listener of listeners) listener(seen);
 }
 
 /** Put the scenario into the address, as a step that the browser can go back. */
-export async function remember() {
-  const text = await fragment();
-  if (text !== location.hash.slice(1)) history.pushState(null, "", `#${text}`);
+export function remember() {
+  if (fragment() !== location.hash.slice(1)) history.pushState(null, "", `#${fragment()}`);
 }
 
 /** Address that restores the scenario; null where its text is too long for one. */
-export async function link() {
-  const text = await fragment();
-  return text.length > LONGEST_LINK ? null : `${location.origin}${location.pathname}#${text}`;
-}
+export const link = () => (fragment().length > LONGEST_LINK ? null : `${location.origin}${location.pathname}#${fragment()}`);
 
-async function fragment() {
-  const parts = state.text === null ? [["base", state.base]] : [["text", await packed(state.text)]];
+function fragment() {
+  const parts = state.text === null ? [["base", state.base]] : [["text", state.packed]];
   return new URLSearchParams([...parts, ...Object.entries(state.changes)]).toString();
 }
 
 /** Read the scenario from the address. */
-export async function restore() {
-  const { base, text, ...changes } = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
-  Object.assign(state, { base: base ?? catalog[0].name, text: text ? await unpacked(text) : null, changes });
-  await check();
+export function restore() {
+  const { base, text: packed, ...changes } = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
+  return opening(
+    () => (packed ? unpacked(packed) : null),
+    (text) => {
+      Object.assign(state, { base: base ?? catalog[0].name, text, packed: packed ?? null, changes });
+      return check();
+    },
+  );
 }
 
 export const baseName = () => (state.text === null ? state.base : null);

@@ -1,8 +1,9 @@
 // Amplitude spectrum of the shown runs: named lines, array mode, the paper's test values, linear and logarithmic axes.
 
-import { get } from "./api.js";
-import { h, number, quantity, unitText } from "./dom.js";
+import { announce, h, number, quantity, unitText } from "./dom.js";
+import { latest } from "./latest.js";
 import { draw, ink, onZoom } from "./plots.js";
+import { fillChannels, has } from "./channels.js";
 import * as runs from "./runs.js";
 
 const HIGHEST = 200;
@@ -41,7 +42,7 @@ function button(text, action) {
 
 function set(changes) {
   Object.assign(view, { y: null }, changes);
-  return update();
+  return update().catch((error) => announce(error.message, { error: true }));
 }
 
 function arrayWindow() {
@@ -50,18 +51,21 @@ function arrayWindow() {
 }
 
 let listening = false;
-let last = 0;
+const asking = latest();
 
 /** Ask for what the window shows of each run, and draw it. */
 export async function update() {
-  const shown = runs.shown();
-  fillChannels(shown);
-  const turn = ++last;
+  fillChannels(channel, runs.shown(), view.channel);
+  const shown = runs.shown().filter((run) => has(run, view.channel));
   const [from, to] = view.window ?? [undefined, undefined];
-  const spectra = await Promise.all(
-    shown.map((run) => get(`/api/runs/${run.id}/spectrum`, { channel: view.channel, window: "hann", from, to, points: 4000 })),
+  const query = { channel: view.channel, window: "hann", from, to, points: 4000 };
+  await asking(
+    (signal) => Promise.all(shown.map((run) => runs.ask(run, "spectrum", query, { signal }))),
+    (spectra) => show(shown, spectra),
   );
-  if (turn !== last) return;
+}
+
+async function show(shown, spectra) {
   logX.setAttribute("aria-pressed", view.logX);
   logY.setAttribute("aria-pressed", view.logY);
   const traces = shown.flatMap((run, k) => [curve(run, spectra[k]), ...(view.channel === "T_d" ? [dots(run)] : [])]);
@@ -69,15 +73,6 @@ export async function update() {
   await draw(plot, traces, layout(shown, spectra));
   if (!listening) onZoom(plot, ({ x, y = view.y }) => set({ window: x === undefined ? view.window : fromAxis(x), y }));
   listening = true;
-}
-
-function fillChannels(shown) {
-  const channels = shown[0]?.result.channels ?? [];
-  if (channel.options.length === channels.length) return;
-  channel.replaceChildren(
-    ...channels.map((item) => h("option", { value: item.name, title: item.meaning }, `${item.name}  ${item.meaning}`)),
-  );
-  channel.value = view.channel;
 }
 
 // A logarithmic axis speaks in decades.

@@ -1,0 +1,49 @@
+// Computations on the server, each followed to its end.
+// A question names the jobs that it is about: an answer says nothing of a job that was started after it was asked,
+// and of one that was asked about, its silence means that the server has it no more.
+
+import { getSurely, onServer, pause } from "./api.js";
+
+const ENDED = ["done", "failed", "cancelled"];
+const PAUSE = 100;
+const GONE = { state: "gone", error: "The server has this computation no more: it was started again, or gave it up for newer ones." };
+
+const followed = new Map();
+let asking = false;
+
+/** Follow a job to its end: {state: "done", result}, or {state: "failed", "cancelled" or "gone", error}. `onStep` gets each state on the way. */
+export async function follow(id, onStep = () => {}) {
+  const end = await new Promise((resolve) => {
+    followed.set(id, { onStep, resolve });
+    ask();
+  });
+  if (end.state !== "done") return end;
+  try {
+    return { state: "done", result: await getSurely(`/api/jobs/${id}/result`) };
+  } catch {
+    return GONE;
+  }
+}
+
+// One question for all jobs: a stream for each would use up the six connections that a browser's tabs share.
+async function ask() {
+  if (asking) return;
+  asking = true;
+  while (followed.size) {
+    const ids = [...followed.keys()];
+    const jobs = await getSurely("/api/jobs", { ids: ids.join(",") }).catch(() => []);
+    for (const id of ids) step(id, jobs.find((job) => job.id === id) ?? GONE);
+    await pause(PAUSE);
+  }
+  asking = false;
+}
+
+function step(id, job) {
+  const { onStep, resolve } = followed.get(id) ?? {};
+  if (!resolve) return;
+  if (job !== GONE && !ENDED.includes(job.state)) return onStep(job);
+  followed.delete(id);
+  resolve(job);
+}
+
+onServer((what) => what === "restarted" && [...followed.keys()].forEach((id) => step(id, GONE)));

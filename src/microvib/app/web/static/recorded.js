@@ -1,0 +1,156 @@
+// Pictures of an analysed recording. Each zoom asks the server for that stretch, so that it is seen bin by bin.
+
+import { get } from "./api.js";
+import { announce, h, unitText } from "./dom.js";
+import { keep, kept } from "./kept.js";
+import { latest } from "./latest.js";
+import { bounds, draw, onZoom, stretch } from "./plots.js";
+import * as runs from "./runs.js";
+import { LINE, RECORDED } from "./styles.js";
+
+const HIGHEST = 200;
+
+const seen = ({ lines }) => lines.filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor");
+
+/** A card with one picture; `ask(analysis, window)` gets its data, `paint(analysis, view, data)` makes traces and layout of it. */
+function picture(key, title, { ask, paint, log = true }) {
+  const view = { window: [0, HIGHEST], y: null, log, ...kept(key, {}) };
+  const plot = h("div", { class: "plot tall", id: `${key}-plot`, role: "img", "aria-label": `${title} of the recording` });
+  const note = h("span", { class: "soft note" });
+  const logY = h("button", { type: "button", onclick: () => set({ log: !view.log, y: null }) }, "log amplitude");
+  const all = h("button", { type: "button", onclick: () => set({ window: null, y: null }) }, "All");
+  const low = h("button", { type: "button", onclick: () => set({ window: [0, HIGHEST], y: null }) }, `0–${HIGHEST} Hz`);
+  const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, low, all, note);
+  const asking = latest();
+  let shown = null;
+  let listening = false;
+
+  function set(changes) {
+    Object.assign(view, changes);
+    keep(key, view);
+    return update();
+  }
+
+  async function update() {
+    if (!shown) return;
+    const analysis = shown;
+    await asking(
+      (signal) => ask(analysis, { ...stretch(view.window), points: 4000 }, { signal }),
+      async (data) => {
+        logY.setAttribute("aria-pressed", String(view.log));
+        const [traces, layout] = paint(analysis, view, data);
+        await draw(plot, traces, layout);
+        if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x ?? [0, HIGHEST], y }));
+        listening = true;
+      },
+    ).catch((error) => announce(error.message, { error: true }));
+  }
+
+  return {
+    card: h("section", { class: "card" }, bar, plot),
+    update,
+    show: (analysis, words) => {
+      shown = analysis;
+      note.textContent = words;
+      return update();
+    },
+  };
+}
+
+const recorded = ({ id }, of, query, options) => get(`/api/analyses/${id}/spectrum`, { of, ...query }, options);
+
+export const spectrum = picture("recording", "Spectrum", {
+  ask: (analysis, query, options) =>
+    Promise.all([recorded(analysis, "amplitude", query, options), beside(analysis, query, options)]),
+  paint: paintSpectrum,
+});
+
+export const density = picture("density", "Power spectral density", {
+  ask: (analysis, query, options) => recorded(analysis, "density", query, options),
+  paint: paintDensity,
+});
+
+/** The chosen run's torque under the recording's, where both are torques. */
+async function beside(analysis, query, options) {
+  const run = runs.selected();
+  if (run?.state !== "done" || analysis.unit !== "N*m") return null;
+  const found = await runs.ask(run, "spectrum", { channel: "T_d", ...query }, options).catch(() => null);
+  return found && { run, ...found };
+}
+
+function paintSpectrum(analysis, view, [{ f, values }, other]) {
+  const unit = unitText(analysis.unit);
+  const largest = Math.max(...values, ...seen(analysis).map((line) => line.amplitude_n_m), 1e-15);
+  const curve = {
+    x: f,
+    y: values,
+    mode: "lines",
+    name: analysis.channel,
+    line: { color: RECORDED, width: 1.1 },
+    hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
+  };
+  return [
+    [...(other ? [under(other)] : []), curve, marks(seen(analysis), unit)],
+    {
+      xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
+      yaxis: {
+        title: { text: `amplitude [${unit}]` },
+        type: view.log ? "log" : "linear",
+        dtick: view.log ? 1 : undefined,
+        range: view.y ?? bounds(largest, view.log),
+      },
+    },
+  ];
+}
+
+const under = ({ run, f, amplitude }) => ({
+  x: f,
+  y: amplitude,
+  mode: "lines",
+  name: `T_d of ${run.name}`,
+  line: { color: run.colour, width: 2.2 },
+  opacity: 0.75,
+  hovertemplate: "%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
+});
+
+const marks = (lines, unit) => ({
+  x: lines.map((line) => line.frequency_hz),
+  y: lines.map((line) => line.amplitude_n_m),
+  mode: "markers",
+  name: "lines, with their standard uncertainty",
+  text: lines.map((line) => line.line),
+  error_y: {
+    type: "data",
+    array: lines.map((line) => line.amplitude_uncertainty_n_m ?? 0),
+    visible: true,
+    color: LINE,
+    thickness: 1.5,
+    width: 4,
+  },
+  marker: { color: LINE, size: 6, line: { color: "#fff", width: 0.8 } },
+  hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${unit}<extra></extra>`,
+});
+
+function paintDensity(analysis, view, { f, values }) {
+  const unit = `(${unitText(analysis.unit)})²/Hz`;
+  const curve = {
+    x: f,
+    y: values,
+    mode: "lines",
+    line: { color: RECORDED, width: 1.1 },
+    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
+  };
+  return [
+    [curve],
+    {
+      xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
+      yaxis: {
+        title: { text: `density [${unit}]` },
+        type: view.log ? "log" : "linear",
+        dtick: view.log ? 1 : undefined,
+        range: view.y ?? undefined,
+      },
+      showlegend: false,
+    },
+  ];
+}
