@@ -1,0 +1,97 @@
+"""Command lines that the docs print run, in the order of their page, in a clean folder."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = ["README.md", *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md"))]
+SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
+
+SHORTER: dict[str, list[str]] = {
+    "microvib rates": ["--count", "2", "--linear"],
+    "microvib modes my-array.yaml": ["--count", "3"],
+    "microvib run": SHORT,
+}
+"""What is appended to lines that begin so: the same command on less work."""
+NOT_RUN = {
+    "microvib serve": "serves until it is stopped; tests/test_serve.py starts and stops it",
+    "microvib identify state-1 paper": "minutes, as its page says; tests/test_studies.py identifies",
+}
+"""Lines that are left out, and why."""
+CATALOG = ROOT / "src" / "microvib" / "catalog"
+DRIVE, ARRAY = ((CATALOG / name).read_text("utf-8") for name in ("new.yaml", "reference-array.yaml"))
+GIVEN: dict[str, dict[str, str]] = {
+    "docs/howto/array.md": {"my-array.yaml": ARRAY, "my-drive.yaml": DRIVE},
+    "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
+    "docs/howto/rate.md": {"my-drive.yaml": DRIVE},
+}
+"""Files that a page tells its reader to have written."""
+ONE_AFTER_ANOTHER = """
+import json, sys
+from microvib.app.cli import main
+for line in json.load(sys.stdin):
+    try:
+        main(line, prog_name="microvib")
+    except SystemExit as end:
+        if end.code:
+            sys.exit(f"status {end.code}: {line}")
+"""
+
+
+def lines_of(page: str) -> list[str]:
+    """Command lines in the indented blocks of a page, each as one line; executed cells are run with the site."""
+    text = (ROOT / page).read_text("utf-8").replace("\\\n", " ")
+    found = re.findall(r"^    (microvib .*)$", text, re.M)
+    return [part.strip() for line in found for part in line.split("&&")]
+
+
+NOT_YET = ("README.md", "docs/campaigns.md", "docs/fem.md", "docs/recordings.md", "docs/reports.md", "docs/sas.md")
+"""Pages whose lines are not run here yet: together they take minutes, or need a recording that no earlier line makes."""
+
+
+def entry(table: dict, line: str):
+    return next((table[start] for start in table if line.startswith(start)), None)
+
+
+def words_of(line: str) -> list[str]:
+    return shlex.split(line, comments=True)[1:] + (entry(SHORTER, line) or [])
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if lines_of(page) and page not in NOT_YET])
+def test_the_lines_of_a_page_run_as_printed(page, tmp_path):
+    for name, text in GIVEN.get(page, {}).items():
+        (tmp_path / name).write_text(text)
+    run = [words_of(line) for line in lines_of(page) if entry(NOT_RUN, line) is None]
+    done = subprocess.run(
+        [sys.executable, "-c", ONE_AFTER_ANOTHER], input=json.dumps(run), cwd=tmp_path,
+        capture_output=True, text=True, timeout=900, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_is_left_out_or_shortened_is_on_a_page():
+    lines = [line for page in PAGES for line in lines_of(page)]
+    for start in (*NOT_RUN, *SHORTER):
+        assert any(line.startswith(start) for line in lines), start
+
+
+def test_lines_that_install_name_what_they_need():
+    """The site is built by a checkout's own installation (-e); extras are those of pyproject.toml."""
+    import tomllib
+
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for page in PAGES:
+        text = (ROOT / page).read_text("utf-8")
+        for flags, names in re.findall(
+            r"pip install ((?:-\S+ (?:constraints\.txt )?)*)['\"](?:microvib|\.)\[([\w,-]+)\]", text
+        ):
+            assert set(names.split(",")) <= set(extras), (page, names)
+            assert "docs" not in names.split(",") or "-e" in flags, page
