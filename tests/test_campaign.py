@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from microvib.app.campaign.report import campaign_report, summarise
-from microvib.app.campaign.text import state_text
+from microvib.app.campaign.text import report_text, state_text
 from microvib.app.reports.document import Table
 from microvib.app.reports.rendering import html
 from microvib.errors import MicrovibError, OutputError, ScenarioError
@@ -31,18 +31,19 @@ from microvib.studies.campaign import cases as computing
 from microvib.studies.campaign import folder
 from microvib.studies.campaign import run as running
 from microvib.studies.campaign.design import Design, design
+from microvib.studies.campaign.effects import _first_and_total, sobol, tornado
 from microvib.studies.campaign.folder import Campaign, create, open_campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, merge, open_results
 from microvib.studies.campaign.run import STRIKES, compute_missing, local
 from microvib.studies.campaign.slurm import submit
 from microvib.studies.campaign.statistics import (
     ANY,
-    _first_and_total,
+    at_any_level,
+    draws_needed,
+    governing,
     line_statistics,
     proportion,
     quantile,
-    sobol,
-    tornado,
     worst_cases,
 )
 
@@ -666,6 +667,43 @@ def test_a_slurm_job_cancelled_in_the_middle_is_resumed(tmp_path):
 # -- statistics ------------------------------------------------------------------------------------------------------
 
 
+def test_levels_are_never_pooled(tmp_path):
+    """Five rates and eight draws: always above the limit at one rate, never at the others. A pooled figure would say 20 %."""
+    rates = {"tracking.rate": [f"{x} deg/s" for x in (0.04, 0.05, 0.06, 0.07, 0.08)]}
+    some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
+    results = computed(tmp_path, study(vary=rates | some, sampling={"method": "random", "count": 8}))
+    top = np.array([results.of(line) for line in results.lines if not line.startswith("other_")])
+    top = np.nanmax(top, axis=0).reshape(5, 8)
+    worst = int(top.min(axis=1).argmax())
+    limit = 0.5 * (top[worst].min() + np.delete(top, worst, axis=0).max())
+    assert (
+        top[worst].min() > limit > np.delete(top, worst, axis=0).max()
+    )  # a limit between the worst rate and the others
+    rows = [row for row in line_statistics(results, limit, EVERYTHING) if row.line == ANY]
+    assert [row.exceedance.value for row in rows] == [float(k == worst) for k in range(5)]
+    assert {row.level.draws for row in rows} == {8}
+    assert all(row.exceedance.high - row.exceedance.low > 0.3 for row in rows)  # of eight draws, not of forty
+    assert (at_any_level(results, limit, EVERYTHING).above, at_any_level(results, limit, EVERYTHING).draws) == (8, 8)
+
+
+def test_of_levels_alone_no_probability_is_told(tmp_path):
+    results = computed(tmp_path, study(vary={"driver.microsteps": [4, 8, 16, 32]}))
+    rows = [row for row in line_statistics(results, 1e-9, EVERYTHING) if row.line == ANY]
+    assert [row.above for row in rows] == [1, 1, 1, 1]
+    assert all(row.exceedance is None and np.isnan(row.median.value) for row in rows)
+    assert at_any_level(results, 1e-9, EVERYTHING) is None
+    summary = summarise(results, 1e-9, EVERYTHING)
+    assert " % (" not in report_text(summary)
+
+
+def test_a_percentile_needs_draws_that_bound_it():
+    x = np.random.default_rng(1).random(400)
+    for q, least in ((0.5, 6), (0.95, 72), (0.99, 368)):
+        assert draws_needed(q) == least
+        assert np.isnan(quantile(x[: least - 1], q).value)
+        assert np.isfinite([quantile(x[:least], q).low, quantile(x[:least], q).high]).all()
+
+
 def test_quantile_intervals_cover_as_often_as_they_say():
     rng = np.random.default_rng(5)
     covered = [(e := quantile(rng.exponential(size=400), 0.95)).low <= -np.log(0.05) <= e.high for _ in range(400)]
@@ -702,11 +740,15 @@ def computed(tmp_path: Path, of: Study):
 
 def test_statistics_worst_cases_and_exceedance(tmp_path):
     results = computed(tmp_path, spread(count=8))
-    rows = {row.line: row for row in line_statistics(results, 1e-9, EVERYTHING)}
+    rows = {(row.level.number, row.line): row for row in line_statistics(results, 1e-9, EVERYTHING)}
     drive = results.of("drive_1")
-    assert rows["drive_1"].median.value == pytest.approx(np.median(drive))
-    assert rows["drive_1"].worst == int(np.argmax(drive))
-    assert rows["drive_1"].exceedance.value == 1.0
+    for level in (0, 1):
+        row, own = rows[level, "drive_1"], drive.reshape(2, 8)[level]
+        assert row.median.value == pytest.approx(np.median(own))
+        assert row.worst == 8 * level + int(np.argmax(own))
+        assert (row.count, row.above, row.exceedance.value) == (8, 8, 1.0)
+        assert row.level.text == f"driver.microsteps {(8, 16)[level]}"
+    assert governing(list(rows.values()))[0].worst == worst_cases(results, ANY, EVERYTHING)[0][0]
     assert worst_cases(results, "drive_1", EVERYTHING)[0] == (int(np.argmax(drive)), drive.max())
     band = line_statistics(results, None, (0.0, 5.0))
     assert all(row.line == ANY or row.frequency[1] <= 5.0 for row in band)
@@ -739,7 +781,8 @@ def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):
     merge(campaign)
     results = open_results(campaign)
     assert int(np.sum(results.state == MISSING)) == 6
-    assert line_statistics(results, None, EVERYTHING)[0].count == 6
+    assert [row.count for row in line_statistics(results, None, EVERYTHING) if row.line == ANY] == [3, 3]
+    assert {row.level.failed for row in line_statistics(results, None, EVERYTHING)} == {3}
 
 
 def test_effects_one_at_a_time_are_those_of_the_cases(tmp_path):

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.app import plots
+from microvib.studies.campaign.effects import Indices, Tornado
 from microvib.studies.campaign.results import Results
 from microvib.studies.campaign.statistics import (
-    ANY,
-    Indices,
+    Level,
     LineStatistics,
-    Tornado,
+    amplitudes,
+    draws_needed,
     exceedance,
-    in_band,
     independent,
-    largest_line,
 )
 from microvib.studies.campaign.variation import Levels, Uncertain
 from microvib.units import pretty
@@ -73,20 +72,27 @@ def _plain_decades(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band) -> Figure:
-    """Histogram of each line's amplitude over the independent cases."""
-    counted = independent(results.campaign.design)
+def _of_level(results: Results, level: Level) -> np.ndarray:
+    """Which cases are independent draws of one level, (cases,)."""
+    design = results.campaign.design
+    counted: np.ndarray = independent(design) & (np.arange(design.cases) // design.samples.shape[0] == level.number)
+    return counted
+
+
+def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
+    """Histogram of each line's amplitude over the draws of one level."""
+    counted = _of_level(results, level)
     figure, axes = _panels(len(lines))
     for ax, line in zip(axes, lines, strict=True):
-        x = _amplitudes(results, line, band)[counted]
+        x = amplitudes(results, line, band)[counted]
         x = 1e3 * x[np.isfinite(x)]
         ax.hist(x, bins=_bins(x), color=plots.BLUE, edgecolor="white", linewidth=0.4)
         for q, style in ((0.5, "-"), (0.95, "--"), (0.99, ":")):
-            ax.axvline(
-                float(np.quantile(x, q)), color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %"
-            )
+            if x.size >= draws_needed(q):
+                point = float(np.quantile(x, q))
+                ax.axvline(point, color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %")
         _limit_in_milli(ax, limit, x)
-        ax.set(title=line, xlabel="amplitude, 0-to-peak [mN m]", ylabel="cases")
+        ax.set(title=line, xlabel="amplitude, 0-to-peak [mN m]", ylabel="draws")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7, frameon=False)
     return figure
@@ -102,10 +108,6 @@ def _limit_in_milli(ax: Axes, limit: float | None, x: np.ndarray) -> None:
         ax.axvline(1e3 * limit, color=plots.RED, linestyle="-.", linewidth=1.4, label="limit")
 
 
-def _amplitudes(results: Results, line: str, band: Band) -> np.ndarray:
-    return largest_line(results, band) if line == ANY else in_band(results, line, band)
-
-
 def _panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, list[Any]]:
     """Small panels across the page, each of ``height`` inches."""
     rows, columns = math.ceil(count / columns), min(count, columns)
@@ -115,18 +117,18 @@ def _panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, 
     return figure, list(axes.flat)[:count]
 
 
-def exceedances(results: Results, lines: Sequence[str], limit: float | None, band: Band) -> Figure:
-    """Part of the cases in which a line is larger than an amplitude."""
-    counted = independent(results.campaign.design)
+def exceedances(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
+    """Part of the draws of one level in which a line is larger than an amplitude."""
+    counted = _of_level(results, level)
     figure, axes = plots.sheet(3.4)
     ax = axes[0, 0]
     styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
     for k, line in enumerate(lines):
-        x, part = exceedance(_amplitudes(results, line, band)[counted])
+        x, part = exceedance(amplitudes(results, line, band)[counted])
         colour = plots.COLOURS[k % len(plots.COLOURS)]
         ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
     _limit(ax, limit)
-    ax.set(yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="part of the cases above it")
+    ax.set(yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="part of the draws above it")
     ax.set_xscale("log")
     _plain_decades(ax.xaxis)
     ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
@@ -164,7 +166,7 @@ def scatters(results: Results, line: str, band: Band) -> Figure | None:
     keys = [x for x in given if _numeric(x)][:MOST_KEYS]
     if not keys:
         return None
-    y = 1e3 * _amplitudes(results, line, band)
+    y = 1e3 * amplitudes(results, line, band)
     shown = np.flatnonzero(np.isfinite(y))
     shown = shown[:: max(shown.size // MOST_POINTS, 1)]
     figure, axes = _panels(len(keys))
@@ -227,10 +229,16 @@ def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band
     x = np.array(levels.values, dtype=float) if numeric else np.arange(len(levels.values), dtype=float)
     x = x * (_per_display(levels.unit, levels.display) if numeric else 1.0)
     for k, line in enumerate(lines):
-        y = _amplitudes(results, line, band)
-        groups = [y[(number == n) & np.isfinite(y)] for n in range(len(levels.values))]
-        median, low, high = (
-            [1e3 * float(np.quantile(g, q)) if g.size else math.nan for g in groups] for q in (0.5, 0.05, 0.95)
+        y = amplitudes(results, line, band)
+        cells = y.reshape(-1, results.campaign.design.samples.shape[0])
+        level = number.reshape(cells.shape)[:, 0]
+        groups = [cells[level == n] for n in range(len(levels.values))]
+        median = [
+            1e3 * max((float(np.nanmedian(c)) for c in g if np.isfinite(c).any()), default=math.nan) for g in groups
+        ]
+        low, high = (
+            [1e3 * float(end(g)) if np.isfinite(g).any() else math.nan for g in groups]
+            for end in (np.nanmin, np.nanmax)
         )
         colour = plots.COLOURS[k % len(plots.COLOURS)]
         ax.plot(x, median, marker="os^Dv*"[k % 6], markersize=4, color=colour, linewidth=1.2, label=line)

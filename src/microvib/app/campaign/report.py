@@ -14,19 +14,19 @@ from microvib.app.campaign import plots
 from microvib.app.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
 from microvib.app.reports.pieces import count, drawn, given, number, plain, short, study, torque
 from microvib.model.scenario import Scenario
+from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.studies.campaign.statistics import (
     ANY,
+    AnyLevel,
     Estimate,
-    Indices,
     LineStatistics,
-    Tornado,
-    independent,
+    at_any_level,
+    draws_needed,
+    governing,
     line_statistics,
     main_lines,
-    sobol,
-    tornado,
     worst_cases,
 )
 
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 WORST = 5
 """Worst cases that are listed for each line."""
+MOST_LEVELS = 20
+"""Levels, those with the largest lines, that are listed in a report; all of them are in statistics.csv."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,25 @@ class Summary:
     limit: float | None
     band: tuple[float, float]
     rows: list[LineStatistics]
+    """Level by level."""
+    any_level: AnyLevel | None
+    """Draws that are above the limit at one of several levels; None without a limit, or with one level."""
     lines: list[str]
     """Lines of the pictures."""
     worst: dict[str, list[tuple[int, float]]]
     tornados: list[Tornado]
     indices: list[Indices]
+
+    @property
+    def by_level(self) -> list[LineStatistics]:
+        """The largest line of each level, the highest first."""
+        return sorted((row for row in self.rows if row.line == ANY), key=lambda row: -row.largest)
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several levels."""
+        design = self.results.campaign.design
+        return design.cases > len(design.samples)
 
 
 def summarise(results: Results, limit: float | None, band: tuple[float, float]) -> Summary:
@@ -60,14 +76,17 @@ def summarise(results: Results, limit: float | None, band: tuple[float, float]) 
     tornados = [t for line in shown[:4] if (t := tornado(results, line, band)) and t.effects]
     indices = [i for line in shown[:4] if (i := sobol(results, line, band))]
     worst = {line: worst_cases(results, line, band, WORST) for line in shown}
-    return Summary(results, limit, band, rows, lines, worst, tornados, indices)
+    any_level = at_any_level(results, limit, band) if limit is not None and len({r.level for r in rows}) > 1 else None
+    return Summary(results, limit, band, rows, any_level, lines, worst, tornados, indices)
 
 
 def shown(s: Summary) -> list[LineStatistics]:
-    """The largest line of each case, and lines of the pictures with what else is at least a hundredth of the largest."""
-    top = s.rows[0].p95.value
-    return [r for r in s.rows if r.line in (ANY, *s.lines) or ("_plus_" not in r.line and "_minus_" not in r.line
-            and r.p95.value > 0.01 * top)]  # fmt: skip
+    """Each line at the level at which it is largest: the largest of all, lines of the pictures, and what else is at least a
+    hundredth of the largest."""
+    rows = governing(s.rows)
+    top = rows[0].largest
+    return [r for r in rows if r.line in (ANY, *s.lines) or ("_plus_" not in r.line and "_minus_" not in r.line
+            and r.largest > 0.01 * top)]  # fmt: skip
 
 
 def hertz(r: LineStatistics) -> str:
@@ -79,13 +98,18 @@ def hertz(r: LineStatistics) -> str:
 
 
 def interval(e: Estimate) -> str:
-    """An interval; an open end means that the cases are too few to bound it."""
-    return f"{milli(e.low) or '?'} to {milli(e.high) or '?'}"
+    """An interval; empty where the draws are too few for it."""
+    return f"{milli(e.low)} to {milli(e.high)}" if math.isfinite(e.value) else ""
 
 
-def percent_interval(e: Estimate) -> str:
-    """A probability with its interval in per cent."""
-    return f"{100 * e.value:.3g} % ({100 * e.low:.2g} to {100 * e.high:.2g})"
+def above_limit(r: LineStatistics) -> str:
+    """Draws above the limit, with the probability that this says of the next one and its interval."""
+    if r.above is None:
+        return ""
+    if r.exceedance is None:
+        return "above" if r.above else "below"
+    e = r.exceedance
+    return f"{r.above} of {r.count}: {100 * e.value:.3g} % ({100 * e.low:.3g} to {100 * e.high:.3g})"
 
 
 def counts(results: Results) -> dict[int, int]:
@@ -113,15 +137,19 @@ def draw(s: Summary) -> dict[str, Picture]:
     results, design = s.results, s.results.campaign.design
     made: dict[str, Picture] = {}
     if s.rows:
-        text = "Bars from the median to the 95 % point of the cases."
+        where = " Each line at the level at which it is largest." if s.several else ""
+        text = "Median, 95 % and 99 % point where the draws carry them, and the largest amplitude." + where
         made["envelopes"] = Picture("Envelopes", plots.envelopes(shown(s)[:16], s.limit), text)
+    if s.rows and s.by_level[0].level.draws > 1:
+        level = s.by_level[0].level
+        where = f" At {level.text}, the level with the largest line." if s.several else ""
         lines = [ANY, *s.lines][:6]
-        text = "Part of the cases in which a line is larger than an amplitude."
-        made["exceedance"] = Picture("Exceedance", plots.exceedances(results, lines, s.limit, s.band), text)
-        text = "Cases by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point."
-        made["histograms"] = Picture("Histograms", plots.histograms(results, lines, s.limit, s.band), text)
+        text = "Part of the draws in which a line is larger than an amplitude." + where
+        made["exceedance"] = Picture("Exceedance", plots.exceedances(results, lines, s.limit, s.band, level), text)
+        text = "Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point." + where
+        made["histograms"] = Picture("Histograms", plots.histograms(results, lines, s.limit, s.band, level), text)
     if any(len(levels.values) > 1 for levels in design.levels):
-        text = "Median over the levels of a key; shaded, 5 to 95 % of the cases."
+        text = "Median over the levels of a key, the largest where other keys have levels too; shaded, all cases at it."
         drawing = plots.over_levels(results, [ANY, *s.lines][:4], s.band)
         made["levels"] = Picture("Over the levels", drawing, text)
     if s.tornados:
@@ -145,6 +173,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
     campaign = s.results.campaign
     rest = {name: picture for name, picture in pictures.items() if name != "envelopes"}
     front: list[Block] = [_lines(s)] if s.rows else []
+    front += [_levels(s)] if s.rows and s.several else []
     front += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
     sections = [
         Section("Worst cases", tuple(_worst(s)), new_page=True),
@@ -174,40 +203,78 @@ def _facts(s: Summary) -> list[Fact]:
     facts += [Fact(str(found[MISSING]), "not computed yet", "fail")] if found[MISSING] else []
     if not s.rows:
         return facts
-    top = s.rows[0]
-    facts += [
-        Fact(torque(top.p95.value), "largest line, 95 % of the cases below"),
-        Fact(torque(top.largest), f"worst case, number {top.worst}"),
-    ]
-    if top.exceedance is not None and s.limit is not None:
-        e = top.exceedance
-        text = f"above {given(s.limit)} (95 % interval {100 * e.low:.2g} to {100 * e.high:.2g} %)"
-        facts.insert(0, Fact(f"{100 * e.value:.3g} %", text, "fail" if e.value else "pass"))
-    return facts
+    top = s.by_level[0]
+    at = f" at {short(top.level.text, 80)}" if s.several else ""
+    if math.isfinite(top.p95.value):
+        facts.append(Fact(torque(top.p95.value), f"largest line, 95 % of the draws below{at}"))
+    facts.append(Fact(torque(top.largest), f"worst case, number {top.worst}{at}"))
+    return _limit_facts(s) + facts
+
+
+def _limit_facts(s: Summary) -> list[Fact]:
+    """What may be said against the limit, of every level by itself and of units that pass through all levels."""
+    if s.limit is None:
+        return []
+    allowed, facts = given(s.limit), []
+    fails = [row for row in s.by_level if row.above]
+    if s.several:
+        levels = f"{len(fails)} of {len(s.by_level)} levels"
+        facts.append(Fact(levels, f"with cases above {allowed}", "fail" if fails else "pass"))
+        if s.any_level is not None:
+            e = s.any_level.exceedance
+            text = f"of {s.any_level.draws} draws above {allowed} at one level or more (95 % interval {_percent(e)})"
+            facts.append(Fact(f"{100 * e.value:.3g} %", text, "fail" if fails else "pass"))
+        return facts
+    top = s.by_level[0]
+    if top.exceedance is None:
+        return [Fact("above" if top.above else "below", allowed, "fail" if top.above else "pass")]
+    text = f"of {top.count} draws above {allowed} (95 % interval {_percent(top.exceedance)})"
+    return [Fact(f"{100 * top.exceedance.value:.3g} %", text, "fail" if top.above else "pass")]
+
+
+def _percent(e: Estimate) -> str:
+    return f"{100 * e.low:.3g} to {100 * e.high:.3g} %"
 
 
 def _lines(s: Summary) -> Table:
     header = ["line", "frequency [Hz]", "median [mN m]", "P95 [mN m]", "its interval [mN m]", "P99 [mN m]", "largest [mN m]",
               "case [1]"]  # fmt: skip
     header += ["above the limit [1]"] if s.limit is not None else []
+    header += ["at level"] if s.several else []
     rows = [
         [r.line, hertz(r), milli(r.median.value), milli(r.p95.value), interval(r.p95), milli(r.p99.value), milli(r.largest),
-         str(r.worst), *([percent_interval(r.exceedance)] if r.exceedance else [])]
+         str(r.worst), *([above_limit(r)] if s.limit is not None else []), *([short(r.level.text, 60)] if s.several else [])]
         for r in shown(s)
     ]  # fmt: skip
-    return table(header, rows, marks={0: "strong"})
+    where = ", each at the level at which it is largest" if s.several else ""
+    return table(header, rows, f"Lines{where}; 0-to-peak.", {0: "strong"})
+
+
+def _levels(s: Summary) -> Table:
+    """The largest line of each level."""
+    header = ["level", "draws [1]", "median [mN m]", "P95 [mN m]", "P99 [mN m]", "largest [mN m]", "case [1]"]
+    header += ["above the limit [1]"] if s.limit is not None else []
+    rows = [
+        [short(r.level.text, 80), str(r.level.draws), milli(r.median.value), milli(r.p95.value), milli(r.p99.value),
+         milli(r.largest), str(r.worst), *([above_limit(r)] if s.limit is not None else [])]
+        for r in s.by_level[:MOST_LEVELS]
+    ]  # fmt: skip
+    more = len(s.by_level) - len(rows)
+    rest = f" {more} more are in `statistics.csv`." if more > 0 else ""
+    return table(header, rows, f"The largest line at each level, the highest first.{rest}", {0: "strong"})
 
 
 def _how_to_read(s: Summary) -> str:
     band = "" if s.band == (0.0, math.inf) else f" Lines from {s.band[0]:g} to {s.band[1]:g} Hz."
     text = (
-        "P95 and P99 are amplitudes that 95 % and 99 % of the cases stay below. Intervals hold with 95 % confidence whatever the"
-        " distribution, for independent cases; with '?' the cases are too few to bound them."
+        "P95 and P99 are amplitudes that 95 % and 99 % of the draws stay below. Intervals hold with 95 % confidence whatever the"
+        f" distribution, for independent draws. A percentile is given where the draws bound it: the median from"
+        f" {draws_needed(0.5)} on, P95 from {draws_needed(0.95)}, P99 from {draws_needed(0.99)}."
     )
-    design = s.results.campaign.design
-    drawn_apart, total = int(independent(design).sum()), design.cases
-    if drawn_apart < total:
-        text += f" They are of {drawn_apart} of {total} cases, the independent ones; the largest is that of all."
+    if s.several:
+        text += " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
+    failed = sum(r.level.failed for r in s.by_level)
+    text += f" {count(failed, 'case')} without figures (failed, or not computed) are not in them." if failed else ""
     return text + band + " All figures are the model's, for the spread that was assumed; they are not a measured batch."
 
 

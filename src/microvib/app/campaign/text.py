@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 
 from microvib.app.campaign.report import (
+    MOST_LEVELS,
     Summary,
+    above_limit,
     campaign_report,
     counts,
     draw,
     hertz,
     interval,
     milli,
-    percent_interval,
     shown,
 )
 from microvib.app.reports.document import Form
@@ -72,10 +73,22 @@ def report_text(s: Summary) -> str:
     cases = counts(s.results)
     lines = [f"{cases[DONE]} cases, {cases[FAILED]} failed, {cases[MISSING]} not computed yet."]
     if s.rows:
-        above = "" if s.limit is None else f"{'above ' + format(1e3 * s.limit, 'g') + ' mN m':>24s}"
+        above = "" if s.limit is None else f"{'above ' + format(1e3 * s.limit, 'g') + ' mN m':>32s}"
         lines += ["", f"{'line':18s} {'Hz':>19s} {'median':>9s} {'P95':>9s} {'P95, 95 % sure':>20s} {'P99':>9s} {'largest':>9s}"
                   f" {'case':>8s}{above}   mN m, 0-to-peak"]  # fmt: skip
         lines += [_row_text(r) for r in shown(s)]
+    if s.rows and s.several:
+        lines += [
+            "",
+            "Each line at the level at which it is largest. The largest line level by level, the highest first:",
+            "",
+        ]
+        lines += [_level_text(r) for r in s.by_level[:MOST_LEVELS]]
+        lines += [f"and {len(s.by_level) - MOST_LEVELS} more in statistics.csv"] * (len(s.by_level) > MOST_LEVELS)
+    if s.any_level is not None and s.limit is not None:
+        e = s.any_level.exceedance
+        lines += ["", f"Above {1e3 * s.limit:g} mN m at one level or more: {s.any_level.above} of {s.any_level.draws} draws,"
+                  f" {100 * e.value:.3g} % (95 % interval {100 * e.low:.3g} to {100 * e.high:.3g} %)."]  # fmt: skip
     for item in s.tornados[:2]:
         effects = ", ".join(f"{e.key} {1e3 * e.low:.4g} to {1e3 * e.high:.4g}" for e in item.effects[:4])
         fit = f" (plane explains {100 * item.explained:.0f} %)" if math.isfinite(item.explained) else ""
@@ -95,7 +108,13 @@ def _row_text(r: LineStatistics) -> str:
         f"{r.line:18s} {hertz(r):>19s} {milli(r.median.value):>9s} {milli(r.p95.value):>9s} {interval(r.p95):>20s}"
         f" {milli(r.p99.value):>9s} {milli(r.largest):>9s} {r.worst:8d}"
     )
-    return text if r.exceedance is None else f"{text}{percent_interval(r.exceedance):>24s}"
+    return text if r.above is None else f"{text}{above_limit(r):>32s}"
+
+
+def _level_text(r: LineStatistics) -> str:
+    median = f"median {milli(r.median.value)}, " if milli(r.median.value) else ""
+    above = f"; above the limit: {above_limit(r)}" if r.above is not None else ""
+    return f"  {r.level.text}: {median}largest {milli(r.largest)} mN m (case {r.worst}){above}"
 
 
 def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, ...]:
@@ -118,16 +137,16 @@ def _png(figure: Any) -> Any:
 
 
 def _statistics_csv(rows: Sequence[LineStatistics]) -> str:
-    header = ["line", "cases", "lowest_hz", "highest_hz", "mean_n_m", "deviation_n_m"]
+    header = ["level", "line", "cases", "lowest_hz", "highest_hz", "mean_n_m", "deviation_n_m"]
     header += [f"{name}{end}_n_m" for name in ("median", "p95", "p99") for end in ("", "_low", "_high")]
-    header += ["largest_n_m", "worst_case", "exceedance", "exceedance_low", "exceedance_high"]
+    header += ["largest_n_m", "worst_case", "above", "exceedance", "exceedance_low", "exceedance_high"]
 
     def cells(e: Estimate | None) -> list[float]:
         return [math.nan] * 3 if e is None else [e.value, e.low, e.high]
 
     return rows_csv(header, (
-        [r.line, r.count, *r.frequency, r.mean, r.deviation, *cells(r.median), *cells(r.p95), *cells(r.p99), r.largest,
-         r.worst, *cells(r.exceedance)]
+        [r.level.text, r.line, r.count, *r.frequency, r.mean, r.deviation, *cells(r.median), *cells(r.p95), *cells(r.p99),
+         r.largest, r.worst, "" if r.above is None else r.above, *cells(r.exceedance)]
         for r in rows
     ))  # fmt: skip
 

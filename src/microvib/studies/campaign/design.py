@@ -67,6 +67,15 @@ class Design:
                 texts[key] = quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)
         return texts
 
+    def level_text(self, number: int) -> str:
+        """A combination of levels as a person reads it, of all that there are; empty where there is only one."""
+        points = self.samples.shape[0]
+        if self.cases == points:
+            return ""
+        sampled = {x.key for x in self.uncertain}
+        chosen = {key: text for key, text in self.labels(number * points).items() if key not in sampled}
+        return ", ".join(f"{key} {text}" for key, text in chosen.items())
+
     def scenario(self, case: int) -> Scenario:
         """Scenario of one case; ScenarioError where it is not allowed."""
         return self.base.with_si(self.changes(case))

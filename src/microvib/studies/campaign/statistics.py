@@ -1,39 +1,53 @@
-"""What a campaign says: distributions of lines with their uncertainty, worst cases, which parameter matters."""
+"""What a campaign says of its lines: their distributions, level by level, with their uncertainty; worst cases."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.studies.campaign.design import ENDS, Design
+from microvib.studies.campaign.design import Design
 from microvib.studies.campaign.results import DONE, Results
 
 CONFIDENCE = 0.95
-RESAMPLES = 200
-"""Of the bootstrap."""
-LEAST_CASES = 4
-"""Cases per parameter below which no regression is made."""
 ANY = "any line"
 """Name of the largest line of a case, whichever it is."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure and its confidence interval; an end is nan where the cases are too few to bound it."""
+    """A figure and its confidence interval."""
 
     value: float
     low: float
     high: float
 
 
+NONE = Estimate(math.nan, math.nan, math.nan)
+"""What the draws are too few to say."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """A combination of levels: one cell of the grid that a study spans. Draws are counted within it, never across."""
+
+    number: int
+    text: str
+    """Its keys and values as a person reads them; empty where there is only one."""
+    draws: int
+    """Distinct independent draws that were computed; of one, nothing is said about a distribution."""
+    failed: int
+    """Cases without figures, failed or not computed."""
+
+
 @dataclass(frozen=True)
 class LineStatistics:
-    """Distribution of one line's amplitude [N m] over the independent cases that have it."""
+    """Distribution of one line's amplitude [N m] over the independent draws of one level that have it."""
 
     line: str
+    level: Level
     frequency: tuple[float, float]
     """Smallest and largest frequency [Hz]."""
     count: int
@@ -43,51 +57,13 @@ class LineStatistics:
     p95: Estimate
     p99: Estimate
     largest: float
-    """Of all cases, also those that are no independent draws."""
+    """Of all cases of the level, also those that are no independent draws."""
     worst: int
     """Number of the case with the largest amplitude."""
+    above: int | None
+    """How many of the draws are above the limit; None without a limit."""
     exceedance: Estimate | None
-    """Probability of being above the limit; None without a limit."""
-
-
-@dataclass(frozen=True)
-class Effect:
-    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as they are.
-
-    With ``levels`` they are the lowest and the highest of the means over its levels, in whatever order these come.
-    """
-
-    key: str
-    low: float
-    high: float
-    levels: bool = False
-
-    @property
-    def size(self) -> float:
-        """How far the amplitude moves."""
-        return abs(self.high - self.low)
-
-
-@dataclass(frozen=True)
-class Tornado:
-    """Effects on one line, the strongest first."""
-
-    line: str
-    centre: float
-    effects: tuple[Effect, ...]
-    explained: float
-    """Part of the variance that the effects explain, R²; nan for one-at-a-time."""
-
-
-@dataclass(frozen=True)
-class Indices:
-    """Sobol indices of one line, first order and total, per sampled key, with confidence intervals."""
-
-    line: str
-    keys: tuple[str, ...]
-    first: tuple[Estimate, ...]
-    total: tuple[Estimate, ...]
-    points: int
+    """Probability of being above the limit; None without a limit, or without a distribution."""
 
 
 def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
@@ -107,43 +83,113 @@ def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:
     return top
 
 
-def line_statistics(results: Results, limit: float | None, band: tuple[float, float]) -> list[LineStatistics]:
-    """Statistics of the largest line of each case, then of every line in ``band`` that any case has, the largest median first.
+def amplitudes(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
+    """Amplitudes of a line, or of each case's largest (ANY), in ``band`` [Hz], (cases,); nan where there is none."""
+    return largest_line(results, band) if line == ANY else in_band(results, line, band)
 
-    Of a sample for Sobol indices only the independent part counts; nothing is told of one-at-a-time samples.
+
+def levels_of(results: Results) -> tuple[Level, ...]:
+    """All combinations of levels of a campaign, in the order of its cases."""
+    design = results.campaign.design
+    points = design.samples.shape[0]
+    done = (results.state == DONE).reshape(-1, points)
+    counted = independent(design).reshape(-1, points)
+    _, distinct = (
+        np.unique(design.samples, axis=0, return_inverse=True) if design.uncertain else (None, np.zeros(1, int))
+    )
+    return tuple(
+        Level(
+            number=k,
+            text=design.level_text(k),
+            draws=int(np.unique(distinct.ravel()[done[k] & counted[k]]).size),
+            failed=int(np.sum(~done[k])),
+        )
+        for k in range(done.shape[0])
+    )
+
+
+def line_statistics(results: Results, limit: float | None, band: tuple[float, float]) -> list[LineStatistics]:
+    """Statistics, level by level, of the largest line of each case and of every line in ``band`` that any case has.
+
+    Rows go level by level, in each the largest line of all (ANY) first, then the lines by falling mean. Levels are never pooled:
+    which of them a unit runs at is no matter of chance. Of a sample for Sobol indices only the independent part counts; nothing
+    is told of one-at-a-time samples. Unexpected lines (``other_*``) count in ANY only: their names mean nothing across cases.
     """
     counted = independent(results.campaign.design)
-    rows = []
-    for line in results.lines:
-        found = _of_line(line, in_band(results, line, band), results.of(line, "frequency"), counted, limit)
-        rows += [found] if found else []
-    rows.sort(key=lambda row: -row.median.value)
-    top = largest_line(results, band)
-    overall = _of_line(ANY, top, np.full(top.size, np.nan), counted, limit)
-    return [overall, *rows] if overall else []
+    points = results.campaign.design.samples.shape[0]
+    levels = levels_of(results)
+    names = [ANY, *(name for name in results.lines if not name.startswith("other_"))]
+    rows: list[list[LineStatistics]] = [[] for _ in levels]
+    for line in names:
+        amplitude = amplitudes(results, line, band)
+        frequency = np.full(amplitude.size, np.nan) if line == ANY else results.of(line, "frequency")
+        for level in levels:
+            here = slice(level.number * points, (level.number + 1) * points)
+            found = _of_line(line, level, amplitude[here], frequency[here], counted[here], limit)
+            rows[level.number] += [replace(found, worst=found.worst + here.start)] if found else []
+    return [row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))]
 
 
 def _of_line(
-    line: str, amplitude: np.ndarray, frequency: np.ndarray, counted: np.ndarray, limit: float | None
+    line: str, level: Level, amplitude: np.ndarray, frequency: np.ndarray, counted: np.ndarray, limit: float | None
 ) -> LineStatistics | None:
     here = counted & np.isfinite(amplitude)
     if not here.any():
         return None
     x, f = amplitude[here], frequency[here]
     f = f[np.isfinite(f)]
+    above = None if limit is None else int(np.sum(x > limit))
+    chance = x.size > 1 and level.draws > 1
     return LineStatistics(
         line=line,
+        level=level,
         frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
         count=int(x.size),
         mean=float(x.mean()),
-        deviation=float(x.std(ddof=1)) if x.size > 1 else math.nan,
+        deviation=float(x.std(ddof=1)) if chance else math.nan,
         median=quantile(x, 0.5),
         p95=quantile(x, 0.95),
         p99=quantile(x, 0.99),
         largest=float(np.nanmax(amplitude)),
         worst=int(np.nanargmax(amplitude)),
-        exceedance=None if limit is None else proportion(int(np.sum(x > limit)), int(x.size)),
+        above=above,
+        exceedance=proportion(above, int(x.size)) if above is not None and chance else None,
     )
+
+
+def governing(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
+    """Of each line the row of the level at which it gets largest; the largest of all (ANY) first, then by falling amplitude."""
+    worst: dict[str, LineStatistics] = {}
+    for row in rows:
+        if row.line not in worst or row.largest > worst[row.line].largest:
+            worst[row.line] = row
+    return sorted(worst.values(), key=lambda row: (row.line != ANY, -row.largest))
+
+
+@dataclass(frozen=True)
+class AnyLevel:
+    """Draws that are above the limit at one level at least: of ``draws`` that are known at every level, or are above."""
+
+    above: int
+    draws: int
+    exceedance: Estimate
+
+
+def at_any_level(results: Results, limit: float, band: tuple[float, float]) -> AnyLevel | None:
+    """How many draws, such as units of a batch, are above ``limit`` at one level or more; None without a distribution."""
+    design = results.campaign.design
+    points = design.samples.shape[0]
+    counted = independent(design)[:points]
+    if not design.uncertain or counted.sum() < 2:
+        return None
+    table = largest_line(results, band).reshape(-1, points)[:, counted]
+    with np.errstate(invalid="ignore"):
+        above = (table > limit).any(axis=0)
+    known = above | np.isfinite(table).all(axis=0)
+    if not known.any():
+        return None
+    n = int(known.sum())
+    return AnyLevel(int(above.sum()), n, proportion(int(above.sum()), n))
 
 
 def independent(design: Design) -> np.ndarray:
@@ -158,18 +204,25 @@ def independent(design: Design) -> np.ndarray:
     return kept
 
 
+def draws_needed(q: float) -> int:
+    """Draws from which on both ends of a quantile's interval exist: 6 for the median, 72 for P95, 368 for P99."""
+    tail, extreme = 0.5 * (1.0 - CONFIDENCE), max(q, 1.0 - q)
+    return math.ceil(math.log(tail) / math.log(extreme))
+
+
 def quantile(x: np.ndarray, q: float) -> Estimate:
-    """Quantile of ``x`` (n,) with the interval between order statistics that covers it, whatever the distribution."""
+    """Quantile of ``x`` (n,) with the interval between order statistics that covers it, whatever the distribution.
+
+    NONE where the draws are too few to bound it: an extreme of the sample is no percentile.
+    """
     from scipy.stats import binom
 
     ordered, n = np.sort(x), x.size
+    if n < draws_needed(q):
+        return NONE
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = int(binom.ppf(tail, n, q)) - 1, int(binom.ppf(1.0 - tail, n, q))
-    return Estimate(
-        float(np.quantile(ordered, q)),
-        float(ordered[low]) if low >= 0 else math.nan,
-        float(ordered[high]) if high < n else math.nan,
-    )
+    return Estimate(float(np.quantile(ordered, q)), float(ordered[max(low, 0)]), float(ordered[min(high, n - 1)]))
 
 
 def proportion(count: int, n: int) -> Estimate:
@@ -186,132 +239,16 @@ def exceedance(amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, 1.0 - np.arange(1, x.size + 1) / max(x.size, 1)
 
 
-def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado | None:
-    """Effect of every key on a line. None where the cases are too few.
-
-    A sampled key goes from its 5 % to its 95 % point: directly in a one-at-a-time sample, else along the plane fitted to all
-    cases. A key with levels goes from its lowest to its highest mean.
-    """
-    design = results.campaign.design
-    y = largest_line(results, band) if line == ANY else in_band(results, line, band)
-    if not np.isfinite(y).any():
-        return None
-    effects = [_between_levels(results, x.key, y) for x in design.levels]
-    explained = math.nan
-    if design.uncertain and design.study.sampling.method == "one-at-a-time":
-        effects += _one_at_a_time(design, y)
-    elif design.uncertain:
-        planes = _plane(design, y)
-        if planes is None:
-            return None
-        effects += planes[0]
-        explained = planes[1]
-    effects.sort(key=lambda effect: -effect.size)
-    return Tornado(line, float(np.nanmean(y)), tuple(effects), explained)
-
-
-def _between_levels(results: Results, key: str, y: np.ndarray) -> Effect:
-    levels = next(x for x in results.campaign.design.levels if x.key == key)
-    number = results.campaign.design.level_numbers(key)
-    groups = [y[(number == k) & np.isfinite(y)] for k in range(len(levels.values))]
-    means = [float(group.mean()) for group in groups if group.size]
-    return Effect(key, min(means), max(means), levels=True)
-
-
-def _one_at_a_time(design: Design, y: np.ndarray) -> list[Effect]:
-    """Means over all levels of what each key does alone; a case that failed leaves its end out."""
-    table = y.reshape(-1, design.samples.shape[0])
-    with np.errstate(invalid="ignore"):
-        means = [float(np.nanmean(c)) if np.isfinite(c).any() else math.nan for c in table.T]
-    return [Effect(x.key, means[1 + 2 * k], means[2 + 2 * k]) for k, x in enumerate(design.uncertain)]
-
-
-def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
-    """Effects along the plane through all cases, levels taken out by their means, and the variance that it explains."""
-    d, points = len(design.uncertain), design.samples.shape[0]
-    table = y.reshape(-1, points)
-    with np.errstate(invalid="ignore"):
-        centred = table - np.array([[np.nanmean(r) if np.isfinite(r).any() else np.nan] for r in table])
-    spread = design.samples - design.samples.mean(axis=0)
-    scale = spread.std(axis=0)
-    X = np.tile(spread / np.where(scale > 0.0, scale, 1.0), (table.shape[0], 1))
-    target = centred.ravel()
-    good = np.isfinite(target)
-    if good.sum() < LEAST_CASES * (d + 1):
-        return None
-    slopes, *_ = np.linalg.lstsq(X[good], target[good], rcond=None)
-    total = float(np.sum(target[good] ** 2))
-    explained = 1.0 - float(np.sum((target[good] - X[good] @ slopes) ** 2)) / total if total > 0.0 else math.nan
-    centre = float(np.nanmean(y))
-    ends = [
-        (x.quantile(np.array(ENDS)) - design.samples[:, k].mean()) / scale[k] for k, x in enumerate(design.uncertain)
-    ]
-    effects = [
-        Effect(x.key, centre + slopes[k] * ends[k][0], centre + slopes[k] * ends[k][1])
-        for k, x in enumerate(design.uncertain)
-    ]
-    return effects, explained
-
-
-def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | None:
-    """Sobol indices of a line's amplitude (estimator of SciPy); None where the sample is not made for them.
-
-    Where a case failed, its point is left out, and then points down to a power of two. With levels the variances are added over
-    the combinations.
-    """
-    design = results.campaign.design
-    if design.study.sampling.method != "sobol-indices" or not design.uncertain:
-        return None
-    y = largest_line(results, band) if line == ANY else in_band(results, line, band)
-    d, n = len(design.uncertain), design.study.sampling.count
-    tables = y.reshape(-1, d + 2, n)
-    good = np.isfinite(tables).all(axis=(0, 1))
-    points = 1 << (int(good.sum()).bit_length() - 1) if good.sum() >= 2 else 0
-    if points < 2:
-        return None
-    kept = tables[:, :, np.flatnonzero(good)[:points]]
-    keys = tuple(x.key for x in design.uncertain)
-    first, total = _indices(kept, points)
-    return Indices(line, keys, first, total, points)
-
-
-def _indices(tables: np.ndarray, points: int) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...]]:
-    """First and total order of ``tables`` (combinations, 2 + keys, points), with bootstrap intervals; the same each time."""
-    rng = np.random.default_rng(1)
-    drawn = [_first_and_total(tables[:, :, rng.integers(points, size=points)], points) for _ in range(RESAMPLES)]
-    tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=0)  # (2, keys) each
-    found = _first_and_total(tables, points)
-    first, total = (
-        tuple(Estimate(*(float(x) for x in ends)) for ends in zip(found[k], low[k], high[k], strict=True))
-        for k in (0, 1)
-    )
-    return first, total
-
-
-def _first_and_total(tables: np.ndarray, points: int) -> np.ndarray:
-    """Indices (2, keys), first order and total, the combinations weighted with their variances."""
-    from scipy.stats import sobol_indices
-
-    f_A, f_B, f_AB = tables[:, 0, :], tables[:, 1, :], np.moveaxis(tables[:, 2:, :], 1, 0)
-    found = sobol_indices(func={"f_A": f_A, "f_B": f_B, "f_AB": f_AB}, n=points)
-    weight = np.var(np.concatenate([f_A, f_B], axis=1), axis=1)
-    weight = weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
-    shape = (weight.size, -1)
-    both: np.ndarray = np.stack([weight @ x.reshape(shape) for x in (found.first_order, found.total_order)])
-    return both
-
-
 def worst_cases(results: Results, line: str, band: tuple[float, float], count: int = 5) -> list[tuple[int, float]]:
     """Numbers and amplitudes of the cases in which a line is largest."""
-    y = largest_line(results, band) if line == ANY else in_band(results, line, band)
+    y = amplitudes(results, line, band)
     order = [int(k) for k in np.argsort(-np.nan_to_num(y, nan=-1.0), kind="stable")[:count]]
     return [(k, float(y[k])) for k in order if math.isfinite(y[k])]
 
 
 def main_lines(rows: Sequence[LineStatistics], count: int = 6) -> list[str]:
-    """Lines worth a picture: the largest by their 95 % point; sidebands only where they are as large as a fifth of it."""
-    singles = [row for row in rows if row.line != ANY]
-    top = max((row.p95.value for row in singles), default=0.0)
-    worth = [r for r in singles if r.p95.value >= (0.2 if "_plus_" in r.line or "_minus_" in r.line else 1e-2) * top]
-    return [row.line for row in sorted(worth, key=lambda r: -r.p95.value)[:count]]
+    """Lines worth a picture: the largest; sidebands only where they are as large as a fifth of the largest."""
+    singles = [row for row in governing(rows) if row.line != ANY]
+    top = max((row.largest for row in singles), default=0.0)
+    worth = [r for r in singles if r.largest >= (0.2 if "_plus_" in r.line or "_minus_" in r.line else 1e-2) * top]
+    return [row.line for row in worth[:count]]

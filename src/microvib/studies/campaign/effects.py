@@ -1,0 +1,173 @@
+"""What a campaign says of its keys: what each does to a line (tornado), and its part of the variance (Sobol indices)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.studies.campaign.design import ENDS, Design
+from microvib.studies.campaign.results import Results
+from microvib.studies.campaign.statistics import CONFIDENCE, Estimate, amplitudes
+
+RESAMPLES = 200
+"""Of the bootstrap."""
+LEAST_CASES = 4
+"""Draws per parameter below which no regression is made."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as they are.
+
+    With ``levels`` they are the lowest and the highest of the means over its levels, in whatever order these come.
+    """
+
+    key: str
+    low: float
+    high: float
+    levels: bool = False
+
+    @property
+    def size(self) -> float:
+        """How far the amplitude moves."""
+        return abs(self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Tornado:
+    """Effects on one line, the strongest first."""
+
+    line: str
+    centre: float
+    effects: tuple[Effect, ...]
+    explained: float
+    """Part of the variance that the effects explain, R²; nan for one-at-a-time."""
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Sobol indices of one line, first order and total, per sampled key, with confidence intervals."""
+
+    line: str
+    keys: tuple[str, ...]
+    first: tuple[Estimate, ...]
+    total: tuple[Estimate, ...]
+    points: int
+
+
+def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado | None:
+    """Effect of every key on a line. None where the cases are too few.
+
+    A sampled key goes from its 5 % to its 95 % point: directly in a one-at-a-time sample, else along the plane fitted to all
+    cases. A key with levels goes from its lowest to its highest mean.
+    """
+    design = results.campaign.design
+    y = amplitudes(results, line, band)
+    if not np.isfinite(y).any():
+        return None
+    effects = [_between_levels(results, x.key, y) for x in design.levels]
+    explained = math.nan
+    if design.uncertain and design.study.sampling.method == "one-at-a-time":
+        effects += _one_at_a_time(design, y)
+    elif design.uncertain:
+        planes = _plane(design, y)
+        if planes is None:
+            return None
+        effects += planes[0]
+        explained = planes[1]
+    effects.sort(key=lambda effect: -effect.size)
+    return Tornado(line, float(np.nanmean(y)), tuple(effects), explained)
+
+
+def _between_levels(results: Results, key: str, y: np.ndarray) -> Effect:
+    levels = next(x for x in results.campaign.design.levels if x.key == key)
+    number = results.campaign.design.level_numbers(key)
+    groups = [y[(number == k) & np.isfinite(y)] for k in range(len(levels.values))]
+    means = [float(group.mean()) for group in groups if group.size]
+    return Effect(key, min(means), max(means), levels=True)
+
+
+def _one_at_a_time(design: Design, y: np.ndarray) -> list[Effect]:
+    """Means over all levels of what each key does alone; a case that failed leaves its end out."""
+    table = y.reshape(-1, design.samples.shape[0])
+    with np.errstate(invalid="ignore"):
+        means = [float(np.nanmean(c)) if np.isfinite(c).any() else math.nan for c in table.T]
+    return [Effect(x.key, means[1 + 2 * k], means[2 + 2 * k]) for k, x in enumerate(design.uncertain)]
+
+
+def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
+    """Effects along the plane through all cases, levels taken out by their means, and the variance that it explains."""
+    d, points = len(design.uncertain), design.samples.shape[0]
+    table = y.reshape(-1, points)
+    with np.errstate(invalid="ignore"):
+        centred = table - np.array([[np.nanmean(r) if np.isfinite(r).any() else np.nan] for r in table])
+    spread = design.samples - design.samples.mean(axis=0)
+    scale = spread.std(axis=0)
+    X = np.tile(spread / np.where(scale > 0.0, scale, 1.0), (table.shape[0], 1))
+    target = centred.ravel()
+    good = np.isfinite(target)
+    if good.reshape(table.shape).any(axis=0).sum() < LEAST_CASES * (d + 1):  # a draw seen at many levels is one draw
+        return None
+    slopes, *_ = np.linalg.lstsq(X[good], target[good], rcond=None)
+    total = float(np.sum(target[good] ** 2))
+    explained = 1.0 - float(np.sum((target[good] - X[good] @ slopes) ** 2)) / total if total > 0.0 else math.nan
+    centre = float(np.nanmean(y))
+    ends = [
+        (x.quantile(np.array(ENDS)) - design.samples[:, k].mean()) / scale[k] for k, x in enumerate(design.uncertain)
+    ]
+    effects = [
+        Effect(x.key, centre + slopes[k] * ends[k][0], centre + slopes[k] * ends[k][1])
+        for k, x in enumerate(design.uncertain)
+    ]
+    return effects, explained
+
+
+def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | None:
+    """Sobol indices of a line's amplitude (estimator of SciPy); None where the sample is not made for them.
+
+    Where a case failed, its point is left out, and then points down to a power of two. With levels the variances are added over
+    the combinations.
+    """
+    design = results.campaign.design
+    if design.study.sampling.method != "sobol-indices" or not design.uncertain:
+        return None
+    y = amplitudes(results, line, band)
+    d, n = len(design.uncertain), design.study.sampling.count
+    tables = y.reshape(-1, d + 2, n)
+    good = np.isfinite(tables).all(axis=(0, 1))
+    points = 1 << (int(good.sum()).bit_length() - 1) if good.sum() >= 2 else 0
+    if points < 2:
+        return None
+    kept = tables[:, :, np.flatnonzero(good)[:points]]
+    keys = tuple(x.key for x in design.uncertain)
+    first, total = _indices(kept, points)
+    return Indices(line, keys, first, total, points)
+
+
+def _indices(tables: np.ndarray, points: int) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...]]:
+    """First and total order of ``tables`` (combinations, 2 + keys, points), with bootstrap intervals; the same each time."""
+    rng = np.random.default_rng(1)
+    drawn = [_first_and_total(tables[:, :, rng.integers(points, size=points)], points) for _ in range(RESAMPLES)]
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=0)  # (2, keys) each
+    found = _first_and_total(tables, points)
+    first, total = (
+        tuple(Estimate(*(float(x) for x in ends)) for ends in zip(found[k], low[k], high[k], strict=True))
+        for k in (0, 1)
+    )
+    return first, total
+
+
+def _first_and_total(tables: np.ndarray, points: int) -> np.ndarray:
+    """Indices (2, keys), first order and total, the combinations weighted with their variances."""
+    from scipy.stats import sobol_indices
+
+    f_A, f_B, f_AB = tables[:, 0, :], tables[:, 1, :], np.moveaxis(tables[:, 2:, :], 1, 0)
+    found = sobol_indices(func={"f_A": f_A, "f_B": f_B, "f_AB": f_AB}, n=points)
+    weight = np.var(np.concatenate([f_A, f_B], axis=1), axis=1)
+    weight = weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
+    shape = (weight.size, -1)
+    both: np.ndarray = np.stack([weight @ x.reshape(shape) for x in (found.first_order, found.total_order)])
+    return both
