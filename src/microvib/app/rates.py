@@ -160,7 +160,16 @@ def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, fo
         campbell, "Campbell diagram", "Dashed: modes as seen through the drive. Rings: where a line meets one."
     )
     bands = [Section("Forbidden rates", (_forbidden(plan),))] if plan.forbidden else []
-    met = [Section("Resonances", (Text("The strongest, to forty."), _met(plan)))] if plan.resonances else []
+    met = (
+        [
+            Section(
+                "Resonances",
+                (Text("The strongest, to a hundredth of the largest; all are in `resonances.csv`."), _met(plan)),
+            )
+        ]
+        if plan.resonances
+        else []
+    )
     return study(
         "Rate plan",
         f"Rate plan: {plan.scenario.title or 'drive'}",
@@ -210,10 +219,16 @@ def _forbidden(plan: RatePlan) -> Table:
     return table(["microsteps [1]", "from [deg/s]", "to [deg/s]", "largest [mN m]", "line", "why"], rows)
 
 
+_LEAST_MET = 0.01
+"""Part of the largest line at a resonance below which a report leaves a resonance to the file."""
+
+
 def _met(plan: RatePlan) -> Table:
+    top = max((r.amplitude for r in plan.resonances if math.isfinite(r.amplitude)), default=0.0)
     rows = [
         [str(r.microsteps), _deg(r.rate), number(r.frequency), milli(r.amplitude), r.line, r.mode]
         for r in strongest(plan.resonances, 40)
+        if not r.amplitude < _LEAST_MET * top
     ]
     return table(["microsteps [1]", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"], rows)
 
