@@ -174,6 +174,22 @@ def test_large_texts_are_not_read_all_at_once(tmp_path, monkeypatch):
         root.dataset("line").texts()
 
 
+def test_references_and_attributes_lead_nowhere(tmp_path, secret):
+    """References to regions and attributes that are lists or references are not followed."""
+    with h5py.File(tmp_path / "made.mat", "w") as f:
+        f["fs"], f["Mz"] = 4096.0, np.arange(64.0)
+        hidden = f.create_dataset("#refs#/a", shape=(64,), dtype="u1", external=[(str(secret), 0, 64)])
+        f.create_dataset("region", data=[hidden.regionref[:]], dtype=h5py.regionref_dtype)
+        f["Mz"].attrs["DIMENSION_LIST"] = np.array([hidden.ref], dtype=h5py.ref_dtype)
+        f["Mz"].attrs["units"] = ["N*m", "N"]
+        f["Mz"].attrs["MATLAB_class"] = hidden.ref
+    assert read_matlab(tmp_path / "made.mat")["region"] is None
+    assert set(read_recording(tmp_path / "made.mat").channels) == {"Mz"}
+    with open_hdf5(tmp_path / "made.mat") as root:
+        member = root.dataset("Mz")
+        assert [member.attribute(name) for name in ("DIMENSION_LIST", "units", "MATLAB_class", "none")] == [None] * 4
+
+
 def test_what_is_whole_in_itself_is_read(tmp_path):
     """Chunks, filters, a hard link, a named type, and MATLAB's texts, cells and structs."""
     values = np.random.default_rng(0).normal(size=SAMPLES)

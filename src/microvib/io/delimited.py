@@ -62,6 +62,8 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     if last is not None and _doubtful(path, [form.split(line)[-1] for line in body[-2000:]]):
         data = data[:-1]
         notes.append("the last row has no end of line and may be cut off: it was left out")
+    elif last is not None:
+        notes.append("the last row has no end of line")
     rates = _rates(top)
     columns = [Column(name, data[:, k], units[k], rates) for k, name in enumerate(names)]
     if not headed and hints.time is None and not rates and hints.sample_rate is None:

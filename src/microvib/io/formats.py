@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import logging
+import logging.handlers
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -53,12 +56,19 @@ def _column_58(path: Path, s: dict[str, Any], k: int) -> Column:
         or x.dtype.kind == "c"
     ):
         raise RecordingError(f"{path}: channel {name} is not a time history but a spectrum or another function")
-    if x.size < int(s["num_pts"]):
-        raise RecordingError(f"{path}: channel {name} is truncated, {x.size} of {int(s['num_pts'])} samples")
+    samples = int(s["num_pts"])
+    if x.size < samples:
+        raise RecordingError(f"{path}: channel {name} is truncated, {x.size} of {samples} samples")
+    if x.size > samples + 1:  # a line's end may read as one
+        raise RecordingError(f"{path}: channel {name} is broken; it has {x.size} samples and says {samples}")
+    x = x[:samples]
     unit = _label(s, "ordinate")
     if int(s.get("abscissa_spacing", 1)) != 1:
         return Column(
-            name, x.astype(float), unit, time=Time("abscissa", np.asarray(s["x"], dtype=float), _label(s, "abscissa"))
+            name,
+            x.astype(float),
+            unit,
+            time=Time("abscissa", np.asarray(s["x"], dtype=float)[:samples], _label(s, "abscissa")),
         )
     step = float(s["abscissa_inc"])
     axis = Time("abscissa", float(s.get("abscissa_min", 0.0)) + step * np.arange(x.size), _label(s, "abscissa"))
@@ -75,7 +85,9 @@ def _read_mat(path: Path, hints: Hints) -> Recording:
 
 
 def _read_netcdf(path: Path, hints: Hints) -> Recording:
-    if path.open("rb").read(3) == b"CDF":
+    with path.open("rb") as stream:
+        start = stream.read(3)
+    if start == b"CDF":
         raise RecordingError(f"{path}: is netCDF 3; netCDF 4 is read, made by: nccopy -k nc4 {path.name} new.nc")
     with open_hdf5(path) as root:
         variables = {
@@ -121,13 +133,34 @@ def _decoded(x: Dataset) -> np.ndarray:
 
 def _read_tdms(path: Path, hints: Hints) -> Recording:
     nptdms = library("nptdms", "npTDMS")
-    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:  # a stream: no index file beside it is taken
+    with (
+        _complaints(path, "nptdms"),
+        path.open("rb") as stream,
+        nptdms.TdmsFile.open(stream) as file,
+    ):  # a stream: no index file beside it is taken
         channels = [c for group in file.groups() for c in group.channels()]
         if sum(len(c) for c in channels) * 8 > MOST_BYTES:
             raise RecordingError(f"{path}: says that it has more than {MOST_BYTES / 1e9:g} GB; that much is not read")
         numeric = [c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"]
         names = [c.name for c in numeric]
         return recording_of(path, [_tdms_column(path, c, names.count(c.name) > 1) for c in numeric if len(c)], hints)
+
+
+@contextmanager
+def _complaints(path: Path, library: str) -> Iterator[None]:
+    """RecordingError for the first thing that a library says in its log about a file that it reads all the same."""
+    said = logging.handlers.BufferingHandler(1000)
+    names = [name for name in list(logging.root.manager.loggerDict) if name.split(".")[0] == library]
+    handlers = {name: logging.getLogger(name).handlers for name in names}
+    try:
+        for name in names:
+            logging.getLogger(name).handlers = [said]
+        yield
+    finally:
+        for name in names:
+            logging.getLogger(name).handlers = handlers[name]
+    if said.buffer:
+        raise RecordingError(f"{path}: is broken or truncated: {said.buffer[0].getMessage()[:300]}")
 
 
 def _tdms_column(path: Path, channel: Any, grouped: bool) -> Column:

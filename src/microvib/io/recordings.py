@@ -62,7 +62,8 @@ def _read(path: Path, hints: Hints) -> Recording:
             f"{path}: has {facts.st_size / 1e9:.1f} GB; recordings of at most {LARGEST / 1e9:g} GB are read"
         )
     try:
-        return reader(path, hints)
+        with np.errstate(all="ignore"):  # what a broken file holds is checked where it is looked at
+            return reader(path, hints)
     except MicrovibError as error:
         raise RecordingError(str(error)) from None
     except MemoryError:

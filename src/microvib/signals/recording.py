@@ -14,6 +14,12 @@ from microvib.signals.channels import LOADS, as_load, in_yaml, per
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
+OUTLIER = 1e4
+"""Size of a sample, over that of 99 % of them, from which it is taken for a broken number."""
+LARGEST_LOAD = 1e12
+"""Largest force [N] or torque [N m] that is taken for one."""
+
+
 class RecordingError(MicrovibError):
     """A recording that cannot be read or used: says which file or channel, and what is wrong with it."""
 
@@ -62,7 +68,8 @@ class Recording:
                 raise RecordingError(
                     f"{self.title}: channel {name} is in '{unit}', but {wanted} or a part of it is expected"
                 )
-            channels[name], units[name] = channels[name] * factor, si
+            with np.errstate(all="ignore"):
+                channels[name], units[name] = channels[name] * factor, si
         return replace(self, channels=channels, units=units)
 
     def load(self, name: str) -> np.ndarray:
@@ -128,7 +135,7 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     """Refuse a channel that cannot be analysed.
 
     RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs of repeated samples
-    (drop-outs) or is shorter than ``shortest`` [s].
+    (drop-outs), one sample out of all proportion, or is shorter than ``shortest`` [s].
     """
     x = recording.load(name)
     where = f"{recording.title}: channel {name}"
@@ -139,10 +146,24 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
         raise RecordingError(
             f"{where} has {bad.size} samples that are no numbers, the first at {bad[0] / recording.sample_rate:.4g} s"
         )
+    largest = float(np.max(np.abs(x)))
+    if largest > LARGEST_LOAD:
+        raise RecordingError(
+            f"{where} reaches {largest:.3g} {recording.units[name]}, which nothing measures; the file is broken or its"
+            " unit wrong"
+        )
     if recording.duration < shortest:
         raise RecordingError(f"{where} lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s")
     if np.ptp(x) == 0.0:
         raise RecordingError(f"{where} is constant, {x[0]:g}; nothing was measured")
+    away = np.abs(x - np.median(x))
+    usual = float(np.quantile(away, 0.99))
+    if usual > 0.0 and away.max() > OUTLIER * usual:
+        k = int(np.argmax(away))
+        raise RecordingError(
+            f"{where} is {x[k]:.4g} at {k / recording.sample_rate:.4g} s, {away[k] / usual:.1g} times as large as 99 % of its"
+            " samples; a number of the file is broken"
+        )
     clipped = _clipped(x)
     if clipped:
         raise RecordingError(
