@@ -38,9 +38,12 @@ def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     figure, axes = plots.sheet(1.3 + 0.27 * len(rows))
     ax, y = axes[0, 0], np.arange(len(rows))[::-1]
     median, p95 = (1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95"))
-    ax.barh(y, p95 - median, left=median, height=0.5, color=LOW, label="median to 95 % point")
+    if np.isfinite(p95).any():
+        ax.barh(y, p95 - median, left=median, height=0.5, color=LOW, label="median to 95 % point")
     ax.plot(median, y, "|", color=plots.BLUE, markersize=13, markeredgewidth=2.2, label="median")
-    ax.plot([1e3 * r.p99.value for r in rows], y, "d", color=plots.RED, markersize=5, label="99 % point")
+    p99 = 1e3 * np.array([r.p99.value for r in rows])
+    if np.isfinite(p99).any():
+        ax.plot(p99, y, "d", color=plots.RED, markersize=5, label="99 % point")
     ax.plot([1e3 * r.largest for r in rows], y, "x", color="#333333", markersize=5, label="largest")
     _limit(ax, limit)
     ax.set_yticks(y, [_name(r) for r in rows])
@@ -132,7 +135,7 @@ def exceedances(results: Results, lines: Sequence[str], limit: float | None, ban
     ax.set_xscale("log")
     _plain_decades(ax.xaxis)
     ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
-    ax.legend(fontsize=7, loc="lower left")
+    figure.legend(loc="outside lower center", ncols=4, fontsize=7, frameon=False)
     return figure
 
 
