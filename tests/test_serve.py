@@ -24,13 +24,13 @@ from scipy.io import savemat
 
 import microvib as mv
 from microvib.app.running import run_scenario
-from microvib.app.web import series
+from microvib.app.web import forms, series
 from microvib.app.web.access import Access
 from microvib.app.web.api import create_app
 from microvib.app.web.desk import Desk
 from microvib.app.web.limits import Limits
 from microvib.io.recordings import write_recording
-from microvib.io.scenario_file import catalog_text
+from microvib.io.scenario_file import catalog_text, parse_yaml
 from microvib.signals.recording import Recording
 from microvib.solve.motion import CHANNELS
 
@@ -316,6 +316,15 @@ def test_texts_that_are_no_scenarios(client, text, words):
     answer = client.post("/api/scenario", json={"text": text})
     assert answer.status_code == 200
     assert words in answer.json()["errors"][0]["error"]
+
+
+@pytest.mark.parametrize("text", ["motor: [", "motor: {current: 1 V}"])
+def test_a_text_is_read_once(monkeypatch, text):
+    read: list[str] = []
+    monkeypatch.setattr(forms, "parse_yaml", lambda text, name: read.append(text) or parse_yaml(text, name))
+    forms._parsed.cache_clear()
+    assert forms.view_of(forms.Spec(text=text, changes={"motor.current": "1 A"}))["errors"]
+    assert read == [text]
 
 
 def test_a_large_text_is_read_by_a_worker_and_an_array_has_bounds(client):

@@ -152,7 +152,11 @@ def _part(annotation: Any) -> Any:
 
 @lru_cache(maxsize=8)
 def _parsed(text: str, name: str) -> Any:
-    return parse_yaml(text, name)
+    """What a text holds, or the error that says why it cannot be read: finding that out may take as long."""
+    try:
+        return parse_yaml(text, name)
+    except MicrovibError as error:
+        return error
 
 
 def _data(spec: Spec) -> Any:
@@ -160,7 +164,10 @@ def _data(spec: Spec) -> Any:
     if spec.base is not None and spec.base not in catalog_names():
         raise ScenarioError(f"base: '{spec.base}' is not in the catalog, which has {', '.join(catalog_names())}")
     text = catalog_text(spec.base) if spec.base is not None else spec.text or ""
-    return copy.deepcopy(_parsed(text, spec.name))
+    found = _parsed(text, spec.name)
+    if isinstance(found, MicrovibError):
+        raise found.with_traceback(None)
+    return copy.deepcopy(found)
 
 
 def _changes(spec: Spec) -> dict[str, Any]:
