@@ -11,7 +11,7 @@ import numpy as np
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.lines import estimate_lines
-from microvib.signals.table import Line, LineTable
+from microvib.signals.table import Line, LineTable, Rest
 from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Invariants
 from microvib.solve.simulate import Progress, Run
@@ -122,7 +122,9 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
     ratio = float(np.mean(ratios)) if ratios else None
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
     ratio_spread = _of_mean(spreads) if spreads else None
-    return LineTable(tuple(lines), ratio, ratio_spread, total, tables[0].sample_rate)
+    left = [table.rest for table in tables if table.rest is not None]
+    rest = Rest.of(*(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude")))
+    return LineTable(tuple(lines), ratio, ratio_spread, total, tables[0].sample_rate, rest=rest)
 
 
 def _row(table: LineTable, name: str) -> Line:

@@ -195,7 +195,7 @@ def draw_spectrum(
 
 def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
     """The limit over its band, and squares about the lines above it."""
-    limit, above = judged.limit, [m.line for m in judged.margins if not m.passes]
+    limit, above = judged.limit, [m.line for m in judged.margins if m.fails]
     low, high = ax.get_ylim()
     height = 1e3 * limit.torque
     ax.set_ylim(min(low, 0.5 * height), max(high, 4.0 * height))

@@ -195,10 +195,19 @@ def summary(
         "clock_ratio_found": table.clock_ratio,
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
         "doubts": list(scenario.doubts()),
+        "left_by_lines": _left_by_lines(table),
         "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
         "versions": package_versions(),
         "timings_s": timings,
     }
+
+
+def _left_by_lines(table: LineTable) -> dict[str, list[float]] | None:
+    """The highest peaks that no line accounts for."""
+    rest = table.rest
+    if rest is None:
+        return None
+    return {"frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist()}
 
 
 def to_json(data: Any) -> str:

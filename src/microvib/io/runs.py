@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.io.scenario_file import load_scenario
-from microvib.signals.table import Line, LineTable
+from microvib.signals.table import Line, LineTable, Rest
 from microvib.solve.motion import CHANNELS, MODAL, Invariants, Motion
 
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
@@ -87,6 +87,10 @@ def _table(path: Path, summary: dict[str, Any]) -> LineTable:
             ]
         record = summary["record"]
         lines = tuple(Line(**row) for row in rows)
-        return LineTable(lines, summary.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"])
+        left = summary.get("left_by_lines")
+        rest = None if left is None else Rest(*(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m")))
+        return LineTable(
+            lines, summary.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"], rest=rest
+        )
     except (OSError, ValueError, TypeError, KeyError):
         raise MicrovibError(f"{path}: is no table of lines of a run") from None

@@ -19,7 +19,7 @@ from microvib.signals.joint import NEAR, Joint, moved
 from microvib.signals.orders import Orders
 from microvib.signals.search import FALLS, MOST_OTHERS, PASSBAND, Found, search
 from microvib.signals.spectrum import tone_amplitude
-from microvib.signals.table import DETECTION, FAINT, Figures, LineTable, Uncertainty
+from microvib.signals.table import DETECTION, FAINT, Figures, LineTable, Rest, Uncertainty
 from microvib.signals.tones import HannSpectrum, Tones, steady
 from microvib.signals.uncertainty import disturbed, uncertainties
 
@@ -31,6 +31,8 @@ _STILL = 0.01
 """Bins that the highest line may move in a round after which the clock is found."""
 _WORSE = 2.0
 """Standard uncertainty beside a larger line, over that without it, from which that line is the reason."""
+_SCALLOP = 1.18
+"""Amplitude of a tone over its highest bin, at most."""
 AN_OTHER = "an unlisted line"
 UNSURE = 0.3
 """Standard uncertainty over amplitude from which a line beside another is not told from it."""
@@ -63,7 +65,13 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
     rows += _figures([line for line, _ in others], joint, {}, [tone for _, tone in others]).rows(
         _placed(spread, [tone for _, tone in others], joint.tones)
     )
-    return LineTable(rows, ratio, ratio_spread, spectrum.samples, sample_rate)
+    return LineTable(rows, ratio, ratio_spread, spectrum.samples, sample_rate, rest=_left(joint.rest))
+
+
+def _left(rest: HannSpectrum) -> Rest:
+    """What stands between the lowest frequency that is told from the mean and the highest that is looked at."""
+    bins = np.arange(int(SEPARATION) + 1, min(int(PASSBAND * rest.samples), rest.values.size))
+    return Rest.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
 
 
 def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:

@@ -12,7 +12,7 @@ import numpy as np
 from microvib.model.expected import ExpectedLine
 from microvib.signals.orders import Orders
 from microvib.signals.search import MOST_OTHERS
-from microvib.signals.table import FAINT, Line, LineTable
+from microvib.signals.table import FAINT, Line, LineTable, Rest
 
 TRANSIENT = "not in a steady state"
 """Status of an array mode: it rings after a start and decays."""
@@ -47,7 +47,9 @@ def lines_of_series(
         replace(row, bin_frequency_hz=float(f), bin_amplitude_n_m=float(a))
         for row, f, a in zip(rows, frequency, amplitude, strict=True)
     ]
-    return LineTable(tuple(filled), 1.0, 0.0, samples, sample_rate)
+    listed = {round(row.expected_hz / base) for row in rows}
+    left = np.array([k for k in range(1, series.size) if k not in listed], dtype=int)
+    return LineTable(tuple(filled), 1.0, 0.0, samples, sample_rate, rest=Rest.of(left * base, amplitudes[left]))
 
 
 def _status(amplitude: float, top: float) -> str:

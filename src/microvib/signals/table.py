@@ -44,6 +44,37 @@ class Line:
     background_n_m: float = float("nan")
     """Amplitude of the background recording at this frequency; nan without one."""
 
+    def starting(self, duration: float) -> float:
+        """Amplitude [N m] at the first sample of a record of ``duration`` [s]."""
+        fold = self.decay_per_s * duration
+        return self.amplitude_n_m * fold / -float(np.expm1(-fold)) if abs(fold) > 1e-9 else self.amplitude_n_m
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What no line of a table accounts for: the highest peak that is left in each twelfth of an octave, (m,) each."""
+
+    frequency: np.ndarray
+    """[Hz]."""
+    amplitude: np.ndarray
+    """[N m], 0-to-peak."""
+
+    @classmethod
+    def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> Rest:
+        """The highest of peaks, or of bins, at each ``frequency`` (n,) above 0."""
+        band = np.floor(12.0 * np.log2(frequency)).astype(int)
+        order = np.lexsort((-amplitude, band))
+        first = order[np.unique(band[order], return_index=True)[1]]
+        return cls(frequency[first], amplitude[first])
+
+    def within(self, low: float, high: float) -> tuple[float, float]:
+        """Frequency and amplitude of the highest between two frequencies [Hz]; 0 where nothing is left."""
+        inside = np.flatnonzero((self.frequency >= low) & (self.frequency <= high))
+        if inside.size == 0:
+            return low, 0.0
+        k = inside[np.argmax(self.amplitude[inside])]
+        return float(self.frequency[k]), float(self.amplitude[k])
+
 
 @dataclass(frozen=True)
 class LineTable:
@@ -58,6 +89,13 @@ class LineTable:
     sample_rate: float
     unit: str = "N*m"
     """Of all amplitudes, in place of N m where the lines are those of another channel than a torque."""
+    rest: Rest | None = None
+    """What is left; None where that was not looked at."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the record [s]."""
+        return self.samples / self.sample_rate
 
     def __iter__(self):  # type: ignore[no-untyped-def]
         return iter(self.lines)

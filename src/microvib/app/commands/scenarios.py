@@ -64,7 +64,7 @@ def run(
         )
     _print_lines(loaded, result.table)
     if allowed is not None:
-        echo(f"\n{judge(result.table, allowed)}")
+        echo(f"\n{judge(result.table, allowed, loaded)}")
     if steady:
         echo(_steady_sentence(result))
     i = result.invariants

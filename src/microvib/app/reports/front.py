@@ -30,20 +30,29 @@ def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[F
     doubt = [Fact("NOT to be used", "an invariant does not hold", "fail")] if failing(motion) else []
     if judged is not None:
         return (*doubt, *_verdict(judged), *sizes)
-    largest = (Fact(torque(x.amplitude_n_m), f"{x.line} at {figure(x.frequency_hz)} Hz") for x in _largest(lines)[:2])
+    largest = (Fact(torque(x.amplitude_n_m), _where(x)) for x in _largest(lines)[:2])
     return (*doubt, *largest, *sizes)
+
+
+def _where(line: Line) -> str:
+    """Name and frequency of a line, and that it decays, for then it is none of the motion once that has settled."""
+    settled = {"decaying": ", decaying: not settled", "growing": ", growing"}.get(line.status, "")
+    return f"{line.line} at {figure(line.frequency_hz)} Hz{settled}"
 
 
 def _verdict(judged: Judgement) -> list[Fact]:
     label = f"limit {given(judged.limit.torque)} {judged.limit.band}".strip()
-    if not judged.margins:
+    total = len(judged.margins)
+    if not total and not judged.gaps:
         return [Fact("no line to judge", label)]
-    worst, total = judged.margins[0], len(judged.margins)
-    whole = (
-        Fact(f"FAIL: {judged.above} of {total} lines", label, "fail")
-        if judged.above
-        else Fact(f"Pass: {count(total, 'line')}", label, "pass")
-    )
+    whole = {
+        "fail": Fact(f"FAIL: {judged.above} of {total} lines", label, "fail"),
+        "pass": Fact(f"Pass: {count(total, 'line')}", label, "pass"),
+        "not judged": Fact("Not judged", f"{label}: {judged.gaps[0] if judged.gaps else ''}", "fail"),
+    }[judged.verdict]
+    worst = next((m for m in judged.margins if m.verdict != "not judged"), None)
+    if worst is None:
+        return [whole]
     return [
         whole,
         Fact(f"{worst.decibel:+.1f} dB", f"smallest margin, factor {figure(worst.factor, 3)}: {worst.line.line}"),
@@ -127,14 +136,14 @@ def judged_cells(line: Line, judged: Judgement) -> list[str]:
     return [
         f"{margin.decibel:+.1f}" if math.isfinite(margin.decibel) else "",
         figure(margin.factor, 3),
-        "pass" if margin.passes else "FAIL",
+        "FAIL" if margin.fails else margin.verdict,
     ]
 
 
 def marks(shown: Sequence[Line], judged: Judgement | None) -> dict[int, Mark]:
     """How the rows of lines stand out."""
     margins = {} if judged is None else {k: judged.of(x) for k, x in enumerate(shown)}
-    return {k: "pass" if m.passes else "fail" for k, m in margins.items() if m is not None}
+    return {k: "fail" if m.fails else "pass" for k, m in margins.items() if m is not None and m.verdict != "not judged"}
 
 
 def what(line: Line) -> str:
@@ -165,10 +174,8 @@ def _decaying(motion: Motion, lines: LineTable, judged: Judgement | None) -> Ite
 def _limits(judged: Judgement) -> Iterable[str]:
     """What a margin is worth, and of which lines there is none."""
     yield "A margin is limit over amplitude, of this one run, without allowance for the uncertainty of parameters."
-    if judged.unknown:
-        names = [f"{x.line} ({x.status})" for x in judged.unknown]
-        rest = f" and {len(names) - 4} more" if len(names) > 4 else ""
-        yield f"Not judged, for no amplitude is known: {', '.join(names[:4])}{rest}."
+    if judged.gaps:
+        yield judged.not_judged(4).strip()
 
 
 def _picture(motion: Motion, lines: LineTable, judged: Judgement | None) -> Figure:

@@ -35,7 +35,7 @@ def run_report(
     """The report on one run; ``versions`` are those that made the motion, without them today's."""
     scenario, axis = motion.scenario, motion.scenario.array.drive_axis
     versions, form = versions or package_versions(), form or Form()
-    judged = None if limit is None else judge(lines, limit)
+    judged = None if limit is None else judge(lines, limit, scenario)
     return Document(
         kind="Run report",
         title=scenario.title or "microvib run",
@@ -61,9 +61,7 @@ def run_report(
 
 
 def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
-    worth = {x.line for x in lines.notable()} | {
-        m.line.line for m in (judged.margins if judged else ()) if not m.passes
-    }
+    worth = {x.line for x in lines.notable()} | {m.line.line for m in (judged.margins if judged else ()) if m.fails}
     shown = tuple(x for x in lines if x.line in worth)
     header = [
         "line", "expected [Hz]", "found [Hz]", "amplitude [mN m]", "phase [rad]", "nearest bin [Hz]", "nearest bin [mN m]",
