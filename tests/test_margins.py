@@ -88,9 +88,9 @@ def test_a_line_near_the_limit_is_not_judged_while_something_rings(table, scenar
     )
     both = replace(table, lines=pair, rest=NOTHING)
     band = (20.0, 100.0)
-    assert judge(both, Limit(0.0105, *band), scenario).verdict == "not judged"
-    assert "what rings may decide; not settled; settle >=" in judge(both, Limit(0.0105, *band), scenario).gaps[0]
-    assert judge(both, Limit(0.0110, *band), scenario).verdict == "pass"
+    assert judge(both, Limit(0.0102, *band), scenario).verdict == "not judged"
+    assert "what rings may decide; not settled; settle >=" in judge(both, Limit(0.0102, *band), scenario).gaps[0]
+    assert judge(both, Limit(0.0105, *band), scenario).verdict == "pass"
 
 
 def test_what_no_line_accounts_for_is_not_passed(table, scenario):
@@ -111,8 +111,11 @@ def test_a_rate_that_changes_has_no_lines_to_judge(table, scenario):
 
 
 def test_an_array_mode_that_has_died_away_need_not_be_told_from_a_line(table, scenario):
-    hidden = only(table, "array_mode_1", status="not separable from drive_1", amplitude_n_m=math.nan)
+    hidden = only(
+        table, "array_mode_1", status="not separable from drive_1", amplitude_n_m=math.nan, bin_amplitude_n_m=0.005
+    )
     assert judge(hidden, Limit(0.010), scenario).verdict == "not judged"
+    assert judge(hidden, Limit(0.051), scenario).verdict == "pass"  # ten times what its bin shows
     assert judge(hidden, Limit(0.010), scenario.with_({"record.settle": "300 s"})).verdict == "pass"
     unknown = only(table, "drive_2", status="not resolved: x", amplitude_n_m=math.nan)
     assert judge(unknown, Limit(0.010), scenario.with_({"record.settle": "300 s"})).gaps == (

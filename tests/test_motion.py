@@ -206,3 +206,20 @@ def test_no_microstep_is_lost_where_the_command_is_cut_into_pieces(state_1):
     assert np.diff(counts) == pytest.approx(-1.0)
     for t in range(46):
         assert np.all(command.microsteps(t, t + 1.0)[0] < t + 1.0)
+
+
+def test_a_record_may_start_in_the_steady_state(state_1):
+    steady = mv.simulate(state_1.with_({"record.start": "steady"}), channels=("T_d",))
+    assert steady.solver["steady"] == "used"
+    table = mv.lines(steady)
+    assert table["array_mode_1"].amplitude_n_m < 1e-5  # 4.6e-3 from rest
+    assert table["drive_1"].amplitude_n_m == pytest.approx(mv.steady(state_1).lines["drive_1"].amplitude_n_m, rel=1e-4)
+
+
+def test_where_no_steady_state_is_found_the_motion_begins_at_rest_and_says_why(state_1):
+    ramp = {"tracking.rate": None, "tracking.profile": [{"rate": "0.06 deg/s", "ramp": "60 s"}]}
+    short = {"record.settle": "0.2 s", "record.duration": "0.5 s"}
+    both = [state_1.with_({**ramp, **short, "record.start": start}) for start in ("steady", "rest")]
+    steady, rest = (mv.simulate(scenario, channels=("T_d",)) for scenario in both)
+    assert steady.solver["steady"] == "not used: the rate changes in the record"
+    assert np.array_equal(steady["T_d"], rest["T_d"])

@@ -17,7 +17,7 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
 from microvib.signals.table import LineTable
 from microvib.solve.motion import CHANNELS, Invariants
-from microvib.solve.simulate import Progress, simulate
+from microvib.solve.simulate import Progress, from_rest
 from microvib.studies.margins import Limit
 from microvib.studies.steady import find_steady
 
@@ -48,13 +48,15 @@ def run_scenario(
 ) -> RunResult:
     """Simulate and write the run's folder; nothing is written unless all of it can be.
 
-    With ``steady`` the lines are those of the steady state, and the record starts in it instead of settling. The report judges
-    lines by ``limit``, and is also written as ``form`` says.
+    With ``steady``, which sets ``record.start``, the lines are those of the steady state, and the record starts in it instead of
+    settling. The report judges lines by ``limit``, and is also written as ``form`` says.
     """
     begun = time.perf_counter()
     if not lines_only:
         _check_size(scenario, out)
-    state, fallback = find_steady(scenario) if steady else (None, "")
+    if steady:
+        scenario = scenario.with_({"record.start": "steady"})
+    state, fallback = find_steady(scenario) if scenario.record.start == "steady" else (None, "")
     files: dict[str, Any] = {}
     if state is not None:
         table, invariants, solver = lines(state, harmonics=harmonics), state.invariants, state.solver
@@ -63,7 +65,7 @@ def run_scenario(
 
         table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
     if not lines_only:
-        motion = state.motion(progress=progress) if state is not None else simulate(scenario, progress=progress)
+        motion = state.motion(progress=progress) if state is not None else from_rest(scenario, progress=progress)
         if state is None:
             table, invariants, solver = lines(motion, harmonics=harmonics), motion.invariants, motion.solver
         from microvib.app.reports.rendering import report_files

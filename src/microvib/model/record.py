@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -18,6 +18,10 @@ class Record(Part):
     settle: Annotated[float, Quantity("s", "time before the window", ge=0, usual=(1e-3, 1e6))]
     duration: Annotated[float, Quantity("s", "length of the window", gt=0, usual=(0.01, 1e6))]
     sample_rate: Annotated[float, Quantity("Hz", "samples per second", gt=0, le=1e7, usual=(5.0, 1e6))]
+    start: Literal["rest", "steady"] = Field(
+        default="rest",
+        description="how the motion begins: at rest at t = 0, or in the steady state of the window's rate where there is one",
+    )
 
     @model_validator(mode="after")
     def _countable(self) -> Self:

@@ -50,7 +50,12 @@ def simulate_torques(scenarios: Sequence[Scenario]) -> list[Torque | SimulationE
     results: dict[int, Torque | SimulationError] = {}
     alike: dict[_Kind, list[int]] = defaultdict(list)
     for k, scenario in enumerate(scenarios):
-        alike[_kind(scenario)].append(k)
+        if scenario.record.start == "rest":
+            alike[_kind(scenario)].append(k)
+        else:
+            results[k] = SimulationError(
+                "record.start: many scenarios at once begin at rest; allowed is rest, not steady"
+            )
     for kind, members in alike.items():
         results |= _Crew(kind, {k: scenarios[k] for k in members}).run()
     return [results[k] for k in range(len(scenarios))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock_time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,9 +33,27 @@ def simulate(
     ``microvib.solve.motion.CHANNELS`` and ``eta``, ``eta_rate``), which saves memory.
 
     Samples are taken at ``record.settle + k / sample_rate``, through the filter that ``microvib.solve.decimate`` describes: flat to
-    0.35 of the sample rate. Raises SynchronismLost where the motor no longer follows, SimulationError where the
-    solution does not stay finite.
+    0.35 of the sample rate. With ``record.start`` steady the motion begins in the steady state where one is found, and otherwise
+    at rest; ``solver["steady"]`` says which. Raises SynchronismLost where the motor no longer follows, SimulationError where
+    the solution does not stay finite.
     """
+    if scenario.record.start == "rest":
+        return from_rest(scenario, progress=progress, channels=channels)
+    from microvib.solve.period import NotPeriodic
+    from microvib.solve.steady import steady_state  # which runs this module's ``Run`` itself
+
+    try:
+        motion = steady_state(scenario).motion(progress=progress, channels=channels)
+        return replace(motion, solver={**motion.solver, "steady": "used"})
+    except NotPeriodic as why:
+        motion = from_rest(scenario, progress=progress, channels=channels)
+        return replace(motion, solver={**motion.solver, "steady": f"not used: {why}"})
+
+
+def from_rest(
+    scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None
+) -> Motion:
+    """``simulate`` from rest at t = 0, whatever ``record.start`` says."""
     run = Run(scenario, progress=progress, channels=channels)
     blocks = list(run)
     joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}

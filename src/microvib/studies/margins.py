@@ -17,8 +17,9 @@ Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
 """Part of an amplitude that the integration and the fit of lines may be off (docs/numerics.md)."""
 BEYOND = 10.0
-"""Factor on the lines of the linearised drive above the passband, for what friction and detent torque add there."""
-STIRS = 0.3
+"""Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
+detent torque add there, and on bins that several lines share."""
+STIRS = 0.1
 """Part of what rings in a record by which a line may change until that has died away: friction couples them."""
 CALM = 12.0
 """e-foldings after which nothing is left of a start."""
@@ -140,7 +141,7 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     margins.sort(key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
     gaps = [m.why for m in margins if m.verdict == "not judged"]
-    gaps += [f"{x.line} ({x.status})" for x in unknown if not _has_calmed(x, scenario)]
+    gaps += [f"{x.line} ({x.status})" for x in unknown if not (_has_calmed(x, scenario) or _is_small(x, limit))]
     gaps += [*_left(table, limit), *_no_clock(scenario), *_above_passband(table, limit, scenario)]
     return Judgement(limit, tuple(margins), unknown, tuple(gaps))
 
@@ -232,7 +233,8 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
     if reaches is not None:
         rate = min(reaches, limit.high) / PASSBAND
         gaps.append(f"what is above {start:.4g} Hz (record.sample_rate >= {_up(rate)} Hz)")
-    ringing = [m for m in coupled_modes(scenario) if start < m.frequency <= limit.high]
+    begun = all(x.status != TRANSIENT for x in table)  # in the steady state, nothing rings
+    ringing = [m for m in coupled_modes(scenario) if begun and start < m.frequency <= limit.high]
     slowest = max((CALM / (2.0 * math.pi * m.frequency * m.damping) for m in ringing if m.damping > 0.0), default=0.0)
     if slowest > _calm_for(scenario):
         gaps.append(
@@ -263,6 +265,11 @@ def _has_calmed(line: Line, scenario: Scenario | None) -> bool:
         return False
     mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
     return mode is not None and 2.0 * math.pi * mode.frequency * mode.damping * _calm_for(scenario) > CALM
+
+
+def _is_small(line: Line, limit: Limit) -> bool:
+    """Whether a line that others hide is small all the same, by the bin that they share: there they may cancel in part."""
+    return line.status.startswith("not separable") and BEYOND * line.bin_amplitude_n_m <= limit.torque
 
 
 def _calm_for(scenario: Scenario) -> float:

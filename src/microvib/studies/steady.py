@@ -13,7 +13,7 @@ from microvib.signals.table import LineTable
 from microvib.solve.decimate import PASSBAND
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
 from microvib.solve.period import NotPeriodic
-from microvib.solve.simulate import Progress, simulate
+from microvib.solve.simulate import Progress, from_rest
 from microvib.solve.steady import SteadyState, steady_state
 
 
@@ -50,7 +50,7 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     state, why = find_steady(scenario)
     if state is not None:
         return Steady(steady_lines(state, harmonics=harmonics), state)
-    motion = simulate(scenario, channels=("T_d",), progress=progress)
+    motion = from_rest(scenario, channels=("T_d",), progress=progress)
     expected = expected_lines(scenario, PASSBAND * motion.sample_rate, harmonics)
     table = estimate_lines(motion["T_d"], motion.sample_rate, expected)
     return Steady(table, motion, why)

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
 )
 @click.option(
-    "--steady", is_flag=True, help="Find the periodic steady state directly, without settling; lines are then exact."
+    "--steady",
+    is_flag=True,
+    help="Start in the steady state (record.start=steady), without settling; lines are then exact.",
 )
 @limit_option
 @band_option
@@ -47,7 +49,7 @@ def run(
     if form.pdf and lines_only:
         raise MicrovibError("--pdf: --lines-only makes no report; leave one of them out")
     allowed = limit_of(limit, band)
-    loaded = load(scenario, settings)
+    loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
@@ -57,7 +59,6 @@ def run(
             overwrite=overwrite,
             lines_only=lines_only,
             harmonics=harmonics,
-            steady=steady,
             limit=allowed,
             form=form,
             progress=progress,
@@ -65,7 +66,7 @@ def run(
     _print_lines(loaded, result.table)
     if allowed is not None:
         echo(f"\n{judge(result.table, allowed, loaded)}")
-    if steady:
+    if loaded.record.start == "steady":
         echo(_steady_sentence(result))
     i = result.invariants
     echo(

@@ -166,10 +166,9 @@ def _words(key: str) -> str:
 
 
 def _provenance(motion: Motion, versions: Mapping[str, str], form: Form) -> Section:
-    start = " --steady" if "period_microsteps" in motion.solver else ""
     blocks: list[Block] = [
         Text("In the folder of this report (the scenario there is complete):"),
-        Code(f"microvib run scenario.yaml{start} --out again"),
+        Code("microvib run scenario.yaml --out again"),
     ]
     if form.command:
         blocks += [Text("Made by:"), Code(form.command)]

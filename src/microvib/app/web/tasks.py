@@ -48,7 +48,7 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
     from microvib.io.results import lines_csv, summary
     from microvib.io.scenario_file import scenario_of
     from microvib.io.yaml_text import parse_yaml
-    from microvib.solve.simulate import simulate
+    from microvib.solve.simulate import from_rest
     from microvib.studies.steady import find_steady
 
     loaded = scenario_of(parse_yaml(scenario, "scenario"), "scenario")
@@ -56,8 +56,8 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
 
-    state, fallback = find_steady(loaded) if steady else (None, "")
-    motion = state.motion(progress=progress) if state is not None else simulate(loaded, progress=progress)
+    state, fallback = find_steady(loaded) if steady or loaded.record.start == "steady" else (None, "")
+    motion = state.motion(progress=progress) if state is not None else from_rest(loaded, progress=progress)
     source = motion if state is None else state
     table = lines(source)
     solver = source.solver | ({"steady": f"not used: {fallback}"} if fallback else {})

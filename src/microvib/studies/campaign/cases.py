@@ -58,6 +58,11 @@ class Work(NamedTuple):
     deadly: tuple[int, ...] = ()
     """Positions of cases that ended the worker when they were tried alone; they are not tried again."""
 
+    @property
+    def steady(self) -> bool:
+        """Whether cases are solved for their steady states."""
+        return self.solve == "steady" or self.base.record.start == "steady"
+
 
 @dataclass(frozen=True)
 class Chunk:
@@ -145,7 +150,7 @@ def compute(work: Work, begin: Callable[[float], None] = lambda seconds: None) -
         raise MicrovibError(
             f"this is microvib {here}, but the campaign was made by {made_by}; one version must compute all of it"
         )
-    together = 1 if work.solve == "steady" else TOGETHER
+    together = 1 if work.steady else TOGETHER
     results: list[_Result] = []
     for start in range(0, len(work.changes), together):
         results += _some(work, range(start, min(start + together, len(work.changes))), begin)
@@ -203,7 +208,7 @@ def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) 
             else:
                 results[k] = made
     begin(sum(_allowed(work, scenario) for scenario in scenarios.values()))
-    if work.solve == "steady":
+    if work.steady:
         results |= {k: _guarded(_steady, work, scenario) for k, scenario in scenarios.items()}
     else:
         for (k, scenario), torque in zip(scenarios.items(), _torques(list(scenarios.values())), strict=True):
