@@ -46,6 +46,7 @@ from microvib.studies.campaign.statistics import (
     quantile,
     worst_cases,
 )
+from microvib.studies.campaign.variation import TAKEN
 
 SHORT = {"record.settle": "0.2 s", "record.duration": "1 s", "record.sample_rate": "1024 Hz"}
 EVERYTHING = (0.0, np.inf)
@@ -142,6 +143,68 @@ def test_combinations_go_with_every_level():
     assert d.changes(3) == {"tracking.rate": np.radians(0.1), "array.inertia": 9.0, "driver.microsteps": 16}
 
 
+def test_one_factor_scales_several_keys_together():
+    keys = ["friction.coulomb", "friction.breakaway"]
+    with pytest.raises(ScenarioError, match="below coulomb"):
+        vary("friction.breakaway", {"distribution": "uniform", "within": "50 percent"})
+    d = vary("dry friction", {"scale": keys, "distribution": "uniform", "within": "50 percent"})
+    assert d.keys == ("dry friction",)
+    before = d.base.friction
+    factors = d.column("dry friction")
+    assert 0.5 < factors.min() < 0.55
+    assert 1.45 < factors.max() < 1.5
+    for case in (0, 1, 2):
+        after = d.scenario(case).friction
+        assert after.coulomb == pytest.approx(factors[case] * before.coulomb, rel=1e-14)
+        assert after.breakaway == pytest.approx(factors[case] * before.breakaway, rel=1e-14)
+        assert set(d.changes(case)) == set(keys)
+        assert d.labels(case) == {"dry friction": f"{factors[case]:.6g}"}
+    assert d.uncertain[0].text == "factor on friction.coulomb, friction.breakaway; uniform, 0.5 to 1.5"
+
+
+def two_modes(**keys) -> Study:
+    modes = [{"frequency": "1 Hz", "damping": 0.01, "effective_inertia": "4 kg*m^2"},
+             {"frequency": "3 Hz", "damping": 0.02, "effective_inertia": "2 kg*m^2"}]  # fmt: skip
+    return study(set={**SHORT, "array.modes": modes, "array.rigid_inertia": "2.18 kg*m^2"}, **keys)
+
+
+@pytest.mark.parametrize(
+    ("name", "spec", "dampings"),
+    [
+        ("array.modes.*.damping", ["0.5 percent", "3 percent"], [(0.005, 0.005), (0.03, 0.03)]),
+        ("array.modes.*.damping", {"from": "1 %", "to": "2 %", "count": 2}, [(0.01, 0.01), (0.02, 0.02)]),
+        ("all dampings", {"scale": "array.modes.*.damping", "values": [0.5, 2]}, [(0.005, 0.01), (0.02, 0.04)]),
+        (
+            "all dampings",
+            {"scale": ["array.modes.*.damping"], "from": 1, "to": 3, "count": 2},
+            [(0.01, 0.02), (0.03, 0.06)],
+        ),
+    ],
+)
+def test_a_star_stands_for_every_mode(name, spec, dampings):
+    d = design(two_modes(vary={name: spec}))
+    for case, expected in enumerate(dampings):
+        assert tuple(mode.damping for mode in d.scenario(case).array.modes) == pytest.approx(expected)
+    d = design(two_modes(vary={"driver.microsteps": [8]}, cases=[{"array.modes.*.damping": "4 percent"}]))
+    assert [mode.damping for mode in d.scenario(0).array.modes] == [0.04, 0.04]
+
+
+def test_factors_and_stars_are_kept_with_the_campaign(tmp_path):
+    made = two_modes(vary={"all dampings": {"scale": "array.modes.*.damping", "values": [0.5, 2]},
+                           "dry": {"scale": ["friction.coulomb", "friction.breakaway"], "distribution": "uniform", "within": 0.5},
+                           "array.modes.*.frequency": ["1 Hz", "2 Hz"]}, sampling={"count": 2})  # fmt: skip
+    campaign = create(design(made), tmp_path / "c")
+    again = open_campaign(tmp_path / "c")
+    assert (again.design.levels, again.design.uncertain) == (campaign.design.levels, campaign.design.uncertain)
+    assert [again.design.changes(k) for k in range(8)] == [campaign.design.changes(k) for k in range(8)]
+    compute_missing(again, Fragile())
+    merge(again)
+    data = open_results(again).dataset
+    assert data["all dampings"].values.tolist() == [0.5] * 4 + [2.0] * 4
+    assert data["array.modes.*.frequency"].attrs["units"] == "Hz"
+    assert set(TAKEN) >= {*data.dims, *data.variables} - set(again.design.keys)
+
+
 def test_grids():
     even = vary("tracking.rate", {"from": "0.02 deg/s", "to": "0.1 deg/s", "count": 5})
     np.testing.assert_allclose(np.degrees(even.levels[0].values), [0.02, 0.04, 0.06, 0.08, 0.1])
@@ -207,6 +270,16 @@ def test_arrays_of_several_sources():
         ({"vary": {}}, "vary: missing; at least one key"),
         ({"vary": {"reducer.stifness": [1]}}, "vary.reducer.stifness: is no key of the scenario; allowed are reducer.ratio"),
         ({"vary": {"reducer.stiffness": []}}, "the list is empty"),
+        ({"vary": {"x": {"scale": ["friction.slip_ring.contact_pairs"], "values": [1]}}}, "contact_pairs is 320, not a number"),
+        ({"vary": {"x": {"scale": [], "values": [1]}}}, "vary.x.scale: [] is not allowed; a list of keys"),
+        ({"vary": {"x": {"scale": "motor.*.y", "values": [1]}}}, "vary.x.scale: motor.*.y: is no key of the scenario"),
+        ({"vary": {"x": {"scale": "motor.current", "values": 2}}}, "vary.x.values: 2 is not allowed; a list of factors"),
+        ({"vary": {"x": {"scale": "motor.current", "values": ["2 A"]}}}, "has the wrong dimension"),
+        ({"vary": {"peak": {"scale": "motor.current", "values": [2]}}}, "is not allowed as the name of a factor"),
+        ({"vary": {"motor.current": {"scale": "motor.current", "values": [2]}}}, "is not allowed as the name of a factor"),
+        ({"vary": {"x": {"scale": "motor.current", "values": [2]}, "motor.current": ["1 A"]}}, "motor.current stands in vary twice"),
+        ({"vary": {"x": {"scale": "motor.current", "values": [2]}}, "cases": [{"motor.current": "1 A"}]}, "in vary and in cases"),
+        ({"vary": {"driver.*_gain": {"distribution": "uniform", "within": 0.1}}}, "vary.driver.*_gain: has no one value"),
         ({"vary": {"reducer.stiffness": ["5000 kg"]}}, "vary.reducer.stiffness.0: '5000 kg' has the wrong dimension"),
         ({"vary": {"reducer.stiffness": [5000]}}, "vary.reducer.stiffness.0: 5000 needs a unit, such as '5000 N*m/rad'"),
         ({"vary": {"reducer.stiffness": ["-1 N*m/rad"]}}, "must be greater than 0 N*m/rad"),

@@ -17,7 +17,7 @@ from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.model.study import Correlation, Study
-from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, variation
+from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, keys_of, variation
 
 MOST_CASES = 10_000_000
 CHECKED = (0.001, 0.999)
@@ -45,7 +45,15 @@ class Design:
         return int(len(self.combinations) * levels * self.samples.shape[0])
 
     def changes(self, case: int) -> dict[str, Any]:
-        """Dotted key to value of one case, in SI."""
+        """Dotted key of the scenario to value of one case, in SI."""
+        parts: dict[str, Levels | Uncertain] = {x.key: x for x in self.levels} | {x.key: x for x in self.uncertain}
+        changed: dict[str, Any] = {}
+        for key, value in self.values(case).items():
+            changed |= parts[key].changes(value) if key in parts else _given(self.base, key, value)
+        return changed
+
+    def values(self, case: int) -> dict[str, Any]:
+        """What varies, by its name in the study, to its value in one case, in SI; a factor to the factor."""
         rest, point = divmod(case, self.samples.shape[0])
         chosen: dict[str, Any] = {}
         for levels in reversed(self.levels):
@@ -56,10 +64,11 @@ class Design:
 
     def labels(self, case: int) -> dict[str, str]:
         """Dotted key to what a person reads of one case: levels as given, sampled values in their display unit."""
-        quantities = {name: quantity for name, _, quantity in self.base.entries()}
+        quantities: dict[str, Any] = {name: quantity for name, _, quantity in self.base.entries()}
+        quantities |= {x.key: x for x in self.uncertain}
         named = {x.key: dict(zip(map(_hashable, x.values), x.labels, strict=True)) for x in self.levels}
         texts = {}
-        for key, value in self.changes(case).items():
+        for key, value in self.values(case).items():
             quantity = quantities.get(key)
             if key in named:
                 texts[key] = named[key][_hashable(value)]
@@ -137,7 +146,11 @@ def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design
     if not parts and not study.cases:
         raise ScenarioError(f"{origin}: vary: missing; at least one key to vary, or cases, is wanted")
     combinations = tuple(_checked(base, item, f"{origin}: cases.{k}") for k, item in enumerate(study.cases)) or ({},)
-    both = {key for item in combinations for key in item} & {x.key for x in parts}
+    named = [key for part in parts for key in part.keys or (part.key,)]
+    twice = {key for key in named if named.count(key) > 1}
+    if twice:
+        raise ScenarioError(f"{origin}: {min(twice)} stands in vary twice; one place is expected")
+    both = {key for item in combinations for pattern in item for key in keys_of(base, pattern)} & set(named)
     if both:
         raise ScenarioError(f"{origin}: {min(both)} stands in vary and in cases; one place is wanted")
     total = len(combinations) * math.prod(len(x.values) for x in levels) * _points(study, len(uncertain))
@@ -174,8 +187,13 @@ def _checked(base: Scenario, combination: dict[str, Any], where: str) -> dict[st
         found = variation(base, key, [value], where)
         assert isinstance(found, Levels)
         read[key] = found.values[0]
-    _allowed(base, read, where)
+    _allowed(base, {k: v for key, value in read.items() for k, v in _given(base, key, value).items()}, where)
     return read
+
+
+def _given(base: Scenario, key: str, value: Any) -> dict[str, Any]:
+    """A value of a combination for every key that is meant."""
+    return dict.fromkeys(keys_of(base, key), value)
 
 
 def _try(base: Scenario, parts: Sequence[Levels | Uncertain], origin: str) -> None:
@@ -186,7 +204,7 @@ def _try(base: Scenario, parts: Sequence[Levels | Uncertain], origin: str) -> No
         else:
             values = part.quantile(np.array(CHECKED)).tolist()
         for value in values:
-            _allowed(base, {part.key: value}, f"{origin}: vary.{part.key}")
+            _allowed(base, part.changes(value), f"{origin}: vary.{part.key}")
 
 
 def _allowed(base: Scenario, changes: dict[str, Any], where: str) -> None:

@@ -63,17 +63,12 @@ class Manifest:
         """The design that it describes together with the other files of ``folder``."""
         study = validated(Study, parse_yaml(read_text(folder / STUDY, "study", ()), STUDY), units_required=True)
         base = load_scenario(folder / SCENARIO)
-        levels = [
-            Levels(**x | {"values": tuple(x["values"]), "labels": tuple(x["labels"])}) for x in self.entries["levels"]
-        ]
+        levels = [Levels(**_frozen(x)) for x in self.entries["levels"]]
         # JSON knows no infinity: an open end is written as null.
         ends = [
             {"lower": _or(x["lower"], -np.inf), "upper": _or(x["upper"], np.inf)} for x in self.entries["uncertain"]
         ]
-        uncertain = [
-            Uncertain(**x | {"shape": tuple(x["shape"])} | end)
-            for x, end in zip(self.entries["uncertain"], ends, strict=True)
-        ]
+        uncertain = [Uncertain(**_frozen(x) | end) for x, end in zip(self.entries["uncertain"], ends, strict=True)]
         samples = np.load(folder / SAMPLES, allow_pickle=False)
         return Design(study, base, tuple(self.entries["combinations"]), tuple(levels), tuple(uncertain), samples)
 
@@ -84,6 +79,11 @@ class Manifest:
         digest.update(dump_scenario(design.base).encode())
         digest.update(np.ascontiguousarray(design.samples, dtype="<f8").tobytes())
         return digest.hexdigest()
+
+
+def _frozen(entry: dict[str, Any]) -> dict[str, Any]:
+    """Lists of JSON as the tuples that they were."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
 
 
 def _or(value: float | None, default: float) -> float:

@@ -15,6 +15,7 @@ from microvib.io.results import package_versions
 from microvib.io.writing import write_file
 from microvib.studies.campaign.cases import FIGURES, SCALARS, Chunk
 from microvib.studies.campaign.folder import Campaign
+from microvib.studies.campaign.variation import keys_of
 
 RESULTS = "results.nc"
 MISSING, DONE, FAILED = 0, 1, 2
@@ -113,7 +114,7 @@ def _parameters(f: Any, campaign: Campaign) -> None:
     design = campaign.design
     quantities = {name: quantity for name, _, quantity in design.base.entries()}
     for key in design.keys:
-        values, quantity = design.column(key), quantities.get(key)
+        values, quantity = design.column(key), quantities.get(keys_of(design.base, key)[0])
         meaning = quantity.meaning if quantity else key
         if values.dtype == object:
             _text(f, key, ("case",), values, meaning)

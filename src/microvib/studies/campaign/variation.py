@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
-from microvib.errors import ScenarioError
+from microvib.errors import ScenarioError, shown
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, convert
 
 MOST_LEVELS = 1_000_000
 ARRAY = ("array.from", "array.fem")
 """Keys whose levels are arrays, read when the campaign is made."""
+
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,59}")
+TAKEN = (
+    "array", "case", "line", "state", "reason", "note", "status", "amplitude", "frequency", "bin_amplitude", "phase", "decay",
+    "peak", "rms", "stuck_output",
+)  # fmt: skip
+"""Names that columns of the results have, which no factor may have."""
+_FACTOR = Quantity("", "factor on the scenario's values")
+_Entries = dict[str, tuple[Any, Quantity | None]]
 
 
 @dataclass(frozen=True)
@@ -28,6 +40,14 @@ class Levels:
     labels: tuple[str, ...]
     unit: str = ""
     display: str = ""
+    keys: tuple[str, ...] = ()
+    """Keys of the scenario that it stands for, where that is not ``key`` alone."""
+    base: tuple[float, ...] = ()
+    """Values of those keys that it is a factor on; none where it is their value."""
+
+    def changes(self, value: Any) -> dict[str, Any]:
+        """What ``value`` makes of the scenario's keys."""
+        return _changes(self, value)
 
 
 @dataclass(frozen=True)
@@ -42,6 +62,17 @@ class Uncertain:
     upper: float
     unit: str
     display: str
+    keys: tuple[str, ...] = ()
+    """As of ``Levels``."""
+    base: tuple[float, ...] = ()
+
+    def changes(self, value: float) -> dict[str, Any]:
+        """What ``value`` makes of the scenario's keys."""
+        return _changes(self, value)
+
+    def show(self, value: float) -> str:
+        """A value in the display unit."""
+        return Quantity(self.unit, "", display=self.display).show(value)
 
     def quantile(self, u: np.ndarray) -> np.ndarray:
         """Values (n,) at the probabilities ``u`` (n,)."""
@@ -65,7 +96,7 @@ class Uncertain:
     @property
     def text(self) -> str:
         """The distribution in words, in the display unit."""
-        show = Quantity(self.unit, "", display=self.display).show
+        show = self.show
         values = {
             "normal": lambda p: f"mean {show(p[0])}, deviation {show(p[1])}",
             "uniform": lambda p: f"{show(p[0])} to {show(p[1])}",
@@ -74,17 +105,78 @@ class Uncertain:
         }[self.kind](self.shape)
         cut = [f"from {show(self.lower)}"] if math.isfinite(self.lower) else []
         cut += [f"to {show(self.upper)}"] if math.isfinite(self.upper) else []
-        return f"{self.kind}, {values}" + (f", cut {' '.join(cut)}" if cut else "")
+        on = f"factor on {', '.join(self.keys)}; " if self.base else ""
+        return f"{on}{self.kind}, {values}" + (f", cut {' '.join(cut)}" if cut else "")
 
 
 def variation(scenario: Scenario, key: str, spec: Any, origin: str) -> Levels | Uncertain:
     """What the study says of one key; ScenarioError where it cannot be."""
     where = f"{origin}: vary.{key}"
     found = {name: (value, quantity) for name, value, quantity in scenario.entries()}
-    if key not in found:
-        near = [name for name in found if name.split(".")[0] == key.split(".")[0]] or list(found)
-        raise ScenarioError(f"{where}: is no key of the scenario; allowed are {', '.join(near)}")
-    value, quantity = found[key]
+    if isinstance(spec, dict) and "scale" in spec:
+        return _factor(found, key, spec, where)
+    keys = _matching(found, key, where)
+    values = {found[name][0] for name in keys}
+    value, quantity = values.pop() if len(values) == 1 else None, found[keys[0]][1]
+    part = _of_one_key(key, value, spec, quantity, where)
+    return replace(part, keys=keys) if "*" in key else part
+
+
+def _factor(found: _Entries, name: str, spec: dict[str, Any], where: str) -> Levels | Uncertain:
+    """A factor on several keys, which keep their proportions."""
+    if name in found or name in TAKEN or not _NAME.fullmatch(name):
+        raise ScenarioError(
+            f"{where}: is not allowed as the name of a factor; it has one of its own, up to 60 letters, digits, blanks, dots and"
+            f" hyphens, and not {', '.join(TAKEN)}"
+        )
+    given = spec["scale"] if isinstance(spec["scale"], list) else [spec["scale"]]
+    if not given or not all(isinstance(key, str) for key in given):
+        raise ScenarioError(f"{where}.scale: {shown(spec['scale'])} is not allowed; a list of keys is expected")
+    keys = tuple(
+        dict.fromkeys(key for pattern in given for key in _matching(found, pattern, f"{where}.scale: {pattern}"))
+    )
+    wrong = [key for key in keys if not isinstance(found[key][0], float) or found[key][1] is None]
+    if wrong:
+        raise ScenarioError(
+            f"{where}.scale: {wrong[0]} is {shown(found[wrong[0]][0])}, not a number that could be scaled"
+        )
+    rest: Any = {key: value for key, value in spec.items() if key != "scale"}
+    if "values" in rest:
+        _Reader(where, rest, _FACTOR, 1.0).only(("values",))
+        rest = rest["values"]
+        if not isinstance(rest, list):
+            raise ScenarioError(f"{where}.values: {shown(rest)} is not allowed; a list of factors is expected")
+    return replace(_of_one_key(name, 1.0, rest, _FACTOR, where), keys=keys, base=tuple(found[key][0] for key in keys))
+
+
+def _matching(found: _Entries, pattern: str, where: str) -> tuple[str, ...]:
+    """Keys that a key means in which ``*`` stands for any one step; ScenarioError where there is none."""
+    steps = pattern.split(".")
+    keys = tuple(
+        key
+        for key in found
+        if (names := key.split(".")) and len(names) == len(steps) and all(map(fnmatchcase, names, steps))
+    )
+    if keys:
+        return keys
+    near = [name for name in found if name.split(".")[0] == steps[0]] or list(found)
+    raise ScenarioError(f"{where}: is no key of the scenario; allowed are {', '.join(near)}")
+
+
+def keys_of(scenario: Scenario, pattern: str) -> tuple[str, ...]:
+    """Keys of the scenario that a key, perhaps with ``*``, means."""
+    if "*" not in pattern:
+        return (pattern,)
+    return _matching({name: (value, quantity) for name, value, quantity in scenario.entries()}, pattern, pattern)
+
+
+def _changes(part: Levels | Uncertain, value: Any) -> dict[str, Any]:
+    if part.base:
+        return {key: value * base for key, base in zip(part.keys, part.base, strict=True)}
+    return dict.fromkeys(part.keys or (part.key,), value)
+
+
+def _of_one_key(key: str, value: Any, spec: Any, quantity: Quantity | None, where: str) -> Levels | Uncertain:
     if isinstance(spec, list):
         return _listed(key, spec, quantity, where)
     if not isinstance(spec, dict):
@@ -159,6 +251,10 @@ class _Reader:
 
     def centre(self, name: str) -> float:
         """The value ``name``, or the scenario's own."""
+        if self.now is None and name not in self.spec:
+            raise ScenarioError(
+                f"{self.where}: has no one value in the scenario to start from; give {name}, or scale the keys"
+            )
         return self.number(name, self.now if isinstance(self.now, float) else None)
 
     def check(self, right: bool, text: str) -> None:
