@@ -186,7 +186,17 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
     measured = microvib("measure", "state-1", *SHORT, "--bench", "force-table", "-o", "test.uff", cwd=tmp_path)
     assert measured.returncode == 0, measured.stderr
     analysed = microvib(
-        "analyse", "test.uff", "--band", "0.5:5 Hz", "--resolution", "0.5 Hz", "--out", "seen", cwd=tmp_path
+        "analyse",
+        "test.uff",
+        "--scenario",
+        "state-1",
+        "--band",
+        "0.5:5 Hz",
+        "--resolution",
+        "0.5 Hz",
+        "--out",
+        "seen",
+        cwd=tmp_path,
     )
     assert analysed.returncode == 0, analysed.stderr
     assert "step clock over nominal: 0.99399" in analysed.stdout
