@@ -162,3 +162,22 @@ def test_a_recording_and_a_table_need_a_drive_that_names_the_lines(recording, tm
     (tmp_path / "lines.csv").write_text("line,frequency_hz,amplitude_n_m\ndrive_1,14.5,0.05\n")
     with pytest.raises(MicrovibError, match="name it with --scenario"):
         compare(str(recording), str(tmp_path / "lines.csv"))
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"line,frequency_hz,amplitude_n_m\ndrive_1,14.5,inf\n", "row 2: amplitude_n_m is inf; a finite number"),
+        (b"line,frequency_hz,amplitude_n_m\ndrive_1,fast,0.05\n", "row 2: frequency_hz 'fast' is no number"),
+        (
+            b"line,frequency_hz,amplitude_n_m\n" + 200 * b"drive_1,14.5,0.05\n" + b"\xb5",
+            "cannot be read: is not a table as text",
+        ),
+    ],
+)
+def test_tables_of_lines_that_are_broken(tmp_path, start, content, complaint):
+    path = tmp_path / "lines.csv"
+    path.write_bytes(content)
+    for read in (lambda: read_evidence(str(path), start), lambda: compare(str(path), str(path))):
+        with pytest.raises(MicrovibError, match=complaint):
+            read()

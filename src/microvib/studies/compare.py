@@ -20,7 +20,7 @@ from microvib.signals.lines import PASSBAND, estimate_lines
 from microvib.signals.preparation import Preparation
 from microvib.signals.table import LineTable
 from microvib.solve.simulate import Progress, simulate
-from microvib.studies.evidence import measured_lines
+from microvib.studies.evidence import is_line_table, line_table_rows, measured_lines
 
 PAPER = ("paper-test", "paper-simulation")
 """Names for the test and the simulation columns of Tables 5 and 6."""
@@ -178,7 +178,7 @@ def _side(
         return _simulated(source, load_scenario(source), clock, progress)
     if path.is_dir():
         return _folder(path)
-    if path.suffix.lower() == ".csv" and path.is_file() and path.read_bytes()[:5] == b"line,":
+    if path.suffix.lower() == ".csv" and is_line_table(path):
         return Side(source, "table", _read_lines(path))
     if path.suffix.lower() in READERS:
         prepared, table = measured_lines(path, guide, channel, preparation)
@@ -225,14 +225,7 @@ def _figures(table: LineTable) -> dict[str, Figures]:
 
 def _read_lines(path: Path) -> dict[str, Figures]:
     columns = ("frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m", "bin_frequency_hz", "bin_amplitude_n_m")
-    found = {}
-    with path.open(encoding="utf-8", newline="") as stream:
-        for number, row in enumerate(csv.DictReader(stream), 2):
-            try:
-                found[row["line"]] = Figures(*(float(row.get(column) or "nan") for column in columns))
-            except ValueError as error:
-                raise MicrovibError(f"{path}, row {number}: {error}") from None
-    return found
+    return {name: Figures(*map(figure, columns)) for name, figure in line_table_rows(path)}
 
 
 def _paper(source: str) -> Side:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +63,7 @@ def read_evidence(
     if source == PAPER_TABLE:
         return paper_evidence(scenario)
     path = Path(source)
-    if path.suffix.lower() == ".csv" and _is_line_table(path):
+    if path.suffix.lower() == ".csv" and is_line_table(path):
         return _from_table(path, scenario)
     if path.suffix.lower() in READERS:
         prepared, table = measured_lines(path, scenario, channel, preparation)
@@ -183,33 +185,58 @@ def paper_evidence(scenario: Scenario) -> Evidence:
     )
 
 
-def _is_line_table(path: Path) -> bool:
-    try:
-        with path.open(encoding="utf-8") as stream:
-            return stream.readline().split(",")[0].strip() == "line"
-    except (OSError, UnicodeDecodeError):
+def is_line_table(path: Path) -> bool:
+    """Whether a CSV file is a table of lines and not a recording."""
+    if not path.is_file():
         return False
+    try:
+        with path.open("rb") as stream:
+            return stream.readline(1000).removeprefix(b"\xef\xbb\xbf").split(b",")[0].strip() == b"line"
+    except OSError:
+        return False
+
+
+def line_table_rows(path: Path) -> Iterator[tuple[str, Callable[[str], float]]]:
+    """Name of each line of a table and a function that gives a figure by its column, nan where it is empty.
+
+    MicrovibError names the row where one is not a number, or not finite.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            for number, row in enumerate(csv.DictReader(stream), 2):
+                yield row.get("line") or "", partial(_figure, f"{path}, row {number}", row)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or f"is not a table as text ({error})"
+        raise MicrovibError(f"{path}: cannot be read: {reason}") from None
+
+
+def _figure(where: str, row: dict[str, str | None], column: str) -> float:
+    text = (row.get(column) or "").strip()
+    if not text:
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        raise MicrovibError(f"{where}: {column} '{text[:60]}' is no number") from None
+    if not math.isfinite(value):
+        raise MicrovibError(f"{where}: {column} is {text[:60]}; a finite number is expected")
+    return value
 
 
 def _from_table(path: Path, scenario: Scenario) -> Evidence:
     """A ``lines.csv``; without uncertainties one per cent is taken."""
     found = []
     ratio = None
-    with path.open(encoding="utf-8", newline="") as stream:
-        for number, row in enumerate(csv.DictReader(stream), 2):
-            for column, form in (("amplitude_n_m", "amplitude"), ("bin_amplitude_n_m", "nearest_bin")):
-                text = (row.get(column) or "").strip()
-                if not text:
-                    continue
-                try:
-                    value, spread = float(text), float(row.get("amplitude_uncertainty_n_m") or "nan")
-                except ValueError:
-                    raise MicrovibError(f"{path}, row {number}: {column} '{text}' is no number") from None
-                if value > 0.0:
-                    found.append(Observation(row["line"], form, value, spread if spread > 0.0 else 0.01 * value))
-                break
-            if row["line"] == "drive_1" and row.get("frequency_hz") and scenario.driving_frequency:
-                ratio = float(row["frequency_hz"]) / scenario.driving_frequency
+    for name, figure in line_table_rows(path):
+        for column, form in (("amplitude_n_m", "amplitude"), ("bin_amplitude_n_m", "nearest_bin")):
+            value, spread = figure(column), figure("amplitude_uncertainty_n_m")
+            if math.isnan(value):
+                continue
+            if value > 0.0:
+                found.append(Observation(name, form, value, spread if spread > 0.0 else 0.01 * value))
+            break
+        if name == "drive_1" and scenario.driving_frequency and figure("frequency_hz") > 0.0:
+            ratio = figure("frequency_hz") / scenario.driving_frequency
     if not found:
         raise MicrovibError(f"{path}: has no line with amplitude_n_m or bin_amplitude_n_m")
     return Evidence(str(path), tuple(found), ratio, scenario.record.duration, scenario.record.sample_rate)
