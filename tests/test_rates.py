@@ -2,6 +2,7 @@
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 import microvib as mv
 from microvib.app.cli import main
 from microvib.app.options import band_of, counts_of, quantity
+from microvib.app.rates import best_text, found_text
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
 from microvib.studies.rates import at_rate, full_case, linear_error, plan_rates, rate_grid
@@ -64,6 +66,47 @@ def test_the_best_rate_is_outside_and_smallest(plan):
     assert top == min(line.amplitude for c in plan.cases if (line := c.largest(plan.band)))
     assert plan.best(16)[1] >= top
     assert plan.worst(16) > 0.2
+
+
+def limited(plan, **changes):
+    return replace(plan, **changes)
+
+
+def test_where_no_rate_meets_the_limit_there_is_no_best(plan):
+    forbidden = limited(plan, limit=0.9 * plan.least()[1])
+    assert forbidden.best() is None
+    assert forbidden.least() == plan.least()
+    said = best_text(forbidden)
+    assert said.startswith("Best: none for a limit of")
+    assert "The smallest largest line:" in said
+
+
+def test_the_best_rate_keeps_away_from_resonances_as_asked(plan):
+    def away(best):
+        return plan.nearest(best[0])[1]
+
+    free = limited(plan, limit=None, keep_away=0.0).best()
+    far = limited(plan, limit=None, keep_away=2.0 * away(free)).best()
+    assert far is None or (away(far) >= 2.0 * away(free) and far[1] >= free[1])
+    assert limited(plan, keep_away=0.99).best() is None
+
+
+def test_a_best_rate_at_the_end_of_the_range_is_flagged(plan):
+    first = plan.of(16)[0]
+    assert plan.is_at_end(first)
+    assert not plan.is_at_end(plan.of(16)[1])
+    end = limited(plan, cases=(first, replace(plan.of(16)[1], lines=())), limit=None)
+    assert "at the end of the range" in best_text(end)
+
+
+def test_how_cases_were_found_is_counted(plan):
+    some = [replace(case, reason="why") if k < 3 else case for k, case in enumerate(plan.cases)]
+    some[3] = replace(some[3], lines=(), reason="lost")
+    steady = sum(not case.reason for case in some)
+    in_time = len(some) - steady - 1
+    assert found_text(limited(plan, cases=tuple(some))) == (
+        f"{steady} steady states of the full model, {in_time} runs in time, 1 failed"
+    )
 
 
 def test_results_do_not_depend_on_what_else_is_planned(plan, state_1):
@@ -162,6 +205,11 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--microsteps", "8,many"], "whole numbers from 1 to 65536"),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--limit", "10 mN"], "--limit: '10 mN' has the wrong dimension"),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--limit", "0 N*m"], "must be greater than 0"),
+        (
+            ["--from", "0.1 deg/s", "--to", "1 deg/s", "--keep-away", "5 Hz"],
+            "--keep-away: '5 Hz' has the wrong dimension",
+        ),
+        (["--from", "0.1 deg/s", "--to", "1 deg/s", "--keep-away", "120 percent"], "below 100 percent"),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--band", "5 Hz"], "write LOW:HIGH"),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--band", "5:0.5 Hz"], "below the second"),
     ],

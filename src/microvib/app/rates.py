@@ -40,14 +40,11 @@ def plan_text(plan: RatePlan) -> str:
         best = plan.best(n)
         figures = (_deg(best[0].rate), f"{best[1]:.4g} N m") if best else ("none", "")
         lines.append(f"{n:10d} {figures[0]:>11s} {figures[1]:>17s} {number(plan.worst(n)):>15s} N m")
-    overall = plan.best()
-    if overall:
-        case, top = overall
-        lines.append(f"Best: {_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m.")
-    if plan.limit is not None:
+    lines.append(best_text(plan))
+    if plan.limit is not None or plan.keep_away:
         lines += [
             "",
-            f"Forbidden, for a limit of {plan.limit:g} N m{_in_band(plan)}:",
+            f"Forbidden, {_criteria(plan)}:",
             *(_band_text(b) for b in plan.forbidden),
         ]
         lines += [] if plan.forbidden else ["none"]
@@ -63,13 +60,45 @@ def plan_text(plan: RatePlan) -> str:
     return "\n".join(lines)
 
 
+def best_text(plan: RatePlan) -> str:
+    """The best rate with what it is worth, or that there is none and what comes nearest."""
+    found, least = plan.best(), plan.least()
+    if least is None:
+        return "Best: none; all cases failed."
+    case, top = found or least
+    near = plan.nearest(case)
+    away = f"; {near[0].line} on {near[0].mode} is {100 * near[1]:.2g} % of the rate away" if near else ""
+    end = "; it lies at the end of the range, beyond which there may be better" if plan.is_at_end(case) else ""
+    in_time = "; not a steady state but the run in time" if case.reason else ""
+    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m{away}{in_time}{end}."
+    return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
+
+
+def _criteria(plan: RatePlan) -> str:
+    """What a rate must meet, in words."""
+    parts = [f"for a limit of {plan.limit:g} N m{_in_band(plan)}"] if plan.limit is not None else []
+    parts += [f"at least {100 * plan.keep_away:g} % away from resonances"] if plan.keep_away else []
+    return " and ".join(parts) or "of those asked for"
+
+
 def _how(plan: RatePlan) -> str:
     rates = [case.rate for case in plan.cases]
-    model = "linearised drive, driving lines only" if plan.linear else "steady states of the full model"
     return (
         f"{len(plan.cases)} cases, {_deg(min(rates))} to {_deg(max(rates))} deg/s, {', '.join(map(str, plan.counts))}"
-        f" microsteps per full step: {model}{_in_band(plan)}."
+        f" microsteps per full step: {found_text(plan)}{_in_band(plan)}."
     )
+
+
+def found_text(plan: RatePlan) -> str:
+    """How the cases were found, counted."""
+    if plan.linear:
+        return "linearised drive, driving lines only"
+    failed = sum(not case.lines for case in plan.cases)
+    in_time = sum(bool(case.reason) for case in plan.cases) - failed
+    parts = [f"{len(plan.cases) - failed - in_time} steady states of the full model"]
+    parts += [f"{in_time} runs in time"] if in_time else []
+    parts += [f"{failed} failed"] if failed else []
+    return ", ".join(parts)
 
 
 def _in_band(plan: RatePlan) -> str:
@@ -175,7 +204,7 @@ def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, fo
         f"Rate plan: {plan.scenario.title or 'drive'}",
         _how(plan),
         facts=_facts(plan),
-        front=(_best(plan), *([Text(text, note=True)] if text else []), over_rate),
+        front=(_best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), over_rate),
         sections=(Section("Campbell diagram", (diagram,), new_page=True), *bands, *met, *_not_solved(plan)),
         form=form,
         scenario=plan.scenario,
@@ -186,9 +215,16 @@ def _facts(plan: RatePlan) -> list[Fact]:
     facts = []
     if found := plan.best():
         case, top = found
+        end = ", at the end of the range" if plan.is_at_end(case) else ""
         facts = [
-            Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps"),
+            Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps{end}"),
             Fact(torque(top), "its largest line"),
+        ]
+    elif least := plan.least():
+        case, top = least
+        facts = [
+            Fact("None", f"no rate {_criteria(plan)}", "fail"),
+            Fact(torque(top), f"smallest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"),
         ]
     if plan.limit is not None:
         facts += [_margin(found[1], plan.limit)] if found else []
@@ -207,9 +243,12 @@ def _margin(top: float, limit: float) -> Fact:
 
 def _best(plan: RatePlan) -> Table:
     rows = [
-        [str(n), _deg(found[0].rate), milli(found[1]), milli(plan.worst(n))]
+        [
+            str(n),
+            *([_deg(found[0].rate), milli(found[1])] if (found := plan.best(n)) else ["none", ""]),
+            milli(plan.worst(n)),
+        ]
         for n in plan.counts
-        if (found := plan.best(n))
     ]
     return table(["microsteps [1]", "best rate [deg/s]", "its largest line [mN m]", "worst of the range [mN m]"], rows)
 

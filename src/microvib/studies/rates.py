@@ -27,6 +27,7 @@ BISECTIONS = 8
 """Halvings of the step between two rates with which the edge of a forbidden band is found."""
 
 ABOVE = "a line is above the limit"
+NEAR = "too near to a resonance:"
 
 Progress = Callable[[float, float], None]
 
@@ -77,7 +78,8 @@ class Resonance:
 
 @dataclass(frozen=True)
 class Forbidden:
-    """A band of rates in which a line passes the limit, or in which nothing is known because the simulation fails."""
+    """A band of rates in which a line passes the limit, which is too near to a resonance, or in which nothing is known because the
+    simulation fails."""
 
     microsteps: int
     low: float
@@ -99,6 +101,8 @@ class RatePlan:
     limit: float | None
     band: tuple[float, float]
     linear: bool
+    keep_away: float = 0.0
+    """Part of a resonance's rate that the best rate must be away from it, such as 0.05."""
 
     def of(self, microsteps: int) -> list[Case]:
         """Cases of one microstep count, by rate."""
@@ -110,18 +114,47 @@ class RatePlan:
         return tuple(dict.fromkeys(case.microsteps for case in self.cases))
 
     def best(self, microsteps: int | None = None) -> tuple[Case, float] | None:
-        """Case whose largest line is smallest, with that amplitude [N m]; None where all cases failed."""
-        found = [
-            (case, line.amplitude if (line := case.largest(self.band)) else 0.0)
-            for case in self.cases
-            if case.lines and microsteps in (None, case.microsteps)
-        ]
+        """Case whose largest line is smallest, with that amplitude [N m], of those that are allowed; None where none is."""
+        return self._smallest(case for case in self._solved(microsteps) if self.is_allowed(case))
+
+    def least(self, microsteps: int | None = None) -> tuple[Case, float] | None:
+        """The same of all cases, whether allowed or not; None where all failed."""
+        return self._smallest(self._solved(microsteps))
+
+    def is_allowed(self, case: Case) -> bool:
+        """Whether a case has lines, none of them above the limit, and is far enough from every resonance."""
+        near = self.nearest(case)
+        top = _top(case, self.band)
+        return bool(case.lines) and not (self.limit is not None and top > self.limit) and (
+            near is None or near[1] >= self.keep_away
+        )  # fmt: skip
+
+    def nearest(self, case: Case) -> tuple[Resonance, float] | None:
+        """The resonance nearest to a case, and how far its rate is away from it, over the resonance's."""
+        found = [(r, abs(case.rate / r.rate - 1.0)) for r in self.resonances if r.microsteps == case.microsteps]
+        return min(found, key=lambda item: item[1], default=None)
+
+    def is_at_end(self, case: Case) -> bool:
+        """Whether a case lies at the end of the range that was planned, beyond which nothing is known."""
+        rates = [x.rate for x in self.of(case.microsteps)]
+        return case.rate in (min(rates), max(rates))
+
+    def _solved(self, microsteps: int | None) -> list[Case]:
+        return [case for case in self.cases if case.lines and microsteps in (None, case.microsteps)]
+
+    def _smallest(self, cases: Iterable[Case]) -> tuple[Case, float] | None:
+        found = [(case, _top(case, self.band)) for case in cases]
         return min(found, key=lambda item: item[1], default=None)
 
     def worst(self, microsteps: int) -> float:
         """Largest line over all rates of one microstep count [N m]; NaN where all cases failed."""
         found = [line.amplitude for case in self.of(microsteps) if (line := case.largest(self.band))]
         return max(found, default=math.nan)
+
+
+def _top(case: Case, band: tuple[float, float]) -> float:
+    line = case.largest(band)
+    return line.amplitude if line is not None else 0.0
 
 
 def plan_rates(
@@ -132,11 +165,13 @@ def plan_rates(
     limit: float | None = None,
     band: tuple[float, float] = (0.0, math.inf),
     linear: bool = False,
+    keep_away: float = 0.0,
     progress: Progress | None = None,
 ) -> RatePlan:
     """Steady lines at all ``rates`` [rad/s] of the array and ``microsteps`` counts, and at every rate where a line meets a mode.
 
-    ``limit`` [N m] and ``band`` [Hz] define forbidden rates, whose edges are found by bisection. ``linear`` takes the closed form
+    ``limit`` [N m] and ``band`` [Hz] define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
+    its rate within which a resonance is too near. ``linear`` takes the closed form
     of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved for itself, so
     that results do not depend on their order; threads share them, for the kernel runs without the interpreter's lock.
     """
@@ -152,7 +187,15 @@ def plan_rates(
     resonances = tuple(
         met for m in meetings if (met := _strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]))
     )
-    return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), limit, band, linear)
+    if keep_away > 0.0:
+        forbidden += [_too_near(r, keep_away) for r in resonances]
+    return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), limit, band, linear, keep_away)
+
+
+def _too_near(met: Resonance, keep_away: float) -> Forbidden:
+    """The rates about a resonance that ``keep_away`` rules out."""
+    low, high = met.rate * (1.0 - keep_away), met.rate * (1.0 + keep_away)
+    return Forbidden(met.microsteps, low, high, f"{NEAR} {met.line} on {met.mode}", met.line, met.amplitude)
 
 
 def at_rate(scenario: Scenario, rate: float, microsteps: int) -> Scenario:

@@ -21,6 +21,7 @@ from microvib.errors import ScenarioError
 @click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
 @click.option("--limit", metavar="TORQUE", help="Largest line that is allowed, e.g. '10 mN*m'.")
 @click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only, e.g. '0.5:5 Hz'.")
+@click.option("--keep-away", metavar="PART", help="How far the rate must be from resonances, e.g. '5 percent' of it.")
 @click.option("--linear", is_flag=True, help="Linearised drive in closed form: instant, driving lines only.")
 @set_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and pictures [default: print only].")
@@ -28,7 +29,7 @@ from microvib.errors import ScenarioError
 @report_options
 def rates(
     scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
-    linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool, form: Form,
+    keep_away: str | None, linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool, form: Form,
 ) -> None:  # fmt: skip
     """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
     import math
@@ -42,10 +43,15 @@ def rates(
     if most is not None and not most > 0.0:
         raise ScenarioError(f"--limit {limit}: must be greater than 0 N*m")
     within = (0.0, math.inf) if band is None else band_of(band)
+    away = 0.0 if keep_away is None else quantity("--keep-away", keep_away, "")
+    if not 0.0 <= away < 1.0:
+        raise ScenarioError(f"--keep-away {keep_away}: must be at least 0 and below 100 percent")
     loaded = load(scenario, settings)
     counts = (loaded.driver.microsteps,) if microsteps is None else counts_of(microsteps)
     with progress_bar("solving", "cases") as progress:
-        plan = plan_rates(loaded, grid, counts, limit=most, band=within, linear=linear, progress=progress)
+        plan = plan_rates(
+            loaded, grid, counts, limit=most, band=within, linear=linear, keep_away=away, progress=progress
+        )
         text = linear_text(plan) if linear else ""
     said = "\n".join(filter(None, (plan_text(plan), text)))
     deliver(said, out, lambda folder: write_plan(folder, plan, text, overwrite, form))

@@ -182,6 +182,8 @@ def identification_answer(fit: Fit, scenario: Scenario) -> dict[str, Any]:
 
 def rates_answer(plan: RatePlan) -> dict[str, Any]:
     """Lines over rate and microstep count; rates in rad/s."""
+    from microvib.app.rates import best_text, found_text
+
     best = plan.best()
     cases = [
         {
@@ -196,6 +198,7 @@ def rates_answer(plan: RatePlan) -> dict[str, Any]:
         "resonances": [asdict(r) for r in plan.resonances],
         "forbidden": [asdict(b) for b in plan.forbidden],
         "best": None if best is None else {"rate": best[0].rate, "microsteps": best[0].microsteps, "largest": best[1]},
+        "text": f"{best_text(plan)} {len(plan.cases)} cases: {found_text(plan)}.",
         "limit": plan.limit,
         "band": list(plan.band),
         "linear": plan.linear,

@@ -93,14 +93,7 @@ async function show(plan) {
 const card = (title, words, ...content) =>
   h("section", { class: "card" }, h("h2", {}, title), words && h("p", { class: "soft" }, words), ...content);
 
-function told({ best, cases, linear: isLinear }) {
-  const odd = cases.filter((item) => item.reason).length;
-  const model = isLinear ? "linearised drive, driving lines only" : "steady states of the full model";
-  const first = best
-    ? `Best: ${number(deg(best.rate), 4)} deg/s with ${best.microsteps} microsteps, its largest line ${quantity(best.largest, "N*m")}. `
-    : "";
-  return `${first}${cases.length} cases, ${model}${odd ? `; ${odd} without a steady state, simulated in time` : ""}. Dashed: modes through the drive; rings: where a line meets one.`;
-}
+const told = ({ text }) => `${text} Dashed: modes through the drive; rings: where a line meets one.`;
 
 function drawCampbell(place, plan, counts) {
   const columns = Math.min(counts.length, 2);
