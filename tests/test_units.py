@@ -143,7 +143,7 @@ DECLARED = _declared()
 
 
 @pytest.mark.parametrize("quantity", DECLARED, ids=lambda q: f"{q.unit}-{q.display}")
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 @given(value=st.floats(min_value=1e-9, max_value=1e9), sign=st.sampled_from([1.0, -1.0]))
 def test_what_is_printed_of_any_parameter_is_read_back(quantity, value, sign):
     value *= sign
