@@ -650,3 +650,110 @@ def test_no_colour_comes_twice(visit: Callable[..., Any]) -> None:
     traces = page.evaluate("document.querySelector('#history-plot').data.map(t => t.line.color)")
     assert len(traces) == len(set(traces)) == 7
     assert not set(traces[1:]) & set(colours)
+
+
+def limit(page: Any, text: str) -> Any:
+    page.fill("#limit", text)
+    page.locator("#limit").blur()
+    return page.locator("output.verdict")
+
+
+def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    run(page)
+    table = mv.lines(mv.simulate(mv.load_scenario("state-1", dict(SHORT))))
+    largest = max(table, key=lambda line: line.amplitude_n_m)
+    text = f"{500 * largest.amplitude_n_m:.4g} mN*m"  # half of it
+    api.expect(limit(page, text)).to_contain_text("FAIL")
+    api.expect(page.locator(".facts .fail")).to_contain_text(f"−6.0 dB, {largest.line}")
+    row = (
+        page.locator("#run tr")
+        .filter(has=page.locator("td[data-key=line]", has_text=re.compile(f"^{largest.line}$")))
+        .first
+    )
+    api.expect(row.locator("td[data-key=margin_db]")).to_have_text("−6.0 FAIL")
+    shapes = page.evaluate("document.querySelector('#spectrum-plot').layout.shapes.map(s => s.y0)")
+    assert 0.5 * largest.amplitude_n_m == pytest.approx(shapes[-1], rel=1e-3)
+    address = page.locator("details.menu a[download='report.html']").get_attribute("href")
+    assert "limit" in page.evaluate("async a => (await fetch(a)).text()", address)
+    api.expect(limit(page, "30 kg")).to_contain_text("30 kg")
+    api.expect(limit(page, "1 N*m")).to_contain_text("pass")
+    page.reload()
+    api.expect(page.locator("output.verdict")).to_contain_text("pass")
+
+
+def test_the_spectrum_is_on_the_first_screen_of_a_laptop_and_names_are_apart(visit: Callable[..., Any]) -> None:
+    page = visit("#base=state-1")
+    run(page)
+    limit(page, "30 mN*m")
+    api.expect(page.locator("output.verdict")).to_contain_text("Limit 30")
+    box = page.locator("#spectrum-plot").bounding_box()
+    assert box["y"] + box["height"] < 768
+    for width in (1366, 390):
+        page.set_viewport_size({"width": width, "height": 844})
+        page.wait_for_timeout(1200)
+        boxes = page.evaluate(
+            """[...document.querySelectorAll('#spectrum-plot .annotation-text')].map(e => e.getBoundingClientRect())
+            .map(b => [b.left, b.right, b.top, b.bottom])"""
+        )
+        assert len(boxes) > 3
+        for k, a in enumerate(boxes):
+            for b in boxes[:k]:
+                assert not (a[0] < b[1] - 2 and b[0] < a[1] - 2 and a[2] < b[3] - 2 and b[2] < a[3] - 2), (a, b)
+
+
+def test_the_array_view_shows_the_mode_that_the_drive_excites(visit: Callable[..., Any]) -> None:
+    page = visit("#base=state-1&array.fem=reference-array&record.settle=1+s&record.duration=4+s")
+    found = page.evaluate(
+        """import('/static/channels.js').then(m => m.excited({
+          modes: [1, 2, 3].map(k => ({name: `array_mode_${k}`, frequency: k})),
+          lines: [{line: 'array_mode_2', kind: 'array mode', status: 'below the floor', amplitude_n_m: 9},
+                  {line: 'array_mode_3', kind: 'array mode', status: 'decaying', amplitude_n_m: 2},
+                  {line: 'array_mode_1', kind: 'array mode', status: 'ok', amplitude_n_m: 1}]}).name)"""
+    )
+    assert found == "array_mode_3"
+    names = page.evaluate(
+        "import('/static/labels.js').then(m => m.modeNames([1, 2, 3, 7].map(k => ({name: `array_mode_${k}`}))))"
+    )
+    assert names == "array modes 1–3, 7"
+
+
+def until(page: Any, condition: str) -> None:
+    """Wait for a condition of the page, whose policy lets nobody evaluate texts in it."""
+    end = time.monotonic() + 60
+    while not page.evaluate(condition):
+        assert time.monotonic() < end
+        page.wait_for_timeout(50)
+
+
+def test_a_recording_is_refined_on_zoom_and_kept_over_a_reload(visit: Callable[..., Any], tmp_path: Path) -> None:
+    motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "record.sample_rate": "2048 Hz"}))
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
+    recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
+    write_recording(recording, tmp_path / "test.csv")
+    expected = analyse(str(tmp_path / "test.csv"), scenario="state-1").spectrum
+    page = visit(QUICK)
+    page.click("#tab-recording")
+    page.set_input_files("#recording-file", tmp_path / "test.csv")
+    page.locator("#recording-plot .main-svg").first.wait_for(timeout=240_000)
+    page.get_by_role("button", name="Add a parameter").click()
+    page.evaluate("Plotly.relayout('recording-plot', {'xaxis.range[0]': 50, 'xaxis.range[1]': 60})")
+    shown = "document.querySelector('#recording-plot').data[0].x"
+    until(page, f"{shown}.at(-1) < 61")
+    assert np.diff(page.evaluate(shown)) == pytest.approx(expected.resolution)
+    page.reload()
+    until(page, f"document.querySelector('#recording-plot').data && {shown}.at(-1) < 61")
+    assert amplitude(page, "drive_1", "#recording")
+    assert page.locator(".fit").count() == 2
+
+
+def test_tables_keep_their_columns_on_a_phone(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    page.set_viewport_size({"width": 390, "height": 844})
+    run(page)
+    edges = page.evaluate("[...document.querySelectorAll('#run td')].map(e => e.getBoundingClientRect().right)")
+    assert len(edges) > 50
+    assert max(edges) <= 390
+    row = page.locator("#run tr", has_text="drive_1").first
+    assert row.locator("td[data-key=amplitude_n_m]").get_attribute("data-label") == "amplitude [mN m]"
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390

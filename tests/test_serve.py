@@ -169,6 +169,45 @@ def test_a_thinned_spectrum_keeps_its_peaks_at_their_frequency(client, finished,
     assert 50 <= min(part["f"]) < max(part["f"]) <= 60
 
 
+def test_a_thinned_spectrum_has_no_plateaus_on_a_logarithmic_axis():
+    """A tone between two decades: few points at low frequencies would draw a level line from it to its neighbours."""
+    f = np.arange(200_000) / 100.0
+    y = np.where(np.abs(f - 1.19) < 0.005, 1.0, 1e-6)
+    shown, values = series.outline(f, y, 4000, log=True)
+    assert np.array_equal(shown[shown < 3.0], f[f < 3.0])
+    assert (values == 1.0).sum() == 1
+    thinned, low = series.outline(f, np.abs(np.sin(f)) + 1e-6, 1000)
+    assert thinned.size <= 1000
+    assert np.median(low) < 0.75  # the smallest are there beside the largest
+
+
+def test_a_verdict_is_that_of_the_report(client, finished, motion):
+    from microvib.studies.margins import Limit, judge
+
+    table = mv.lines(motion)
+    for query, limit in (
+        ({"limit": "30 mN*m"}, Limit(0.03)),
+        ({"limit": "30 mN*m", "band": "0.5:5 Hz"}, Limit(0.03, 0.5, 5.0)),
+    ):
+        judged = judge(table, limit)
+        found = client.get(f"/api/runs/{finished}/verdict", params=query).json()
+        assert found["text"] == str(judged)
+        assert found["passes"] == (judged.above == 0)
+        assert [m["line"] for m in found["margins"]] == [m.line.line for m in judged.margins]
+    page = client.get(f"/api/runs/{finished}/files/report.html", params={"limit": "30 mN*m"}).text
+    assert "limit 30" in page
+    assert "limit 30" not in client.get(f"/api/runs/{finished}/files/report.html").text
+    wrong = client.get(f"/api/runs/{finished}/verdict", params={"limit": "30 kg"})
+    assert wrong.status_code == 422
+    assert wrong.json()["key"] == "limit"
+
+
+def test_jobs_that_are_asked_for(client, finished):
+    assert [job["id"] for job in client.get("/api/jobs", params={"ids": f"{finished},{'0' * 16}"}).json()] == [finished]
+    assert client.get("/api/jobs", params={"ids": ""}).json() == []
+    assert finished in [job["id"] for job in client.get("/api/jobs").json()]
+
+
 def test_files_of_a_run(client, finished):
     assert mv.Scenario  # the scenario reads back to the same
     text = client.get(f"/api/runs/{finished}/files/scenario.yaml").text
@@ -370,6 +409,17 @@ def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, record
         expected.table["drive_1"].amplitude_n_m
     ]
     assert max(found["spectrum"]["amplitude"]) == expected.spectrum.amplitude.max()
+    part = {"from": 50, "to": 60}
+    zoomed = client.get(f"/api/analyses/{id}/spectrum", params=part).json()
+    inside = (expected.spectrum.frequency >= 50) & (expected.spectrum.frequency <= 60)
+    assert zoomed == {
+        "f": expected.spectrum.frequency[inside].tolist(),
+        "values": expected.spectrum.amplitude[inside].tolist(),
+    }
+    density = client.get(f"/api/analyses/{id}/spectrum", params={"of": "density", **part}).json()
+    assert max(density["values"]) == max(
+        expected.density.density[(expected.density.frequency >= 50) & (expected.density.frequency <= 60)]
+    )
 
 
 def test_a_recording_beside_a_run(client, loaded, finished):

@@ -209,6 +209,26 @@ class SpectrumOf(BaseModel):
     made: str
 
 
+class MarginOf(BaseModel):
+    """One line against a limit."""
+
+    line: str
+    decibel: float | None
+    """Null where the line has no amplitude."""
+    passes: bool
+
+
+class Verdict(BaseModel):
+    """Lines of a run against a limit [N m] between two frequencies [Hz], the smallest margin first."""
+
+    text: str
+    passes: bool
+    torque: float
+    low: float
+    high: float | None
+    margins: list[MarginOf]
+
+
 class RecordedSpectrum(BaseModel):
     """A stretch of a recording's spectrum, in the unit of its analysis."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,11 +13,14 @@ import numpy as np
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
+from microvib.app.options import limit_of
 from microvib.app.web import series
 from microvib.app.web.common import At, Refused, asked, refusals
 from microvib.app.web.desk import Desk
 from microvib.app.web.lanes import ENDED, Job
-from microvib.app.web.messages import Id, JobState, RecordedSpectrum, Result, Series, SpectrumOf
+from microvib.app.web.messages import Id, JobState, RecordedSpectrum, Result, Series, SpectrumOf, Verdict
+from microvib.errors import MicrovibError
+from microvib.studies.margins import Limit
 
 FILES = {
     "scenario.yaml": "text/yaml",
@@ -31,6 +35,7 @@ MADE = ("motion.nc", "report.html", "report.pdf")
 Points = Annotated[int, Query(ge=2, le=20_000)]
 From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
 To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]
+Shown = Annotated[str | None, Query(max_length=100)]
 Log = Annotated[bool, Query(description="for a logarithmic axis of frequency")]
 
 routes = APIRouter(responses=refusals(404))
@@ -164,15 +169,36 @@ def _channel(folder: Path, name: str) -> np.ndarray:
     return x
 
 
+def _limit_of(limit: str | None, band: str | None) -> Limit | None:
+    """The limit that is asked about; Refused where it is not one."""
+    try:
+        return limit_of(limit or None, band or None)
+    except MicrovibError as error:
+        sentence = str(error).removeprefix("--")
+        raise Refused(422, sentence, sentence.partition(":")[0]) from None
+
+
+@routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
+def verdict_of(id: Id, desk: At, limit: Shown, band: Shown = None) -> Verdict:
+    """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``."""
+    folder = desk.folder(finished_run(desk, id))
+    wanted = _limit_of(limit, band)
+    if wanted is None:
+        raise Refused(422, "limit: missing; a torque is needed, such as 30 mN*m", "limit")
+    return Verdict.model_validate(asked(desk, "verdict", folder=str(folder), limit=wanted))
+
+
 @routes.get(
     "/runs/{id}/files/{name}", response_class=FileResponse,
     responses=refusals(409, 429) | {200: {"content": {kind: {} for kind in FILES.values()}}},
 )  # fmt: skip
-def file_of(id: Id, name: str, desk: At) -> FileResponse:
-    """A file of a run; motion and report are made when they are first asked for."""
+def file_of(id: Id, name: str, desk: At, limit: Shown = None, band: Shown = None) -> FileResponse:
+    """A file of a run; motion and report are made when they are first asked for, the report against a limit where one is given."""
     folder = desk.folder(finished_run(desk, id))
     if name not in FILES:
         raise Refused(404, f"there is no such file; there are {', '.join(FILES)}")
-    if name in MADE and not (folder / name).is_file():
-        asked(desk, "file", folder=str(folder), name=name)
-    return FileResponse(_there(folder / name), media_type=FILES[name], filename=name)
+    wanted = _limit_of(limit, band) if name.startswith("report.") else None
+    mark = "" if wanted is None else sha256(repr(wanted).encode()).hexdigest()[:16] + "-"
+    if name in MADE and not (folder / (mark + name)).is_file():
+        asked(desk, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
+    return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)

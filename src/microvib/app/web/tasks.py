@@ -21,6 +21,7 @@ from microvib.io.results import to_json
 if TYPE_CHECKING:
     from microvib.signals.table import LineTable
     from microvib.solve.motion import Motion
+    from microvib.studies.margins import Limit
 
 
 def _write(folder: str, data: dict[str, Any], names: dict[str, str] | None = None) -> None:
@@ -84,28 +85,46 @@ def _keep(where: Path, motion: Motion, table: LineTable) -> None:
 def _kept(where: Path) -> tuple[Motion, LineTable]:
     from microvib.solve.motion import CHANNELS, MODAL
 
-    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this very server
-        motion, table = pickle.load(stream)
+    motion, table = _without_samples(where)
     files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}
     return replace(motion, channels={name: np.load(file) for name, file in files.items() if file.is_file()}), table
 
 
-def file(folder: str, name: str, tell: Tell) -> None:
-    """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for."""
+def _without_samples(where: Path) -> tuple[Motion, LineTable]:
+    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this very server
+        found: tuple[Motion, LineTable] = pickle.load(stream)
+    return found
+
+
+def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None = None) -> None:
+    """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for, as ``mark`` and its name."""
     from microvib.app.reports import rendering
     from microvib.app.reports.run import run_report
     from microvib.io.results import write_motion
 
     where = Path(folder)
     motion, table = _kept(where)
-    new = where / f"{os.getpid()}-{name}"  # two may ask at once
+    new = where / f"{os.getpid()}-{mark}{name}"  # two may ask at once
     if name == "motion.nc":
         write_motion(motion, new)
     elif name == "report.pdf":
-        new.write_bytes(rendering.pdf(run_report(motion, table)))
+        new.write_bytes(rendering.pdf(run_report(motion, table, limit=limit)))
     else:
-        new.write_text(rendering.html(run_report(motion, table)), encoding="utf-8")
-    new.replace(where / name)
+        new.write_text(rendering.html(run_report(motion, table, limit=limit)), encoding="utf-8")
+    new.replace(where / (mark + name))
+
+
+def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
+    """Lines of a run against a limit."""
+    from microvib.studies.margins import judge
+
+    judged = judge(_without_samples(Path(folder))[1], limit)
+    margins = [
+        {"line": m.line.line, "decibel": m.decibel if math.isfinite(m.decibel) else None, "passes": m.passes}
+        for m in judged.margins
+    ]
+    band = {"low": limit.low, "high": limit.high if math.isfinite(limit.high) else None}
+    return {"text": str(judged), "passes": not judged.above, "torque": limit.torque, **band, "margins": margins}
 
 
 def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:

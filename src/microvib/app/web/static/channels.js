@@ -1,4 +1,4 @@
-// Which channels there are to choose from: those of all shown runs; some have more than others.
+// What runs have: channels, some more than others, and an array mode that the drive excites.
 
 import { h } from "./dom.js";
 
@@ -11,4 +11,12 @@ export function fillChannels(select, runs, value) {
   const option = ({ name, meaning }) => h("option", { value: name, title: meaning }, `${name}  ${meaning}`);
   select.replaceChildren(...[...found.values()].map(option));
   select.value = value;
+}
+
+/** The array mode that the drive excites most: the one whose line is largest; without any line, the first. */
+export function excited(result) {
+  const lines = (result?.lines ?? []).filter((line) => line.kind === "array mode" && line.status !== "below the floor");
+  const top = lines.sort((a, b) => (b.amplitude_n_m ?? 0) - (a.amplitude_n_m ?? 0))[0];
+  const modes = (result?.modes ?? []).filter((mode) => mode.name.startsWith("array_mode"));
+  return modes.find((mode) => mode.name === top?.line) ?? modes[0];
 }

@@ -1,7 +1,9 @@
 // The drive train as a drawing that carries a run's numbers. An arrow's head is on the body that the signed torque acts on;
 // signs as in docs/signs.md. Width goes with the amplitude at the driving frequency, a decade for each step.
 
+import { excited } from "./channels.js";
 import { DASH, number, quantity, s, signed } from "./dom.js";
+import { textWidth } from "./labels.js";
 
 const AXIS = 140;
 const SHOWN_TURN = 3000; // degrees drawn for a radian of the rotor: a microstep is a tenth of a degree
@@ -183,7 +185,7 @@ function bearing({ drive, now }) {
 
 function array({ drive, result, now }) {
   const tip = now ? -24 * (now.T_l / (drive.T_l.peak || 1)) : -24;
-  const mode = result?.modes.find((item) => item.name.startsWith("array_mode"));
+  const mode = excited(result);
   const rate = drive && drive.rate !== null ? `${number((180 / Math.PI) * drive.rate, 4)} deg/s` : "";
   const panel = (x) => [
     rect(x, 78, 92, 124, "panel", 2),
@@ -244,19 +246,29 @@ function flows(told) {
     arrow("M484 119H548", "gear", T_g, told, "Torque of the gear on the output"),
     label(516, 66, name("", "T", "g", " on the output"), T_g, told),
     arrow("M714 119H772", "load", T_l, told, "Torque of the shaft into the array"),
-    label(752, 66, name("", "T", "l", " on the array"), T_l, told, "", 15),
+    label(751, 66, name("", "T", "l", " on the array"), T_l, told, "", 15),
   );
+}
+
+/** Middles of columns of these widths, with equal gaps from `left` to `right`. */
+function spread(widths, left, right) {
+  const gap = (right - left - widths.reduce((a, b) => a + b, 0)) / (widths.length - 1);
+  return widths.map((width, k) => left + widths.slice(0, k).reduce((a, b) => a + b + gap, 0) + width / 2);
 }
 
 /** What each part puts on the housing, and their sum, the disturbance torque. */
 function sum(told) {
   const { T_f_m, T_f, T_d, stator, housingGear } = told;
-  const columns = [
-    [154, name("−", "T", "e"), stator],
-    [262, name("+ ", "T", "f,m"), T_f_m],
-    [394, name("− ", "T", "g", " (1 + 1/h)"), housingGear],
-    [524, name("+ ", "T", "f"), T_f],
+  const terms = [
+    [name("−", "T", "e"), stator],
+    [name("+ ", "T", "f,m"), T_f_m],
+    [name("− ", "T", "g", " (1 + 1/h)"), housingGear],
+    [name("+ ", "T", "f"), T_f],
   ];
+  const texts = ([, torque]) => (told.drive ? [signed(torque.value, "N*m", 4), `∿ ${quantity(torque.alternating, "N*m")}`] : []);
+  const wide = (texts, least, size) => Math.max(least, ...texts.map((text) => textWidth(text, size, 650)));
+  const widths = [...terms.map((term) => wide(texts(term), 76, 12.5)), 12, wide(texts([null, T_d]), 60, 14)];
+  const centres = spread(widths, 112, 692);
   return s(
     "g",
     {},
@@ -267,15 +279,15 @@ function sum(told) {
     text(24, 256, "on the housing", "fine", "start"),
     text(24, 273, told.drive ? (told.now ? "now" : "mean") : "", "fine", "start"),
     text(24, 290, told.drive ? "∿ at f_d" : "", "fine", "start"),
-    columns.map(([x, head, torque]) => label(x, 256, head, torque, told, "", 17, 4)),
-    text(581, told.drive ? 273 : 256, "=", "part"),
-    label(640, 256, name("", "T", "d"), T_d, told, "whole", 17, 4),
+    terms.map(([head, torque], k) => label(centres[k], 256, head, torque, told, "", 17, 4)),
+    text(centres[4], told.drive ? 273 : 256, "=", "part"),
+    label(centres[5], 256, name("", "T", "d"), T_d, told, "whole", 17, 4),
     s(
       "g",
       {},
       s("title", {}, "Disturbance torque on the spacecraft"),
       s("path", {
-        d: "M596 301q46 12 92 -4",
+        d: `M${centres[5] - 46} 301q46 12 92 -4`,
         class: "torque",
         stroke: KINDS.whole,
         "stroke-width": 4,

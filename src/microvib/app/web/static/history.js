@@ -1,14 +1,15 @@
 // Time history: a channel of all shown runs; below it the phase currents and the stick of the chosen one, on the same time.
 // Each zoom asks the server for that window, as an envelope, so that peaks survive and a microstep is seen sample by sample.
 
+import { fillChannels, has } from "./channels.js";
 import { announce, h, unitText } from "./dom.js";
+import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
 import { draw, envelopeTrace, ink, onZoom } from "./plots.js";
-import { fillChannels, has } from "./channels.js";
 import * as runs from "./runs.js";
 import { PHASE, STICK } from "./styles.js";
 
-const view = { channel: "T_d", window: null, y: null };
+const view = { channel: "T_d", window: null, y: null, ...kept("history", {}) };
 const BELOW = [...Object.keys(PHASE), ...Object.keys(STICK)];
 
 const plot = h("div", { class: "plot taller", id: "history-plot", role: "img", "aria-label": "Time history of the runs" });
@@ -38,6 +39,7 @@ export const card = h(
 
 function set(changes) {
   Object.assign(view, { y: null }, changes);
+  keep("history", view);
   return update().catch((error) => announce(error.message, { error: true }));
 }
 
@@ -81,21 +83,49 @@ export async function update() {
 }
 
 async function show(shown, series, chosen) {
-  const traces = shown.map((run, k) => curve(run, series[k]));
+  // Envelopes fill their place: over each other only the last would be seen, so each run has a strip of its own.
+  const strips = shown.length > 1 && series.some((one) => !one.exact) ? shown.length : 1;
+  const place = places(strips);
+  plot.style.height = `${place.height}px`;
+  const traces = shown.map((run, k) => curve(run, series[k], strips > 1 ? axisOf(k) : ""));
   if (chosen) traces.push(...below(series.at(-1)));
-  await draw(plot, traces, layout(series, chosen));
+  await draw(plot, traces, layout(shown, series, chosen, strips, place));
   if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x, y }));
   listening = true;
 }
 
-function curve(run, series) {
+const STRIP = 92; // pixels of a run's strip, of which a tenth is its gap
+const ALONE = 220;
+const UNDER = 190; // currents and sticking below
+const AROUND = 90; // legend and time axis
+
+/** Number of the axis of the k-th strip; the second and third belong to currents and sticking. */
+const axisOf = (k) => (k ? String(k + 3) : "");
+
+/** Where the axes lie, as parts of the height from below. */
+function places(strips) {
+  const upper = strips > 1 ? strips * STRIP : ALONE;
+  const inner = upper + UNDER;
+  const part = (pixels) => pixels / inner;
+  return {
+    height: inner + AROUND,
+    sticks: [0, part(46)],
+    currents: [part(66), part(UNDER - 22)],
+    strip: (k) => {
+      const top = 1 - part((k * upper) / strips);
+      return [top - part((strips > 1 ? 0.88 * upper : upper) / strips), top];
+    },
+  };
+}
+
+function curve(run, series, axis) {
   const data = series.channels[view.channel];
   return {
     ...envelopeTrace(series.t, data, series.exact),
     name: run.name,
     mode: "lines",
+    yaxis: `y${axis}`,
     line: { color: run.colour, dash: series.exact ? run.dash : "solid", width: series.exact ? 1.6 : 1 },
-    opacity: runs.shown().length > 1 && !series.exact ? 0.7 : 1,
     hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${unitText(data.unit)}<extra>%{fullData.name}</extra>`,
   };
 }
@@ -121,16 +151,41 @@ function below(series) {
   return [...currents, ...stick];
 }
 
-function layout(series, chosen) {
+function layout(shown, series, chosen, strips, place) {
   const exact = series.length && series.every((one) => one.exact);
-  note.textContent = !series.length ? "" : exact ? "every sample" : "min–max envelope";
+  const sort = exact ? "every sample" : "smallest and largest of each stretch";
+  note.textContent = !series.length ? "" : strips > 1 ? `${sort}; one strip for each run` : sort;
   const unit = unitText(series[0]?.channels[view.channel].unit);
-  const [t0, t1] = view.window ?? [chosen?.result.t0 ?? 0, chosen?.result.t1 ?? 1];
+  const title = `${view.channel}${unit ? ` [${unit}]` : ""}`;
+  const [t0, t1] = view.window ?? spanOf(shown);
+  const upper = Array.from({ length: strips }, (_, k) => [
+    `yaxis${axisOf(k)}`,
+    {
+      title: { text: k === (strips - 1) >> 1 ? title : "" },
+      domain: place.strip(k),
+      range: view.y ?? undefined,
+      matches: k ? "y" : undefined,
+      nticks: strips > 1 ? 4 : undefined,
+    },
+  ]);
   return {
+    height: place.height,
     xaxis: { title: { text: "time [s]" }, range: [t0, t1], anchor: "y3", hoverformat: ".6f" },
-    yaxis: { title: { text: `${view.channel}${unit ? ` [${unit}]` : ""}` }, domain: [0.46, 1], range: view.y ?? undefined },
-    yaxis2: { title: { text: "currents [A]" }, domain: [0.18, 0.41] },
-    yaxis3: { title: { text: "sticks" }, domain: [0, 0.13], range: [-0.08, 1.08], tickvals: [0, 1], fixedrange: true },
+    ...Object.fromEntries(upper),
+    yaxis2: { title: { text: "currents [A]" }, domain: place.currents },
+    yaxis3: {
+      title: { text: "sticks" },
+      domain: place.sticks,
+      range: [-0.08, 1.08],
+      tickvals: [0, 1],
+      ticktext: ["no", "yes"],
+      fixedrange: true,
+    },
     legend: { orientation: "h", x: 0, y: 1.01, yanchor: "bottom", font: { size: 11, color: ink() } },
   };
 }
+
+const spanOf = (shown) =>
+  shown.length
+    ? [Math.min(...shown.map((run) => run.result.t0)), Math.max(...shown.map((run) => run.result.t1))]
+    : [0, 1];

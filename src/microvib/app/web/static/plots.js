@@ -102,7 +102,7 @@ export function stretch(window) {
 }
 
 /** Range of an axis of amplitudes up to the largest, with room for names above it. */
-export const bounds = (largest, log) => (log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 0.8] : [0, 1.22 * largest]);
+export const bounds = (largest, log) => (log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 1] : [0, 1.25 * largest]);
 
 /** A line through a min/max envelope, so that no peak is lost; where each sample is there, through the samples. */
 export function envelopeTrace(t, channel, exact) {

@@ -1,6 +1,7 @@
 // Tables of a run.
 
-import { fixed, h, number, quantity } from "./dom.js";
+import { DASH, fixed, h, number, quantity } from "./dom.js";
+import { marginOf, verdictOf } from "./limit.js";
 import { shortTable, table } from "./tables.js";
 
 const TORQUES = {
@@ -18,19 +19,37 @@ const mN =
     number(value === null ? null : 1e3 * value, digits);
 const hz = (value) => number(value, 7);
 
+/** An uncertainty beside an amplitude of five digits: below the last of them it is that it is. */
+function within(value, { amplitude_n_m: amplitude }) {
+  if (value === null || amplitude === null || amplitude === 0) return DASH;
+  const last = 10 ** (Math.floor(Math.log10(Math.abs(1e3 * amplitude))) - 4);
+  return 1e3 * value < last ? `<${last.toFixed(Math.max(0, -Math.round(Math.log10(last))))}` : number(1e3 * value, 2);
+}
+
 /** Lines, torque budget, the paper beside it, power and checks. */
-export function tablesOf({ result }) {
+export function tablesOf(run) {
+  const { result } = run;
+  const judged = verdictOf(run) !== null;
+  const margin = (_, { line }) => {
+    const found = marginOf(run, line);
+    if (!found) return DASH;
+    const words = found.decibel === null ? "" : `${found.decibel > 0 ? "+" : ""}${fixed(found.decibel, 1)} `;
+    return h("span", { class: found.passes ? "pass" : "fail" }, `${words}${found.passes ? "pass" : "FAIL"}`);
+  };
   const columns = [
     { key: "line", title: "line" },
     { key: "frequency_hz", title: "frequency", unit: "Hz", show: hz },
     { key: "expected_hz", title: "expected", unit: "Hz", show: hz },
     { key: "amplitude_n_m", title: "amplitude", unit: "mN m", show: mN(5), note: "0-to-peak" },
-    { key: "amplitude_uncertainty_n_m", title: "±", unit: "mN m", show: mN(2) },
+    { key: "amplitude_uncertainty_n_m", title: "± (1σ)", unit: "mN m", show: within },
+    ...(judged ? [{ key: "margin_db", title: "margin", unit: "dB", show: margin }] : []),
     { key: "phase_rad", title: "phase", unit: "rad", show: (value) => fixed(value, 3) },
     { key: "origin", title: "what it is" },
     { key: "status", title: "status" },
   ];
-  const lines = shortTable(columns, result.lines, (line) => result.notable.includes(line.line), {
+  const rows = result.lines.map((line) => ({ ...line, margin_db: marginOf(run, line.line)?.decibel ?? null }));
+  const above = (line) => marginOf(run, line.line)?.passes === false;
+  const lines = shortTable(columns, rows, (line) => result.notable.includes(line.line) || above(line), {
     caption: "Lines of the disturbance torque",
   });
   const budget = table(
@@ -46,7 +65,11 @@ export function tablesOf({ result }) {
     { caption: "Torque budget" },
   );
   return [
-    section("Lines", "Amplitudes are 0-to-peak; a decaying line is quoted with its mean over the record.", lines),
+    section(
+      "Lines",
+      `Amplitudes are 0-to-peak; a decaying line is quoted with its mean over the record. ± is how well the line of this record is known; what the model is worth: ${result.standing}.`,
+      lines,
+    ),
     section("Torque budget", "", budget),
     ...paper(result),
     section("Power, modes and checks", "", checks(result)),

@@ -1,8 +1,9 @@
 // The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
 
-import { announce, h, number, quantity, s } from "./dom.js";
+import { announce, fixed, h, number, quantity, s } from "./dom.js";
 import { drawing as driveOf } from "./drive.js";
 import * as history from "./history.js";
+import * as limit from "./limit.js";
 import { latest } from "./latest.js";
 import { progressRow } from "./progress.js";
 import { tablesOf } from "./result.js";
@@ -19,7 +20,7 @@ const head = h("div", { class: "head" });
 const picture = h("section", { class: "card drawing" });
 const caption = h("p", { class: "soft note" });
 const sketch = h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "Drive train" });
-const figures = h("div", { class: "figures", hidden: true }, spectrum.card, history.card);
+const figures = h("div", { class: "figures" }, spectrum.card, picture, history.card);
 const tables = h("div", {});
 
 const FILES = [
@@ -34,7 +35,8 @@ const FILES = [
 export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
   picture.append(sketch, slow, caption);
-  place.append(chips, going, head, picture, figures, tables);
+  place.append(chips, going, head, limit.bar, figures, tables);
+  limit.makeLimit(judged);
   runs.onChange((what) => {
     if (what === "runs") return show();
     if (what === "state") showChips();
@@ -48,18 +50,32 @@ async function show() {
   showChips();
   showProgress();
   showDrawing();
+  limit.update();
   const run = runs.selected();
   head.replaceChildren(...(run ? [...(run.result ? headOf(run) : []), ...failure(run)] : [welcome()]));
   tables.replaceChildren(...(run?.result ? tablesOf(run) : []));
   const shown = runs.shown();
   const names = shown.map((item) => item.id).join(" ");
-  figures.hidden = !shown.length;
-  if (figures.hidden || names === figures.dataset.drawn) return;
+  spectrum.card.hidden = history.card.hidden = !shown.length;
+  if (!shown.length || names === figures.dataset.drawn) return;
   figures.dataset.drawn = "";
-  await drawing(async () => Promise.all([spectrum.update(), history.update()]), () => {
-    performance.mark("run-drawn");
-    figures.dataset.drawn = names;
-  }).catch((error) => announce(error.message, { error: true }));
+  await drawing(
+    () => Promise.all([spectrum.update(), history.update()]),
+    () => {
+      performance.mark("run-drawn");
+      figures.dataset.drawn = names;
+    },
+  ).catch((error) => announce(error.message, { error: true }));
+}
+
+/** The limit, or what is said against it, has changed. */
+function judged() {
+  const run = runs.selected();
+  if (run?.result) {
+    tables.replaceChildren(...tablesOf(run));
+    head.replaceChildren(...headOf(run), ...failure(run));
+  }
+  if (run?.state === "done") spectrum.update().catch((error) => announce(error.message, { error: true }));
 }
 
 function welcome() {
@@ -165,30 +181,42 @@ function showProgress() {
   }
 }
 
+/** The numbers that a run is for: verdict, largest lines with their uncertainty, largest torque. */
 function headOf(run) {
   const { result } = run;
-  const top = [...result.lines]
+  const T_d = result.drivetrain.T_d;
+  const top = result.lines
     .filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor")
     .sort((a, b) => b.amplitude_n_m - a.amplitude_n_m);
   const facts = [
-    ["largest T_d", quantity(result.drivetrain.T_d.peak, "N*m", 4)],
-    ["RMS of T_d", quantity(result.drivetrain.T_d.rms, "N*m", 4)],
-    ...top
-      .slice(0, 2)
-      .map((line) => [`${line.line} at ${number(line.frequency_hz, 5)} Hz`, quantity(line.amplitude_n_m, "N*m", 4)]),
+    ...verdict(run),
+    ...top.slice(0, 2).map((line) => [
+      quantity(line.amplitude_n_m, "N*m", 4),
+      `${line.line} at ${number(line.frequency_hz, 5)} Hz`,
+      `± ${quantity(line.amplitude_uncertainty_n_m, "N*m", 2)} (1σ)`,
+    ]),
+    [quantity(T_d.peak, "N*m", 4), "largest T_d", `RMS ${quantity(T_d.rms, "N*m", 4)}`],
   ];
+  const fact = ([value, words, more, kind = ""]) =>
+    h("div", { class: kind }, h("b", {}, value), h("span", {}, words), more && h("span", {}, more));
   return [
-    h(
-      "div",
-      { class: "facts" },
-      h("h2", {}, result.title || run.name),
-      ...facts.map(([words, value]) => h("div", {}, h("b", {}, value), h("span", {}, words))),
-      run.state === "done" && menu(run),
-    ),
+    h("div", { class: "facts" }, h("h2", {}, result.title || run.name), facts.map(fact), run.state === "done" && menu(run)),
   ];
 }
 
+function verdict(run) {
+  const said = limit.verdictOf(run);
+  if (!said?.margins.length) return [];
+  const { decibel, line } = said.margins[0];
+  const margin = decibel === null ? "" : `${decibel > 0 ? "+" : ""}${fixed(decibel, 1)} dB`;
+  const against = `limit ${quantity(said.torque, "N*m", 3)}`;
+  return [[said.passes ? "Pass" : "FAIL", against, margin && `margin ${margin}, ${line}`, said.passes ? "pass" : "fail"]];
+}
+
 function menu(run) {
-  const links = FILES.map(([file, words]) => h("a", { href: `/api/runs/${run.id}/files/${file}`, download: file }, words));
+  const asked = Object.entries(limit.query()).filter(([, value]) => value);
+  const search = limit.verdictOf(run) ? `?${new URLSearchParams(asked)}` : "";
+  const address = (file) => `/api/runs/${run.id}/files/${file}${file.startsWith("report.") ? search : ""}`;
+  const links = FILES.map(([file, words]) => h("a", { href: address(file), download: file }, words));
   return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
 }

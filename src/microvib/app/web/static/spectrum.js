@@ -1,16 +1,23 @@
 // Amplitude spectrum of the shown runs: named lines, array mode, the paper's test values, linear and logarithmic axes.
 
-import { announce, h, number, quantity, unitText } from "./dom.js";
+import { excited, fillChannels, has } from "./channels.js";
+import { announce, debounce, h, number, quantity, unitText } from "./dom.js";
+import { keep, kept } from "./kept.js";
+import { about, modeNames, placed, together } from "./labels.js";
 import { latest } from "./latest.js";
-import { draw, ink, onZoom } from "./plots.js";
-import { fillChannels, has } from "./channels.js";
+import { bounds, draw, ink, onZoom, stretch } from "./plots.js";
 import * as runs from "./runs.js";
+import { LIMIT } from "./styles.js";
+import { verdictOf } from "./limit.js";
 
 const HIGHEST = 200;
-const NAMED = 7;
-const APART = 38; // pixels
+const NAMED = 8;
+const WORTH = 0.005; // of the largest line that is seen, from which another has a name
+const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
+const SIZE = 10.5; // of names
+const AROUND = 76; // margins of the plot, before it has been drawn
 
-const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, y: null };
+const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, y: null, ...kept("spectrum", {}) };
 const plot = h("div", { class: "plot tall", id: "spectrum-plot", role: "img", "aria-label": "Amplitude spectrum of the runs" });
 const channel = h("select", { id: "spectrum-channel", onchange: () => set({ channel: channel.value }) });
 const logX = button("log f", () => set({ logX: !view.logX }));
@@ -42,11 +49,12 @@ function button(text, action) {
 
 function set(changes) {
   Object.assign(view, { y: null }, changes);
+  keep("spectrum", view);
   return update().catch((error) => announce(error.message, { error: true }));
 }
 
 function arrayWindow() {
-  const mode = runs.selected()?.result?.modes.find((item) => item.name.startsWith("array_mode"));
+  const mode = excited(runs.selected()?.result);
   return mode ? [0, 4 * mode.frequency] : [0, 5];
 }
 
@@ -57,23 +65,35 @@ const asking = latest();
 export async function update() {
   fillChannels(channel, runs.shown(), view.channel);
   const shown = runs.shown().filter((run) => has(run, view.channel));
-  const [from, to] = view.window ?? [undefined, undefined];
-  const query = { channel: view.channel, window: "hann", from, to, points: 4000 };
+  const query = { channel: view.channel, window: "hann", ...stretch(view.window), points: 4000, log: view.logX };
   await asking(
     (signal) => Promise.all(shown.map((run) => runs.ask(run, "spectrum", query, { signal }))),
     (spectra) => show(shown, spectra),
   );
 }
 
+let last = null; // what is drawn
+
 async function show(shown, spectra) {
+  last = [shown, spectra];
   logX.setAttribute("aria-pressed", view.logX);
   logY.setAttribute("aria-pressed", view.logY);
   const traces = shown.flatMap((run, k) => [curve(run, spectra[k]), ...(view.channel === "T_d" ? [dots(run)] : [])]);
   if (view.channel === "T_d") traces.push(...paperDots(shown));
+  const measured = String(area());
   await draw(plot, traces, layout(shown, spectra));
+  if (measured !== String(area())) await draw(plot, traces, layout(shown, spectra)); // names have their places in pixels
   if (!listening) onZoom(plot, ({ x, y = view.y }) => set({ window: x === undefined ? view.window : fromAxis(x), y }));
   listening = true;
 }
+
+/** Width and height of the plot within its axes. */
+function area() {
+  const size = plot._fullLayout?._size;
+  return size ? [Math.round(size.w), Math.round(size.h)] : [plot.clientWidth - AROUND, plot.clientHeight - AROUND];
+}
+
+new ResizeObserver(debounce(() => last && plot.clientWidth && show(...last), 200)).observe(plot);
 
 // A logarithmic axis speaks in decades.
 function fromAxis(window) {
@@ -81,10 +101,15 @@ function fromAxis(window) {
   return view.logX ? window.map((decade) => 10 ** decade) : [Math.max(window[0], 0), window[1]];
 }
 
+// What is not above zero has no place on a logarithmic axis; the picture would go on level from it.
+function positive({ f, amplitude }) {
+  const keep = f.map((x, k) => (x > 0 || !view.logX) && (amplitude[k] > 0 || !view.logY));
+  return { x: f.filter((_, k) => keep[k]), y: amplitude.filter((_, k) => keep[k]) };
+}
+
 function curve(run, spectrum) {
   return {
-    x: spectrum.f,
-    y: spectrum.amplitude,
+    ...positive(spectrum),
     name: run.name,
     mode: "lines",
     line: { color: run.colour, dash: run.dash, width: 1.2 },
@@ -124,81 +149,101 @@ function paperDots(shown) {
 }
 
 function layout(shown, spectra) {
-  const largest = Math.max(...spectra.map((spectrum) => spectrum.amplitude.reduce((a, b) => Math.max(a, b), 0)), 1e-12);
   const run = shown.at(-1);
+  const limit = view.channel === "T_d" ? verdictOf(run) : null;
+  const largest = Math.max(...spectra.map((one) => one.amplitude.reduce((a, b) => Math.max(a, b), 0)), limit?.torque ?? 0, 1e-12);
   const [low, high] = view.window ?? [0, spectra[0]?.f.at(-1) ?? HIGHEST];
-  const x = view.logX ? [Math.log10(Math.max(low, 0.05)), Math.log10(high)] : [low, high];
-  const y = view.logY ? [Math.log10(largest) - 4.4, Math.log10(largest) + 0.8] : [0, 1.22 * largest];
-  const named = run && view.channel === "T_d" ? names(run, [low, high], largest) : [];
+  const lowest = Math.max(low, Math.min(...spectra.map((one) => one.resolution), LOWEST));
+  const x = view.logX ? [Math.log10(lowest), Math.log10(high)] : [low, high];
+  const y = view.y ?? bounds(largest, view.logY);
+  const axes = scaled(x, y);
   note.textContent = spectra.length ? "0-to-peak, Hann window" : "";
   return {
     xaxis: { title: { text: "frequency [Hz]" }, type: view.logX ? "log" : "linear", range: x },
     yaxis: {
       title: { text: `amplitude [${unitText(spectra[0]?.unit ?? "N*m")}]` },
       type: view.logY ? "log" : "linear",
-      range: view.y ?? y,
+      range: y,
       dtick: view.logY ? 1 : undefined,
     },
-    annotations: [...named, ...modeNames(run, [low, high], view.logX)],
-    shapes: modes(run, [low, high]),
+    annotations: [
+      ...(run && view.channel === "T_d" ? names(run, axes, limit) : []),
+      ...namesOfModes(run, axes),
+      ...limitName(limit, axes),
+    ],
+    shapes: [...modes(run, axes), ...limitLine(limit, axes)],
   };
 }
 
-function seenAt(amplitude, largest) {
-  const y = view.logY ? Math.log10(amplitude) : amplitude;
-  return view.y ? y > view.y[0] && y < view.y[1] : amplitude > 4e-4 * largest;
+/** Where values lie: in the units of the axes, and in pixels from the left and the top. */
+function scaled(x, y) {
+  const [width, height] = area();
+  const onX = (f) => (view.logX ? Math.log10(Math.max(f, 1e-9)) : f);
+  const onY = (amplitude) => (view.logY ? Math.log10(Math.max(amplitude, 1e-30)) : amplitude);
+  const right = (f) => ((onX(f) - x[0]) / (x[1] - x[0])) * width;
+  const down = (amplitude) => ((y[1] - onY(amplitude)) / (y[1] - y[0])) * height;
+  const sees = (f) => right(f) >= 0 && right(f) <= width;
+  return { width, height, onX, onY, right, down, sees };
 }
 
-/** Names of the strongest lines in the window that stand clear of each other. */
-function names(run, [low, high], largest) {
-  const place = (f) =>
-    view.logX ? Math.log10(f / Math.max(low, 0.05)) / Math.log10(high / Math.max(low, 0.05)) : (f - low) / (high - low);
+/** Names of the strongest lines that are seen, where there is room. */
+function names(run, axes, limit) {
   const inside = seenLines(run).filter(
-    (line) => line.frequency_hz >= low && line.frequency_hz <= high && seenAt(line.amplitude_n_m, largest),
+    (line) => axes.sees(line.frequency_hz) && axes.down(line.amplitude_n_m) > 0 && axes.down(line.amplitude_n_m) < 0.93 * axes.height,
   );
-  inside.sort((a, b) => (b.kind === "array mode") - (a.kind === "array mode") || b.amplitude_n_m - a.amplitude_n_m);
-  const taken = [];
-  for (const line of inside) {
-    const x = place(line.frequency_hz);
-    if (taken.length < NAMED && taken.every((other) => Math.abs(other.x - x) * plot.clientWidth > APART)) taken.push({ x, line });
-  }
-  return taken.map(({ line }) => ({
-    x: view.logX ? Math.log10(line.frequency_hz) : line.frequency_hz,
-    y: view.logY ? Math.log10(line.amplitude_n_m) : line.amplitude_n_m,
-    text: `<b>${line.line}</b><br>${number(line.frequency_hz, 4)} Hz · ${quantity(line.amplitude_n_m, "N*m", 3)}`,
-    showarrow: true,
-    arrowhead: 0,
-    arrowwidth: 0.8,
-    arrowcolor: ink(),
-    ax: 6,
-    ay: -18,
-    xanchor: "left",
-    yanchor: "bottom",
-    align: "left",
-    font: { size: 10.5 },
+  const top = Math.max(...inside.map((line) => line.amplitude_n_m));
+  const rank = ({ kind }) => ({ "array mode": 0, sideband: 2, other: 2 })[kind] ?? 1;
+  inside.sort((a, b) => rank(a) - rank(b) || b.amplitude_n_m - a.amplitude_n_m);
+  const dots = inside.map((line) => about(axes.right(line.frequency_hz), axes.down(line.amplitude_n_m), 4));
+  if (limit) dots.push({ left: axes.width - 100, right: axes.width, top: axes.down(limit.torque) - 15, bottom: axes.down(limit.torque) });
+  const worth = inside.filter((line) => line.amplitude_n_m > WORTH * top || line.kind === "array mode");
+  const wanted = worth.slice(0, 3 * NAMED).map((line) => ({
+    line,
+    x: axes.right(line.frequency_hz),
+    y: axes.down(line.amplitude_n_m),
+    size: SIZE,
+    lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${quantity(line.amplitude_n_m, "N*m", 3)}`],
   }));
+  return placed(wanted, axes, dots)
+    .slice(0, NAMED)
+    .map(({ line, lines, ax, ay, xanchor }) => ({
+      x: axes.onX(line.frequency_hz),
+      y: axes.onY(line.amplitude_n_m),
+      text: `<b>${lines[0]}</b><br>${lines[1]}`,
+      showarrow: true,
+      arrowhead: 0,
+      arrowwidth: 0.8,
+      arrowcolor: ink(),
+      ax,
+      ay,
+      xanchor,
+      yanchor: "bottom",
+      align: xanchor,
+      font: { size: SIZE },
+    }));
 }
 
-const modesIn = (run, [low, high]) =>
-  (run?.result?.modes ?? []).filter((mode) => mode.frequency >= low && mode.frequency <= high && mode.damping < 0.3);
+const modesIn = (run, axes) => (run?.result?.modes ?? []).filter((mode) => axes.sees(mode.frequency) && mode.damping < 0.3);
 
-function modeNames(run, window, log) {
-  return modesIn(run, window).map((mode) => ({
-    x: log ? Math.log10(mode.frequency) : mode.frequency,
+/** Names at the modes' lines; those that lie too close to be read have one name together. */
+function namesOfModes(run, axes) {
+  return together(modesIn(run, axes), (mode) => axes.right(mode.frequency), 1.4 * SIZE).map((group) => ({
+    x: axes.onX(group[0].frequency),
     yref: "paper",
     y: 0.02,
     yanchor: "bottom",
     xanchor: "left",
     textangle: -90,
     showarrow: false,
-    text: mode.name.replaceAll("_", " "),
+    text: modeNames(group),
     font: { size: 10 },
     opacity: 0.75,
   }));
 }
 
-function modes(run, window) {
-  return modesIn(run, window).map((mode) => ({
+// A shape stands at a frequency even where the axis is logarithmic; an annotation, at its decade.
+function modes(run, axes) {
+  return modesIn(run, axes).map((mode) => ({
     type: "line",
     x0: mode.frequency,
     x1: mode.frequency,
@@ -208,4 +253,25 @@ function modes(run, window) {
     line: { color: ink(), width: 0.8, dash: "dot" },
     opacity: 0.6,
   }));
+}
+
+const span = ({ low, high }, axes) => [
+  Math.max(axes.right(low), 0) / axes.width,
+  Math.min(high === null ? axes.width : axes.right(high), axes.width) / axes.width,
+];
+
+function limitLine(limit, axes) {
+  if (!limit) return [];
+  const [x0, x1] = span(limit, axes);
+  const line = { color: LIMIT, width: 2 };
+  return x0 < x1 ? [{ type: "line", xref: "paper", x0, x1, y0: limit.torque, y1: limit.torque, line }] : [];
+}
+
+function limitName(limit, axes) {
+  if (!limit) return [];
+  const [x0, x1] = span(limit, axes);
+  const text = `limit ${quantity(limit.torque, "N*m", 3)}`;
+  const font = { size: SIZE, color: LIMIT };
+  const place = { xref: "paper", x: x1, y: axes.onY(limit.torque), xanchor: "right", yanchor: "bottom", showarrow: false };
+  return x0 < x1 ? [{ ...place, text, font }] : [];
 }

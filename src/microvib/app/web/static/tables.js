@@ -2,17 +2,18 @@
 
 import { DASH, h } from "./dom.js";
 
+const words = ({ title, unit }) => (unit ? `${title} [${unit}]` : title);
+
 /** A table. `columns`: {key, title, unit?, show?, note?}; numbers sort as numbers and stand right. */
 export function table(columns, rows, { caption, sort } = {}) {
   const numeric = new Set(columns.filter((c) => rows.some((row) => typeof row[c.key] === "number")).map((c) => c.key));
   const body = h("tbody");
   const order = { key: sort?.key ?? null, down: sort?.down ?? false };
   const heads = columns.map((column) => {
-    const words = column.unit ? `${column.title} [${column.unit}]` : column.title;
     return h(
       "th",
       { class: numeric.has(column.key) ? "n" : null, scope: "col", title: column.note },
-      h("button", { type: "button", onclick: () => by(column.key) }, words, h("span", { "aria-hidden": "true", class: "way" })),
+      h("button", { type: "button", onclick: () => by(column.key) }, words(column), h("span", { "aria-hidden": "true", class: "way" })),
     );
   });
 
@@ -44,7 +45,7 @@ export function table(columns, rows, { caption, sort } = {}) {
   function cell(column, row) {
     const value = row[column.key];
     const shown = column.show ? column.show(value, row) : (value ?? DASH);
-    return h("td", { class: numeric.has(column.key) ? "n" : null, "data-key": column.key }, shown);
+    return h("td", { class: numeric.has(column.key) ? "n" : null, "data-key": column.key, "data-label": words(column) }, shown);
   }
 
   fill();

@@ -1,0 +1,62 @@
+// The limit that lines are held against, and what the server says of the chosen run.
+
+import { h } from "./dom.js";
+import { keepFields } from "./kept.js";
+import { latest } from "./latest.js";
+import * as runs from "./runs.js";
+
+const limit = h("input", { type: "text", id: "limit", placeholder: "such as 30 mN*m", spellcheck: "false" });
+const band = h("input", { type: "text", id: "limit-band", placeholder: "all frequencies", spellcheck: "false" });
+const words = h("output", { for: "limit limit-band", class: "verdict" });
+const asking = latest();
+const listeners = new Set();
+let found = null; // {run, verdict}
+
+export const bar = h(
+  "form",
+  { class: "limit", onsubmit: (event) => event.preventDefault() },
+  h("label", { for: "limit" }, "Limit of a line"),
+  limit,
+  h("label", { for: "limit-band" }, "in band"),
+  band,
+  words,
+);
+
+/** The query that says which limit holds; nothing where there is none. */
+export const query = () => ({ limit: limit.value.trim() || undefined, band: band.value.trim() || undefined });
+
+/** What was said of a run against the limit as it is now; null where nothing was. */
+export const verdictOf = (run) => (found?.run === run ? found.verdict : null);
+export const marginOf = (run, line) => verdictOf(run)?.margins.find((margin) => margin.line === line) ?? null;
+
+export function makeLimit(listener) {
+  listeners.add(listener);
+  keepFields("limit", { limit, band });
+  for (const input of [limit, band]) input.addEventListener("change", update);
+}
+
+/** Ask what the chosen run's lines are against the limit; listeners hear when that has changed. */
+export async function update() {
+  const run = runs.selected();
+  bar.hidden = !run?.result;
+  if (run?.state !== "done" || !query().limit) {
+    asking.forget();
+    return say(null, run?.state === "done" ? "Give a limit, and its verdict stands here and in the report." : "");
+  }
+  try {
+    await asking(
+      (signal) => runs.ask(run, "verdict", query(), { signal }),
+      (verdict) => say({ run, verdict }, verdict.text, verdict.passes ? "pass" : "fail"),
+    );
+  } catch (error) {
+    say(null, error.message, "error");
+  }
+}
+
+function say(next, text, kind = "soft") {
+  const changed = JSON.stringify(next?.verdict) !== JSON.stringify(found?.verdict) || next?.run !== found?.run;
+  found = next;
+  words.textContent = text.replaceAll(/(?<=\s)-(?=\d)/g, "−");
+  words.className = `verdict ${kind}`;
+  if (changed) listeners.forEach((listener) => listener());
+}
