@@ -742,7 +742,8 @@ def test_a_recording_is_refined_on_zoom_and_kept_over_a_reload(visit: Callable[.
     until(page, f"{shown}.at(-1) < 61")
     assert np.diff(page.evaluate(shown)) == pytest.approx(expected.resolution)
     page.reload()
-    until(page, f"document.querySelector('#recording-plot').data && {shown}.at(-1) < 61")
+    until(page, f"document.querySelector('#recording-plot')?.data && {shown}.at(-1) < 61")
+    page.locator("#recording td").first.wait_for()
     assert amplitude(page, "drive_1", "#recording")
     assert page.locator(".fit").count() == 2
 
