@@ -29,6 +29,7 @@ from microvib.io.recordings import write_recording
 from microvib.io.scenario_file import dump_scenario
 from microvib.signals.recording import Recording
 from microvib.studies.analyse import analyse
+from microvib.studies.margins import Limit, judge
 
 pytest.importorskip("fastapi", reason="the page's server is not installed (microvib[serve])")
 api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -661,25 +662,25 @@ def limit(page: Any, text: str) -> Any:
 def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     run(page)
-    table = mv.lines(mv.simulate(mv.load_scenario("state-1", dict(SHORT))))
-    largest = max(table, key=lambda line: line.amplitude_n_m)
-    text = f"{500 * largest.amplitude_n_m:.4g} mN*m"  # half of it
-    api.expect(limit(page, text)).to_contain_text("FAIL")
-    api.expect(page.locator(".facts .fail")).to_contain_text(f"−6.0 dB, {largest.line}")
-    row = (
-        page.locator("#run tr")
-        .filter(has=page.locator("td[data-key=line]", has_text=re.compile(f"^{largest.line}$")))
-        .first
-    )
-    api.expect(row.locator("td[data-key=margin_db]")).to_have_text("−6.0 FAIL")
-    drawn_at = f"Math.abs(s.y0 / {0.5 * largest.amplitude_n_m} - 1) < 1e-3"
+    motion = mv.simulate(mv.load_scenario("state-1", dict(SHORT)))
+    half = float(f"{0.5 * mv.lines(motion)['drive_1'].amplitude_n_m:.4g}")
+    judged = judge(mv.lines(motion), Limit(half), motion.scenario)
+    worst = next(m for m in judged.margins if m.verdict != "not judged")
+    drive_1 = next(m for m in judged.margins if m.line.line == "drive_1")
+    assert drive_1.fails
+    minus = "\N{MINUS SIGN}"
+    api.expect(limit(page, f"{half!r} N*m")).to_contain_text("FAIL")
+    api.expect(page.locator(".facts .fail")).to_contain_text(f"{worst.decibel:.1f} dB".replace("-", minus))
+    row = page.locator("#run tr").filter(has=page.locator("td[data-key=line]", has_text=re.compile("^drive_1$"))).first
+    api.expect(row.locator("td[data-key=margin_db]")).to_have_text(f"{drive_1.decibel:.1f} FAIL".replace("-", minus))
+    drawn_at = f"Math.abs(s.y0 / {half} - 1) < 1e-3"
     until(page, f"document.querySelector('#spectrum-plot').layout.shapes.some(s => {drawn_at})")
     address = page.locator("details.menu a[download='report.html']").get_attribute("href")
     assert "limit" in page.evaluate("async a => (await fetch(a)).text()", address)
     api.expect(limit(page, "30 kg")).to_contain_text("30 kg")
-    api.expect(limit(page, "1 N*m")).to_contain_text("pass")
+    api.expect(limit(page, "20 N*m")).to_contain_text("Limit 2e+04 mN m")
     page.reload()
-    api.expect(page.locator("output.verdict")).to_contain_text("pass")
+    api.expect(page.locator("output.verdict")).to_contain_text("Limit 2e+04 mN m")
 
 
 def test_the_spectrum_is_on_the_first_screen_of_a_laptop_and_names_are_apart(visit: Callable[..., Any]) -> None:

@@ -215,14 +215,17 @@ class MarginOf(BaseModel):
     line: str
     decibel: float | None
     """Null where the line has no amplitude."""
-    passes: bool
+    verdict: Literal["pass", "fail", "not judged"]
+    why: str
 
 
 class Verdict(BaseModel):
     """Lines of a run against a limit [N m] between two frequencies [Hz], the smallest margin first."""
 
     text: str
-    passes: bool
+    verdict: Literal["pass", "fail", "not judged"]
+    gaps: list[str]
+    """What was not judged, and why."""
     torque: float
     low: float
     high: float | None

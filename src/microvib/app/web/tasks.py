@@ -118,13 +118,20 @@ def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
     """Lines of a run against a limit."""
     from microvib.studies.margins import judge
 
-    judged = judge(_without_samples(Path(folder))[1], limit)
+    motion, table = _without_samples(Path(folder))
+    judged = judge(table, limit, motion.scenario)
     margins = [
-        {"line": m.line.line, "decibel": m.decibel if math.isfinite(m.decibel) else None, "passes": m.passes}
+        {
+            "line": m.line.line,
+            "decibel": m.decibel if math.isfinite(m.decibel) else None,
+            "verdict": m.verdict,
+            "why": m.why,
+        }
         for m in judged.margins
     ]
     band = {"low": limit.low, "high": limit.high if math.isfinite(limit.high) else None}
-    return {"text": str(judged), "passes": not judged.above, "torque": limit.torque, **band, "margins": margins}
+    said = {"text": str(judged), "verdict": judged.verdict, "gaps": judged.gaps, "torque": limit.torque}
+    return {**said, **band, "margins": margins}
 
 
 def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:

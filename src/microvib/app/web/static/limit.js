@@ -8,6 +8,8 @@ import * as runs from "./runs.js";
 const limit = h("input", { type: "text", id: "limit", placeholder: "such as 30 mN*m", spellcheck: "false" });
 const band = h("input", { type: "text", id: "limit-band", placeholder: "all frequencies", spellcheck: "false" });
 const words = h("output", { for: "limit limit-band", class: "verdict" });
+const gaps = h("details", { class: "gaps soft", hidden: true });
+export const KINDS = { pass: "pass", fail: "fail", "not judged": "unclear" };
 const asking = latest();
 const listeners = new Set();
 let found = null; // {run, verdict}
@@ -20,6 +22,7 @@ export const bar = h(
   h("label", { for: "limit-band" }, "in band"),
   band,
   words,
+  gaps,
 );
 
 /** The query that says which limit holds; nothing where there is none. */
@@ -46,7 +49,7 @@ export async function update() {
   try {
     await asking(
       (signal) => runs.ask(run, "verdict", query(), { signal }),
-      (verdict) => say({ run, verdict }, verdict.text, verdict.passes ? "pass" : "fail"),
+      (verdict) => say({ run, verdict }, verdict.text, KINDS[verdict.verdict]),
     );
   } catch (error) {
     say(null, error.message, "error");
@@ -56,7 +59,13 @@ export async function update() {
 function say(next, text, kind = "soft") {
   const changed = JSON.stringify(next?.verdict) !== JSON.stringify(found?.verdict) || next?.run !== found?.run;
   found = next;
-  words.textContent = text.replaceAll(/(?<=\s)-(?=\d)/g, "−");
+  const [head, ...rest] = text.replaceAll(/(?<=\s)-(?=\d)/g, "−").split(" Not judged: ");
+  words.replaceChildren(head);
+  gaps.hidden = !rest.length;
+  gaps.replaceChildren(
+    h("summary", {}, `Not judged: ${next?.verdict.gaps.length}`),
+    h("ul", {}, ...(next?.verdict.gaps ?? []).map((gap) => h("li", {}, gap))),
+  );
   words.className = `verdict ${kind}`;
   if (changed) listeners.forEach((listener) => listener());
 }

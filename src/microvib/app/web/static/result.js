@@ -1,7 +1,7 @@
 // Tables of a run.
 
 import { DASH, fixed, h, number, quantity } from "./dom.js";
-import { marginOf, verdictOf } from "./limit.js";
+import { KINDS, marginOf, verdictOf } from "./limit.js";
 import { shortTable, table } from "./tables.js";
 
 const TORQUES = {
@@ -34,7 +34,7 @@ export function tablesOf(run) {
     const found = marginOf(run, line);
     if (!found) return DASH;
     const words = found.decibel === null ? "" : `${found.decibel > 0 ? "+" : ""}${fixed(found.decibel, 1)} `;
-    return h("span", { class: found.passes ? "pass" : "fail" }, `${words}${found.passes ? "pass" : "FAIL"}`);
+    return h("span", { class: KINDS[found.verdict], title: found.why }, `${words}${found.verdict.replace("fail", "FAIL")}`);
   };
   const columns = [
     { key: "line", title: "line" },
@@ -48,7 +48,7 @@ export function tablesOf(run) {
     { key: "status", title: "status" },
   ];
   const rows = result.lines.map((line) => ({ ...line, margin_db: marginOf(run, line.line)?.decibel ?? null }));
-  const above = (line) => marginOf(run, line.line)?.passes === false;
+  const above = (line) => marginOf(run, line.line)?.verdict === "fail";
   const lines = shortTable(columns, rows, (line) => result.notable.includes(line.line) || above(line), {
     caption: "Lines of the disturbance torque",
   });

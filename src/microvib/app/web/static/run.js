@@ -207,10 +207,10 @@ function headOf(run) {
 function verdict(run) {
   const said = limit.verdictOf(run);
   if (!said?.margins.length) return [];
-  const { decibel, line } = said.margins[0];
-  const margin = decibel === null ? "" : `${decibel > 0 ? "+" : ""}${fixed(decibel, 1)} dB`;
-  const against = `limit ${quantity(said.torque, "N*m", 3)}`;
-  return [[said.passes ? "Pass" : "FAIL", against, margin && `margin ${margin}, ${line}`, said.passes ? "pass" : "fail"]];
+  const { decibel, line } = said.margins.find((margin) => margin.verdict !== "not judged") ?? said.margins[0];
+  const margin = decibel === null ? "" : `margin ${decibel > 0 ? "+" : ""}${fixed(decibel, 1)} dB, ${line}`;
+  const words = { pass: "Pass", fail: "FAIL", "not judged": "Not judged" }[said.verdict];
+  return [[words, `limit ${quantity(said.torque, "N*m", 3)}`, margin, limit.KINDS[said.verdict]]];
 }
 
 function menu(run) {
