@@ -157,6 +157,15 @@ def test_sizes_are_bounded_before_reading(tmp_path, settings, complaint):
         read_recording(tmp_path / "large.nc", 1.0)
 
 
+@pytest.mark.parametrize("chunks", [(1000,), None])
+def test_what_was_never_written_is_not_read_as_zeros(tmp_path, chunks):
+    with h5py.File(tmp_path / "empty.mat", "w") as f:
+        f["fs"] = 4096.0
+        f.create_dataset("Mz", shape=(100_000_000,), dtype="f8", chunks=chunks)
+    with pytest.raises(RecordingError, match="/Mz: not all of its values were written"):
+        read_recording(tmp_path / "empty.mat")
+
+
 def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path):
     with h5py.File(tmp_path / "bomb.nc", "w") as f:
         bomb = f.create_dataset("Mz", shape=(64,), chunks=(64,), dtype="f8", compression="gzip")

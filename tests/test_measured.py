@@ -284,6 +284,16 @@ def test_tdms(tmp_path):
             read(tmp_path, tdms(*channels), f"{len(complaint)}.tdms")
 
 
+def test_tdms_that_says_more_than_it_holds(tmp_path):
+    write = tdms(("a", "Mz", MZ, {"wf_increment": 1 / RATE, "unit_string": "Nm"}))
+    write(tmp_path / "whole.tdms")
+    whole = (tmp_path / "whole.tdms").read_bytes()
+    count = np.uint64(MZ.size).tobytes()
+    assert whole.count(count) == 1
+    with pytest.raises(RecordingError, match="broken or truncated"):
+        read(tmp_path, whole.replace(count, np.uint64(10**8).tobytes()), "more.tdms")
+
+
 def test_uff_in_milliseconds_and_of_spectra(tmp_path):
     from microvib.io.recordings import write_recording
 

@@ -453,6 +453,17 @@ def matlab(**arrays) -> bytes:
     return stream.getvalue()
 
 
+def leading_out() -> bytes:
+    """An HDF5 file whose channel lies in a file of the server's owner."""
+    import h5py
+
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as file:
+        file["fs"] = 4096.0
+        file.create_dataset("Mz", shape=(64,), dtype="u1", external=[(__file__, 0, 64)])
+    return stream.getvalue()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "status", "words"),
     [
@@ -461,6 +472,8 @@ def matlab(**arrays) -> bytes:
         ("x.mat", b"\x89HDF\r\n\x1a\n" + b"junk" * 100, 422, "x.mat: is broken or truncated"),
         ("x.mat", matlab(fs=np.nan, Mz=np.arange(9.0)), 422, "x.mat: fs gives a sample rate of nan Hz"),
         ("x.nc", b"", 422, "x.nc: is broken or truncated"),
+        ("x.mat", leading_out(), 422, "x.mat: /Mz is stored in other files"),
+        ("x.nc", leading_out(), 422, "x.nc: /Mz is stored in other files"),
         ("../../x.csv", b"a,b\n1,2\n", 422, "x.csv: has no 8 rows of numbers"),
         ("x.csv", b"t,Mz\n" + b"0,1\n" * 1_000_000, 413, "at most 3 MB"),
     ],

@@ -117,9 +117,7 @@ def _is_variable(x: Dataset) -> bool:
 
 def _decoded(x: Dataset) -> np.ndarray:
     """Numbers as the conventions of netCDF mean them: missing ones nan, then scaled and shifted."""
-    raw = x.numbers()
-    if not x.complete:
-        raise RecordingError(f"{x.where}: not all of its values were written")
+    raw = x.numbers(whole=True)
     values = raw.astype(float)
     for name in ("_FillValue", "missing_value"):
         fill = x.attribute(name)
@@ -139,8 +137,8 @@ def _read_tdms(path: Path, hints: Hints) -> Recording:
         nptdms.TdmsFile.open(stream) as file,
     ):  # a stream: no index file beside it is taken
         channels = [c for group in file.groups() for c in group.channels()]
-        if sum(len(c) for c in channels) * 8 > MOST_BYTES:
-            raise RecordingError(f"{path}: says that it has more than {MOST_BYTES / 1e9:g} GB; that much is not read")
+        if sum(len(c) for c in channels) > min(path.stat().st_size, MOST_BYTES // 8):
+            raise RecordingError(f"{path}: is broken or truncated; it says that it has more values than it can hold")
         numeric = [c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"]
         names = [c.name for c in numeric]
         return recording_of(path, [_tdms_column(path, c, names.count(c.name) > 1) for c in numeric if len(c)], hints)

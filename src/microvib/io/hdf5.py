@@ -202,8 +202,8 @@ class Dataset(_Object):
         wanted = math.prod(-(-n // c) for n, c in zip(self.shape, chunks, strict=True))
         return int(self.id.get_num_chunks()) >= wanted
 
-    def numbers(self, column: int | None = None) -> np.ndarray:
-        """Its numbers, or one column of a table; Hdf5Error where it has none, or too many."""
+    def numbers(self, column: int | None = None, *, whole: bool = False) -> np.ndarray:
+        """Its numbers, or one column of a table; Hdf5Error where it has none, too many, or, of a ``whole``, some not written."""
         import h5py
 
         if not self.numeric:
@@ -211,8 +211,10 @@ class Dataset(_Object):
         shape = self.shape if column is None else self.shape[:1]
         self.file.count_bytes(math.prod(shape) * 8)
         self._check_chunks()
-        whole = h5py.Dataset(self.id)
-        values: np.ndarray = np.asarray(whole[...] if column is None else whole[:, column])
+        if whole and not self.complete:
+            raise Hdf5Error(f"{self.where}: not all of its values were written")
+        table = h5py.Dataset(self.id)
+        values: np.ndarray = np.asarray(table[...] if column is None else table[:, column])
         return values
 
     def texts(self) -> list[str]:

@@ -80,7 +80,7 @@ def _plain_7_3(x: Group | Dataset | None) -> Any:
         return [_plain_7_3(v) for v in x.referred()]
     if not x.numeric:
         return None
-    values = x.numbers().T.squeeze()  # MATLAB stores columns first
+    values = x.numbers(whole=True).T.squeeze()  # MATLAB stores columns first
     if x.attribute("MATLAB_class") == "char":
         return (
             "".join(chr(int(k)) for k in values.ravel())

@@ -228,5 +228,6 @@ def snapped_rate(rate: float) -> tuple[float, str]:
         return rate, ""
     whole = float(round(rate))
     if whole > 0.0 and rate != whole and abs(rate / whole - 1.0) < 1e-5:
-        return whole, f"sample rate {rate:.6f} Hz of the time axis read as {whole:g} Hz"
+        told = f"{rate:.6f}" != f"{whole:.6f}"
+        return whole, f"sample rate {rate:.6f} Hz of the time axis read as {whole:g} Hz" if told else ""
     return rate, ""
