@@ -166,6 +166,20 @@ def test_matlab_that_contradicts_itself(tmp_path, write, complaint):
         read(tmp_path, write, "test.mat")
 
 
+def test_a_matrix_without_names_says_what_to_add(tmp_path):
+    write = mat(x=np.column_stack([MZ, MZ]), fs=RATE, slow=np.ones(9))
+    with pytest.raises(
+        RecordingError, match=r"there are x\(1\), x\(2\); say .* channels: {Mz: x\(2\)}; left out, .*: slow \(9\)"
+    ):
+        check(read(tmp_path, write, "test.mat"), "Mz")
+    assert_is_mz(read(tmp_path, write, "test.mat", "units: {x(2): N*m}\nchannels: {Mz: x(2)}"))
+
+
+def test_older_netcdf_is_named(tmp_path):
+    with pytest.raises(RecordingError, match=r"is netCDF 3; netCDF 4 is read, made by: nccopy -k nc4 test\.nc"):
+        read(tmp_path, b"CDF\x01" + bytes(100), "test.nc")
+
+
 def test_the_preparation_settles_which_rate_is_right(tmp_path):
     how = "units: {Mz: N*m}\nsample_rate: 4096 Hz"
     found = read(tmp_path, mat(Mz=MZ, fs=RATE, Fs=2048.0), "test.mat", how)

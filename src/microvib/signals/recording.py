@@ -37,7 +37,13 @@ class Recording:
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.channels:
-            raise RecordingError(f"{self.title}: there is no channel '{name}'; there are {', '.join(self.channels)}")
+            there = [*self.channels]
+            hint = f"; say which one it is in the preparation file (--prepare), such as channels: {{{name}: {in_yaml(there[-1])}}}"
+            raise RecordingError(
+                f"{self.title}: there is no channel '{name}'; there are {', '.join(there[:30])}{' ...' if len(there) > 30 else ''}"
+                + (hint if name in COMPONENTS and there else "")
+                + "".join(f"; {note}" for note in self.notes if note.startswith("left out"))
+            )
         return self.channels[name]
 
     @property
