@@ -2,44 +2,92 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from microvib.app import plots
 from microvib.app.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table
-from microvib.app.reports.pieces import drawn, figure, percent, plain, signed, study, with_error
+from microvib.app.reports.pieces import drawn, figure, number, percent, plain, signed, study, with_error
 from microvib.app.reports.rendering import report_files
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
 from microvib.studies.evidence import Evidence, Simulated, predicted
-from microvib.studies.identify import Estimate, Fit
+from microvib.studies.identify import Deviation, Estimate, Fit, Leaning
 from microvib.units import pretty
 
 CALIBRATED = "Calibrated, not predicted: these figures were fitted to."
 _HOW_TO_READ = (
-    "Standard errors include the scatter that the fit leaves. A parameter counts as identifiable if its standard error is"
-    " below 20 %, it is not at the end of its range, and it can be told from the others."
+    "Intervals are of 95 %, from the profile of the cost where its curvature alone misleads, and widened by the scatter that"
+    " the fit leaves. They hold for the model as it is: what was not fitted is taken as exact (see what the estimates lean on)."
+    " A parameter counts as identifiable if the model explains the data, the standard error is below 20 %, the best value lies"
+    " inside its range and no other explains the data as well."
 )
 _SENSITIVITY = "Relative change of a figure for a relative change of a parameter."
+_LEANING = (
+    "Relative change of an estimate for a relative change of a parameter that was not fitted, to first order: 2 means that"
+    " 1 % moves it by 2 %. An error of such a parameter is in no interval."
+)
+_MOST_OFF, _MOST_LEANING = 12, 8
 _MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
 
 
 def fit_text(fit: Fit) -> str:
-    """Estimates, verdicts, and the lines before and after, as text."""
-    lines = [f"{'parameter':32s} {'estimate':>12s} {'std error':>10s}  {'unit':12s} verdict"]
-    lines += [
-        f"{e.key:32s} {e.estimate:12.6g} {e.standard_error:10.2g}  {e.unit:12s} {e.verdict}" for e in fit.estimates
-    ]
+    """Goodness of fit, what is off, estimates with verdicts, and the lines before and after, as text."""
+    lines = [fit.goodness.sentence, *_warnings(fit), *_off_text(fit), ""]
+    lines += [f"{'parameter':32s} {'estimate':>12s} {'std error':>10s} {'95 % interval':>25s}  {'unit':12s} verdict"]
+    for e in fit.estimates:
+        error = f"{e.standard_error:.2g}" if math.isfinite(e.standard_error) else "withheld"
+        lines.append(
+            f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}".rstrip()
+        )
     lines += ["", f"{'observed':28s} {'test':>12s} {'before':>12s} {'after':>12s} {'before %':>9s} {'after %':>9s}"]
     for name, test, before, after in _figures(fit):
         lines.append(
             f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
         )
-    lines.append(f"\n{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
-    if fit.interrupted:
-        lines.append("Interrupted: the best so far.")
+    lines += ["", *(f"1 % more of {one.key}: {_moves(fit, one)}" for one in fit.leanings[:3])]
+    lines.append(f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
     return "\n".join(lines)
+
+
+def _warnings(fit: Fit) -> list[str]:
+    """What else is to be known before any estimate is read."""
+    found = list(fit.notes)
+    if fit.interrupted:
+        found.append("Interrupted: the best so far.")
+    elif not fit.converged:
+        found.append("The search has not come to its end: a finer look still found something better.")
+    return found
+
+
+def _off_text(fit: Fit) -> list[str]:
+    off = _off(fit)
+    if not off:
+        return []
+    rows = [f"{'off':28s} {'test':>12s} {'fitted':>12s} {'sigma':>8s}"]
+    rows += [f"{_name(fit, d):28s} {d.measured:12.6g} {d.fitted:12.6g} {d.sigma:+8.1f}" for d in off[:_MOST_OFF]]
+    return rows + ([f"and {len(off) - _MOST_OFF} more"] if len(off) > _MOST_OFF else [])
+
+
+def _off(fit: Fit) -> list[Deviation]:
+    """Figures that are off, the worst first."""
+    return sorted((d for d in fit.deviations if d.off), key=lambda d: -abs(d.sigma))
+
+
+def _name(fit: Fit, d: Deviation) -> str:
+    return f"{d.line} {d.form}" + (f" [{d.test}]" if len(fit.after) > 1 else "")
+
+
+def _interval(e: Estimate) -> str:
+    low, high = e.interval
+    return f"{low:.5g} to {high:.5g}" if math.isfinite(low) else "withheld"
+
+
+def _moves(fit: Fit, one: Leaning) -> str:
+    return ", ".join(f"{e.key} {shift:+.2g} %" for e, shift in zip(fit.estimates, one.shifts, strict=True))
 
 
 def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
@@ -69,10 +117,18 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         return dict(zip(names, map(float, row), strict=True))
 
     return {
+        "goodness": {
+            "sentence": fit.goodness.sentence, "explained": fit.goodness.explained, "chi_square": fit.goodness.chi_square,
+            "degrees_of_freedom": fit.goodness.freedom, "per_degree_of_freedom": fit.goodness.ratio,
+            "limit": fit.goodness.limit,
+        },
+        "usable": fit.usable, "converged": fit.converged, "notes": list(fit.notes),
+        "deviations": [asdict(d) for d in fit.deviations],
+        "leans_on": {one.key: by_name(one.shifts) for one in fit.leanings},
         "parameters": {
             e.key: {
                 "estimate": e.estimate, "standard_error": e.standard_error, "unit": e.unit,
-                "confidence_95": [e.estimate - 1.96 * e.standard_error, e.estimate + 1.96 * e.standard_error],
+                "confidence_95": list(e.interval), "from_profile": e.profiled,
                 "low": e.low, "high": e.high, "identifiable": e.identifiable, "verdict": e.verdict,
             }
             for e in fit.estimates
@@ -96,17 +152,20 @@ def write_fit(out: Path, fit: Fit, overwrite: bool, form: Form | None = None) ->
 
 
 def fit_report(fit: Fit, form: Form | None = None) -> Document:
-    """The report of an identification: parameters with what they are worth, lines before and after, what tells what."""
+    """The report of an identification: goodness first, parameters with what they are worth, lines before and after."""
     tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
-    stopped = " Interrupted: the best so far." if fit.interrupted else ""
     return study(
         "Identification report",
         f"Identification: {fit.scenario.title or 'drive'}",
-        f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.{stopped}",
+        f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
         facts=[_estimated(e) for e in fit.estimates[:4]],
-        front=(_estimates(fit), Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit)),
+        front=(
+            Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit),
+            Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit),
+        ),
         sections=(
             Section("Before and after", (Text(CALIBRATED), _before_and_after(fit)), new_page=True),
+            Section("What the estimates lean on", (Text(_LEANING), _leanings(fit))),
             Section(
                 "Correlation of the estimates",
                 (_matrix("parameter", fit, zip(_keys(fit), fit.correlation, strict=True)),),
@@ -115,20 +174,34 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
         ),
         form=form,
         scenario=fit.scenario,
-    )
+    )  # fmt: skip
 
 
 def _estimated(e: Estimate) -> Fact:
-    value = f"{with_error(e.estimate, e.standard_error)} {pretty(e.unit)}".rstrip()
+    value = f"{_with_error(e)} {pretty(e.unit)}".rstrip()
     return Fact(value, f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}")
 
 
+def _with_error(e: Estimate) -> str:
+    return with_error(e.estimate, e.standard_error) if math.isfinite(e.standard_error) else number(e.estimate)
+
+
+def _off_table(fit: Fit) -> tuple[Table, ...]:
+    off = _off(fit)[:_MOST_OFF]
+    if not off:
+        return ()
+    header = ["figure", "test [1]", "fitted [1]", "off [standard deviations]"]
+    rows = [[_name(fit, d), figure(d.measured), figure(d.fitted), signed(d.sigma, 1)] for d in off]
+    return (table(header, rows, "Figures that are further off than their uncertainty explains; SI units."),)
+
+
 def _estimates(fit: Fit) -> Table:
-    header = ["`parameter`", "estimate ± standard error [1]", "unit", "range [1]", "verdict"]
+    header = ["`parameter`", "estimate ± standard error [1]", "95 % interval [1]", "unit", "range [1]", "verdict"]
     rows = [
         [
             e.key,
-            with_error(e.estimate, e.standard_error),
+            _with_error(e),
+            _interval(e),
             pretty(e.unit),
             f"{plain(e.low)} to {plain(e.high)}",
             e.verdict,
@@ -137,6 +210,10 @@ def _estimates(fit: Fit) -> Table:
     ]
     marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.estimates) if not e.identifiable}
     return table(header, rows, "", marks)
+
+
+def _leanings(fit: Fit) -> Table:
+    return _matrix("not fitted", fit, ((one.key, one.shifts) for one in fit.leanings[:_MOST_LEANING]))
 
 
 def _before_and_after(fit: Fit) -> Table:

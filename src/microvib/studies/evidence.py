@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -54,6 +54,40 @@ class Evidence:
     """Step clock found over that of the scenario."""
     duration: float
     sample_rate: float
+
+
+def chosen(
+    evidence: Sequence[Evidence],
+    scenario: Scenario,
+    bands: Sequence[tuple[float, float]] = (),
+    without: Sequence[str] = (),
+) -> list[Evidence]:
+    """The evidence of lines in the ``bands`` [Hz] (without any: everywhere), less those named in ``without``.
+
+    Phases are relative to the first driving line and go with it. MicrovibError for a name that no evidence has, and where
+    nothing is left.
+    """
+    seen = dict.fromkeys(o.line for one in evidence for o in one.observations)
+    for name in without:
+        if name not in seen:
+            raise MicrovibError(f"--without {name}: no evidence has this line; there are {', '.join(seen)}")
+    at = {line.name: line.frequency for line in expected_lines(scenario, math.inf)}
+
+    def wanted(line: str) -> bool:
+        return line not in without and (not bands or any(low <= at.get(line, -1.0) <= high for low, high in bands))
+
+    kept = [
+        replace(
+            one,
+            observations=tuple(
+                o for o in one.observations if wanted(o.line) and (o.form != "phase" or wanted("drive_1"))
+            ),
+        )
+        for one in evidence
+    ]
+    if not any(one.observations for one in kept):
+        raise MicrovibError("--band and --without leave no line of the evidence")
+    return kept
 
 
 def read_evidence(

@@ -140,6 +140,8 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 @report_options
 @channel_option
 @prepare_option
+@click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="Lines to fit to, such as '0.5:200 Hz'.")
+@click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
 @click.option(
     "--starts", default=96, show_default=True, type=click.IntRange(2, 100_000), help="Points of the global search."
 )
@@ -150,11 +152,18 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     "--model-error",
     default="0.4 percent",
     show_default=True,
-    help="How far amplitudes are trusted beyond their own uncertainty (standard deviation).",
+    help="How far amplitudes are trusted beyond their own uncertainty (standard deviation), each by itself.",
+)
+@click.option(
+    "--common-error",
+    default="0 percent",
+    show_default=True,
+    help="How far the scale of a recording is trusted, all its amplitudes together (standard deviation).",
 )
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
-    overwrite: bool, form: Form, channel: str, prepare: Path | None, starts: int, seed: int, model_error: str,
+    overwrite: bool, form: Form, channel: str, prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...],
+    starts: int, seed: int, model_error: str, common_error: str,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
@@ -162,31 +171,39 @@ def identify(
     """
     from microvib.app.studies import fit_text, write_fit
     from microvib.io.scenario_file import parse_value
-    from microvib.studies.evidence import read_evidence
+    from microvib.studies.evidence import chosen, read_evidence
     from microvib.studies.identify import identify as run_identification
     from microvib.studies.identify import parse_fit
 
     check_target(out, overwrite, form)
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
+    each, common = _error("--model-error", model_error, 0.0), _error("--common-error", common_error, -1.0)
+    wanted = [band_of(text) for text in bands]
     prepared = preparation(prepare)
-    tests = []
+    read, changes = [], []
     for item in evidence:
-        source, *changes = item.split("@")
-        changed = {key: parse_value(value) for key, _, value in (change.partition("=") for change in changes)}
-        tests.append((read_evidence(source, loaded.with_(changed) if changed else loaded, channel, prepared), changed))
-    trusted = quantity("--model-error", model_error, "")
-    if not 0.0 < trusted <= 1.0:
-        raise MicrovibError(
-            f"--model-error: {model_error} is not allowed; it must be greater than 0 and at most 100 percent"
-        )
+        source, *changed = item.split("@")
+        changes.append({key: parse_value(value) for key, _, value in (change.partition("=") for change in changed)})
+        read.append(read_evidence(source, loaded.with_(changes[-1]) if changed else loaded, channel, prepared))
+    tests = list(zip(chosen(read, loaded, wanted, without), changes, strict=True))
     with progress_bar("searching") as progress:
         fit = run_identification(
-            loaded, tests, fit_keys, seed=seed, starts=starts, model_error=trusted, progress=_best_so_far(progress)
-        )
+            loaded, tests, fit_keys, seed=seed, starts=starts, model_error=each, common_error=common,
+            progress=_best_so_far(progress),
+        )  # fmt: skip
     deliver(fit_text(fit), out, lambda folder: write_fit(folder, fit, overwrite, form))
     if fit.interrupted:
         sys.exit(INTERRUPTED)
+
+
+def _error(option: str, text: str, above: float) -> float:
+    """A relative standard deviation above ``above``, at most 1."""
+    value = quantity(option, text, "")
+    if not above < value <= 1.0 or value < 0.0:
+        least = "at least 0" if above < 0.0 else "greater than 0"
+        raise MicrovibError(f"{option}: {text} is not allowed; it must be {least} and at most 100 percent")
+    return value
 
 
 def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str, float]], None]:

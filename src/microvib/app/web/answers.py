@@ -177,7 +177,14 @@ def identification_answer(fit: Fit, scenario: Scenario) -> dict[str, Any]:
     ]  # fmt: skip
     fitted = {e.key: quantities[e.key] for e in fit.estimates}
     changes = {e.key: q.format(e.estimate) for e in fit.estimates if (q := fitted[e.key]) is not None}
-    return {"parameters": parameters, "rows": rows, "scenario_changes": changes, "text": fit_text(fit)}
+    return {
+        "parameters": parameters,
+        "rows": rows,
+        "scenario_changes": changes,
+        "text": fit_text(fit),
+        "usable": fit.usable,
+        "goodness": fit.goodness.sentence,
+    }
 
 
 def rates_answer(plan: RatePlan) -> dict[str, Any]:

@@ -97,7 +97,7 @@ async function identify(evidence) {
   await task.start("Identification", () => post("/api/identifications", body));
 }
 
-function shown({ parameters, rows, scenario_changes: changes, text }) {
+function shown({ parameters, rows, scenario_changes: changes, text, usable, goodness }) {
   const value = (x, row) => `${number(x, 4)} ${unitText(row.unit)}`;
   const percent = (x) => (x === null ? "–" : `${x > 0 ? "+" : ""}${number(100 * x, 3)} %`);
   const found = table(
@@ -124,8 +124,9 @@ function shown({ parameters, rows, scenario_changes: changes, text }) {
     rows,
     { caption: "Measured and fitted figures" },
   );
-  const take = h("button", { type: "button", class: "primary", onclick: () => over(changes) }, "Take over into the form");
+  const take = h("button", { type: "button", class: "primary", disabled: !usable, onclick: () => over(changes) }, "Take over into the form");
   return [
+    h("p", { class: usable ? "soft" : "error" }, goodness),
     found,
     h(
       "p",

@@ -1,0 +1,29 @@
+"""Identification: parameters of the drive from measured lines, with what they are worth.
+
+A global look, local fits and a second look (``search``) make weighted differences between measured and simulated figures small
+(``problem``). Goodness of fit comes first (``goodness``): a model that does not explain the data identifies nothing. Intervals are
+those of the profile of the cost where its curvature alone is wrong (``intervals``); ``verdict`` says what each estimate is worth.
+The clock is not fitted: the evidence tells it directly.
+
+A calibration is not a prediction: parameters that are fitted to some lines say nothing new about these lines.
+"""
+
+from microvib.studies.identify.fit import MODEL_ERROR, Fit, identify
+from microvib.studies.identify.goodness import Deviation, Goodness
+from microvib.studies.identify.keys import FitKey, parse_fit
+from microvib.studies.identify.problem import Progress, Trust
+from microvib.studies.identify.verdict import Estimate, Leaning
+
+__all__ = [
+    "MODEL_ERROR",
+    "Deviation",
+    "Estimate",
+    "Fit",
+    "FitKey",
+    "Goodness",
+    "Leaning",
+    "Progress",
+    "Trust",
+    "identify",
+    "parse_fit",
+]

@@ -1,0 +1,146 @@
+"""Intervals of 95 %: linearised ones where the cost confirms them, else from the profile of the cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.studies.identify.figures import cost
+from microvib.studies.identify.problem import Problem
+from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum
+
+Z = 1.959964
+"""Standard errors to either side of an interval of 95 %."""
+CONFIRMED = 0.1
+"""How far the profile may be off the linearised one, relatively, to confirm it."""
+CLOSE = 0.03
+"""How well an end of an interval is found on the profile, relatively."""
+MOST_POINTS = 10
+"""Points of a profile to one side, at most."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An interval of 95 % of one coordinate."""
+
+    low: float
+    high: float
+    open_low: bool = False
+    """Whether the cost does not rise enough down to the end of what is allowed."""
+    open_high: bool = False
+    profiled: bool = False
+    """Whether it comes from the profile, because the linearised one was not confirmed."""
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Intervals of all parameters, and the best that was met on the way."""
+
+    intervals: tuple[Interval, ...]
+    best: Optimum
+
+
+def profiles(problem: Problem, best: Optimum, local: Local) -> Profiles:
+    """Interval of each parameter. The profile: its cost at the best values of all others.
+
+    The linearised interval counts where the profile agrees with it half way and at its end, on both sides. Otherwise the ends
+    are where the profile has risen as far as an interval of 95 % asks for.
+    """
+    problem.enters("intervals")
+    tasks = [(k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)]
+    sides = problem.in_threads(lambda task: _Side(problem, best, local, *task).run(), tasks)
+    met = min((side.met for side in sides), key=lambda o: o.cost)
+    return Profiles(tuple(_joined(best.x[k], *sides[2 * k : 2 * k + 2]) for k in range(best.x.size)), met)
+
+
+@dataclass(frozen=True)
+class _End:
+    """How far one side of an interval reaches, and what was met on the way."""
+
+    reach: float
+    linear: float
+    open: bool
+    confirmed: bool
+    met: Optimum
+
+
+def _joined(x: float, below: _End, above: _End) -> Interval:
+    if below.confirmed and above.confirmed:
+        return Interval(x - below.linear, x + above.linear)
+    return Interval(x - below.reach, x + above.reach, below.open, above.open, True)
+
+
+class _Side:
+    """The profile of one parameter to one side."""
+
+    def __init__(self, problem: Problem, best: Optimum, local: Local, k: int, sign: float) -> None:
+        self.problem, self.best, self.local, self.k, self.sign = problem, best, local, k, sign
+        self.linear = Z * float(local.spread[k])
+        end = problem.high[k] if sign > 0.0 else problem.low[k]
+        self.far = abs(float(end - best.x[k]))
+        self.met = best
+        self.known = {0.0: (0.0, best.x)}
+
+    def run(self) -> _End:
+        if self.linear <= self.far:
+            off = [abs(self.height(part * self.linear) / (part * Z) - 1.0) for part in (0.5, 1.0)]
+            if max(off) < CONFIRMED:
+                return _End(self.linear, self.linear, False, True, self.met)
+        reach, is_open = self._crossing()
+        return _End(reach, self.linear, is_open, False, self.met)
+
+    def _crossing(self) -> tuple[float, bool]:
+        """The least distance known at which the profile is as high as Z, by secants outwards from where it is lower."""
+        for _ in range(MOST_POINTS):
+            t = self._next(lambda h: h < Z * (1.0 + CLOSE))
+            if t is None:
+                break
+            self.height(t)
+        inside = [t for t, (h, _) in self.known.items() if h < Z * (1.0 + CLOSE) and not self._beyond(t)]
+        reach = max(inside)
+        closed = self.known[reach][0] > Z * (1.0 - CLOSE) or any(t > reach for t in self.known)
+        outside = [t for t in self.known if t > reach]
+        if closed and outside and self.known[reach][0] < Z * (1.0 - CLOSE):
+            reach = min(outside)  # not found closely: rather too wide
+        return reach, not closed or reach >= self.far
+
+    def _beyond(self, t: float) -> bool:
+        """Whether the profile is too high somewhere before ``t``: what lies beyond is another basin."""
+        return any(s < t and h > Z * (1.0 + CLOSE) for s, (h, _) in self.known.items())
+
+    def _next(self, lower: Callable[[float], bool]) -> float | None:
+        """The next distance to look at; None where the end is found."""
+        inside = max(t for t, (h, _) in self.known.items() if lower(h) and not self._beyond(t))
+        outside = min((t for t in self.known if t > inside), default=None)
+        height = self.known[inside][0]
+        if height > Z * (1.0 - CLOSE) or inside >= self.far or (outside is not None and outside < 1.02 * inside):
+            return None
+        if outside is None:
+            step = inside * min(max(1.05 * Z / max(height, 1e-9), 1.2), 4.0) if inside > 0.0 else self.linear
+            return min(step, self.far)
+        top = self.known[outside][0]
+        part = (Z - height) / max(top - height, 1e-9)
+        return inside + min(max(part, 0.1), 0.9) * (outside - inside)
+
+    def height(self, t: float) -> float:
+        """Square root of the rise of the cost at distance ``t``, over the scatter: Z at the end of an interval of 95 %."""
+        if t in self.known:
+            return self.known[t][0]
+        problem, k = self.problem, self.k
+        near = min(self.known, key=lambda s: abs(s - t))
+        along = self.sign * self.local.covariance[:, k] / self.local.covariance[k, k]
+        start = np.clip(self.known[near][1] + (t - near) * along, problem.low, problem.high)
+        start[k] = np.clip(self.best.x[k] + self.sign * t, problem.low[k], problem.high[k])
+        free = np.arange(start.size) != k
+        found = Descent(problem, start, free).run(AGAIN) if np.any(free) else _alone(problem, start)
+        self.met = min(self.met, found, key=lambda o: o.cost)
+        h = float(np.sqrt(max(found.cost - self.best.cost, 0.0) / self.local.scatter))
+        self.known[t] = (h, found.x)
+        return h
+
+
+def _alone(problem: Problem, x: np.ndarray) -> Optimum:
+    r = problem.residuals([x])[0]
+    return Optimum(x, r, cost(r))

@@ -1,0 +1,167 @@
+"""Parameters that are fitted: by which key, within which range."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from microvib.errors import MicrovibError
+from microvib.model.scenario import Scenario
+from microvib.units import Quantity, convert
+
+FACTOR, FREQUENCY_FACTOR = 4.0, 1.1
+"""How far a range of ours reaches each way from the scenario's value, and by how much it is widened each way."""
+WIDENINGS = 3
+"""How often a range of ours is widened at most; local fits may go as far from the beginning."""
+RIM = 0.05
+"""Part of a range at each of its ends within which a best value is not in its inside."""
+_SETTINGS = {"record.duration", "record.sample_rate"}
+"""Keys that the recording sets."""
+
+
+@dataclass(frozen=True)
+class FitKey:
+    """A parameter that is fitted, by its dotted key, within a range in SI units.
+
+    A fit moves it by a coordinate: the logarithm of the value where the range is positive, else the value over the range's width.
+    """
+
+    key: str
+    low: float
+    high: float
+    unit: str
+    stated: bool = True
+    """Whether the user stated the range; one that is ours is widened where the best lies at its end."""
+    along: bool = False
+    """Whether it is fitted along without being asked for."""
+    factor: float = FACTOR
+    """By how much a range of ours is widened each way."""
+    floor: float = 0.0
+    ceiling: float = math.inf
+    """Between which a range of ours may be widened at all."""
+
+    @property
+    def logarithmic(self) -> bool:
+        """Positive ranges are fitted by their logarithm."""
+        return self.low > 0.0
+
+    def coordinate(self, value: float) -> float:
+        """The coordinate of a value; a value that has no logarithm counts as the lower end."""
+        if self.logarithmic:
+            return math.log(value if value > 0.0 else self.low)
+        return value / (self.high - self.low)
+
+    def value(self, x: float) -> float:
+        """The value at a coordinate."""
+        return math.exp(x) if self.logarithmic else x * (self.high - self.low)
+
+    def slope(self, value: float) -> float:
+        """Derivative of the value by its coordinate."""
+        return value if self.logarithmic else self.high - self.low
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Coordinates of the range."""
+        return self.coordinate(self.low), self.coordinate(self.high)
+
+    @property
+    def span(self) -> float:
+        """Width of the range that it began with, in the coordinate."""
+        low, high = self.range
+        return high - low if self.stated else 2.0 * math.log(self.factor)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Coordinates between which a local fit may move: a stated range, or as far as ours would be widened at most."""
+        if self.stated:
+            return self.range
+        far = self.factor**WIDENINGS
+        return self.coordinate(max(self.low / far, self.floor)), self.coordinate(min(self.high * far, self.ceiling))
+
+    def interior(self, x: float) -> bool:
+        """Whether a coordinate lies inside the range, off its ends."""
+        low, high = self.range
+        rim = (1e-3 if self.stated else RIM) * (high - low)
+        return low + rim < x < high - rim
+
+    def widened(self) -> FitKey:
+        """With a range that reaches further both ways, where it is ours."""
+        if self.stated:
+            return self
+        low, high = max(self.low / self.factor, self.floor), min(self.high * self.factor, self.ceiling)
+        return replace(self, low=low, high=high)
+
+
+def parse_fit(scenario: Scenario, text: str) -> FitKey:
+    """``KEY`` or ``KEY=LOW:HIGH`` with units; without a range a factor of four each way, ten per cent for a frequency."""
+    key, _, span = text.partition("=")
+    key = key.strip()
+    entries = {name: (value, quantity) for name, value, quantity in scenario.entries()}
+    if key not in entries:
+        raise MicrovibError(f"--fit {key}: is no key of the scenario; allowed are {', '.join(fittable(scenario))}")
+    value, quantity = entries[key]
+    if quantity is None or not isinstance(value, float):
+        raise MicrovibError(f"--fit {key}: is {value!r}, not a number; start it from a number with --set {key}=...")
+    _refuse_what_is_known(scenario, key, value)
+    if span:
+        return _stated(text, key, span, quantity)
+    if value <= 0.0:
+        raise MicrovibError(f"--fit {key}: starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}")
+    return around(key, value, quantity)
+
+
+def around(key: str, value: float, quantity: Quantity, along: bool = False) -> FitKey:
+    """A range of ours about a value, to be widened where it turns out too narrow."""
+    factor = FREQUENCY_FACTOR if key.endswith("frequency") else FACTOR
+    floor = max(quantity.ge or 0.0, quantity.gt or 0.0, 1e-300)
+    ceiling = math.inf if quantity.le is None else quantity.le
+    low, high = max(value / factor, floor), min(value * factor, ceiling)
+    return FitKey(key, low, high, quantity.unit, False, along, factor, floor, ceiling)
+
+
+def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:
+    first, colon, last = span.partition(":")
+    try:
+        low, high = [convert(part, quantity.unit) for part in (first, last)]
+    except ValueError as error:
+        raise MicrovibError(f"--fit {text}: {error}; write KEY=LOW:HIGH with units ({quantity.unit})") from None
+    if not colon or not low < high:
+        raise MicrovibError(f"--fit {text}: LOW must be below HIGH; write KEY=LOW:HIGH with units ({quantity.unit})")
+    return FitKey(key, low, high, quantity.unit)
+
+
+def _refuse_what_is_known(scenario: Scenario, key: str, value: float) -> None:
+    """Refuse what the recording itself gives, and what is no property of the drive."""
+    if key in _SETTINGS:
+        raise MicrovibError(f"--fit {key}: is the recording's own and is not fitted")
+    if key.startswith("solver."):
+        raise MicrovibError(f"--fit {key}: is a setting of the solver, not a property of the drive, and is not fitted")
+    if moves_the_clock(scenario, key, value):
+        raise MicrovibError(
+            f"--fit {key}: moves the step clock, which the recording's own lines give far better than a fit could: the"
+            " clock is measured and set, and this key is not fitted; change it with --set"
+        )
+
+
+def moves_the_clock(scenario: Scenario, key: str, value: float) -> bool:
+    """Whether the step clock, microsteps per second, changes with a key."""
+    if key == "tracking.clock_ratio":
+        return True
+    try:
+        moved = scenario.with_si({key: value * 1.001 if value else 1e-3})
+    except MicrovibError:
+        return False
+    return moved.driving_frequency != scenario.driving_frequency
+
+
+def fittable(scenario: Scenario) -> list[str]:
+    """Keys that can be fitted."""
+    return [
+        name
+        for name, value, quantity in scenario.entries()
+        if quantity is not None
+        and isinstance(value, float)
+        and name not in _SETTINGS
+        and not name.startswith("solver.")
+        and not moves_the_clock(scenario, name, value)
+    ]

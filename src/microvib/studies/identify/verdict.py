@@ -1,0 +1,178 @@
+"""What estimates are worth: one verdict each, and what they lean on that was not fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.model.scenario import Scenario
+from microvib.studies.identify.goodness import Goodness, goodness
+from microvib.studies.identify.intervals import Interval, Z
+from microvib.studies.identify.keys import fittable
+from microvib.studies.identify.problem import Problem
+from microvib.studies.identify.search import Local, Optimum
+
+WIDE = 0.2
+"""Standard error over the value from which a parameter is not identifiable."""
+TIED = 0.995
+"""Correlation from which two estimates cannot be told apart."""
+NUDGE = 0.01
+"""Relative change of a parameter that was not fitted, to see what leans on it."""
+ASSUMED_TIME = 0.1
+"""Relative error of a settling time that nobody measured."""
+SETTLE = "record.settle"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identified parameter."""
+
+    key: str
+    unit: str
+    estimate: float
+    standard_error: float
+    """Standard error; of a profiled interval a quarter or so of its width, nan where it is withheld."""
+    low: float
+    high: float
+    identifiable: bool
+    verdict: str
+    interval: tuple[float, float] = (math.nan, math.nan)
+    """Interval of 95 %; nan where it is withheld, the end of the range where it is open."""
+    profiled: bool = False
+    """Whether the interval comes from the profile of the cost instead of its curvature."""
+
+
+@dataclass(frozen=True)
+class Leaning:
+    """How far the estimates move with a parameter that was not fitted."""
+
+    key: str
+    shifts: tuple[float, ...]
+    """Relative change of each estimate for a relative change of the parameter (d ln estimate / d ln parameter)."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """All that verdicts are made from."""
+
+    problem: Problem
+    best: Optimum
+    local: Local
+    intervals: tuple[Interval, ...] | None
+    """None where they are withheld."""
+    leanings: tuple[Leaning, ...]
+    converged: bool
+    rival: Optimum | None
+    """Another optimum, elsewhere, that explains the evidence as well."""
+
+
+def estimates(case: Case) -> tuple[Estimate, ...]:
+    """Each parameter with its interval and verdict."""
+    return tuple(_estimate(case, k) for k in range(len(case.problem.keys)))
+
+
+def _estimate(case: Case, k: int) -> Estimate:
+    key, x = case.problem.keys[k], float(case.best.x[k])
+    value = key.value(x)
+    good, verdict = _verdict(case, k)
+    if key.along:
+        verdict += "; fitted along, for with the scenario's value the evidence was not explained"
+    if case.intervals is None:
+        return Estimate(key.key, key.unit, value, math.nan, key.low, key.high, good, verdict)
+    i = case.intervals[k]
+    interval = key.value(i.low), key.value(i.high)
+    error = (interval[1] - interval[0]) / (2.0 * Z) if i.profiled else key.slope(value) * float(case.local.spread[k])
+    return Estimate(key.key, key.unit, value, error, key.low, key.high, good, verdict, interval, i.profiled)
+
+
+def _verdict(case: Case, k: int) -> tuple[bool, str]:
+    key, x = case.problem.keys[k], float(case.best.x[k])
+    fit = goodness(case.problem, case.best.r)
+    if not fit.explained:
+        return False, "not identifiable: the model does not explain the data"
+    if not case.converged or case.intervals is None:
+        return False, "not identifiable: the search has not come to its end"
+    if not key.interior(x):
+        return False, "not identifiable: at the end of its range"
+    if case.rival is not None and not _same(case, case.rival.x[k], k):
+        return False, f"not identifiable: {key.value(float(case.rival.x[k])):.4g} explains the data as well"
+    return _width(case, k, fit)
+
+
+def _width(case: Case, k: int, fit: Goodness) -> tuple[bool, str]:
+    assert case.intervals is not None
+    key, interval = case.problem.keys[k], case.intervals[k]
+    value = key.value(float(case.best.x[k]))
+    half = 0.5 * (key.value(interval.high) - key.value(interval.low))
+    if interval.open_low or interval.open_high or half > Z * WIDE * abs(value):
+        partner = _partner(case.local, k)
+        if partner is not None:
+            return False, f"not identifiable apart from {case.problem.keys[partner].key}"
+        return False, "not identifiable: the evidence hardly changes with it"
+    late = next((one.shifts[k] for one in case.leanings if one.key == SETTLE), 0.0)
+    if abs(late) * ASSUMED_TIME * abs(value) > half:
+        settle = case.problem.scenario.record.settle
+        return False, (
+            f"not identifiable without the settling time: 1 s more than the {settle:g} s assumed moves it by"
+            f" {100.0 * late / settle:+.2g} %"
+        )
+    return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
+
+
+def _same(case: Case, x: float, k: int) -> bool:
+    """Whether a coordinate lies within its parameter's interval, or next to it."""
+    assert case.intervals is not None
+    i = case.intervals[k]
+    margin = 0.5 * (i.high - i.low)
+    return bool(i.low - margin <= x <= i.high + margin)
+
+
+def _partner(local: Local, k: int) -> int | None:
+    """The parameter that one cannot be told apart from."""
+    correlation = np.abs(correlations(local)[k])
+    correlation[k] = 0.0
+    partner = int(np.argmax(correlation))
+    return partner if correlation[partner] > TIED else None
+
+
+def correlations(local: Local) -> np.ndarray:
+    """Correlation of the estimates, (m, m)."""
+    result: np.ndarray = local.covariance / np.outer(local.spread, local.spread)
+    return result
+
+
+def rival(problem: Problem, best: Optimum, others: Sequence[Optimum], local: Local) -> Optimum | None:
+    """An optimum elsewhere that lies within the rise that an interval of 95 % allows."""
+    for other in others:
+        apart = np.max(np.abs(other.x - best.x) / local.spread)
+        if other.cost - best.cost < Z**2 * local.scatter and apart > 3.0 * Z:
+            return other
+    return None
+
+
+def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ...]:
+    """How far each estimate moves with each number of the scenario that was not fitted, to first order."""
+    taken = {key.key for key in problem.keys} | {name for _, changes in problem.evidence for name in changes}
+    own = {name: value for name, value, _ in problem.scenario.entries()}
+    moved = {name: own[name] * (1.0 + NUDGE) for name in fittable(problem.scenario) if name not in taken and own[name]}
+    moved = {name: value for name, value in moved.items() if _possible(problem.scenario, name, value)}
+    scale = [key.slope(v) / v for key, v in zip(problem.keys, problem.changes(best.x).values(), strict=True)]  # type: ignore[operator, arg-type]
+    gain = -(local.covariance / local.scatter) @ local.J.T
+    nudged = problem.residuals([best.x] * len(moved), [{name: value} for name, value in moved.items()])
+    found = [
+        Leaning(name, tuple(map(float, np.array(scale) * (gain @ (r - best.r)) / NUDGE)))
+        for name, r in zip(moved, nudged, strict=True)
+    ]
+    return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
+
+
+def _possible(scenario: Scenario, name: str, value: float) -> bool:
+    try:
+        scenario.with_si({name: value})
+    except MicrovibError:
+        return False
+    return True
