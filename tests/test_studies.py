@@ -302,3 +302,19 @@ def test_tables_of_lines_that_are_broken(tmp_path, start, content, complaint):
     for read in (lambda: read_evidence(str(path), start), lambda: compare(str(path), str(path))):
         with pytest.raises(MicrovibError, match=complaint):
             read()
+
+
+def test_evidence_is_of_the_loads_ahead_of_the_chain(recording, start):
+    from microvib.signals.preparation import Preparation
+
+    raw = read_evidence(str(recording), start)
+    told = read_evidence(str(recording), start, preparation=Preparation(response="boxcar"))
+    before, after = (
+        {o.line: o for o in e.observations if o.form == "amplitude" and o.line.startswith("drive_")}
+        for e in (raw, told)
+    )
+    assert len(before.keys() & after.keys()) >= 3
+    for name in before.keys() & after.keys():
+        gain = 1.0 / np.sinc(int(name.split("_")[1]) * start.driving_frequency * raw.clock_ratio / 4096.0)
+        assert after[name].value == pytest.approx(gain * before[name].value, abs=0.1 * before[name].uncertainty)
+    assert "response of the measuring chain taken out (boxcar)" in " ".join(told.notes)

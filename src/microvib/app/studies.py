@@ -49,6 +49,7 @@ def fit_text(fit: Fit) -> str:
             f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
         )
     lines += ["", *(f"1 % more of {one.key}: {_moves(fit, one)}" for one in fit.leanings[:3])]
+    lines += _prepared(fit)
     lines.append(f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
     return "\n".join(lines)
 
@@ -61,6 +62,11 @@ def _warnings(fit: Fit) -> list[str]:
     elif not fit.converged:
         found.append("The search has not come to its end: a finer look still found something better.")
     return found
+
+
+def _prepared(fit: Fit) -> list[str]:
+    """What reading and preparing the recordings did."""
+    return [f"{e.name}: {'; '.join(e.notes)}." for e, _ in fit.after if e.notes]
 
 
 def _off_text(fit: Fit) -> list[str]:
@@ -136,7 +142,8 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "correlation": {name: by_name(row) for name, row in zip(names, fit.correlation, strict=True)},
         "sensitivities": {figure: by_name(row) for figure, row in fit.sensitivities.items()},
         "evidence": [
-            {"name": e.name, "clock_ratio": e.clock_ratio, "observations": len(e.observations)} for e, _ in fit.after
+            {"name": e.name, "clock_ratio": e.clock_ratio, "observations": len(e.observations), "notes": list(e.notes)}
+            for e, _ in fit.after
         ],
         "cost": fit.cost, "observations": fit.observations, "simulations": fit.simulations, "seed": fit.seed,
         "interrupted": fit.interrupted, "status": "calibrated: these lines were fitted to", "versions": package_versions(),
@@ -164,7 +171,11 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
             Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit),
         ),
         sections=(
-            Section("Before and after", (Text(CALIBRATED), _before_and_after(fit)), new_page=True),
+            Section(
+                "Before and after",
+                (Text(CALIBRATED), _before_and_after(fit), *(Text(text, note=True) for text in _prepared(fit))),
+                new_page=True,
+            ),
             Section("What the estimates lean on", (Text(_LEANING), _leanings(fit))),
             Section(
                 "Correlation of the estimates",

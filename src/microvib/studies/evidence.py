@@ -54,6 +54,8 @@ class Evidence:
     """Step clock found over that of the scenario."""
     duration: float
     sample_rate: float
+    notes: tuple[str, ...] = ()
+    """What reading and preparing a recording did."""
 
 
 def chosen(
@@ -103,7 +105,7 @@ def read_evidence(
         prepared, table = measured_lines(path, scenario, channel, preparation)
         recording = prepared.recording
         found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, recording.duration))
-        return Evidence(source, found, table.clock_ratio, recording.duration, recording.sample_rate)
+        return Evidence(source, found, table.clock_ratio, recording.duration, recording.sample_rate, recording.notes)
     raise MicrovibError(
         f"{source}: is no evidence; wanted is a recording ({', '.join(READERS)}), a table of lines (.csv) or '{PAPER_TABLE}'"
     )
