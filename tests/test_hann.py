@@ -100,3 +100,20 @@ def test_lines_beyond_the_spectrum_have_no_amplitude():
     spectrum = HannSpectrum.of(np.random.default_rng(6).normal(size=64), 64.0)
     line = ExpectedLine("drive_9", "drive", 500.0, 500.0, 500.0, "made")
     assert spectrum.amplitudes(steady([line])).tolist() == [0.0]
+
+
+def test_a_fit_finds_tones_near_each_other_and_a_shift_of_others_together():
+    n = 2048
+    cycles, decay = np.array([20.2, 22.9, 100.0, 200.0]), np.array([0.4, 1.5, 0.0, 0.0])
+    truth = cycles * np.array([1.0, 1.0, 1.001, 1.001])
+    x = sum(samples_of(f, d, a, n) for f, d, a in zip(truth, decay, (1.0, 0.7j, 0.3, 0.2 - 0.1j), strict=True))
+    two, none = np.arange(2), np.zeros(2)
+    k = hann.bins_in(cycles, cycles, hann.REACH, n // 2 + 1)
+    start = np.array([20.0, 23.2, 100.0, 200.0])
+    low, high = np.array([18.0, 21.0, -8.0, -8.0, -np.inf]), np.array([22.0, 25.0, 60.0, 60.0, np.inf])
+    there, fold, at = hann.fit(
+        start, 0.3 * (start < 50.0), two, two, two + 2, low, high, k, transformed(x), hann.half_turns(n)
+    )
+    assert there == pytest.approx(truth, rel=1e-7)
+    assert fold == pytest.approx([0.4, 1.5, *none], abs=1e-6)
+    assert at[-1] == pytest.approx(0.2, rel=1e-5)

@@ -12,7 +12,7 @@ import microvib as mv
 from microvib.app.long_runs import lines_of_stream
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.table import FAINT, LineTable, Rest
-from microvib.studies.margins import Judgement, Limit, judge
+from microvib.studies.margins import Judgement, Limit, judge, unsettled
 
 NOTHING = Rest(np.zeros(0), np.zeros(0))
 
@@ -145,6 +145,15 @@ def test_no_parameter_of_the_record_turns_a_verdict_round(scenario, motion_1, ta
             assert not {"pass", "fail"} <= verdicts, limit
             judged += len(verdicts - {"not judged"})
     assert judged > 100
+
+
+def test_what_is_not_settled_is_told_with_the_time_that_it_takes(table, scenario):
+    (sentence,) = unsettled(table, scenario)
+    start = table["array_mode_1"].starting(16.0)
+    assert sentence.startswith(f"array_mode_1 decays, {1e3 * start:.4g} mN m at the start of the record")
+    needed = 30.0 + math.log(start / (0.01 * table["drive_1"].amplitude_n_m)) / table["array_mode_1"].decay_per_s
+    assert float(sentence.split(">= ")[1].split()[0]) == pytest.approx(needed, rel=0.01)
+    assert unsettled(mv.steady(scenario).lines, scenario) == []
 
 
 def test_the_sentence_of_a_judgement():

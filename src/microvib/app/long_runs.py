@@ -29,7 +29,7 @@ def lines_of_stream(
     The amplitude is the mean over the blocks; frequency and decay are means weighted with amplitude squared over the blocks in
     which the line is seen; phase and its uncertainty are those of the first block, the status that of the loudest. The
     nearest-bin figure is that of the whole record, summed up exactly as it streams by. Unexpected lines are those of the
-    first block.
+    first block, means over the blocks that have them; those of other blocks count as what is left.
     """
     samples, rate = scenario.record.samples, scenario.record.sample_rate
     expected = expected_lines(scenario, PASSBAND * rate, harmonics)
@@ -97,8 +97,8 @@ class _Bins:
 def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
     ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     lines = []
-    for k, (bin_hz, bin_amplitude) in enumerate(bins.figures()):
-        column: list[Line] = [_row(table, tables[0].lines[k].line) for table in tables]
+    for first, (bin_hz, bin_amplitude) in zip(tables[0], bins.figures(), strict=True):
+        column = [row for row in (_row(table, first) for table in tables) if row is not None]
         # A mode that has died away says nothing of its frequency: blocks count by the square of what they show.
         weights = np.array([x.amplitude_n_m**2 if x.status in SEEN else 0.0 for x in column])
         if not np.any(weights > 0.0):
@@ -123,17 +123,23 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
     ratio_spread = _of_mean(spreads) if spreads else None
     left = [table.rest for table in tables if table.rest is not None]
+    left += [_unmatched(table, tables[0]) for table in tables[1:]]
     rest = Rest.of(*(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude")))
     return LineTable(tuple(lines), ratio, ratio_spread, total, tables[0].sample_rate, rest=rest)
 
 
-def _row(table: LineTable, name: str) -> Line:
-    """The line of that name; where an unexpected one is missing in a block, an empty row."""
-    for line in table.lines:
-        if line.line == name:
-            return line
-    empty: Line = replace(table.lines[0], line=name, status="not seen", amplitude_n_m=0.0)
-    return empty
+def _row(table: LineTable, line: Line) -> Line | None:
+    """That line in another block; an unexpected one goes by its frequency, for its number means nothing there."""
+    if line.kind != "other":
+        return table[line.line]
+    near = (x for x in table if x.kind == "other" and abs(x.frequency_hz - line.frequency_hz) * table.duration < 1.0)
+    return next(near, None)
+
+
+def _unmatched(table: LineTable, first: LineTable) -> Rest:
+    """Unexpected lines of a block that the first one does not have."""
+    lines = [x for x in table if x.kind == "other" and _row(first, x) is None]
+    return Rest(np.array([x.frequency_hz for x in lines]), np.array([x.amplitude_n_m for x in lines]))
 
 
 def _of_mean(spreads: list[float]) -> float:

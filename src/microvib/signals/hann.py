@@ -225,3 +225,79 @@ def peak(low, high, margin, values):
     side, neighbour = (1.0, right) if right >= left else (-1.0, left)
     ratio = neighbour / centre if centre > 0.0 else 0.0
     return best + side * (2.0 * ratio - 1.0) / (ratio + 1.0), centre
+
+
+@njit(**COMPILE)
+def fit(cycles, decay, free, falls, clock, low, high, k, values, table):
+    """Frequencies and decays of tones that leave least at the bins ``k``, amplitudes eliminated: damped Gauss-Newton.
+
+    Parameters, each from ``low`` to ``high`` (p,), are the frequencies of the tones ``free``, the decays of those that ``falls``
+    names and, where ``clock`` names any, a shift of these together, in bins of the highest of them, that keeps their ratios.
+    Returned are frequencies, decays and the parameters.
+    """
+    at = np.empty(low.size)
+    for i in range(free.size):
+        at[i] = cycles[free[i]]
+    for i in range(falls.size):
+        at[free.size + i] = decay[falls[i]]
+    if clock.size > 0:
+        at[-1] = 0.0
+    for i in range(at.size):
+        at[i] = _within(at[i], low[i], high[i])
+    there, fold = _placed(at, cycles, decay, free, falls, clock)
+    r = residual(there, fold, k, values, table)
+    n, damping, nudge = r.size, 1e-3, 1e-4
+    slopes, right = np.zeros((at.size, n + at.size)), np.zeros(n + at.size)
+    fresh = False
+    for _ in range(60):
+        if not fresh:
+            right[:n] = -r
+            for j in range(at.size):
+                moved = at.copy()
+                moved[j] += nudge
+                there, fold = _placed(moved, cycles, decay, free, falls, clock)
+                slopes[j, :n] = (residual(there, fold, k, values, table) - r) / nudge
+            fresh = True
+        for j in range(at.size):  # the damping, as further equations
+            slopes[j, n + j] = math.sqrt(damping * _dot(slopes[j, :n], slopes[j, :n]))
+        step = least_squares(slopes, right)
+        new, largest = np.empty(at.size), 0.0
+        for j in range(at.size):
+            decays = free.size <= j < free.size + falls.size
+            reach = max(0.5, 0.3 * abs(at[j])) if decays else 0.5
+            new[j] = _within(at[j] + _within(step[j], -reach, reach), low[j], high[j])
+            largest = max(largest, abs(new[j] - at[j]))
+        there, fold = _placed(new, cycles, decay, free, falls, clock)
+        r_new = residual(there, fold, k, values, table)
+        if _dot(r_new, r_new) > _dot(r, r):
+            damping *= 8.0
+            if damping > 1e8 or largest < 1e-9:
+                break
+            continue
+        at, r, damping, fresh = new, r_new, max(0.2 * damping, 1e-12), False
+        if largest < 1e-9:
+            break
+    there, fold = _placed(at, cycles, decay, free, falls, clock)
+    return there, fold, at
+
+
+@njit(**COMPILE)
+def _placed(at, cycles, decay, free, falls, clock):
+    """Frequencies and decays of all tones, where parameters of ``fit`` put them."""
+    there, fold = cycles.copy(), decay.copy()
+    for i in range(free.size):
+        there[free[i]] = at[i]
+    for i in range(falls.size):
+        fold[falls[i]] = at[free.size + i]
+    if clock.size > 0:
+        highest = 1.0
+        for i in clock:
+            highest = max(highest, cycles[i])
+        for i in clock:
+            there[i] = cycles[i] * (1.0 + at[-1] / highest)
+    return there, fold
+
+
+@njit(**COMPILE)
+def _within(x, low, high):
+    return min(max(x, low), high)

@@ -67,46 +67,23 @@ def moved(
     ``ratio`` if it is given, to which the tones of the clock keep; ``telling``, (m,) true or false, are those of them whose bins
     count.
     """
-    from scipy.optimize import least_squares
-
     free, falls, duration = np.flatnonzero(tones.free), np.flatnonzero(tones.falls), spectrum.duration
     if free.size == 0 and ratio is None:
         return tones, None
     cycles, fold = tones.frequency * duration, tones.decay * duration
     counting = cycles if telling is None else cycles[telling | tones.free]
     k = hann.bins_in(counting, counting, REACH, spectrum.values.size)
-    scale = 1.0 / max(float(np.max(np.abs(spectrum.values[k]), initial=0.0)), 1e-300)
-    values, table = spectrum.values * scale, spectrum.table
-    highest = float(np.max(cycles[tones.clock], initial=1.0))
-
-    def at(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        there, falling = cycles.copy(), fold.copy()
-        there[free] += p[: free.size]
-        falling[falls] += p[free.size : free.size + falls.size]
-        if ratio is not None:
-            there[tones.clock] *= 1.0 + p[-1] / highest  # in bins of the highest line
-        return there, falling
-
-    ends = [(x.low * duration - SLACK, x.high * duration + SLACK) for x in (tones.lines[i] for i in free)]
-    low = np.array([max(a, 0.5) for a, _ in ends] + [SLOWEST] * falls.size + [-np.inf] * (ratio is not None))
-    high = np.array([b for _, b in ends] + [FASTEST] * falls.size + [np.inf] * (ratio is not None))
-    start = np.concatenate([cycles[free], fold[falls], np.zeros(int(ratio is not None))])
-    inside = np.clip(start, low + 1e-6, np.maximum(high - 1e-6, low + 2e-6))
-    high = np.maximum(high, inside + 1e-6)
-    found = least_squares(
-        lambda p: hann.residual(*at(p), k, values, table),
-        inside - start,
-        bounds=(low - start, high - start),
-        xtol=1e-10,
-        ftol=1e-13,
-        gtol=1e-14,
-        max_nfev=60,
-    )
-    there, falling = at(found.x)
-    p = found.x + start
-    ended = (p <= low + 1e-5) | (p >= high - 1e-5)
+    clock = np.flatnonzero(tones.clock & (ratio is not None))
+    shifts = [np.inf] * (clock.size > 0)
+    bands = [(x.low * duration - SLACK, x.high * duration + SLACK) for x in (tones.lines[i] for i in free)]
+    low = np.array([max(a, 0.5) for a, _ in bands] + [SLOWEST] * falls.size + [-x for x in shifts])
+    high = np.array([b for _, b in bands] + [FASTEST] * falls.size + shifts)
+    there, falling, at = hann.fit(cycles, fold, free, falls, clock, low, high, k, spectrum.values, spectrum.table)
+    ended = (at <= low + 1e-9) | (at >= high - 1e-9)
     limited = tones.limited.copy()
     limited[free] = ended[: free.size]
     limited[falls] |= ended[free.size : free.size + falls.size]
     result = replace(tones, frequency=there / duration, decay=falling / duration, limited=limited)
-    return result, None if ratio is None else float(ratio * (1.0 + found.x[-1] / highest))
+    if clock.size == 0:
+        return result, ratio
+    return result, float((ratio or 1.0) * there[clock[0]] / cycles[clock[0]])

@@ -11,7 +11,7 @@ from microvib.model.expected import ExpectedLine
 from microvib.signals.hann import REACH
 from microvib.signals.joint import NEAR, Joint
 from microvib.signals.orders import Orders
-from microvib.signals.table import DETECTION
+from microvib.signals.table import DETECTION, Uncertainty
 from microvib.signals.tones import falling, steady
 from microvib.signals.uncertainty import uncertainties
 
@@ -61,7 +61,7 @@ class _Search:
             centres = np.concatenate([joint.tones.frequency, [m.frequency for m in modes]]) * self.duration
             near = np.zeros(size, dtype=bool)
             for centre in np.rint(centres).astype(int).tolist():
-                near[max(centre - NEAR, 0) : centre + NEAR + 1] = True
+                near[max(centre - REACH, 0) : centre + REACH + 1] = True
             self.barred |= ~near
 
     def found(self) -> Found:
@@ -134,7 +134,7 @@ class _Search:
         """An array mode has evidence: it decays, or it is off every simple order of the clock. Else its line is unlisted."""
         for line in modes:
             i = self._place(line.name)
-            spread = self._spread(i)
+            spread = self._spread(self.joint, i)
             fold = abs(self.joint.tones.decay[i]) * self.duration
             if self.orders is None or fold > max(0.05, 3.0 * spread.decay[0] * self.duration):
                 continue
@@ -154,16 +154,24 @@ class _Search:
             if self._explains(fit, k, height):
                 self.joint, self.others = fit, self.others + 1
                 return True
-        line = self._other(at)
-        fit = self.joint.with_tones(falling([line], np.array([at]), np.array([0.3 / self.duration])))
-        i = len(fit.tones) - 1
-        if fit.tones.limited[i] or not self._explains(fit, k, height) or self._is_change(fit, i):
+        found = self._steady_or_not(at, k, height)
+        if found is None:
             return False
-        self.joint, self.others = fit, self.others + 1
-        fold = abs(fit.tones.decay[i]) * self.duration
-        if fold < max(FALLS, 3.0 * self._spread(i).decay[0] * self.duration):
-            self._hold(i)
+        self.joint, self.others = found, self.others + 1
         return True
+
+    def _steady_or_not(self, at: float, k: int, height: float) -> Joint | None:
+        """The fit with an unlisted tone about a frequency: a steady one if that says it all, or else one that decays."""
+        one = falling([self._other(at)], np.array([at]), np.zeros(1))
+        held = self.joint.with_tones(replace(one, falls=np.zeros(1, dtype=bool)))
+        if self._explains(held, k, 0.1 * height) and not held.tones.limited[-1] and not self._is_change(held, -1):
+            return held
+        fit = self.joint.with_tones(replace(one, decay=np.array([0.3 / self.duration])))
+        if fit.tones.limited[-1] or not self._explains(fit, k, height) or self._is_change(fit, -1):
+            return None
+        fold = abs(fit.tones.decay[-1]) * self.duration
+        falls = fold > max(FALLS, 3.0 * self._spread(fit, -1).decay[0] * self.duration)
+        return fit if falls else held
 
     def _explains(self, fit: Joint, k: int, height: float) -> bool:
         return float(np.max(fit.rest.magnitude[max(k - 1, 0) : k + 2])) < 0.5 * height
@@ -200,11 +208,10 @@ class _Search:
     def _place(self, name: str) -> int:
         return next(i for i, line in enumerate(self.joint.tones.lines) if line.name == name)
 
-    def _spread(self, i: int):  # type: ignore[no-untyped-def]
-        tones = self.joint.tones
-        one = np.arange(len(tones)) == i
-        amplitudes = self.joint.amplitudes[one]
-        return uncertainties(tones.only(one), amplitudes, None, self.joint.spectrum, self.joint.rest)[0]
+    def _spread(self, fit: Joint, i: int) -> Uncertainty:
+        one = np.zeros(len(fit.tones), dtype=bool)
+        one[i] = True
+        return uncertainties(fit.tones.only(one), fit.amplitudes[one], None, fit.spectrum, fit.rest)[0]
 
     def _within(self, spread: float) -> float:
         """How far from an order a frequency of this standard uncertainty may be on it [Hz]."""

@@ -23,6 +23,8 @@ STIRS = 0.1
 """Part of what rings in a record by which a line may change until that has died away: friction couples them."""
 CALM = 12.0
 """e-foldings after which nothing is left of a start."""
+_SETTLED = 0.01
+"""Part of the largest steady line from which what rings counts as settled."""
 _LIMITED = 3.0
 """Factor on the amplitude of a line whose fit ended at a limit."""
 _MOST_ORDERS = 5000
@@ -144,6 +146,21 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     gaps += [f"{x.line} ({x.status})" for x in unknown if not (_has_calmed(x, scenario) or _is_small(x, limit))]
     gaps += [*_left(table, limit), *_no_clock(scenario), *_above_passband(table, limit, scenario)]
     return Judgement(limit, tuple(margins), unknown, tuple(gaps))
+
+
+def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
+    """A sentence for each tone that decays and is above a hundredth of the largest steady line at the start of the record."""
+    largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
+    sentences = []
+    for x in (x for x in table if x.status == "decaying"):
+        start = x.starting(table.duration)
+        if start > _SETTLED * largest:
+            sentences.append(
+                f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and"
+                f" {1e3 * x.amplitude_n_m:.4g} mN m on average: {_unsettled(x, start / (_SETTLED * largest), scenario)} for a"
+                " hundredth of the largest steady line, or record.start=steady."
+            )
+    return sentences
 
 
 def _frequency(line: Line) -> float:

@@ -87,10 +87,13 @@ def _steady_sentence(result: RunResult) -> str:
 
 
 def _print_lines(loaded: Scenario, table: LineTable) -> None:
+    from microvib.studies.margins import unsettled
     from microvib.studies.paper import compare_with_paper, paper_state, standing
 
     echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
     echo(table.text(notable=True))
+    for sentence in unsettled(table, loaded):
+        echo(f"\n{sentence}")
     if not any(line.status in ("ok", "decaying", "growing") for line in table):
         echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
     rows = compare_with_paper(loaded, table)

@@ -14,7 +14,7 @@ from microvib.app.reports.trust import failing, invariants_sentence
 from microvib.model.scenario import Scenario
 from microvib.signals.table import Line, LineTable
 from microvib.solve.motion import Motion
-from microvib.studies.margins import Judgement
+from microvib.studies.margins import Judgement, unsettled
 
 MOST = 10
 """Lines on the first page."""
@@ -152,7 +152,7 @@ def what(line: Line) -> str:
 
 
 def _notes(motion: Motion, lines: LineTable, judged: Judgement | None) -> list[Text]:
-    notes = [*_doubts(motion.scenario), *_decaying(motion, lines, judged), *(_limits(judged) if judged else [])]
+    notes = [*_doubts(motion.scenario), *unsettled(lines, motion.scenario), *(_limits(judged) if judged else [])]
     return [Text(" ".join(notes), note=True)] if notes else []
 
 
@@ -161,14 +161,6 @@ def _doubts(scenario: Scenario) -> Iterable[str]:
     yield from (f"{text}." for text in found[:4])
     if len(found) > 4:
         yield f"So are {len(found) - 4} more; `microvib show scenario.yaml` names them."
-
-
-def _decaying(motion: Motion, lines: LineTable, judged: Judgement | None) -> Iterable[str]:
-    for x in _shown(lines, judged):
-        if x.status == "decaying":
-            fold = x.decay_per_s * motion.scenario.record.duration
-            start = x.amplitude_n_m * fold / -math.expm1(-fold)
-            yield f"{x.line} decays: the amplitude is its mean over the record, {torque(start)} at the start."
 
 
 def _limits(judged: Judgement) -> Iterable[str]:
