@@ -34,7 +34,7 @@ _WORSE = 2.0
 _SCALLOP = 1.18
 """Amplitude of a tone over its highest bin, at most."""
 AN_OTHER = "an unlisted line"
-UNSURE = 0.3
+UNSURE = 0.2
 """Standard uncertainty over amplitude from which a line beside another is not told from it."""
 __all__ = [
     "MOST_OTHERS",
@@ -155,7 +155,8 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
 def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
     """Names of the lines that stand out and yet have no figure of their own, with the reason: what is beside them hides it."""
     tones, sizes, duration = joint.tones, joint.sizes, joint.spectrum.duration
-    unsure = (spread.amplitude > UNSURE * sizes) & (sizes > DETECTION * joint.rest.floors(tones.frequency))
+    unsure = spread.amplitude > UNSURE * sizes
+    unsure &= sizes > DETECTION * joint.rest.floors(tones.frequency)
     more = disturbed(tones, joint.rest)
     why: dict[str, str] = {}
     for i in (i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"):

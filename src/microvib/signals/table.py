@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -89,7 +89,7 @@ class LineTable:
     sample_rate: float
     unit: str = "N*m"
     """Of all amplitudes, in place of N m where the lines are those of another channel than a torque."""
-    rest: Rest | None = None
+    rest: Rest | None = field(default=None, compare=False)
     """What is left; None where that was not looked at."""
 
     @property

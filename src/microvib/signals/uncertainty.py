@@ -11,7 +11,7 @@ from microvib.signals.tones import HannSpectrum, Tones, mean_of_decay
 
 _NUDGE = 1e-4
 """Step of difference quotients, in cycles or e-foldings over the record."""
-_FEW = 1.05
+_FEW = 1.08
 """Widens what follows from a floor: a median of some thirty bins, not all independent, is itself off by a sixth."""
 _USUAL = 2.0
 """RMS of what is left in a tone's own bins, over that of the noise, which noise alone hardly exceeds."""
