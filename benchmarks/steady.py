@@ -1,8 +1,9 @@
 """The steady solver against the run in time: speed and lines, on states 1-5 and on random parameter sets.
 
-``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80]``
+``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500]``
 
-``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps.
+``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps. ``--heavy`` takes slow sets in which
+friction weighs much instead, and compares the RMS of the torque with that of a run from rest.
 
 Nothing is asserted. Machines differ: only the ratios and deviations mean something elsewhere.
 """
@@ -13,7 +14,8 @@ import argparse
 import math
 import os
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
@@ -21,6 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 import numpy as np
 
 import microvib as mv
+from microvib.solve.batch import simulate_torques
 from microvib.solve.period import NotPeriodic
 from microvib.solve.steady import SteadyState, steady_state
 
@@ -35,7 +38,11 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--chart", type=int, default=0)
+    parser.add_argument("--heavy", type=int, default=0)
     arguments = parser.parse_args()
+    if arguments.heavy:
+        from_rest(range(arguments.seed, arguments.seed + arguments.heavy))
+        return
     steady_state(mv.load_scenario("state-1"))  # compiles, or loads what was compiled
     mv.simulate(mv.load_scenario("state-1"))
     print("settled: the run in time settles until its slowest mode has rung down to 1e-6; its lines are the reference")
@@ -110,6 +117,66 @@ def worst_deviation(state: SteadyState, motion: mv.Motion) -> tuple[float, str]:
         if deviation > worst:
             worst, name = deviation, line.line
     return worst, name
+
+
+def from_rest(seeds: Sequence[int]) -> None:
+    """Print the sets whose torque is off by more than 3 % RMS from that of a run from rest after eight of its slowest decays."""
+    reasons: Counter[str] = Counter()
+    found = []
+    for seed in seeds:
+        scenario = heavy_scenario(seed)
+        try:
+            state = steady_state(scenario)
+        except NotPeriodic as why:
+            reasons["".join(c for c in str(why) if not c.isdigit())[:70]] += 1
+        else:
+            found.append((seed, state))
+    wrong = 0
+    for start in range(0, len(found), 32):
+        part = found[start : start + 32]
+        for (seed, state), run in zip(part, simulate_torques([_long(state) for _, state in part]), strict=True):
+            if isinstance(run, Exception):
+                wrong += 1
+                print(f"set {seed}: the run fails: {run}")
+                continue
+            steady, in_time = float(np.std(state["T_d"])), float(np.std(run.T_d))
+            if abs(steady / in_time - 1.0) > 0.03:
+                wrong += 1
+                print(
+                    f"set {seed}: {1e3 * steady:.4g} mN m RMS steady, {1e3 * in_time:.4g} in the run from rest",
+                    flush=True,
+                )
+    print(f"\nsteady states found: {len(found)} of {len(seeds)}; more than 3 % RMS off a run from rest: {wrong}")
+    for reason, count in reasons.most_common():
+        print(f"{count:5d} fall back: {reason}")
+
+
+def _long(state: SteadyState) -> mv.Scenario:
+    """The scenario with time to settle, and a record of whole periods."""
+    slowest = max(1.0 / (2.0 * math.pi * m.frequency * m.damping) for m in state.scenario.array.modes)
+    settle = max(60.0, 8.0 * slowest, state.solver["settling_s"])
+    periods = max(math.ceil(10.0 * state.frequency), 1)
+    return state.scenario.with_si({"record.settle": settle, "record.duration": periods / state.frequency})
+
+
+def heavy_scenario(seed: int) -> mv.Scenario:
+    """A slow set about state 1 in which friction weighs much and falls with the rate."""
+    r = np.random.default_rng(10_000 + seed)
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(r.uniform(math.log(low), math.log(high))))
+
+    coulomb = between(0.02, 0.3)
+    return random_scenario(seed).with_si(
+        {
+            "friction.coulomb": coulomb,
+            "friction.breakaway": coulomb + between(0.005, 0.15),
+            "friction.stribeck_rate": math.radians(between(0.001, 0.1)),
+            "friction.viscous": between(0.005, 1.0),
+            "tracking.rate": math.radians(between(0.004, 0.06)) * float(r.choice([-1, 1])),
+            "tracking.clock_ratio": 1.0,
+        }
+    )
 
 
 def chart_point(k: int) -> mv.Scenario:

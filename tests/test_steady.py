@@ -11,6 +11,7 @@ import microvib as mv
 from microvib.model.expected import ExpectedLine
 from microvib.signals.lines import estimate_lines
 from microvib.signals.periodic import TRANSIENT, lines_of_series
+from microvib.solve.batch import simulate_torques
 from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.shooting import CLOSE
 from microvib.solve.steady import steady_state
@@ -172,6 +173,32 @@ def test_a_motion_that_depends_on_how_it_began_is_not_taken():
     # Friction that falls with the rate: smooth slip is stable, and so is an oscillation that sticks.
     with pytest.raises(NotPeriodic, match="one that sticks and slips"):
         steady_state(benchmark.random_scenario(30))
+
+
+@pytest.mark.parametrize(
+    ("seed", "why"),
+    [
+        (327, "a start from rest does not go on to"),
+        (436, "a start from rest does not go on to"),
+        (18, r"friction that falls with the rate keeps it ringing: .* 3\d\d s .*, 1\d\.\d s by the modes' own damping"),
+    ],
+)
+def test_a_motion_that_no_run_shows_is_not_taken(seed, why):
+    scenario = benchmark.heavy_scenario(seed)
+    with pytest.raises(NotPeriodic, match=why):
+        steady_state(scenario)
+
+
+def test_friction_heavy_sets_that_are_found_are_what_a_run_from_rest_shows():
+    found = []
+    for seed in range(1, 12):
+        try:
+            found.append(steady_state(benchmark.heavy_scenario(seed)))
+        except NotPeriodic:
+            continue
+    assert len(found) >= 5
+    for state, run in zip(found, simulate_torques([benchmark._long(x) for x in found]), strict=True):
+        assert float(np.std(run.T_d)) == pytest.approx(float(np.std(state["T_d"])), rel=0.03)
 
 
 def test_repetition_in_microsteps(state_1):

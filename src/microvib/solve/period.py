@@ -94,6 +94,14 @@ class PeriodMap:
         y[kernel.XA], y[kernel.XB] = (integral * turn).real, (integral * turn).imag
         return y
 
+    def at_rest(self) -> tuple[np.ndarray, int]:
+        """State in which every run begins, seen from the command, and the microstep of the period before which the drive stands as
+        it does before a run's first."""
+        angle = self.angle(0)
+        electrical = self.packed.drive.z * angle
+        turn = Turn(np.array([angle]), np.cos(electrical), np.sin(electrical))
+        return self._turned(pack(self.scenario).state.y[None], turn)[0], round(-angle / self._step) % self.microsteps
+
     def angle(self, microstep: Any) -> Any:
         """Rotor angle [rad] that is commanded before a ``microstep`` of the period."""
         return self._begun + microstep * self._step

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import eig
@@ -40,6 +41,10 @@ STABLE = 1.005
 """Largest multiplier that passes for stable: that of a mode without damping is 1, and it is measured to a thousandth."""
 FAR_FROM_STABLE = 10.0
 """Multiplier from which its figure means nothing."""
+LONG = 200.0
+"""Settling [s] that is too long for a run to show the motion, unless the modes' own damping is as slow."""
+FED = 2.0
+"""Settling, over that of the modes' own damping, from which friction feeds them."""
 SLOW = 0.8
 """Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
 DEVIATION = 0.3
@@ -54,13 +59,21 @@ NUDGE = 0.03
 """Step of differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
 CALMS_WITHIN = 4.0
 """Time [s] within which what was stopped must slip again without sticking."""
+SHARES = np.array([1.0, 0.75, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01])
+"""Parts of the distance from what was found to a start from rest at which lanes begin, the last one for small deviations."""
+PATIENCE = (4, 8, 16, 32)
+"""Periods after which it is asked whether all are back or on their way; the last time for good."""
+AS_SMALL_ONES = 1.3
+"""Part of what small deviations would have left that a large one may be at."""
+CAME_BACK = 0.02
+"""Distance at which one is back."""
 NOT_FOUND = "no motion was found that repeats with the command"
 HARMONICS = 8
 """Driving lines whose amplitudes the sampling must not disturb; see ``_rows``."""
 
 
-class NotUnique(NotPeriodic):
-    """More than one steady state that repeats with the command was found."""
+class NotShown(NotPeriodic):
+    """A motion that repeats with the command was found, but a run need not show it: there are others, or it takes too long."""
 
 
 class Search:
@@ -83,8 +96,10 @@ class Search:
             falls = self.distance < last and step + 1 < MOST_STEPS
             if sampled and self.distance < (CLOSE if falls else AS_CLOSE_AS_IT_GETS):
                 self._check_stable()
+                self._check_settles()
                 self._check_for_others()
                 self._check_for_stick_slip()
+                self._check_from_rest()
                 return self
             if self.distance > BELIEVED:
                 x = self._swept(self.ends.x, len(self.x))
@@ -151,6 +166,23 @@ class Search:
             far = "far from it" if self.multiplier > FAR_FROM_STABLE else f"multiplier {self.multiplier:.4g}"
             raise NotPeriodic(f"what repeats with the command is not stable ({far})")
 
+    @property
+    def settling(self) -> float:
+        """Time [s] in which a small deviation falls to a hundredth; infinite where the multiplier is not below 1."""
+        if self.multiplier >= 1.0:
+            return math.inf
+        return math.log(0.01) / math.log(max(self.multiplier, 1e-9)) / self.period.frequency
+
+    def _check_settles(self) -> None:
+        """A mode that friction feeds nearly as fast as it loses may ring for minutes: no run shows what it rings about."""
+        rates = [m.damping * 2.0 * math.pi * m.frequency for m in self.period.scenario.array.modes]
+        own = math.log(100.0) / max(min(rates, default=math.inf), 1e-9)
+        if self.settling > max(LONG, FED * own):
+            raise NotShown(
+                f"friction that falls with the rate keeps it ringing: deviations take {self.settling:.3g} s to fall to a hundredth,"
+                f" {own:.3g} s by the modes' own damping"
+            )
+
     def _multiplier(self, derivatives: np.ndarray) -> float:
         """Largest part of a deviation that is left after a period, of slow ones measured along their directions, all at once."""
         values, left, right = eig(_product(derivatives), left=True)
@@ -191,7 +223,7 @@ class Search:
                 return
             x[:, modes] = self.ends.x[j, modes]
         if np.any(np.maximum(away[-1], away[-2]) > np.maximum(BACK, 0.7 * away[len(away) // 2 - 1])):
-            raise NotUnique(
+            raise NotShown(
                 "of the motions that repeat with the command there are several; which one, its beginning decides"
             )
 
@@ -210,7 +242,43 @@ class Search:
             x = period.advance(x)
             if counters[kernel.STICKS] == before:
                 return
-        raise NotUnique("beside the motion that repeats with the command there is one that sticks and slips")
+        raise NotShown("beside the motion that repeats with the command there is one that sticks and slips")
+
+    def _check_from_rest(self) -> None:
+        """What a run shows is what a start from rest goes on to: the last witness, with starts on the way from there.
+
+        One lane begins at rest with the command, the others at parts of its distance from what was found, the last so near that
+        it tells how small deviations fall. All must be back, or have fallen as these do: a mode may ring for long, but what stays
+        where it is, or falls more slowly, goes on to another motion.
+        """
+        x = self.x[0] + SHARES[:, None] * (self._at_section_from_rest() - self.x[0])
+        for periods in range(1, PATIENCE[-1] + 1):
+            x = self._period(x)
+            if periods in PATIENCE:
+                away = self._distance(x)
+                expected = away[-1] * SHARES / SHARES[-1]
+                if np.all(away <= np.maximum(AS_SMALL_ONES * expected, CAME_BACK)):
+                    return
+        raise NotShown("a start from rest does not go on to the motion that repeats with the command")
+
+    def _at_section_from_rest(self) -> np.ndarray:
+        """State at the end of the period, in units, of a drive that stood still until a run's first microstep."""
+        state, first = self.period.at_rest()
+        x = np.tile(state / self.period.sizes, (WIDTH, 1))
+        for last in self.segments.bounds[self.segments.bounds > first].tolist():
+            x = self._from(x, np.full(WIDTH, first), np.full(WIDTH, last)).x
+            first = last
+        return x[0]
+
+    def _period(self, x: np.ndarray) -> np.ndarray:
+        """States (k, n) after a period."""
+        for first, last in pairwise(self.segments.bounds.tolist()):
+            x = self._from(x, np.full(len(x), first), np.full(len(x), last)).x
+        return x
+
+    def _distance(self, x: np.ndarray) -> np.ndarray:
+        """Distance of states (k, n) from what was found, (k,): root of the sum of squares, which a ringing mode does not change."""
+        return np.sqrt(np.sum((x - self.x[0]) ** 2, axis=1))
 
 
 class _Newton:

@@ -17,7 +17,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
-from microvib.solve.shooting import NotUnique, Search
+from microvib.solve.shooting import NotShown, Search
 from microvib.solve.simulate import Progress, Run, balance, channels_of
 
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
@@ -129,7 +129,7 @@ def steady_state(scenario: Scenario) -> SteadyState:
         try:
             search = Search(period).run(settle)
             return _found(search, spent, clock_time.perf_counter() - begun)
-        except NotUnique:
+        except NotShown:
             raise
         except NotPeriodic as problem:
             reason = str(problem)
@@ -151,6 +151,7 @@ def _found(search: Search, spent: float, seconds: float) -> SteadyState:
         "periods_evaluated": simulated * period.frequency,
         "distance": search.distance,
         "multiplier": search.multiplier,
+        "settling_s": search.settling,
         "simulated_s": simulated,
         "wall_s": seconds,
     }

@@ -82,7 +82,8 @@ def _steady_sentence(result: RunResult) -> str:
         return f"\nNo steady state: {result.fallback}. Simulated from rest instead."
     return (
         f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
-        f" {solver['periods_evaluated']:.3g} periods; of a deviation {solver['multiplier']:.3g} is left after a period."
+        f" {solver['periods_evaluated']:.3g} periods; of a deviation {solver['multiplier']:.3g} is left after a period, a hundredth"
+        f" after {solver['settling_s']:.3g} s."
     )
 
 
