@@ -268,7 +268,8 @@ class Search:
         for last in self.segments.bounds[self.segments.bounds > first].tolist():
             x = self._from(x, np.full(WIDTH, first), np.full(WIDTH, last)).x
             first = last
-        return x[0]
+        end: np.ndarray = x[0]
+        return end
 
     def _period(self, x: np.ndarray) -> np.ndarray:
         """States (k, n) after a period."""
@@ -278,7 +279,8 @@ class Search:
 
     def _distance(self, x: np.ndarray) -> np.ndarray:
         """Distance of states (k, n) from what was found, (k,): root of the sum of squares, which a ringing mode does not change."""
-        return np.sqrt(np.sum((x - self.x[0]) ** 2, axis=1))
+        distance: np.ndarray = np.sqrt(np.sum((x - self.x[0]) ** 2, axis=1))
+        return distance
 
 
 class _Newton:
