@@ -202,14 +202,14 @@ def _judge(lane, c):
     """Decide what follows from a drive's attempt: another, with another length, or the end of its step."""
     k, g, v, n = c.control[lane], c.flags[lane], c.verdict, kernel.MODES + 2 * c.modes
     h, error = c.length[0, lane], v[ERROR, lane]
+    if not error <= 1.0:  # of a step on the way to an event, too: a shorter one may be singular where a longer was not
+        c.counters[lane, kernel.REJECTED] += 1
+        c.length[0, lane] = h = kernel.shortened(h, error)
+        g[PHASE], g[CODE] = TRY, kernel.too_small(h, c.state[n + 2 + kernel.NOW, lane], error)
+        g[STATUS] = FAILED if g[CODE] != kernel.OK else RUNNING
+        return
     if g[PHASE] == TRY:
         factor = kernel.growth(error)
-        if not error <= 1.0:
-            c.counters[lane, kernel.REJECTED] += 1
-            c.length[0, lane] = h = h * (factor if math.isfinite(error) else 0.1)
-            g[CODE] = kernel.too_small(h, c.state[n + 2 + kernel.NOW, lane], error)
-            g[STATUS] = FAILED if g[CODE] != kernel.OK else RUNNING
-            return
         proposed = c.state[n + 2 + kernel.NEXT_STEP, lane]
         c.state[n + 2 + kernel.NEXT_STEP, lane] = kernel.proposal(proposed, h, k[ASKED], k[LEFT], factor)
         g[EVENT], g[EVENTS] = -1, 0

@@ -625,40 +625,45 @@ def next_event(which, after_m, after_l):
 
 @njit(**COMPILE)
 def _shorten_to_event(which, h, e_hi, x, p, w):
-    """Repeat the step with the length at which the margin ``which`` is just spent; return that length."""
+    """Repeat the step with the length at which the margin ``which`` is just spent; return that length and the step's error.
+
+    An error above 1 ends the search: where friction falls steeply a shorter step may be singular though the longer one was not.
+    """
     trial = aim(which, h, e_hi, x, p, w, w.search)
     while True:
-        step(trial, x, p, w)
+        error = step(trial, x, p, w)
         x.counters[EVENT_STEPS] += 1
+        if not error <= 1.0:
+            return trial, error
         following = aim_again(trial, margins(w.y1, x.stick, p)[which], w.search)
         if following == trial:
-            return trial
+            return trial, error
         trial = following
 
 
 @njit(**COMPILE)
 def _end_at_first_event(h, x, p, w):
-    """Shorten the step in ``w`` so that it ends at its first friction event; its length, and which friction or -1.
+    """Shorten the step in ``w`` so that it ends at its first friction event; its length, which friction or -1, and its error.
 
-    Margins are looked at in the middle and at the end of the step.
+    Margins are looked at in the middle and at the end of the step. With an error above 1 the step is not to be taken.
     """
     interpolate(0.5, x.y, w)
-    middle, after = margins(w.between, x.stick, p), margins(w.y1, x.stick, p)
+    middle, after, error = margins(w.between, x.stick, p), margins(w.y1, x.stick, p), 0.0
     if min(middle[0], middle[1]) < 0.0 <= min(after[0], after[1]):
         h *= 0.5
-        step(h, x, p, w)
+        error = step(h, x, p, w)
         dense(w)
         after = margins(w.y1, x.stick, p)
     event = -1
     for _ in range(MOST_EVENTS):
         which = next_event(event, after[0], after[1])
-        if which < 0:
+        if which < 0 or not error <= 1.0:
             break
         event = which
-        h = _shorten_to_event(event, h, after[event], x, p, w)
+        h, error = _shorten_to_event(event, h, after[event], x, p, w)
         dense(w)
         after = margins(w.y1, x.stick, p)
-    return h, event
+    return h, event, error
 
 
 @njit(**INLINE)
@@ -718,6 +723,12 @@ def growth(error):
 
 
 @njit(**INLINE)
+def shortened(h, error):
+    """Length of the next trial after one of length ``h`` that was refused."""
+    return h * (growth(error) if math.isfinite(error) else 0.1)
+
+
+@njit(**INLINE)
 def proposal(proposed, h, asked, left, factor):
     """Length for the next step. A step cut short by an event says nothing against the length that was proposed before."""
     return h * factor if h < asked or h < left else max(h * factor, proposed)
@@ -758,7 +769,7 @@ def _accepted_step(left, x, p, w):
         if error <= 1.0:
             break
         x.counters[REJECTED] += 1
-        h *= factor if math.isfinite(error) else 0.1
+        h = shortened(h, error)
         status = too_small(h, x.clock[NOW], error)
         if status != OK:
             return h, status
@@ -800,7 +811,14 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
         if status != OK:
             return status
         dense(w)
-        h, event = _end_at_first_event(h, x, p, w)
+        h, event, error = _end_at_first_event(h, x, p, w)
+        if not error <= 1.0:
+            x.counters[REJECTED] += 1
+            clock[NEXT_STEP] = shortened(h, error)
+            status = too_small(clock[NEXT_STEP], clock[NOW], error)
+            if status != OK:
+                return status
+            continue
         # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
         end = target if h == left else clock[NOW] + h
         if out.width > 0.0:

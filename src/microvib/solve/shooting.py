@@ -67,6 +67,8 @@ AS_SMALL_ONES = 1.3
 """Part of what small deviations would have left that a large one may be at."""
 CAME_BACK = 0.02
 """Distance at which one is back."""
+STILL_FALLS = 1.01
+"""Part of itself that a small deviation may be at after twice as many periods: a mode without damping keeps its own."""
 NOT_FOUND = "no motion was found that repeats with the command"
 HARMONICS = 8
 """Driving lines whose amplitudes the sampling must not disturb; see ``_rows``."""
@@ -248,16 +250,18 @@ class Search:
         """What a run shows is what a start from rest goes on to: the last witness, with starts on the way from there.
 
         One lane begins at rest with the command, the others at parts of its distance from what was found, the last so near that
-        it tells how small deviations fall. All must be back, or have fallen as these do: a mode may ring for long, but what stays
-        where it is, or falls more slowly, goes on to another motion.
+        it tells whether and how small deviations fall. All must be back, or have fallen as these do: a mode may ring for long, but
+        what stays where it is, or falls more slowly, goes on to another motion.
         """
         x = self.x[0] + SHARES[:, None] * (self._at_section_from_rest() - self.x[0])
+        away = [self._distance(x)]
         for periods in range(1, PATIENCE[-1] + 1):
             x = self._period(x)
+            away.append(self._distance(x))
             if periods in PATIENCE:
-                away = self._distance(x)
-                expected = away[-1] * SHARES / SHARES[-1]
-                if np.all(away <= np.maximum(AS_SMALL_ONES * expected, CAME_BACK)):
+                expected = away[-1][-1] * SHARES / SHARES[-1]
+                falls = away[-1][-1] <= max(STILL_FALLS * away[periods // 2][-1], SHARES[-1] * CAME_BACK)
+                if falls and np.all(away[-1] <= np.maximum(AS_SMALL_ONES * expected, CAME_BACK)):
                     return
         raise NotShown("a start from rest does not go on to the motion that repeats with the command")
 
@@ -278,8 +282,12 @@ class Search:
         return x
 
     def _distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance of states (k, n) from what was found, (k,): root of the sum of squares, which a ringing mode does not change."""
-        distance: np.ndarray = np.sqrt(np.sum((x - self.x[0]) ** 2, axis=1))
+        """Distance of states (k, n) from what was found, (k,): root of the sum of squares. A mode's two states weigh by its energy, so
+        that the phase in which it rings does not matter."""
+        off, size = x - self.x[0], self.period.sizes
+        Omega = np.array([2.0 * math.pi * mode.frequency for mode in self.period.scenario.array.modes])
+        off[:, kernel.MODES :: 2] *= Omega * size[kernel.MODES :: 2] / size[kernel.MODES + 1 :: 2]
+        distance: np.ndarray = np.sqrt(np.sum(off**2, axis=1))
         return distance
 
 
