@@ -282,8 +282,10 @@ class Search:
         return x
 
     def _distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance of states (k, n) from what was found, (k,): root of the sum of squares. A mode's two states weigh by its energy, so
-        that the phase in which it rings does not matter."""
+        """Distance of states (k, n) from what was found, (k,): root of the sum of squares.
+
+        A mode's two states weigh by its energy, so that the phase in which it rings does not matter.
+        """
         off, size = x - self.x[0], self.period.sizes
         Omega = np.array([2.0 * math.pi * mode.frequency for mode in self.period.scenario.array.modes])
         off[:, kernel.MODES :: 2] *= Omega * size[kernel.MODES :: 2] / size[kernel.MODES + 1 :: 2]
