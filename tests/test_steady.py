@@ -50,7 +50,7 @@ def test_lines_are_those_of_the_settled_run_in_time(name):
     assert steady["array_mode_1"].status == TRANSIENT
 
 
-@pytest.mark.parametrize("seed", [4, 14, 31, 45, 51])
+@pytest.mark.parametrize("seed", [4, 14, 31, 45, 52])
 def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
     scenario = benchmark.random_scenario(seed)
     slowest = max(1.0 / (2.0 * math.pi * m.frequency * m.damping) for m in scenario.array.modes)
