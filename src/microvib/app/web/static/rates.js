@@ -4,6 +4,7 @@ import { post } from "./api.js";
 import { h, number, quantity } from "./dom.js";
 import { draw, ink } from "./plots.js";
 import { keepFields } from "./kept.js";
+import { modeNames, together } from "./labels.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
 import { LIMIT, style } from "./styles.js";
@@ -11,6 +12,8 @@ import { table } from "./tables.js";
 
 const FAINTEST = 1e-3;
 const MOST_ROWS = 40;
+const PANEL = 250; // height of one diagram
+const NAME = 14; // and of a name in it, in pixels
 const deg = (rate) => (180 / Math.PI) * rate;
 
 const ASKED = [
@@ -76,7 +79,6 @@ async function show(plan) {
   const counts = [...new Set(plan.cases.map((item) => item.microsteps))];
   const campbell = h("div", { class: "plot", id: "campbell-plot", role: "img", "aria-label": "Campbell diagram" });
   const largest = h("div", { class: "plot", id: "largest-plot", role: "img", "aria-label": "Largest line over rate" });
-  campbell.style.height = `${330 * Math.ceil(counts.length / 2) + 40}px`;
   result.replaceChildren(
     card("Campbell diagram", told(plan), campbell),
     card("Largest line over rate", "", largest),
@@ -96,8 +98,11 @@ const card = (title, words, ...content) =>
 const told = ({ text }) => `${text} Dashed: modes through the drive; rings: where a line meets one.`;
 
 function drawCampbell(place, plan, counts) {
-  const columns = Math.min(counts.length, 2);
+  const columns = Math.min(counts.length, matchMedia("(max-width: 600px)").matches ? 1 : 2);
+  place.style.height = `${(PANEL + 80) * Math.ceil(counts.length / columns) + 40}px`;
   const top = plan.cases.flatMap((item) => item.lines).reduce((most, line) => Math.max(most, line.amplitude), 1e-12);
+  const seen = frequencies(plan, top);
+  const decades = (f) => Math.log10(f / seen[0]) / Math.log10(seen[1] / seen[0]);
   const traces = [];
   const layout = {
     grid: { rows: Math.ceil(counts.length / columns), columns, pattern: "independent", xgap: 0.2, ygap: 0.24 },
@@ -111,7 +116,7 @@ function drawCampbell(place, plan, counts) {
     const tail = k ? String(k + 1) : "";
     traces.push(...panel(plan, n, tail, top));
     layout[`xaxis${tail}`] = { title: { text: "rate of the array [deg/s]", standoff: 4 }, hoverformat: ".5g" };
-    layout[`yaxis${tail}`] = { title: { text: "frequency [Hz]" }, type: "log", dtick: 1 };
+    layout[`yaxis${tail}`] = { title: { text: "frequency [Hz]" }, type: "log", dtick: 1, range: seen.map(Math.log10) };
     layout.annotations.push({
       text: `<b>${n} microsteps per full step</b>`,
       xref: `x${tail} domain`,
@@ -134,13 +139,13 @@ function drawCampbell(place, plan, counts) {
         line: { color: ink(), width: 0.9, dash: "dash" },
         opacity: 0.6,
       });
-    for (const mode of plan.modes)
+    for (const group of together(plan.modes, (mode) => decades(mode.frequency) * PANEL, NAME))
       layout.annotations.push({
-        text: `${mode.name.replaceAll("_", " ")} ${number(mode.frequency, 3)} Hz`,
+        text: `${modeNames(group)} ${span(group)}`,
         xref: `x${tail} domain`,
         yref: `y${tail}`,
         x: 1,
-        y: Math.log10(mode.frequency),
+        y: Math.log10(group.at(-1).frequency),
         xanchor: "right",
         yanchor: "bottom",
         showarrow: false,
@@ -149,6 +154,18 @@ function drawCampbell(place, plan, counts) {
     layout.shapes.push(...bands(plan, n, tail));
   });
   return draw(place, traces, layout);
+}
+
+/** Lowest and highest frequency of what is shown, with room for a name above. */
+function frequencies(plan, top) {
+  const shown = plan.cases.flatMap((item) => item.lines.filter((line) => line.amplitude >= FAINTEST * top));
+  const all = [...shown, ...plan.modes].map((item) => item.frequency).filter((f) => f > 0);
+  return [Math.min(...all) / 1.3, Math.max(...all) * 1.6];
+}
+
+function span(modes) {
+  const [low, high] = [modes[0], modes.at(-1)].map((mode) => number(mode.frequency, 3));
+  return low === high ? `${low} Hz` : `${low}–${high} Hz`;
 }
 
 function scale(top) {
