@@ -12,6 +12,7 @@ import * as scenario from "./scenario.js";
 import { shortTable } from "./tables.js";
 
 const KEPT = "recording.file";
+const NO_LINES = "None: lines are looked for in the torque about the drive axis of the scenario on the left.";
 const file = h("input", { type: "file", id: "recording-file", class: "away" });
 const zone = h(
   "div",
@@ -131,9 +132,9 @@ function showAnalysis(answer, _, id) {
   notable = answer.notable;
   const clock = answer.clock_ratio
     ? `step clock at ${number(answer.clock_ratio, 6)} of its nominal rate`
-    : "no line of the step clock is seen";
-  lines.replaceChildren(linesTable(answer));
-  return Promise.all([recorded.spectrum.show(analysis, clock), recorded.density.show(analysis, "")]);
+    : answer.lines.length && "no line of the step clock is seen";
+  lines.replaceChildren(answer.lines.length ? linesTable(answer) : h("p", { class: "soft" }, NO_LINES));
+  return Promise.all([recorded.spectrum.show(analysis, clock || ""), recorded.density.show(analysis, "")]);
 }
 
 const hz = (value) => number(value, 7);
