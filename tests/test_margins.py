@@ -123,6 +123,13 @@ def test_an_array_mode_that_has_died_away_need_not_be_told_from_a_line(table, sc
     )
 
 
+def test_an_unlisted_line_where_a_mode_may_ring_is_not_failed(table, scenario):
+    unlisted = only(table, "drive_1", kind="other", frequency_hz=1.16, amplitude_n_m=0.020)
+    assert judge(unlisted, Limit(0.010), scenario).verdict == "not judged"
+    assert judge(unlisted, Limit(0.010), scenario.with_({"record.settle": "300 s"})).verdict == "fail"
+    assert judge(only(table, "drive_1", kind="other", amplitude_n_m=0.020), Limit(0.010), scenario).verdict == "fail"
+
+
 RECORDS = (
     {"record.sample_rate": "150 Hz"}, {"record.sample_rate": "900 Hz"}, {"record.duration": "5 s"}, {"record.settle": "0 s"},
     {"record.settle": "6 s"},

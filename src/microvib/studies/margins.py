@@ -9,7 +9,7 @@ from typing import Literal
 
 from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND
+from microvib.signals.lines import PASSBAND, SEPARATION
 from microvib.signals.periodic import TRANSIENT
 from microvib.signals.table import DETECTION, FAINT, Line, LineTable
 
@@ -189,6 +189,11 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
         verdict, why = (above if clear >= stirred else "not judged"), "as near the limit as it is known"
         if 0.0 < clear < stirred:
             why = f"so near the limit that what rings may decide; {_unsettled(_slowest(ringing), stirred / clear, scenario)}"
+    if verdict == "fail" and _may_ring(line, table, scenario):
+        verdict, why = (
+            "not judged",
+            "may be an array mode that rings and that the record does not resolve; a longer record.settle",
+        )
     factor = most / amplitude if amplitude > 0.0 else math.inf
     return Margin(line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else "")
 
@@ -287,6 +292,14 @@ def _has_calmed(line: Line, scenario: Scenario | None) -> bool:
 def _is_small(line: Line, limit: Limit) -> bool:
     """Whether a line that others hide is small all the same, by the bin that they share: there they may cancel in part."""
     return line.status.startswith("not separable") and BEYOND * line.bin_amplitude_n_m <= limit.torque
+
+
+def _may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
+    """Whether an unlisted line lies within the resolution of a mode that has not died away since the start."""
+    if scenario is None or line.kind != "other":
+        return False
+    modes = [m for m in coupled_modes(scenario) if abs(m.frequency - line.frequency_hz) * table.duration < SEPARATION]
+    return any(2.0 * math.pi * m.frequency * m.damping * _calm_for(scenario) < CALM for m in modes)
 
 
 def _calm_for(scenario: Scenario) -> float:
