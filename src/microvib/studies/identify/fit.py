@@ -153,7 +153,8 @@ class _Found:
         if self.converged and goodness(self.problem, self.best.r).explained:
             self._intervals()
         self.rival = rival(self.problem, self.best, optima, self.local)
-        self.leanings = leanings(self.problem, self.best, self.local)
+        if self.intervals is not None:
+            self.leanings = leanings(self.problem, self.best, self.local)
 
     def _intervals(self) -> None:
         """Intervals; where their profiles meet something better, from there again."""
@@ -191,9 +192,10 @@ class _Found:
 
 
 def source(e: Estimate, names: str) -> str:
-    """What a fitted value's source says."""
-    if not np.isfinite(e.standard_error):
-        return f"fitted to {names}, {e.verdict}: {e.estimate:.6g} {e.unit}".rstrip()
+    """What a fitted value's source says: identified only where it is."""
+    value = f"{e.estimate:.6g} {e.unit}".rstrip()
+    if not e.identifiable:
+        return f"assumed: fitted to {names}, {e.verdict}: {value}"
     return f"identified from {names}: {e.estimate:.6g} ± {e.standard_error:.2g} {e.unit}".rstrip()
 
 

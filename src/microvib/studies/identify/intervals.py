@@ -15,8 +15,10 @@ Z = 1.959964
 """Standard errors to either side of an interval of 95 %."""
 CONFIRMED = 0.1
 """How far the profile may be off the linearised one, relatively, to confirm it."""
-CLOSE = 0.03
+CLOSE = 0.05
 """How well an end of an interval is found on the profile, relatively."""
+ROUGH = 1e-3
+"""How well the cost is made small at a point of a profile, relatively."""
 MOST_POINTS = 10
 """Points of a profile to one side, at most."""
 
@@ -121,8 +123,8 @@ class _Side:
             step = inside * min(max(1.05 * Z / max(height, 1e-9), 1.2), 4.0) if inside > 0.0 else self.linear
             return min(step, self.far)
         top = self.known[outside][0]
-        part = (Z - height) / max(top - height, 1e-9)
-        return inside + min(max(part, 0.1), 0.9) * (outside - inside)
+        part = min(max((Z - height) / max(top - height, 1e-9), 0.1), 0.9)
+        return inside + (0.5 if top > 2.0 * Z else part) * (outside - inside)
 
     def height(self, t: float) -> float:
         """Square root of the rise of the cost at distance ``t``, over the scatter: Z at the end of an interval of 95 %."""
@@ -134,7 +136,7 @@ class _Side:
         start = np.clip(self.known[near][1] + (t - near) * along, problem.low, problem.high)
         start[k] = np.clip(self.best.x[k] + self.sign * t, problem.low[k], problem.high[k])
         free = np.arange(start.size) != k
-        found = Descent(problem, start, free).run(AGAIN) if np.any(free) else _alone(problem, start)
+        found = Descent(problem, start, free).run(AGAIN, ROUGH) if np.any(free) else _alone(problem, start)
         self.met = min(self.met, found, key=lambda o: o.cost)
         h = float(np.sqrt(max(found.cost - self.best.cost, 0.0) / self.local.scatter))
         self.known[t] = (h, found.x)

@@ -84,6 +84,10 @@ class Problem:
         """The same with other keys."""
         return Problem(self.scenario, self.evidence, keys, self.trust, ledger=self._ledger)
 
+    def with_scenario(self, changes: dict[str, object]) -> Problem:
+        """The same with a changed scenario, apart from the search: what it meets is no best so far."""
+        return Problem(self.scenario.with_si(changes), self.evidence, self.keys, self.trust)
+
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
         """The work on each item, as many at a time as there are cores. An interrupt also ends work that is under way."""
         pool = ThreadPoolExecutor(os.cpu_count() or 1)

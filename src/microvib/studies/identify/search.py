@@ -19,6 +19,8 @@ STEP = 0.3
 """Step of differences over what the evidence resolves: a parameter's standard error, were the others known."""
 STEPS = (1e-6, 1e-2)
 """Least and largest step of differences: numerical noise of lines is some 1e-6."""
+CLOSE = 1e-5
+"""Relative change of the cost below which a local fit is at its end."""
 AGAIN, FULL = 12, 60
 """Steps of a local fit: from beside an optimum, and to the end."""
 AT_ONCE, MOST_FINISHES = 2, 8
@@ -47,8 +49,8 @@ class Descent:
         self.steps = np.full(x.size, FIRST_STEP)
         self.seen: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
-    def run(self, steps: int) -> Optimum:
-        """The end of at most ``steps`` steps."""
+    def run(self, steps: int, close: float = CLOSE) -> Optimum:
+        """The end of at most ``steps`` steps, or where the next would change the cost by less than the part ``close``."""
         from scipy.optimize import least_squares
 
         low, high = self.problem.low[self.free], self.problem.high[self.free]
@@ -56,7 +58,7 @@ class Descent:
         least_squares(
             lambda v: self._look(v)[0], np.clip(self.x0[self.free], low + rim, high - rim),
             jac=lambda v: self._look(v)[1], bounds=(low, high), x_scale="jac", loss="huber", f_scale=ROBUST,
-            xtol=1e-9, ftol=1e-5, gtol=None, max_nfev=steps,
+            xtol=1e-9, ftol=close, gtol=None, max_nfev=steps,
         )  # fmt: skip
         v, (r, _) = min(self.seen.items(), key=lambda item: cost(item[1][0]))
         return Optimum(self._whole(np.frombuffer(v)), r, cost(r))

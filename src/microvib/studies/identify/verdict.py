@@ -14,7 +14,7 @@ from microvib.studies.identify.goodness import Goodness, goodness
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
 from microvib.studies.identify.problem import Problem
-from microvib.studies.identify.search import Local, Optimum
+from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum
 
 WIDE = 0.2
 """Standard error over the value from which a parameter is not identifiable."""
@@ -155,10 +155,17 @@ def rival(problem: Problem, best: Optimum, others: Sequence[Optimum], local: Loc
 
 
 def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ...]:
-    """How far each estimate moves with each number of the scenario that was not fitted, to first order."""
+    """How far each estimate moves with each number of the scenario that was not fitted, to first order.
+
+    With the settling time by fitting again at a later one: how much of the start's ringing is left is far from linear.
+    """
     taken = {key.key for key in problem.keys} | {name for _, changes in problem.evidence for name in changes}
     own = {name: value for name, value, _ in problem.scenario.entries()}
-    moved = {name: own[name] * (1.0 + NUDGE) for name in fittable(problem.scenario) if name not in taken and own[name]}
+    moved = {
+        name: own[name] * (1.0 + NUDGE)
+        for name in fittable(problem.scenario)
+        if name not in {*taken, SETTLE} and own[name]
+    }
     moved = {name: value for name, value in moved.items() if _possible(problem.scenario, name, value)}
     scale = [key.slope(v) / v for key, v in zip(problem.keys, problem.changes(best.x).values(), strict=True)]  # type: ignore[operator, arg-type]
     gain = -(local.covariance / local.scatter) @ local.J.T
@@ -167,6 +174,10 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
         Leaning(name, tuple(map(float, np.array(scale) * (gain @ (r - best.r)) / NUDGE)))
         for name, r in zip(moved, nudged, strict=True)
     ]
+    if SETTLE not in taken and own[SETTLE]:
+        later = problem.with_scenario({SETTLE: own[SETTLE] * (1.0 + ASSUMED_TIME)})
+        moved_by = Descent(later, best.x).run(AGAIN).x - best.x
+        found.append(Leaning(SETTLE, tuple(map(float, np.array(scale) * moved_by / ASSUMED_TIME))))
     return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
 
 

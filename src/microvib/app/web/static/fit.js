@@ -11,7 +11,7 @@ const KEPT = "fit.asked";
 const FIRST = ["reducer.stiffness", "motor.friction.viscous", "array.rigid_inertia"];
 
 const chosen = h("div", { class: "fits" });
-const starts = h("input", { type: "text", class: "short", id: "fit-starts", value: "3", inputmode: "numeric" });
+const starts = h("input", { type: "text", class: "short", id: "fit-starts", value: "96", inputmode: "numeric" });
 const place = h("div", {});
 const result = h("div", {});
 const task = makeTask("fit", place, (answer) => result.replaceChildren(...shown(answer)));
