@@ -139,6 +139,23 @@ class Si(float):
     """A number that is known to be in SI, which needs no unit where text with a unit is expected."""
 
 
+def band(text: str) -> tuple[float, float]:
+    """LOW:HIGH in Hz, such as ``0.5:5 Hz``; without a unit the first bound has that of the second. ValueError with a sentence."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise ValueError(f"{text!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
+    unit = high.strip().lstrip("+-.0123456789eE ")
+    bounds = []
+    for part in (low if any(c.isalpha() for c in low) else f"{low} {unit}", high):
+        try:
+            bounds.append(convert(part, "Hz"))
+        except ValueError as error:
+            raise ValueError(f"{part!r} {error}") from None
+    if not 0.0 <= bounds[0] < bounds[1]:
+        raise ValueError(f"{text!r} is not a range; the first bound must be at least 0 and below the second")
+    return bounds[0], bounds[1]
+
+
 @dataclass(frozen=True)
 class Quantity:
     """Declaration of one physical parameter, used inside ``Annotated[float, ...]``.

@@ -67,11 +67,15 @@ def best_text(plan: RatePlan) -> str:
         return "Best: none; all cases failed."
     case, top = found or least
     near = plan.nearest(case)
-    away = f"; {near[0].line} on {near[0].mode} is {100 * near[1]:.2g} % of the rate away" if near else ""
+    away = f"; {near[0].line} on {near[0].mode} is {_away(near[1])} away" if near else ""
     end = "; it lies at the end of the range, beyond which there may be better" if plan.is_at_end(case) else ""
     in_time = "; not a steady state but the run in time" if case.reason else ""
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m{away}{in_time}{end}."
     return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
+
+
+def _away(part: float) -> str:
+    return f"{100 * part:.2g} % of the rate" if part < 1.0 else "more than its own rate"
 
 
 def _criteria(plan: RatePlan) -> str:

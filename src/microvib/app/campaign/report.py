@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from microvib.app.campaign import plots
 from microvib.app.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
 from microvib.app.reports.pieces import count, drawn, given, number, plain, short, study, torque
 from microvib.model.scenario import Scenario
+from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
@@ -29,6 +31,7 @@ from microvib.studies.campaign.statistics import (
     main_lines,
     worst_cases,
 )
+from microvib.studies.margins import Limit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -107,9 +110,9 @@ def above_limit(r: LineStatistics) -> str:
     if r.above is None:
         return ""
     if r.exceedance is None:
-        return "above" if r.above else "below"
-    e = r.exceedance
-    return f"{r.above} of {r.count}: {100 * e.value:.3g} % ({100 * e.low:.3g} to {100 * e.high:.3g})"
+        return "above" if r.above else "not judged" if r.unknown else "below"
+    e, doubt = r.exceedance, f", {r.unknown} not judged" if r.unknown else ""
+    return f"{r.above} of {r.count}{doubt}: {100 * e.value:.3g} % ({100 * e.low:.3g} to {100 * e.high:.3g})"
 
 
 def counts(results: Results) -> dict[int, int]:
@@ -216,20 +219,44 @@ def _limit_facts(s: Summary) -> list[Fact]:
     if s.limit is None:
         return []
     allowed, facts = given(s.limit), []
-    fails = [row for row in s.by_level if row.above]
+    fails, open_ones = [row for row in s.by_level if row.above], [row for row in s.by_level if row.unknown]
+    kind: Literal["", "pass", "fail"] = "fail" if fails else "" if open_ones or not _complete(s) else "pass"
     if s.several:
-        levels = f"{len(fails)} of {len(s.by_level)} levels"
-        facts.append(Fact(levels, f"with cases above {allowed}", "fail" if fails else "pass"))
+        doubt = f"; cases that could not be judged at {len(open_ones)}" if open_ones else ""
+        facts.append(Fact(f"{len(fails)} of {len(s.by_level)} levels", f"with cases above {allowed}{doubt}", kind))
         if s.any_level is not None:
-            e = s.any_level.exceedance
-            text = f"of {s.any_level.draws} draws above {allowed} at one level or more (95 % interval {_percent(e)})"
-            facts.append(Fact(f"{100 * e.value:.3g} %", text, "fail" if fails else "pass"))
+            e, any_ = s.any_level.exceedance, s.any_level
+            doubt = f", {any_.unknown} not judged" if any_.unknown else ""
+            text = f"of {any_.draws} draws above {allowed} at one level or more{doubt} (95 % interval {_percent(e)})"
+            facts.append(Fact(f"{100 * e.value:.3g} %", text, kind))
         return facts
     top = s.by_level[0]
     if top.exceedance is None:
-        return [Fact("above" if top.above else "below", allowed, "fail" if top.above else "pass")]
-    text = f"of {top.count} draws above {allowed} (95 % interval {_percent(top.exceedance)})"
-    return [Fact(f"{100 * top.exceedance.value:.3g} %", text, "fail" if top.above else "pass")]
+        return [Fact(above_limit(top), allowed, kind)]
+    doubt = f", {top.unknown} not judged" if top.unknown else ""
+    text = f"of {top.count} draws above {allowed}{doubt} (95 % interval {_percent(top.exceedance)})"
+    return [Fact(f"{100 * top.exceedance.value:.3g} %", text, kind)]
+
+
+def _complete(s: Summary) -> bool:
+    """Whether every case was computed."""
+    return not any(row.level.failed for row in s.by_level)
+
+
+def why_not_judged(s: Summary) -> str:
+    """Why cases could not be judged, the commonest reason first; empty where all were."""
+    if s.limit is None or not any(row.unknown for row in s.by_level):
+        return ""
+    own = limit_of(s.results.campaign.design.study)
+    if own != Limit(s.limit, *s.band):
+        return (
+            "Cases are judged as runs are only against the study's own limit and band; of another limit it is only known what"
+            " is above it."
+        )
+    reasons = Counter(text for text in s.results.gaps if text)
+    return (
+        f"{reasons.most_common(1)[0][0]} (of {count(reasons.total(), 'case')}, the commonest reason)" if reasons else ""
+    )
 
 
 def _percent(e: Estimate) -> str:
@@ -275,6 +302,7 @@ def _how_to_read(s: Summary) -> str:
         text += " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
     failed = sum(r.level.failed for r in s.by_level)
     text += f" {count(failed, 'case')} without figures (failed, or not computed) are not in them." if failed else ""
+    text += f" {why}" if (why := why_not_judged(s)) else ""
     return text + band + " All figures are the model's, for the spread that was assumed; they are not a measured batch."
 
 

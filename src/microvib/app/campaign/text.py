@@ -21,6 +21,7 @@ from microvib.app.campaign.report import (
     interval,
     milli,
     shown,
+    why_not_judged,
 )
 from microvib.app.reports.document import Form
 from microvib.app.reports.rendering import report_files
@@ -88,7 +89,9 @@ def report_text(s: Summary) -> str:
     if s.any_level is not None and s.limit is not None:
         e = s.any_level.exceedance
         lines += ["", f"Above {1e3 * s.limit:g} mN m at one level or more: {s.any_level.above} of {s.any_level.draws} draws,"
+                  f" {s.any_level.unknown} not judged,"
                   f" {100 * e.value:.3g} % (95 % interval {100 * e.low:.3g} to {100 * e.high:.3g} %)."]  # fmt: skip
+    lines += ["", why] if (why := why_not_judged(s)) else []
     for item in s.tornados[:2]:
         effects = ", ".join(f"{e.key} {1e3 * e.low:.4g} to {1e3 * e.high:.4g}" for e in item.effects[:4])
         fit = f" (plane explains {100 * item.explained:.0f} %)" if math.isfinite(item.explained) else ""

@@ -17,9 +17,10 @@ from microvib.errors import MicrovibError
 from microvib.io.results import package_versions
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, figures_at_known_clock
+from microvib.signals.lines import PASSBAND, estimate_lines
 from microvib.signals.table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
+from microvib.studies.margins import Limit, judge
 from microvib.studies.steady import steady
 
 TOGETHER = 32
@@ -30,6 +31,8 @@ LEAST_TIME = 60.0
 """Time [s] that any case may take, beside what it simulates."""
 STARTING = 120.0
 """Time [s] on top for the cases that are computed together, the first of which may have to wait for the compiler."""
+VERDICTS = ("not judged", "pass", "fail")
+"""Verdicts of cases, by their numbers."""
 SCALARS = ("peak", "rms", "stuck_output")
 """What is kept of every case: largest and RMS torque of the record [N m], part of the time that the shaft sticks."""
 
@@ -53,6 +56,8 @@ class Work(NamedTuple):
     harmonics: int
     keep: tuple[str, ...]
     label: Label
+    limit: Limit | None = None
+    """What each case's lines are judged by, as those of a run."""
     time_limit: float | None = None
     """Time [s] that a case may take; None: a minute, and the time that it simulates."""
     deadly: tuple[int, ...] = ()
@@ -77,6 +82,10 @@ class Chunk:
     statuses: tuple[str, ...]
     scalars: dict[str, np.ndarray]
     """Of every case, (cases,) each."""
+    verdict: np.ndarray
+    """Index in ``VERDICTS`` of what a run of the case would be judged, (cases,)."""
+    gaps: tuple[str, ...]
+    """What could not be judged, and what would have to change; empty where nothing was left out."""
     reasons: tuple[str, ...]
     """Why a case failed; empty where it did not."""
     notes: tuple[str, ...]
@@ -86,13 +95,13 @@ class Chunk:
 
     def to_bytes(self) -> bytes:
         """The same chunk gives the same bytes."""
-        texts = {key: list(getattr(self, key)) for key in ("label", "lines", "statuses", "reasons", "notes")}
+        texts = {key: list(getattr(self, key)) for key in ("label", "lines", "statuses", "gaps", "reasons", "notes")}
         arrays = {f"figure_{name}": values for name, values in self.figures.items()}
         arrays |= {f"scalar_{name}": values for name, values in self.scalars.items()}
         arrays |= {f"history_{k}": values for k, values in self.histories.items()}
         stream = io.BytesIO()
         text = np.frombuffer(json.dumps(texts).encode(), dtype=np.uint8)
-        np.savez(stream, texts=text, status=self.status, **arrays)  # type: ignore[arg-type]
+        np.savez(stream, texts=text, status=self.status, verdict=self.verdict, **arrays)  # type: ignore[arg-type]
         return stream.getvalue()
 
     @classmethod
@@ -108,6 +117,8 @@ class Chunk:
             status=named["status"],
             statuses=tuple(texts["statuses"]),
             scalars={name: named[f"scalar_{name}"] for name in SCALARS},
+            verdict=named["verdict"],
+            gaps=tuple(texts["gaps"]),
             reasons=tuple(texts["reasons"]),
             notes=tuple(texts["notes"]),
             histories={int(name[8:]): values for name, values in named.items() if name.startswith("history_")},
@@ -129,6 +140,8 @@ class _Result:
 
     lines: _Lines | None = None
     scalars: tuple[float, ...] = (math.nan,) * len(SCALARS)
+    verdict: int = 0
+    gaps: str = ""
     reason: str = ""
     note: str = ""
     T_d: np.ndarray | None = None
@@ -253,29 +266,34 @@ def _recorded(work: Work, scenario: Scenario, torque: Torque | Exception) -> _Re
         raise torque
     x = torque.T_d
     expected = expected_lines(scenario, PASSBAND * torque.sample_rate, work.harmonics)
-    found = figures_at_known_clock(x, torque.sample_rate, expected)
-    figures = np.array([found.amplitude, found.frequency, found.bin_amplitude, found.phase, found.decay])
-    lines = _Lines(tuple(line.name for line in expected), found.status, figures)
-    scalars = (float(np.abs(x).max()), float(x.std()), torque.stuck_output)
-    return _Result(lines, scalars, T_d=x if "T_d" in work.keep else None)
+    table = estimate_lines(x, torque.sample_rate, expected)
+    return _result(work, scenario, table, x, torque.stuck_output)
 
 
 def _steady(work: Work, scenario: Scenario) -> _Result:
     found = steady(scenario, harmonics=work.harmonics)
-    lines = _lines_of(found.lines)
-    if found.state is None:
-        return _Result(lines, note=found.fallback)
-    x = found.state["T_d"]
-    scalars = (float(np.abs(x).max()), float(x.std()), found.state.stuck_output)
-    return _Result(lines, scalars, T_d=x if "T_d" in work.keep else None)
+    x = found.source["T_d"]
+    stuck = found.state.stuck_output if found.state is not None else math.nan
+    return _result(work, scenario, found.lines, x, stuck, found.fallback)
+
+
+def _result(
+    work: Work, scenario: Scenario, table: LineTable, x: np.ndarray, stuck_output: float, note: str = ""
+) -> _Result:
+    """A case whose lines are known, judged as its run would be."""
+    verdict, gaps = 0, ""
+    if work.limit is not None:
+        judgement = judge(table, work.limit, scenario)
+        verdict, gaps = VERDICTS.index(judgement.verdict), judgement.not_judged(1).strip()
+    scalars = (float(np.abs(x).max()), float(x.std()), stuck_output)
+    return _Result(_lines_of(table), scalars, verdict, gaps, note=note, T_d=x if "T_d" in work.keep else None)
 
 
 def _lines_of(table: LineTable) -> _Lines:
-    """Lines of a table; unexpected ones are left out, because their names mean nothing across cases."""
-    rows = [x for x in table if x.kind != "other"]
-    each = [(x.amplitude_n_m, x.frequency_hz, x.bin_amplitude_n_m, x.phase_rad, x.decay_per_s) for x in rows]
+    """Lines of a table, unexpected ones among them by their rank in the case (``other_1`` is the largest)."""
+    each = [(x.amplitude_n_m, x.frequency_hz, x.bin_amplitude_n_m, x.phase_rad, x.decay_per_s) for x in table]
     figures = np.array(each).reshape(-1, len(FIGURES)).T
-    return _Lines(tuple(x.line for x in rows), tuple(x.status for x in rows), figures)
+    return _Lines(tuple(x.line for x in table), tuple(x.status for x in table), figures)
 
 
 def gather(results: Sequence[_Result], label: Label) -> Chunk:
@@ -295,8 +313,9 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
     scalars = {name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)}
     kept = {k: r.T_d for k, r in enumerate(results) if r.T_d is not None}
     reasons, notes = tuple(r.reason for r in results), tuple(r.note for r in results)
+    verdict, gaps = np.array([r.verdict for r in results], dtype=np.int8), tuple(r.gaps for r in results)
     table = dict(zip(FIGURES, figures, strict=True))
-    return Chunk(label, names, table, status, statuses, scalars, reasons, notes, kept)
+    return Chunk(label, names, table, status, statuses, scalars, verdict, gaps, reasons, notes, kept)
 
 
 def _brief(status: str) -> str:

@@ -18,6 +18,8 @@ from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.model.study import Correlation, Study
 from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, keys_of, variation
+from microvib.studies.margins import Limit
+from microvib.units import band
 
 MOST_CASES = 10_000_000
 CHECKED = (0.001, 0.999)
@@ -136,9 +138,21 @@ def read_design(file: Path) -> Design:
     return design(validated(Study, data, units_required=True, origin=origin), file.parent, origin)
 
 
+def limit_of(study: Study, origin: str = "study") -> Limit | None:
+    """The limit that a study's cases are judged by; ScenarioError where its band is none, or it has a band and no limit."""
+    if study.band is not None and study.limit is None:
+        raise ScenarioError(f"{origin}: band: says where a limit holds; give limit, such as limit: 10 mN*m")
+    try:
+        ends = (0.0, math.inf) if study.band is None else band(study.band)
+    except ValueError as error:
+        raise ScenarioError(f"{origin}: band: {error}") from None
+    return None if study.limit is None else Limit(study.limit, *ends)
+
+
 def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design:
     """Draw the cases of a study; its scenario file is relative to ``folder``. Every level and the ends of every distribution are
     tried, one by one, so that what cannot be computed is known now."""
+    limit_of(study, origin)
     base = _base(study, folder)
     parts = [_variation(base, key, spec, folder, origin) for key, spec in study.vary.items()]
     levels = tuple(x for x in parts if isinstance(x, Levels))

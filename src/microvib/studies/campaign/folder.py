@@ -16,7 +16,7 @@ from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_part, dump_scenario
 from microvib.io.writing import write_file
 from microvib.studies.campaign.cases import Chunk, Label, Work
-from microvib.studies.campaign.design import Design
+from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.manifest import MANIFEST, SAMPLES, SCENARIO, STUDY, Manifest
 
 CHUNKS = "chunks"
@@ -59,8 +59,9 @@ class Campaign:
         study = self.design.study
         changes = tuple(self.design.changes(case) for case in (self.cases_of(chunk) if cases is None else cases))
         label = Label(self.identity, chunk, self.manifest.text)
+        limit = limit_of(study)
         return Work(
-            self.design.base, changes, study.solve, study.harmonics, study.keep, label, study.time_limit, deadly
+            self.design.base, changes, study.solve, study.harmonics, study.keep, label, limit, study.time_limit, deadly
         )
 
     def file(self, chunk: int) -> Path:

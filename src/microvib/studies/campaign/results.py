@@ -13,7 +13,7 @@ from microvib.io.hdf5 import open_hdf5
 from microvib.io.netcdf import new_netcdf
 from microvib.io.results import package_versions
 from microvib.io.writing import write_file
-from microvib.studies.campaign.cases import FIGURES, SCALARS, Chunk
+from microvib.studies.campaign.cases import FIGURES, SCALARS, VERDICTS, Chunk
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.variation import keys_of
 
@@ -78,11 +78,14 @@ def _write(
         status.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(statuses)) or "none"
         reasons = np.full(design.cases, "", dtype=object)
         notes = np.full(design.cases, "", dtype=object)
+        gaps = np.full(design.cases, "", dtype=object)
+        verdict = np.zeros(design.cases, dtype=np.int8)
         position = {name: k for k, name in enumerate(lines)}
         for cases, chunk in campaign.results():
             here = slice(cases.start, cases.stop)
             state[here] = [FAILED if reason else DONE for reason in chunk.reasons]
-            reasons[here], notes[here] = chunk.reasons, chunk.notes
+            reasons[here], notes[here], gaps[here] = chunk.reasons, chunk.notes, chunk.gaps
+            verdict[here] = chunk.verdict
             where = [position[name] for name in chunk.lines]
             for name in FIGURES:
                 table[name][here, :] = _spread(chunk.figures[name], where, len(lines), np.nan)
@@ -91,6 +94,9 @@ def _write(
                 columns[name][here] = chunk.scalars[name]
         _text(f, "reason", ("case",), reasons, "why the case failed; empty where it did not")
         _text(f, "note", ("case",), notes, "what is to be known of the case")
+        _text(f, "gaps", ("case",), gaps, "what of the case could not be judged against the study's limit")
+        judged = f.create_variable("verdict", ("case",), data=verdict)
+        judged.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(VERDICTS))
         kept = f.create_variable("state", ("case",), data=state)
         kept.attrs["flag_meanings"] = "0: not computed; 1: done; 2: failed"
 
@@ -175,6 +181,16 @@ class Results:
     def notes(self) -> list[str]:
         """What is to be known of each case, (cases,)."""
         return self._texts("note")
+
+    @property
+    def verdicts(self) -> np.ndarray:
+        """What the run of each case would be judged against the study's limit, an index in VERDICTS, (cases,)."""
+        return self._read("verdict")
+
+    @property
+    def gaps(self) -> list[str]:
+        """What of each case could not be judged, (cases,)."""
+        return self._texts("gaps")
 
     def scalar(self, name: str) -> np.ndarray:
         """A figure of each case, (cases,): ``peak``, ``rms``, ``stuck_output``, or a number that varies, by its key."""

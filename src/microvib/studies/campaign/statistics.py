@@ -8,10 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.studies.campaign.design import Design
+from microvib.studies.campaign.cases import VERDICTS
+from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, Results
+from microvib.studies.margins import Limit
 
 CONFIDENCE = 0.95
+BELOW, ABOVE, UNKNOWN = range(3)
+"""What is known of a case or line against a limit."""
 ANY = "any line"
 """Name of the largest line of a case, whichever it is."""
 
@@ -63,7 +67,10 @@ class LineStatistics:
     above: int | None
     """How many of the draws are above the limit; None without a limit."""
     exceedance: Estimate | None
-    """Probability of being above the limit; None without a limit, or without a distribution."""
+    """Probability of being above the limit; None without a limit, or without a distribution. Its upper end counts draws that could
+    not be judged as above."""
+    unknown: int = 0
+    """How many of the draws could not be judged, though what is known of them is not above the limit."""
 
 
 def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
@@ -120,25 +127,34 @@ def line_statistics(results: Results, limit: float | None, band: tuple[float, fl
     levels = levels_of(results)
     names = [ANY, *(name for name in results.lines if not name.startswith("other_"))]
     rows: list[list[LineStatistics]] = [[] for _ in levels]
+    judged = None if limit is None else case_verdicts(results, limit, band)
     for line in names:
         amplitude = amplitudes(results, line, band)
+        above = judged if line == ANY else _exceeds(amplitude, limit)
         frequency = np.full(amplitude.size, np.nan) if line == ANY else results.of(line, "frequency")
         for level in levels:
             here = slice(level.number * points, (level.number + 1) * points)
-            found = _of_line(line, level, amplitude[here], frequency[here], counted[here], limit)
+            verdicts = None if above is None else above[here]
+            found = _of_line(line, level, amplitude[here], frequency[here], counted[here], verdicts)
             rows[level.number] += [replace(found, worst=found.worst + here.start)] if found else []
     return [row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))]
 
 
 def _of_line(
-    line: str, level: Level, amplitude: np.ndarray, frequency: np.ndarray, counted: np.ndarray, limit: float | None
+    line: str,
+    level: Level,
+    amplitude: np.ndarray,
+    frequency: np.ndarray,
+    counted: np.ndarray,
+    verdicts: np.ndarray | None,
 ) -> LineStatistics | None:
     here = counted & np.isfinite(amplitude)
     if not here.any():
         return None
     x, f = amplitude[here], frequency[here]
     f = f[np.isfinite(f)]
-    above = None if limit is None else int(np.sum(x > limit))
+    above = None if verdicts is None else int(np.sum(verdicts[here] == ABOVE))
+    unknown = 0 if verdicts is None else int(np.sum(verdicts[here] == UNKNOWN))
     chance = x.size > 1 and level.draws > 1
     return LineStatistics(
         line=line,
@@ -153,8 +169,33 @@ def _of_line(
         largest=float(np.nanmax(amplitude)),
         worst=int(np.nanargmax(amplitude)),
         above=above,
-        exceedance=proportion(above, int(x.size)) if above is not None and chance else None,
+        exceedance=proportion(above, int(x.size), unknown) if above is not None and chance else None,
+        unknown=unknown,
     )
+
+
+def _exceeds(amplitude: np.ndarray, limit: float | None) -> np.ndarray | None:
+    """ABOVE or BELOW of the amplitudes of one line, (cases,)."""
+    with np.errstate(invalid="ignore"):
+        return None if limit is None else np.where(amplitude > limit, ABOVE, BELOW)
+
+
+def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> np.ndarray:
+    """BELOW, ABOVE or UNKNOWN of each case as a whole, (cases,), as its run would be judged.
+
+    Cases were judged against the study's own limit when they were computed. Of another limit it is known what is above it, and
+    that a case which passed below it passes; the rest is not.
+    """
+    own = limit_of(results.campaign.design.study)
+    verdict = np.full(results.state.size, UNKNOWN)
+    if own is not None and limit >= own.torque and own.low <= band[0] and band[1] <= own.high:
+        verdict[results.verdicts == VERDICTS.index("pass")] = BELOW
+    if own == Limit(limit, *band):
+        verdict[results.verdicts == VERDICTS.index("fail")] = ABOVE
+    else:
+        with np.errstate(invalid="ignore"):
+            verdict[largest_line(results, band) > limit] = ABOVE
+    return verdict
 
 
 def governing(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
@@ -168,9 +209,10 @@ def governing(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
 
 @dataclass(frozen=True)
 class AnyLevel:
-    """Draws that are above the limit at one level at least: of ``draws`` that are known at every level, or are above."""
+    """Draws that are above the limit at one level at least, and those of which this is not known."""
 
     above: int
+    unknown: int
     draws: int
     exceedance: Estimate
 
@@ -182,14 +224,11 @@ def at_any_level(results: Results, limit: float, band: tuple[float, float]) -> A
     counted = independent(design)[:points]
     if not design.uncertain or counted.sum() < 2:
         return None
-    table = largest_line(results, band).reshape(-1, points)[:, counted]
-    with np.errstate(invalid="ignore"):
-        above = (table > limit).any(axis=0)
-    known = above | np.isfinite(table).all(axis=0)
-    if not known.any():
-        return None
-    n = int(known.sum())
-    return AnyLevel(int(above.sum()), n, proportion(int(above.sum()), n))
+    table = case_verdicts(results, limit, band).reshape(-1, points)[:, counted]
+    above = (table == ABOVE).any(axis=0)
+    unknown = ~above & (table == UNKNOWN).any(axis=0)
+    n, fails, open_ones = above.size, int(above.sum()), int(unknown.sum())
+    return AnyLevel(fails, open_ones, n, proportion(fails, n, open_ones))
 
 
 def independent(design: Design) -> np.ndarray:
@@ -225,12 +264,13 @@ def quantile(x: np.ndarray, q: float) -> Estimate:
     return Estimate(float(np.quantile(ordered, q)), float(ordered[max(low, 0)]), float(ordered[min(high, n - 1)]))
 
 
-def proportion(count: int, n: int) -> Estimate:
-    """``count`` of ``n`` as a probability, with the exact interval of Clopper and Pearson."""
+def proportion(count: int, n: int, unknown: int = 0) -> Estimate:
+    """``count`` of ``n`` as a probability, with the exact interval of Clopper and Pearson; ``unknown`` ones may be either."""
     from scipy.stats import binomtest
 
-    interval = binomtest(count, n).proportion_ci(CONFIDENCE, "exact")
-    return Estimate(count / n, float(interval.low), float(interval.high))
+    low = binomtest(count, n).proportion_ci(CONFIDENCE, "exact").low
+    high = binomtest(count + unknown, n).proportion_ci(CONFIDENCE, "exact").high
+    return Estimate(count / n, float(low), float(high))
 
 
 def exceedance(amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
