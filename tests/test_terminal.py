@@ -154,6 +154,12 @@ def test_a_run_in_terminals_of_all_sorts(folder, tmp_path, environment):
         assert not re.search(r"\x1b\[[\d;]*(3\d|4\d|9\d)m", shown.raw)
 
 
+def test_a_terminal_that_does_not_tell_its_size_gets_lines_of_eighty_columns(tmp_path):
+    shown = in_terminal("scenarios", cwd=tmp_path, columns=0)
+    assert shown.status == 0
+    assert any(len(line) > 60 for line in shown.raw.splitlines())
+
+
 def test_the_screen_is_read_as_a_terminal_shows_it():
     assert screen("half\rwhole\x1b[K\r\n\x1b[31mred\x1b[0m", 20) == ["whole", "red"]
     assert screen("a bar\r\n\x1b[1A\x1b[2K\rgone", 20) == ["gone"]

@@ -104,7 +104,7 @@ def echo(text: str, err: bool = False) -> None:
 
 def _columns(stream: Any) -> int:
     try:
-        return os.get_terminal_size(stream.fileno()).columns
+        return os.get_terminal_size(stream.fileno()).columns or 80  # 0: a terminal that does not tell
     except (OSError, ValueError):
         return 80
 
