@@ -85,7 +85,8 @@ class _Local:
         self._silent.clear()
         self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash, sign))
         with _without_interrupts():  # a worker that is still starting must not answer Ctrl-C with a traceback
-            self._pool.submit(os.getpid)
+            for _ in range(self.workers):  # each starts one, as long as none is idle
+                self._pool.submit(os.getpid)
         return self._pool
 
     def watch(self) -> None:
