@@ -30,6 +30,7 @@ _HOME = {
     "coupled_modes": "microvib.model.linear",
     "expected_lines": "microvib.model.expected",
     "lines": "microvib.app.analysis",
+    "accuracy": "microvib.studies.accuracy",
     "spectrum": "microvib.app.analysis",
     "plot": "microvib.app.plots",
     "MicrovibError": "microvib.errors",
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate
+    from microvib.studies.accuracy import accuracy
     from microvib.studies.steady import steady
 
 __all__ = [
@@ -58,6 +60,7 @@ __all__ = [
     "SimulationError",
     "SynchronismLost",
     "__version__",
+    "accuracy",
     "catalog_names",
     "coupled_modes",
     "dump_scenario",

@@ -13,8 +13,9 @@ from microvib.model.scenario import Scenario
 from microvib.signals.lines import estimate_lines
 from microvib.signals.table import Line, LineTable, Rest
 from microvib.solve.decimate import PASSBAND
-from microvib.solve.motion import Invariants
+from microvib.solve.motion import Invariants, Motion
 from microvib.solve.simulate import Progress, Run
+from microvib.studies.accuracy import accuracy, noted, stretch
 
 SEEN = ("ok", "decaying", "growing")
 BLOCK_SAMPLES = 1 << 19
@@ -40,17 +41,17 @@ def lines_of_stream(
     for block in _regroup(run, samples // blocks):
         tables.append(estimate_lines(block, rate, expected))
         if bins is None:
-            first = tables[0]
+            first, begun = tables[0], block[: round(stretch(scenario) * rate)].copy()
             bins = _Bins(
                 [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first], samples, rate
             )
         bins.add(block)
     assert bins is not None
-    return (
-        tables[0] if len(tables) == 1 else _mean(tables, bins),
-        run.invariants,
-        run.solver | {"line_blocks": len(tables)},
-    )
+    table = tables[0] if len(tables) == 1 else _mean(tables, bins)
+    t = scenario.record.settle + np.arange(begun.size) / rate
+    motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
+    table, solver = noted(table, run.solver, accuracy(motion, table))
+    return table, run.invariants, solver | {"line_blocks": len(tables)}
 
 
 def _regroup(run: Run, size: int) -> Iterator[np.ndarray]:

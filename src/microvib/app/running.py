@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.table import LineTable
 from microvib.solve.motion import CHANNELS, Invariants
 from microvib.solve.simulate import Progress, from_rest
+from microvib.studies.accuracy import accuracy, noted
 from microvib.studies.margins import Limit
 from microvib.studies.steady import find_steady
 
@@ -68,6 +69,9 @@ def run_scenario(
         motion = state.motion(progress=progress) if state is not None else from_rest(scenario, progress=progress)
         if state is None:
             table, invariants, solver = lines(motion, harmonics=harmonics), motion.invariants, motion.solver
+        found = accuracy(motion, table)
+        table, solver = noted(table, solver, found)
+        motion = replace(motion, solver=noted(table, motion.solver, found)[1])
         from microvib.app.reports.rendering import report_files
         from microvib.app.reports.run import run_report
 

@@ -196,6 +196,7 @@ def summary(
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
         "doubts": list(scenario.doubts()),
         "left_by_lines": _left_by_lines(table),
+        "own_error": table.own_error,
         "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
         "versions": package_versions(),
         "timings_s": timings,

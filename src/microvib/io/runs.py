@@ -90,7 +90,8 @@ def _table(path: Path, summary: dict[str, Any]) -> LineTable:
         left = summary.get("left_by_lines")
         rest = None if left is None else Rest(*(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m")))
         return LineTable(
-            lines, summary.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"], rest=rest
-        )
+            lines, summary.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"], rest=rest,
+            own_error=summary.get("own_error", 0.0),
+        )  # fmt: skip
     except (OSError, ValueError, TypeError, KeyError):
         raise MicrovibError(f"{path}: is no table of lines of a run") from None

@@ -11,6 +11,7 @@ import numpy as np
 from microvib.errors import ChannelError
 from microvib.model.array import Array
 from microvib.model.scenario import Scenario
+from microvib.solve.command import Command
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,15 @@ class Invariants:
 
 
 @dataclass(frozen=True)
+class Beginning:
+    """Where a record begins, so that it can be run again."""
+
+    state: np.ndarray
+    """State, friction modes and clock of the kernel, one after another."""
+    command: Command
+
+
+@dataclass(frozen=True)
 class Motion:
     """Sampled motion of one scenario: channels by name, each (n,), modal ones (n, s), at ``sample_rate`` [Hz]."""
 
@@ -91,6 +101,8 @@ class Motion:
     channels: dict[str, np.ndarray]
     invariants: Invariants
     solver: dict[str, Any] = field(default_factory=dict)
+    beginning: Beginning | None = None
+    """None in a motion that was read from a file."""
 
     def __getitem__(self, name: str) -> np.ndarray:
         return channel_of(self.channels, name, self.scenario.array)

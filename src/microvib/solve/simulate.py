@@ -14,7 +14,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.decimate import PASSBAND, Decimator, window
-from microvib.solve.motion import Invariants, Motion
+from microvib.solve.motion import Beginning, Invariants, Motion
 from microvib.solve.pack import Packed, pack
 
 Progress = Callable[[float, float], None]
@@ -58,7 +58,21 @@ def from_rest(
     blocks = list(run)
     joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     t = scenario.record.settle + np.arange(scenario.record.samples) / scenario.record.sample_rate
-    return Motion(scenario, t, joined, run.invariants, run.solver)
+    return Motion(scenario, t, joined, run.invariants, run.solver, run.beginning)
+
+
+def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float) -> np.ndarray:
+    """T_d [N m] over the first ``duration`` [s] of a record, from the same state, with steps ``finer`` times finer.
+
+    Raises SimulationError as ``simulate`` does.
+    """
+    changed = scenario.with_si({"solver.refinement": finer * scenario.solver.refinement, "record.duration": duration})
+    packed = pack(changed)
+    own = packed.state.y, packed.state.stick, packed.state.clock
+    for mine, given in zip(own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True):
+        mine[:] = given
+    run = Run(changed, channels=("T_d",), packed=packed, command=beginning.command)
+    return np.concatenate([block["T_d"] for block in run])
 
 
 class Run:
@@ -69,6 +83,7 @@ class Run:
 
     invariants: Invariants
     solver: dict[str, Any]
+    beginning: Beginning
 
     def __init__(
         self,
@@ -100,6 +115,8 @@ class Run:
         samples = kernel.Samples(first, width, np.zeros((0, n_chan)), np.zeros(n_chan), np.zeros(2, dtype=np.int64))
         while t < first:
             t = self._advance(min(t + CHUNK_TIME, first), end, samples)
+        moving = packed.state
+        self.beginning = Beginning(np.concatenate([moving.y, moving.stick, moving.clock]), self._command)
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         per_chunk = int(np.clip(CHUNK_TIME / width, 512, CHUNK_BYTES // (8 * n_chan)))

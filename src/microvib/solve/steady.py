@@ -107,7 +107,7 @@ class SteadyState:
         joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
         record = self.scenario.record
         t = record.settle + np.arange(record.samples) / record.sample_rate
-        return Motion(self.scenario, t, joined, run.invariants, run.solver)
+        return Motion(self.scenario, t, joined, run.invariants, run.solver, run.beginning)
 
 
 def steady_state(scenario: Scenario) -> SteadyState:

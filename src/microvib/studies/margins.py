@@ -15,7 +15,7 @@ from microvib.signals.table import DETECTION, FAINT, Line, LineTable
 
 Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
-"""Part of an amplitude that the integration and the fit of lines may be off (docs/numerics.md)."""
+"""Part of an amplitude that the integration and the fit of lines may be off at least (docs/numerics.md); a table may know more."""
 BEYOND = 10.0
 """Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
 detent torque add there, and on bins that several lines share."""
@@ -171,7 +171,7 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     """The verdict on one line: pass or fail where its amplitude is known well enough, whatever the record was."""
     amplitude, most = line.amplitude_n_m, limit.torque
     spread = line.amplitude_uncertainty_n_m if math.isfinite(line.amplitude_uncertainty_n_m) else 0.0
-    doubt = 2.0 * spread + OWN_ERROR * amplitude
+    doubt = 2.0 * spread + max(OWN_ERROR, table.own_error) * amplitude
     verdict: Verdict
     if line.status == FAINT:
         amplitude = max(amplitude, DETECTION * line.floor_n_m)

@@ -44,6 +44,7 @@ def run(
     from microvib.app.options import limit_of
     from microvib.app.running import run_scenario
     from microvib.io.results import check_folder, free_folder
+    from microvib.studies.accuracy import estimate_in
     from microvib.studies.margins import judge
 
     if form.pdf and lines_only:
@@ -73,6 +74,9 @@ def run(
         f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
         f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
     )
+    estimate = estimate_in(result.solver)
+    if estimate is not None:
+        echo(f"Integration: {estimate}.")
     echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
 
 

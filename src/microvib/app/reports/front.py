@@ -14,6 +14,7 @@ from microvib.app.reports.trust import failing, invariants_sentence
 from microvib.model.scenario import Scenario
 from microvib.signals.table import Line, LineTable
 from microvib.solve.motion import Motion
+from microvib.studies.accuracy import estimate_in
 from microvib.studies.margins import Judgement, unsettled
 
 MOST = 10
@@ -91,7 +92,12 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
         ("Record", f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s"),
     ]
     rows += [("Values", short(scenario.source, 160))] if scenario.source else []
-    return [*rows, ("Invariants", invariants_sentence(motion))]
+    return [*rows, ("Invariants", invariants_sentence(motion)), *_integration(motion)]
+
+
+def _integration(motion: Motion) -> list[tuple[str, str]]:
+    estimate = estimate_in(motion.solver)
+    return [] if estimate is None else [("Integration", str(estimate))]
 
 
 def _motion(motion: Motion) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from microvib.app.reports.document import Mark, Section, Text, table
 from microvib.solve.motion import Motion
+from microvib.studies.accuracy import estimate_in
 
 _BARS = {
     "torque_forms": (1e-9, "largest difference of momentum form and force form of T_d, over the largest T_d"),
@@ -44,8 +45,21 @@ def trust_section(motion: Motion) -> Section:
     marks: dict[int, Mark] = {k: "fail" if name in fails else "pass" for k, name in enumerate(_BARS)}
     energy = (
         f"Since the start {values['energy_in']:.4g} J of electrical energy were put in, {values['energy_dissipated']:.4g} J"
-        f" dissipated, {values['energy_stored']:.4g} J stored. These invariants do not bound the error of a line. To see the"
-        " lines converge, run again with `--set solver.refinement=2` and `4`: every step is then that many times finer."
+        f" dissipated, {values['energy_stored']:.4g} J stored."
     )
     header = ["invariant", "value [1]", "at most [1]", "meaning", "verdict"]
-    return Section("Can it be trusted?", (Text(verdict), table(header, rows, "", marks), Text(energy)))
+    return Section(
+        "Can it be trusted?", (Text(verdict), table(header, rows, "", marks), Text(energy), Text(_lines(motion)))
+    )
+
+
+def _lines(motion: Motion) -> str:
+    """What is known of the error of the lines, which invariants do not bound."""
+    estimate = estimate_in(motion.solver)
+    said = "These invariants do not bound the error of a line."
+    if estimate is not None:
+        return f"{said} The beginning of the record was run again from the same state with finer steps: {estimate}."
+    return (
+        f"{said} To see the lines converge, run again with `--set solver.refinement=2` and `4`: every step is then that many"
+        " times finer."
+    )

@@ -50,6 +50,7 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
     from microvib.io.scenario_file import scenario_of
     from microvib.io.yaml_text import parse_yaml
     from microvib.solve.simulate import from_rest
+    from microvib.studies.accuracy import accuracy, noted
     from microvib.studies.steady import find_steady
 
     loaded = scenario_of(parse_yaml(scenario, "scenario"), "scenario")
@@ -61,7 +62,10 @@ def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
     motion = state.motion(progress=progress) if state is not None else from_rest(loaded, progress=progress)
     source = motion if state is None else state
     table = lines(source)
-    solver = source.solver | ({"steady": f"not used: {fallback}"} if fallback else {})
+    found = accuracy(motion, table)
+    table, account = noted(table, source.solver, found)
+    motion = replace(motion, solver=noted(table, motion.solver, found)[1])
+    solver = account | ({"steady": f"not used: {fallback}"} if fallback else {})
     summed = summary(loaded, source.invariants, solver, table, simulate=float(solver["wall_s"]))
     _keep(Path(folder), motion, table)
     texts = {"scenario.yaml": scenario, "lines.csv": lines_csv(table), "summary.json": to_json(summed)}

@@ -1,0 +1,141 @@
+"""How far a run is off by its integration: estimated from the run itself, against runs with finer steps."""
+
+import json
+import math
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import microvib as mv
+from microvib.app.cli import main
+from microvib.app.running import run_scenario
+from microvib.io.runs import read_run
+from microvib.solve.decimate import LOBES
+from microvib.solve.simulate import again
+from microvib.studies.accuracy import BOUND, SENSITIVE, accuracy, noted
+from microvib.studies.margins import Limit, judge
+
+RANDOM = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "steady.py"))["random_scenario"]
+OFF, WANDERS = 86, 11
+"""Random sets whose lines need finer steps, and whose motion depends on the smallest detail."""
+
+
+@pytest.fixture(scope="module")
+def off():
+    motion = mv.simulate(RANDOM(OFF))
+    table = mv.lines(motion)
+    return motion, table, accuracy(motion, table)
+
+
+@pytest.fixture(scope="module")
+def wanders():
+    motion = mv.simulate(RANDOM(WANDERS))
+    table = mv.lines(motion)
+    return motion, table, accuracy(motion, table)
+
+
+def worst_change(table, exact) -> float:
+    top = max(x.amplitude_n_m for x in exact if x.status == "ok")
+    return max(
+        abs(table[x.line].amplitude_n_m / x.amplitude_n_m - 1.0)
+        for x in exact
+        if x.status == table[x.line].status == "ok"
+        and x.kind not in ("other", "array mode")
+        and x.amplitude_n_m > 0.01 * top
+    )
+
+
+def test_a_record_runs_again_to_the_last_bit(motion_1):
+    shorter = again(motion_1.scenario, motion_1.beginning, 1, 2.0)[
+        :-LOBES
+    ]  # the filter of the last ones sees where it ends
+    assert np.array_equal(shorter, motion_1["T_d"][: shorter.size])
+
+
+def test_a_set_whose_lines_are_off_is_told_what_to_set(off):
+    motion, table, estimate = off
+    assert estimate.line > BOUND
+    assert estimate.advised
+    assert not estimate.sensitive
+    assert str(estimate).endswith(f"set solver.refinement={estimate.refinement}")
+    exact = mv.lines(mv.simulate(motion.scenario.with_({"solver.refinement": 8})))
+    change = worst_change(table, exact)
+    assert change > BOUND
+    assert change / 3.0 < estimate.line < 3.0 * change
+    finer = mv.simulate(motion.scenario.with_({"solver.refinement": estimate.refinement}))
+    refined = mv.lines(finer)
+    assert worst_change(refined, exact) < BOUND
+    assert not accuracy(finer, refined).advised
+
+
+def test_a_run_that_is_fine_is_left_alone(motion_1):
+    table = mv.lines(motion_1)
+    estimate = accuracy(motion_1, table)
+    assert not estimate.advised
+    assert not estimate.sensitive
+    assert estimate.refinement == motion_1.scenario.solver.refinement
+    finer = mv.simulate(motion_1.scenario.with_({"solver.refinement": 4}))
+    apart = np.std(finer["T_d"] - motion_1["T_d"]) / np.std(finer["T_d"])
+    assert apart / 3.0 < estimate.rms < 3.0 * apart
+    assert 0.5 * worst_change(table, mv.lines(finer)) < estimate.line < BOUND
+
+
+def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
+    motion, table, estimate = wanders
+    assert estimate.sensitive
+    assert not estimate.advised
+    assert str(estimate).startswith("SENSITIVE: the motion depends on details below the tolerance")
+    assert estimate.doubt >= SENSITIVE
+    # it does: a change far below the tolerance grows a hundredfold within ten seconds
+    nudged = replace(motion.beginning, state=motion.beginning.state * (1.0 + 1e-9))
+    there, back = (again(motion.scenario, b, 1, 10.0) for b in (motion.beginning, nudged))
+    assert np.std((there - back)[-4096:]) > 100.0 * np.std((there - back)[:4096])
+
+
+def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
+    motion, whole, estimate = off
+    table = replace(whole, lines=tuple(x for x in whole if x.status == "ok"))  # what rings would be a doubt of its own
+    known, solver = noted(table, motion.solver, estimate)
+    assert known.own_error == estimate.doubt == solver["error_estimate"]["line"]
+    line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
+    near = Limit(line.amplitude_n_m * (1.0 + 0.5 * estimate.line))
+    alone = near.torque, line.frequency_hz - 0.01, line.frequency_hz + 0.01
+    assert judge(table, Limit(*alone)).of(line).verdict == "pass"
+    assert judge(known, Limit(*alone)).of(line).verdict == "not judged"
+
+
+def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
+    monkeypatch.setattr("microvib.app.plots.svg", lambda drawing: "<svg/>")
+    _, _, estimate = off
+    out = tmp_path / "run"
+    (tmp_path / "set.yaml").write_text(mv.dump_scenario(RANDOM(OFF)), encoding="utf-8")
+    done = CliRunner().invoke(main, ["run", str(tmp_path / "set.yaml"), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert f"Integration: {estimate}." in said
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["solver"]["error_estimate"]["refinement"] == 2
+    assert read_run(out).table.own_error == summary["own_error"] == pytest.approx(estimate.doubt)
+    page = (out / "report.html").read_text()
+    assert page.count("NOT fine enough") == 2
+    assert "set solver.refinement=2" in page
+
+
+def test_lines_alone_say_it_too(tmp_path, off):
+    found = run_scenario(RANDOM(OFF), tmp_path / "run", lines_only=True)
+    assert found.solver["error_estimate"]["line"] == pytest.approx(off[2].line, rel=1e-6)
+    assert found.table.own_error == pytest.approx(off[2].doubt, rel=1e-6)
+
+
+def test_no_estimate_where_no_step_is_finer_or_the_state_is_not_known(state_1):
+    short = state_1.with_si({"record.settle": 0.1, "record.duration": 0.2, "solver.refinement": 32})
+    motion = mv.simulate(short)
+    assert accuracy(motion, mv.lines(motion)) is None
+    coarse = mv.simulate(short.with_({"solver.refinement": 1}))
+    assert accuracy(coarse, mv.lines(coarse)) is not None
+    assert accuracy(replace(coarse, beginning=None), mv.lines(coarse)) is None
+    assert math.isfinite(accuracy(coarse, mv.lines(coarse)).rms)
