@@ -91,7 +91,7 @@ class LineTable:
     """Of all amplitudes, in place of N m where the lines are those of another channel than a torque."""
     rest: Rest | None = field(default=None, compare=False)
     """What is left; None where that was not looked at."""
-    own_error: float = 0.0
+    own_error: float = field(default=0.0, compare=False)
     """Part of every amplitude that the record itself is known to be off, as by its integration."""
 
     @property
