@@ -19,6 +19,8 @@ FAR = 400
 """Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
 _ABOUT = (4, 20)
 """Bins on each side of a line, from and to, that its floor is of."""
+_NUDGE = 1e-4
+"""Step of difference quotients, in cycles or e-foldings over the record."""
 _DEPENDENT = 1e-12
 """Square of the part of a column that the columns before it leave, below which it is made up of them."""
 COMPILE: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
@@ -133,25 +135,31 @@ def _dot(a, b):
 
 
 @njit(**COMPILE)
-def least_squares(columns, right):
-    """Least squares by scaled normal equations: tones that can be told apart are well conditioned.
-
-    A column that those before it make up, or that is zero, gets nothing.
-    """
+def _factored(columns):
+    """Scales of columns, and the Cholesky factor of their scaled normal equations, its diagonal inverted: tones that can be told
+    apart are well conditioned. A column that those before it make up, or that is zero, has a zero there."""
     m = columns.shape[0]
-    scale, factor, solution = np.empty(m), np.empty((m, m)), np.empty(m)
+    scale, factor = np.empty(m), np.empty((m, m))
     for i in range(m):
         norm = math.sqrt(_dot(columns[i], columns[i]))
         scale[i] = 1.0 / norm if norm > 0.0 else 1.0
-        solution[i] = _dot(columns[i], right) * scale[i]
-    for i in range(m):  # L L^T, row by row, and L y = b with it
+    for i in range(m):
         for j in range(i + 1):
             rest = _dot(columns[i], columns[j]) * scale[i] * scale[j] - _dot(factor[i, :j], factor[j, :j])
             if j < i:
                 factor[i, j] = rest * factor[j, j]
             else:
-                factor[i, i] = 1.0 / math.sqrt(rest) if rest > _DEPENDENT else 0.0  # the inverse of L's diagonal
-        solution[i] = (solution[i] - _dot(factor[i, :i], solution[:i])) * factor[i, i]
+                factor[i, i] = 1.0 / math.sqrt(rest) if rest > _DEPENDENT else 0.0
+    return scale, factor
+
+
+@njit(**COMPILE)
+def _solved(columns, scale, factor, right):
+    """Least-squares solution with the columns as ``_factored`` has them; nothing for a column that others make up."""
+    m = columns.shape[0]
+    solution = np.empty(m)
+    for i in range(m):
+        solution[i] = (_dot(columns[i], right) * scale[i] - _dot(factor[i, :i], solution[:i])) * factor[i, i]
     for i in range(m - 1, -1, -1):
         solution[i] *= factor[i, i]
         for j in range(i):
@@ -162,14 +170,65 @@ def least_squares(columns, right):
 
 
 @njit(**COMPILE)
+def least_squares(columns, right):
+    """Least squares by scaled normal equations; a column that those before it make up, or that is zero, gets nothing."""
+    scale, factor = _factored(columns)
+    return _solved(columns, scale, factor, right)
+
+
+@njit(**COMPILE)
+def _take_out(columns, solution, right):
+    """Take columns times the solution from the right-hand side."""
+    for i in range(solution.size):
+        for j in range(right.size):
+            right[j] -= solution[i] * columns[i, j]
+
+
+@njit(**COMPILE)
 def residual(cycles, decay, k, values, table):
     """What the tones that fit best leave at the bins ``k``, (2 n,): real parts, then imaginary ones."""
     columns, rest = equations(cycles, decay, k, values, table)
-    solution = least_squares(columns, rest)
-    for i in range(solution.size):
-        for j in range(rest.size):
-            rest[j] -= solution[i] * columns[i, j]
+    _take_out(columns, least_squares(columns, rest), rest)
     return rest
+
+
+@njit(**COMPILE)
+def _slopes(there, fold, free, falls, clock, k, values, table, slopes):
+    """How what is left changes with the parameters of ``fit``, into the rows of ``slopes`` (p, 2 n at least).
+
+    Each is the change of the model at fixed amplitudes less what amplitudes make up for (Kaufman's variable projection): one
+    factorisation serves all parameters, and the minimum is that of the whole derivative.
+    """
+    columns, right = equations(there, fold, k, values, table)
+    scale, factor = _factored(columns)
+    solution = _solved(columns, scale, factor, right)
+    n, p, highest = k.size, slopes.shape[0], 1.0
+    for i in clock:
+        highest = max(highest, there[i])
+    change = np.empty(2 * n)
+    for j in range(p):
+        change[:] = 0.0
+        if j < free.size:
+            _add_change(there, fold, solution, free[j], _NUDGE, 0.0, 1.0, k, table, change)
+        elif j < free.size + falls.size:
+            _add_change(there, fold, solution, falls[j - free.size], 0.0, _NUDGE, 1.0, k, table, change)
+        else:
+            for i in clock:
+                _add_change(there, fold, solution, i, _NUDGE, 0.0, there[i] / highest, k, table, change)
+        _take_out(columns, _solved(columns, scale, factor, change), change)
+        slopes[j, : 2 * n] = -change
+
+
+@njit(**COMPILE)
+def _add_change(there, fold, solution, i, turn, fall, times, k, table, change):
+    """Add to ``change`` (2 n,) the derivative of tone ``i`` by its frequency or its decay, so many ``times``."""
+    a, n, twice = complex(solution[2 * i], solution[2 * i + 1]), k.size, 2.0 * (turn + fall)
+    after = tone(there[i] + turn, fold[i] + fall, a, k, table)
+    before = tone(there[i] - turn, fold[i] - fall, a, k, table)
+    for j in range(n):
+        slope = (after[j] - before[j]) * (times / twice)
+        change[j] += slope.real
+        change[n + j] += slope.imag
 
 
 @njit(**COMPILE)
@@ -182,6 +241,19 @@ def amplitudes(cycles, decay, values, table):
     for i in range(cycles.size):
         result[i] = complex(solution[2 * i], solution[2 * i + 1])
     return result
+
+
+@njit(**COMPILE)
+def without(cycles, decay, amplitudes, values, table):
+    """A spectrum with tones taken out, each from the bins where it stands out of rounding."""
+    rest = values.copy()
+    for i in range(cycles.size):
+        centre = round(cycles[i])
+        band = np.arange(max(centre - FAR, 0), min(centre + FAR + 1, rest.size))
+        taken = tone(cycles[i], decay[i], amplitudes[i], band, table)
+        for j in range(band.size):
+            rest[band[j]] -= taken[j]
+    return rest
 
 
 @njit(**COMPILE)
@@ -208,6 +280,36 @@ def floors(cycles, values):
     result = np.empty(cycles.size)
     for i in range(cycles.size):
         result[i] = floor(cycles[i], values)
+    return result
+
+
+@njit(**COMPILE)
+def own(cycles, values):
+    """RMS of the magnitudes in the bins of each tone, (m,)."""
+    result = np.zeros(cycles.size)
+    for i in range(cycles.size):
+        total, count = 0.0, 0
+        for k in range(max(round(cycles[i]) - REACH, 1), min(round(cycles[i]) + REACH + 1, values.size)):
+            total += values[k].real ** 2 + values[k].imag ** 2
+            count += 1
+        result[i] = math.sqrt(total / count) if count else 0.0
+    return result
+
+
+@njit(**COMPILE)
+def correlated(columns, k, noise):
+    """Columns (p, 2 n) at the bins ``k`` times the covariance of noise of RMS ``noise`` (n,), which the window correlates."""
+    n = k.size
+    result = np.empty_like(columns)
+    for i in range(columns.shape[0]):
+        for part in (0, n):
+            for j in range(n):
+                total = noise[j] * columns[i, part + j]
+                for other in range(max(j - 2, 0), min(j + 3, n)):
+                    away = abs(k[other] - k[j])
+                    if away == 1 or away == 2:
+                        total += (-2.0 / 3.0 if away == 1 else 1.0 / 6.0) * noise[other] * columns[i, part + other]
+                result[i, part + j] = noise[j] * total
     return result
 
 
@@ -246,17 +348,13 @@ def fit(cycles, decay, free, falls, clock, low, high, k, values, table):
         at[i] = _within(at[i], low[i], high[i])
     there, fold = _placed(at, cycles, decay, free, falls, clock)
     r = residual(there, fold, k, values, table)
-    n, damping, nudge = r.size, 1e-3, 1e-4
+    n, damping = r.size, 1e-3
     slopes, right = np.zeros((at.size, n + at.size)), np.zeros(n + at.size)
     fresh = False
     for _ in range(60):
         if not fresh:
             right[:n] = -r
-            for j in range(at.size):
-                moved = at.copy()
-                moved[j] += nudge
-                there, fold = _placed(moved, cycles, decay, free, falls, clock)
-                slopes[j, :n] = (residual(there, fold, k, values, table) - r) / nudge
+            _slopes(there, fold, free, falls, clock, k, values, table, slopes)
             fresh = True
         for j in range(at.size):  # the damping, as further equations
             slopes[j, n + j] = math.sqrt(damping * _dot(slopes[j, :n], slopes[j, :n]))

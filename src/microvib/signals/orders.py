@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from microvib.model.expected import ExpectedLine
 
@@ -69,6 +70,7 @@ class Orders:
         return f"{p}/{q} of the {self.word}"
 
 
+@lru_cache
 def _coprime(q: int) -> int:
     """How many fractions with the denominator ``q`` lie between two whole numbers."""
     return sum(math.gcd(p, q) == 1 for p in range(1, q + 1))

@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.signals import hann
-from microvib.signals.hann import FAR, REACH
+from microvib.signals.hann import REACH
 from microvib.signals.spectrum import SpectrumError
 
 FEWEST = 8
@@ -128,9 +128,9 @@ class HannSpectrum:
         return bins
 
     def equations(self, tones: Tones, k: np.ndarray) -> np.ndarray:
-        """Columns of the least-squares equations at the bins ``k``: cosine and minus sine of each tone, and a constant."""
+        """Columns (2 m + 1, 2 n) of the least-squares equations at the bins ``k``: cosine and minus sine of each tone, a constant."""
         cycles, decay = self._in_record(tones)
-        columns: np.ndarray = hann.equations(cycles, decay, k, self.values, self.table)[0].T
+        columns: np.ndarray = hann.equations(cycles, decay, k, self.values, self.table)[0]
         return columns
 
     def residual(self, tones: Tones, k: np.ndarray) -> np.ndarray:
@@ -145,11 +145,7 @@ class HannSpectrum:
 
     def without(self, tones: Tones, amplitudes: np.ndarray) -> HannSpectrum:
         """The spectrum with some tones taken out, each from the bins where it stands out of rounding."""
-        values = self.values.copy()
-        for cycles, decay, a in zip(*self._in_record(tones), amplitudes, strict=True):
-            centre = round(cycles)
-            band = np.arange(max(centre - FAR, 0), min(centre + FAR + 1, values.size))
-            values[band] -= hann.tone(cycles, decay, a, band, self.table)
+        values = hann.without(*self._in_record(tones), np.asarray(amplitudes, complex), self.values, self.table)
         return replace(self, values=values)
 
     def floors(self, frequencies: np.ndarray) -> np.ndarray:

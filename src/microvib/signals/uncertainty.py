@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from microvib.signals import hann
-from microvib.signals.hann import REACH
 from microvib.signals.table import Uncertainty
 from microvib.signals.tones import HannSpectrum, Tones, mean_of_decay
 
@@ -39,24 +38,24 @@ def uncertainties(
     slopes += [_slope(tones, amplitudes, near, spectrum, k, moves=(0.0, _NUDGE)) for k in falls]
     if ratio is not None:
         slopes.append(_ratio_slope(tones, amplitudes, ratio, near, spectrum))
-    J = np.column_stack([spectrum.equations(tones, near), *slopes])
-    covariance = _sandwich(J, near, _noise(tones, near, rest))
+    columns = np.vstack([spectrum.equations(tones, near), *slopes])
+    covariance = _sandwich(columns, near, _noise(tones, near, rest))
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     ratio_spread = None if ratio is None else float(spread[-1])
     frequency[:] = [(ratio_spread or 0.0) * line.frequency for line in tones.lines]
     first = 2 * m + 1
     frequency[free] = spread[first : first + len(free)] / duration
-    columns = {k: first + len(free) + i for i, k in enumerate(falls)}
-    decay[falls] = spread[list(columns.values())] / duration
+    place = {k: first + len(free) + i for i, k in enumerate(falls)}
+    decay[falls] = spread[list(place.values())] / duration
     mean, slope = mean_of_decay(tones.decay * duration)
     for k, a in enumerate(amplitudes):
         size, angle = abs(a), np.angle(a)
-        along, across = np.zeros(J.shape[1]), np.zeros(J.shape[1])
+        along, across = np.zeros(covariance.shape[0]), np.zeros(covariance.shape[0])
         across[2 * k : 2 * k + 2] = -np.sin(angle), np.cos(angle)
         along[2 * k : 2 * k + 2] = np.cos(angle), np.sin(angle)
-        if k in columns:
+        if k in place:
             along *= mean[k]
-            along[columns[k]] = size * slope[k]
+            along[place[k]] = size * slope[k]
         amplitude[k] = np.sqrt(max(float(along @ covariance @ along), 0.0))
         phase[k] = np.sqrt(max(float(across @ covariance @ across), 0.0)) / size if size > 0.0 else np.inf
     return result, ratio_spread
@@ -118,31 +117,14 @@ def _floors(tones: Tones, rest: HannSpectrum) -> tuple[np.ndarray, np.ndarray]:
     """RMS of real and imaginary part of the noise about each tone, and of what is left in its own bins, (m,) each."""
     # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
     floors = rest.floors(tones.frequency) / np.sqrt(2.0 * np.log(2.0))
-    return floors, np.array([_left(rest, centre) for centre in tones.frequency * rest.duration])
+    return floors, hann.own(tones.frequency * rest.duration, rest.values) / np.sqrt(2.0)
 
 
-def _left(rest: HannSpectrum, centre: float) -> float:
-    """RMS of real and imaginary part of what is left in the bins of a tone at ``centre``."""
-    first = max(round(centre) - REACH, 1)
-    values = rest.values[first : round(centre) + REACH + 1]
-    return float(np.sqrt(np.mean(np.abs(values) ** 2) / 2.0)) if values.size else 0.0
-
-
-def _sandwich(J: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Covariance of the least-squares solution under noise that a Hann window has correlated from bin to bin."""
-    scale = np.sqrt(np.einsum("ij,ij->j", J, J))
+def _sandwich(columns: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Covariance of the least-squares solution, its ``columns`` (p, 2 n), under noise that a Hann window has correlated."""
+    scale = np.sqrt(np.einsum("ij,ij->i", columns, columns))
     scale[scale == 0.0] = 1.0
-    scaled = J / scale
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ scaled.T
-    m = near.size
-    correlated = np.zeros((inverse.shape[0], inverse.shape[0]))
-    for lag, correlation in ((0, 1.0), (1, -2.0 / 3.0), (2, 1.0 / 6.0)):
-        first = np.flatnonzero(np.isin(near + lag, near))
-        second = np.searchsorted(near, near[first] + lag)
-        for offset in (0, m):
-            left = inverse[:, offset + first] * noise[first]
-            right = inverse[:, offset + second] * noise[second]
-            product = correlation * left @ right.T
-            correlated += product if lag == 0 else product + product.T
-    result: np.ndarray = correlated / np.outer(scale, scale)
+    scaled = columns / scale[:, None]
+    inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-12, hermitian=True) / scale[:, None]
+    result: np.ndarray = inverse @ (scaled @ hann.correlated(scaled, near, noise).T) @ inverse.T
     return result
