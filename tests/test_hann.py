@@ -117,3 +117,23 @@ def test_a_fit_finds_tones_near_each_other_and_a_shift_of_others_together():
     assert there == pytest.approx(truth, rel=1e-7)
     assert fold == pytest.approx([0.4, 1.5, *none], abs=1e-6)
     assert at[-1] == pytest.approx(0.2, rel=1e-5)
+
+
+def test_slopes_of_a_fit_give_the_derivative_of_what_is_left():
+    table, k = hann.half_turns(4096), np.arange(80, 140)
+    random = np.random.default_rng(4)
+    values = sum(hann.tone(c, d, a, np.arange(2049), table) for c, d, a in [(100.2, 0.4, 1.0), (104.0, 0.0, 2j)])
+    values = values + 0.05 * random.normal(size=2049)
+    cycles, decay = np.array([100.0, 103.7, 121.3]), np.array([0.3, 0.0, 0.0])
+    free, falls, clock = np.array([0]), np.array([0]), np.array([1, 2])
+
+    def left(p):
+        moved = np.array([p[0], *cycles[1:] * (1 + p[2] / cycles[2])])
+        rest = hann.residual(moved, np.array([p[1], 0.0, 0.0]), k, values, table)
+        return rest @ rest
+
+    slopes = np.zeros((3, 2 * k.size))
+    hann._slopes(cycles, decay, free, falls, clock, k, values, table, slopes)
+    at, steps = np.array([100.0, 0.3, 0.0]), 1e-4 * np.eye(3)
+    expected = [(left(at + step) - left(at - step)) / 2e-4 for step in steps]
+    assert 2 * slopes @ hann.residual(cycles, decay, k, values, table) == pytest.approx(expected, rel=1e-5)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.signals.lines import estimate_lines, figures_at_known_clock, lines_at_known_clock
 from microvib.signals.orders import Orders
+from microvib.signals.search import _groups
 from microvib.signals.spectrum import amplitude_spectrum, tone_amplitude
 
 RATE, SAMPLES = 4096.0, 65536
@@ -311,3 +312,23 @@ def test_what_is_not_finite_does_not_reach_compiled_code(x, rate):
     line = ExpectedLine("drive_1", "drive", 53.0, 52.0, 54.0, "made")
     with np.errstate(all="ignore"), pytest.raises(SpectrumError, match="lines need"):
         estimate_lines(x, rate, [line])
+
+
+def test_a_row_of_many_modes_is_fitted_in_parts():
+    """Modes four bins apart, so that each is near the next: the work must not grow with the third power of their number."""
+    t, frequencies = np.arange(8192) / RATE, 5.0 + 2.0 * np.arange(150)
+    modes = [expect(f"array_mode_{k}", f, "array mode", 0.02) for k, f in enumerate(frequencies, 1)]
+    parts = _groups(modes, 2.0)
+    assert [line for part in parts for line in part] == modes
+    assert 4 <= min(map(len, parts)) <= max(map(len, parts)) <= 8
+    ringing = {1: 0.3, 12: 0.02, 13: 0.1, 77: 0.05, 150: 0.2}
+    x = sum(
+        a * np.exp(-t) * np.cos(2 * np.pi * (frequencies[k - 1] + 0.01) * t + k) for k, a in ringing.items()
+    ) + np.random.default_rng(6).normal(0.0, 1e-5, t.size)
+    table = estimate_lines(x, RATE, modes)
+    assert max(line.amplitude_n_m for line in table if int(line.line.rpartition("_")[2]) not in ringing) < 1e-4
+    for k, amplitude in ringing.items():
+        line = table[f"array_mode_{k}"]
+        assert line.starting(2.0) == pytest.approx(amplitude, rel=2e-3)
+        assert line.frequency_hz == pytest.approx(frequencies[k - 1] + 0.01, abs=1e-3)
+        assert line.decay_per_s == pytest.approx(1.0, rel=5e-3)

@@ -23,6 +23,8 @@ PASSBAND = 0.35
 FALLS = 0.1
 """e-foldings over the record from which a tone is said to decay."""
 _ATTEMPTS = 60
+_TOGETHER = 8
+"""Array modes that are looked for at once."""
 _ALIKE = 0.7
 """Bins from another tone at which a further one is no line, but that other's change within the record."""
 _MISFIT = 0.3
@@ -219,7 +221,11 @@ class _Search:
 
 
 def _groups(modes: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:
-    """Modes whose bands are near each other's, together."""
+    """Modes whose bands are near each other's, together: no more than ``_TOGETHER``, for the work grows with their third power.
+
+    A longer row is parted where its modes are farthest from each other. A part is still fitted with those modes of the others
+    that are near it and were found before.
+    """
     groups: list[list[ExpectedLine]] = []
     reach = -np.inf
     for line in sorted(modes, key=lambda line: line.low):
@@ -227,7 +233,17 @@ def _groups(modes: Sequence[ExpectedLine], duration: float) -> list[list[Expecte
             groups.append([])
         groups[-1].append(line)
         reach = max(reach, max(line.high, line.frequency) * duration + NEAR)
-    return groups
+    return [part for group in groups for part in _parted(group)]
+
+
+def _parted(row: list[ExpectedLine]) -> list[list[ExpectedLine]]:
+    """A row of modes in parts of at most ``_TOGETHER``."""
+    if len(row) <= _TOGETHER:
+        return [row]
+    least = _TOGETHER // 2  # that no part is but an end of the row
+    gaps = np.diff([line.frequency for line in row])[least - 1 : len(row) - least]
+    cut = least + int(np.argmax(gaps))
+    return [*_parted(row[:cut]), *_parted(row[cut:])]
 
 
 def _holds(line: ExpectedLine, k: int, duration: float) -> bool:

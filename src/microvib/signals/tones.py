@@ -128,7 +128,7 @@ class HannSpectrum:
         return bins
 
     def equations(self, tones: Tones, k: np.ndarray) -> np.ndarray:
-        """Columns (2 m + 1, 2 n) of the least-squares equations at the bins ``k``: cosine and minus sine of each tone, a constant."""
+        """Columns (2 m + 1, 2 n) of the equations at the bins ``k``: cosine and minus sine of each tone, a constant."""
         cycles, decay = self._in_record(tones)
         columns: np.ndarray = hann.equations(cycles, decay, k, self.values, self.table)[0]
         return columns
