@@ -66,8 +66,8 @@ def _half(cycles, decay, k, table, out):
             s = table[0, j] * c_over + table[1, j] * s_over
             c = table[1, j] * c_over - table[0, j] * s_over
             a, b = less - growth * s * s, growth * s * c
-            size = a * a + b * b
-            series[i] = complex((real * a + imag * b) / size, (imag * a - real * b) / size)
+            inverse = 1.0 / (a * a + b * b)
+            series[i] = complex((real * a + imag * b) * inverse, (imag * a - real * b) * inverse)
             if on_bin and j == 0:
                 series[i] = samples
         for i in range(after - first):
@@ -202,12 +202,11 @@ def _slopes(there, fold, free, falls, clock, k, values, table, slopes):
     columns, right = equations(there, fold, k, values, table)
     scale, factor = _factored(columns)
     solution = _solved(columns, scale, factor, right)
-    n, p, highest = k.size, slopes.shape[0], 1.0
+    highest = 1.0
     for i in clock:
         highest = max(highest, there[i])
-    change = np.empty(2 * n)
-    for j in range(p):
-        change[:] = 0.0
+    for j in range(slopes.shape[0]):
+        change = np.zeros(right.size)
         if j < free.size:
             _add_change(there, fold, solution, free[j], _NUDGE, 0.0, 1.0, k, table, change)
         elif j < free.size + falls.size:
@@ -216,7 +215,7 @@ def _slopes(there, fold, free, falls, clock, k, values, table, slopes):
             for i in clock:
                 _add_change(there, fold, solution, i, _NUDGE, 0.0, there[i] / highest, k, table, change)
         _take_out(columns, _solved(columns, scale, factor, change), change)
-        slopes[j, : 2 * n] = -change
+        slopes[j, : change.size] = -change
 
 
 @njit(**COMPILE)

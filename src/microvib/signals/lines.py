@@ -163,15 +163,20 @@ def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
         apart = np.abs(tones.frequency - tones.frequency[i]) * duration
         near = [j for j in np.argsort(apart, kind="stable").tolist() if j != i and apart[j] < NEAR]
         larger = next((tones.lines[j] for j in near if sizes[j] > sizes[i]), None)
-        one = np.arange(len(tones)) == i
-        alone, _ = uncertainties(tones.only(one), joint.amplitudes[one], None, joint.spectrum, joint.rest)
-        if larger is not None and spread.amplitude[i] > _WORSE * alone.amplitude[0]:
+        if larger is not None and spread.amplitude[i] > _WORSE * _alone(joint, i):
             why[tones.lines[i].name] = f"not separable from {AN_OTHER if larger.kind == 'other' else larger.name}"
         elif more[i] and tones.clock[i]:
             why[tones.lines[i].name] = f"not separable from {AN_OTHER} within a bin, or not steady"
         else:
             why[tones.lines[i].name] = FAINT
     return why
+
+
+def _alone(joint: Joint, i: int) -> float:
+    """Standard uncertainty of the amplitude of tone ``i`` if there were no other."""
+    one = np.arange(len(joint.tones)) == i
+    spread, _ = uncertainties(joint.tones.only(one), joint.amplitudes[one], None, joint.spectrum, joint.rest)
+    return float(spread.amplitude[0])
 
 
 def _others(joint: Joint, spread: Uncertainty, orders: Orders | None) -> list[tuple[ExpectedLine, ExpectedLine]]:

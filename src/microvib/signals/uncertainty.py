@@ -45,20 +45,23 @@ def uncertainties(
     frequency[:] = [(ratio_spread or 0.0) * line.frequency for line in tones.lines]
     first = 2 * m + 1
     frequency[free] = spread[first : first + len(free)] / duration
-    place = {k: first + len(free) + i for i, k in enumerate(falls)}
-    decay[falls] = spread[list(place.values())] / duration
+    place = first + len(free) + np.arange(len(falls))
+    decay[falls] = spread[place] / duration
     mean, slope = mean_of_decay(tones.decay * duration)
-    for k, a in enumerate(amplitudes):
-        size, angle = abs(a), np.angle(a)
-        along, across = np.zeros(covariance.shape[0]), np.zeros(covariance.shape[0])
-        across[2 * k : 2 * k + 2] = -np.sin(angle), np.cos(angle)
-        along[2 * k : 2 * k + 2] = np.cos(angle), np.sin(angle)
-        if k in place:
-            along *= mean[k]
-            along[place[k]] = size * slope[k]
-        amplitude[k] = np.sqrt(max(float(along @ covariance @ along), 0.0))
-        phase[k] = np.sqrt(max(float(across @ covariance @ across), 0.0)) / size if size > 0.0 else np.inf
+    size, angle, each = np.abs(amplitudes), np.angle(amplitudes), np.arange(m)
+    along, across = np.zeros((2, m, covariance.shape[0]))
+    across[each, 2 * each], across[each, 2 * each + 1] = -np.sin(angle), np.cos(angle)
+    along[each, 2 * each], along[each, 2 * each + 1] = mean * np.cos(angle), mean * np.sin(angle)
+    along[falls, place] = size[falls] * slope[falls]
+    amplitude[:] = _spread(along, covariance)
+    phase[:] = np.divide(_spread(across, covariance), size, out=np.full(m, np.inf), where=size > 0.0)
     return result, ratio_spread
+
+
+def _spread(directions: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard uncertainty along each of the ``directions`` (m, p), (m,)."""
+    spread: np.ndarray = np.sqrt(np.maximum(np.sum((directions @ covariance) * directions, axis=1), 0.0))
+    return spread
 
 
 def _stack(values: np.ndarray) -> np.ndarray:
