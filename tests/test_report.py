@@ -356,7 +356,7 @@ def test_a_folder_reads_back_as_it_was_written(folder):
     assert run.motion.invariants.energy == summary["invariants"]["energy"]
     assert run.versions == summary["versions"]
     assert run.motion.time[0] == 1.0
-    assert run.motion["T_d"].size == run.table.samples == 4 * 4096
+    assert run.motion["T_d"].size == run.table.samples == 6 * 4096
     assert np.abs(run.motion["T_d"] - run.motion["T_d_force"]).max() < 1e-14
     assert run.table["drive_1"].kind == "drive"
     assert run.table["drive_1"].amplitude_n_m == pytest.approx(mv.lines(run.motion)["drive_1"].amplitude_n_m, rel=1e-8)
