@@ -175,10 +175,12 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
     """The report of a campaign; its first page says what was varied, the lines against the limit, and the envelopes."""
     campaign = s.results.campaign
     rest = {name: picture for name, picture in pictures.items() if name != "envelopes"}
-    front: list[Block] = [_lines(s)] if s.rows else []
-    front += [_levels(s)] if s.rows and s.several else []
-    front += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
+    lines: list[Block] = [_lines(s)] if s.rows else []
+    lines += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
+    by_level = s.rows and s.several  # then the first page has the levels, and the lines the next one
+    front: list[Block] = [_levels(s)] if by_level else lines
     sections = [
+        *([Section("Lines", tuple(lines), new_page=True)] if by_level else []),
         Section("Worst cases", tuple(_worst(s)), new_page=True),
         Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
         Section("How the figures are meant", (Text(_how_to_read(s)),)),
