@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from microvib.errors import MicrovibError
+from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.lanes import WIDTH
@@ -141,6 +143,30 @@ class Problem:
                 key = around(name, *own[name], along=True)
                 return self.again([*self.keys, replace(key, low=min(key.low, o.value / FREQUENCY_FACTOR))])
         return None
+
+    def tuned(self, x: np.ndarray) -> np.ndarray:
+        """``x`` with fitted clamped frequencies that bring array modes, through the drive, to where they were measured.
+
+        By the linear model, as far as the ranges go; modes whose frequency was not measured stay.
+        """
+        x = x.copy()
+        for k, key in enumerate(self.keys):
+            mode = re.fullmatch(r"array\.modes\.(\d+)\.frequency", key.key)
+            line = f"array_mode_{int(mode[1]) + 1}" if mode else ""
+            measured = next(((j, o.value) for j, o in self.observed if (o.line, o.form) == (line, "frequency")), None)
+            if measured and key.logarithmic:
+                j, wanted = measured
+                seen = self._seen(x, j, line)
+                x[k] = np.clip(x[k] + math.log(wanted / seen), *key.range) if seen else x[k]
+        return x
+
+    def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
+        """Frequency of an array mode through the drive [Hz], in a test."""
+        try:
+            expected = expected_lines(self.tests[j][1].with_si(self.changes(x)), math.inf)
+        except MicrovibError:
+            return None
+        return next((one.frequency for one in expected if one.name == line), None)
 
     @property
     def figures(self) -> int:

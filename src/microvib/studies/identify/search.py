@@ -104,31 +104,39 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
     Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of them. Where none explains the
-    evidence, more are made; then a measured array mode's frequency is fitted along; then ranges of ours are widened both ways, as
-    long as that helps.
+    evidence, a measured array mode's frequency is fitted along, from there and from as many others; then ranges of ours are
+    widened both ways, as long as that helps.
     """
     optima: list[Optimum] = []
+    also = [problem.start]
     for _ in range(WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
-        optima = sorted([*optima, *_round(problem, seed, starts, finishes, before)], key=lambda o: o.cost)
+        optima = sorted([*optima, *_round(problem, seed, starts, finishes, also)], key=lambda o: o.cost)
         best = optima[0]
         if goodness(problem, best.r).explained:
             return problem.within(best.x), optima
         wider = problem.along() or (problem.widened() if best.cost < 0.9 * before else None)
         if wider is None:
             break
-        optima = [] if len(wider.keys) > len(problem.keys) else optima
+        also = []
+        if len(wider.keys) > len(problem.keys):
+            optima, also = [], [np.append(o.x, wider.start[-1]) for o in optima] + [wider.start]
         problem = wider
     return problem.within(optima[0].x), optima
 
 
-def _round(problem: Problem, seed: int, starts: int, finishes: int, before: float) -> list[Optimum]:
-    """Local fits from the best points of a global look, in the order of their cost, until the evidence is explained."""
+def _round(
+    problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]
+) -> list[Optimum]:
+    """Local fits from the best points of a global look, in the order of their cost, until the evidence is explained.
+
+    Before a mode's frequency is fitted along there are a few only: where that is what is missing, more show nothing.
+    """
     problem.enters("global")
-    points = _sobol(problem, starts, seed) + ([problem.start] if math.isinf(before) else [])
+    points = [problem.tuned(x) for x in (*_sobol(problem, starts, seed), *also)]
     parts = [points[k : k + PART] for k in range(0, len(points), PART)]
     costs = [cost(r) for part in parts for r in problem.residuals(part)]
-    most = finishes if problem.along() else max(finishes, MOST_FINISHES)
+    most = min(finishes, AT_ONCE) if problem.along() else max(finishes, MOST_FINISHES)
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
     problem.enters("local")
     optima: list[Optimum] = []

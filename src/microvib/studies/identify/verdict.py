@@ -80,7 +80,7 @@ def _estimate(case: Case, k: int) -> Estimate:
     value = key.value(x)
     good, verdict = _verdict(case, k)
     if key.along:
-        verdict += "; fitted along, for with the scenario's value the evidence was not explained"
+        verdict += "; fitted along, for no fit with the scenario's value explained the evidence"
     if case.intervals is None:
         return Estimate(key.key, key.unit, value, math.nan, key.low, key.high, good, verdict)
     i = case.intervals[k]
