@@ -125,9 +125,7 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
     return problem.within(optima[0].x), optima
 
 
-def _round(
-    problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]
-) -> list[Optimum]:
+def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]) -> list[Optimum]:
     """Local fits from the best points of a global look, in the order of their cost, until the evidence is explained.
 
     Before a mode's frequency is fitted along there are a few only: where that is what is missing, more show nothing.
