@@ -167,7 +167,8 @@ class _Side:
 def _look_ahead(problem: Problem, sides: list[_Side]) -> None:
     """Points that check the linearised intervals, all at once, by steps with the optimum's own slopes.
 
-    A step costs one simulation, an eighth of what new slopes cost. Points that are not there after a few are left to ``_Side``.
+    A step costs one simulation, an eighth of what new slopes cost. Points that are not there after a few, or not as high as the
+    linearised model says, are left to ``_Side``: there the optimum's slopes may not hold.
     """
     open_points = [(side, t, side.start(t)) for side in sides for t in side.checked]
     for _ in range(AHEAD):
@@ -178,8 +179,10 @@ def _look_ahead(problem: Problem, sides: list[_Side]) -> None:
             J = side.local.J[:, free]
             move = -np.linalg.lstsq(J, r, rcond=None)[0]
             here, there = side.rise(cost(r)), side.rise(cost(r) - float(np.sum((J @ move) ** 2)))
-            if here - there < SETTLED * Z * t / side.linear:
-                side.note(t, Optimum(x, r, cost(r)))
+            linear = Z * t / side.linear
+            if here - there < SETTLED * linear:
+                if abs(here - linear) < CONFIRMED * linear:
+                    side.note(t, Optimum(x, r, cost(r)))
             else:
                 x = x.copy()
                 x[free] = np.clip(x[free] + move, problem.low[free], problem.high[free])
