@@ -314,6 +314,18 @@ def test_what_is_not_finite_does_not_reach_compiled_code(x, rate):
         estimate_lines(x, rate, [line])
 
 
+def test_of_very_many_modes_the_largest_are_fitted_and_the_others_say_so():
+    t = np.arange(8192) / RATE
+    modes = [expect(f"array_mode_{k}", 4.0 + 1.5 * k, "array mode", 0.01) for k in range(1, 401)]
+    x = 0.2 * np.exp(-t) * np.cos(2 * np.pi * (4.0 + 1.5 * 333) * t)
+    x += np.random.default_rng(1).normal(0.0, 1e-5, t.size)
+    table = estimate_lines(x, RATE, modes)
+    left_out = [line.line for line in table if line.status == "not looked for: of 400 array modes, the 300 largest are"]
+    assert len(left_out) == 100
+    assert "array_mode_333" not in left_out
+    assert table["array_mode_333"].starting(2.0) == pytest.approx(0.2, rel=2e-3)
+
+
 def test_a_row_of_many_modes_is_fitted_in_parts():
     """Modes four bins apart, so that each is near the next: the work must not grow with the third power of their number."""
     t, frequencies = np.arange(8192) / RATE, 5.0 + 2.0 * np.arange(150)
