@@ -84,7 +84,7 @@ def test_report_is_self_contained(finished):
     page = (finished[0] / "report.html").read_text()
     assert page.count("data:image/svg+xml;base64,") == 4
     assert "://" not in page
-    for text in ("array_mode_1", "Torque budget", "assumed", "reducer", "N m/rad"):
+    for text in ("array_mode_1", "Torque budget", "assumed", "reducer", "N\u00a0m/rad"):
         assert text in page
 
 

@@ -23,8 +23,13 @@ def outline(f: np.ndarray, y: np.ndarray, points: int, log: bool = False) -> tup
     groups = max(points // 2, 1)
     starts = np.unique(_log_starts(f, groups) if log else np.arange(groups) * f.size // groups)
     spans = zip(starts, [*starts[1:], f.size], strict=True)
-    keep = [k for a, b in spans for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})]
+    keep = [k for a, b in spans for k in _ends(y, int(a), int(b))]
     return f[keep], y[keep]
+
+
+def _ends(y: np.ndarray, a: int, b: int) -> list[int]:
+    """Bins of the smallest and the largest from ``a`` to ``b``, in order; of two bins both, also where they are alike."""
+    return [a, a + 1] if b - a == 2 else sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})
 
 
 def _log_starts(f: np.ndarray, groups: int) -> np.ndarray:
