@@ -12,6 +12,7 @@ from microvib.app import plots
 from microvib.app.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table
 from microvib.app.reports.pieces import drawn, figure, number, percent, plain, signed, study, with_error
 from microvib.app.reports.rendering import report_files
+from microvib.app.reports.typography import file_name
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
 from microvib.studies.evidence import Evidence, Simulated, predicted
@@ -107,7 +108,7 @@ def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
 def _of_one(
     evidence: Evidence, before: Simulated, after: Simulated, several: bool
 ) -> list[tuple[str, float, float, float]]:
-    mark = f" [{evidence.name}]" if several else ""
+    mark = f" [{file_name(evidence.name)}]" if several else ""
     return [
         (f"{o.line} {o.form}{mark}", o.value, predicted(before, o), predicted(after, o))
         for o in evidence.observations
@@ -165,7 +166,7 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
         "Identification report",
         f"Identification: {fit.scenario.title or 'drive'}",
         f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
-        facts=[_estimated(e) for e in fit.estimates[:4]],
+        facts=[_explained(fit), *(_estimated(e) for e in fit.estimates[:3])],
         front=(
             Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit),
             Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit),
@@ -188,20 +189,28 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
     )  # fmt: skip
 
 
+def _explained(fit: Fit) -> Fact:
+    """Goodness of the fit, which decides what the estimates are worth."""
+    label = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is right"
+    return Fact(f"{fit.goodness.ratio:.3g}", label, "pass" if fit.usable else "fail")
+
+
 def _estimated(e: Estimate) -> Fact:
     value = f"{_with_error(e)} {pretty(e.unit)}".rstrip()
-    return Fact(value, f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}")
+    return Fact(
+        value, f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}", "" if e.identifiable else "fail"
+    )
 
 
 def _with_error(e: Estimate) -> str:
-    return with_error(e.estimate, e.standard_error) if math.isfinite(e.standard_error) else number(e.estimate)
+    return with_error(e.estimate, e.standard_error) if math.isfinite(e.standard_error) else f"{e.estimate:.4g}"
 
 
 def _off_table(fit: Fit) -> tuple[Table, ...]:
     off = _off(fit)[:_MOST_OFF]
     if not off:
         return ()
-    header = ["figure", "test [1]", "fitted [1]", "off [standard deviations]"]
+    header = ["figure", "test [1]", "fitted [1]", "off [σ]"]
     rows = [[_name(fit, d), figure(d.measured), figure(d.fitted), signed(d.sigma, 1)] for d in off]
     return (table(header, rows, "Figures that are further off than their uncertainty explains; SI units."),)
 
