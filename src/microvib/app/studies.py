@@ -10,7 +10,7 @@ from typing import Any
 
 from microvib.app import plots
 from microvib.app.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table
-from microvib.app.reports.pieces import drawn, figure, number, percent, plain, signed, study, with_error
+from microvib.app.reports.pieces import drawn, figure, percent, plain, signed, study, with_error
 from microvib.app.reports.rendering import report_files
 from microvib.app.reports.typography import file_name
 from microvib.io.results import package_versions, to_json, write_folder
