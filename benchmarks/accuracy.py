@@ -3,7 +3,7 @@
 ``python benchmarks/accuracy.py [--sets 110] [--seed 0] [--heavy]``
 
 Each set is run from rest with its settings and with ``solver.refinement`` 4; printed is by how much lines of at least a hundredth
-of the largest differ, beside what ``microvib.studies.accuracy`` says of the first run alone. ``--heavy`` takes slow sets in which
+of the largest differ, beside what ``microvib.analysis.accuracy`` says of the first run alone. ``--heavy`` takes slow sets in which
 friction weighs much.
 
 Nothing is asserted. Machines differ: only ratios and deviations mean something elsewhere.
@@ -22,8 +22,8 @@ import numpy as np
 from steady import LEAST, STATES, heavy_scenario, random_scenario
 
 import microvib as mv
-from microvib.signals.table import LineTable
-from microvib.studies.accuracy import BOUND, accuracy
+from microvib.analysis.accuracy import BOUND, accuracy
+from microvib.signals.line_table import LineTable
 
 
 def main() -> None:

@@ -22,12 +22,14 @@ from numba import njit
 
 import microvib as mv
 from microvib.model.expected import expected_lines
-from microvib.signals.lines import lines_at_known_clock
-from microvib.solve import abreast, batch, kernel, lanes
+from microvib.signals.line_fit import lines_at_known_clock
+from microvib.solve import batch, kernel
+from microvib.solve import stepper as abreast
+from microvib.solve import vector as lanes
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.command import Command
-from microvib.solve.decimate import window
 from microvib.solve.pack import no_samples, pack
+from microvib.solve.sampling import window
 
 TOP = 1400.0
 """Highest line looked for [Hz]."""

@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from microvib.model.sentences import validated
-from microvib.model.study import Study
 from microvib.studies.campaign.cases import TOGETHER, Chunk, compute
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.folder import Campaign, create
 from microvib.studies.campaign.results import merge
 from microvib.studies.campaign.run import compute_missing, local
+from microvib.studies.campaign.study_file import Study
 
 CHUNK = 256
 """Cases of a chunk in the projection."""

@@ -19,13 +19,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from microvib.errors import MicrovibError
-from microvib.fem.array import structure_of
-from microvib.fem.modes import kinds, solve
 from microvib.io.results import read_table
 from microvib.io.scenario_file import catalog_text
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.design import ArrayDesign
 from microvib.model.sentences import validated
+from microvib.structures.array_design import ArrayDesign
+from microvib.structures.fem.array_mesh import structure_of
+from microvib.structures.fem.modes import kinds, solve
 
 INERTIA = 7.694  # kg m^2: 7.44/0.967 of Table 1
 TORSION = (0.967, 0.0269, 0.00285, 0.00192)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals.lines import estimate_lines
+from microvib.signals.line_fit import estimate_lines
 
 RATE, SAMPLES = 256.0, 4096
 DURATION = SAMPLES / RATE

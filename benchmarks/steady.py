@@ -24,8 +24,8 @@ import numpy as np
 
 import microvib as mv
 from microvib.solve.batch import simulate_torques
-from microvib.solve.period import NotPeriodic
-from microvib.solve.steady import SteadyState, steady_state
+from microvib.solve.steady.period import NotPeriodic
+from microvib.solve.steady.state import SteadyState, steady_state
 
 LEAST = 0.01
 """Lines of at least this part of the largest are compared."""

@@ -11,13 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 import microvib as mv
-from microvib.app.cli import main
-from microvib.app.running import run_scenario
+from microvib.analysis.accuracy import BOUND, SENSITIVE, accuracy, noted
+from microvib.analysis.limits import Limit, judge
+from microvib.cli.main import main
 from microvib.io.runs import read_run
-from microvib.solve.decimate import LOBES
+from microvib.reports.run.folder import run_scenario
+from microvib.solve.sampling import LOBES
 from microvib.solve.simulate import again
-from microvib.studies.accuracy import BOUND, SENSITIVE, accuracy, noted
-from microvib.studies.margins import Limit, judge
 
 RANDOM = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "steady.py"))["random_scenario"]
 OFF, WANDERS = 86, 11
@@ -109,7 +109,7 @@ def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
 
 
 def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
-    monkeypatch.setattr("microvib.app.plots.svg", lambda drawing: "<svg/>")
+    monkeypatch.setattr("microvib.reports.figures.svg", lambda drawing: "<svg/>")
     _, _, estimate = off
     out = tmp_path / "run"
     (tmp_path / "set.yaml").write_text(mv.dump_scenario(RANDOM(OFF)), encoding="utf-8")

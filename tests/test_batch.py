@@ -8,8 +8,9 @@ from numba import njit
 
 import microvib as mv
 from microvib.model.expected import expected_lines
-from microvib.signals.lines import lines_at_known_clock
-from microvib.solve import batch, lanes
+from microvib.signals.line_fit import lines_at_known_clock
+from microvib.solve import batch
+from microvib.solve import vector as lanes
 from microvib.solve.batch import Torque, simulate_torques
 
 SHORT = {"record.settle": 1.0, "record.duration": 2.0}

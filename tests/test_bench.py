@@ -8,13 +8,13 @@ import pytest
 import microvib as mv
 from microvib.io.recordings import read_prepared, read_recording, write_recording
 from microvib.io.scenario_file import bench_names, load_bench
-from microvib.model.bench import Bench, Resonance, Rope
-from microvib.signals.bench import GRAVITY, measure
-from microvib.signals.preparation import Preparation
-from microvib.signals.recording import COMPONENTS
 from microvib.signals.spectrum import tone_amplitude
 from microvib.studies.evidence import lines_of_recording
 from microvib.studies.measure import measure as measure_scenario
+from microvib.testdata.bench import GRAVITY, measure
+from microvib.testdata.bench_design import Bench, Resonance, Rope
+from microvib.testdata.preparation import Preparation
+from microvib.testdata.recording import COMPONENTS
 
 IDEAL = {"sample_rate": 1024.0, "duration": 8.0, "lead": 4.0}
 
@@ -173,7 +173,7 @@ decimate: 4
 
 def test_a_recording_is_prepared_from_a_file(tmp_path):
     from microvib.io.recordings import load_preparation
-    from microvib.signals.recording import Recording
+    from microvib.testdata.recording import Recording
 
     t = np.arange(4096) / 1024.0
     x = np.sin(2 * np.pi * 8 * t)
@@ -189,7 +189,7 @@ def test_a_recording_is_prepared_from_a_file(tmp_path):
 
 
 def test_axes_and_offset_turn_the_frame():
-    from microvib.signals.recording import Recording
+    from microvib.testdata.recording import Recording
 
     one = {name: np.full(8, float(k + 1)) for k, name in enumerate(COMPONENTS)}
     units = {name: "N" if name[0] == "F" else "N*m" for name in COMPONENTS}
@@ -206,7 +206,7 @@ def test_axes_and_offset_turn_the_frame():
 
 def test_a_line_that_is_in_the_background_is_named():
     from microvib.model.expected import ExpectedLine
-    from microvib.signals.lines import estimate_lines, with_background
+    from microvib.signals.line_fit import estimate_lines, with_background
 
     t = np.arange(65536) / 4096.0
     hum = 1e-3 * np.cos(2 * np.pi * 50.0 * t)

@@ -20,14 +20,14 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.app.campaign.report import campaign_report, summarise
-from microvib.app.campaign.text import report_text, state_text
-from microvib.app.reports.document import Table
-from microvib.app.reports.rendering import html
+from microvib.analysis.limits import Limit, judge
 from microvib.errors import MicrovibError, OutputError, ScenarioError
 from microvib.io.scenario_file import load_scenario
 from microvib.model.sentences import validated
-from microvib.model.study import Study
+from microvib.reports.campaign.report import campaign_report, summarise
+from microvib.reports.campaign.text import report_text, state_text
+from microvib.reports.document import Table
+from microvib.reports.rendering import html
 from microvib.studies.campaign import cases as computing
 from microvib.studies.campaign import folder
 from microvib.studies.campaign import run as running
@@ -48,8 +48,8 @@ from microvib.studies.campaign.statistics import (
     quantile,
     worst_cases,
 )
+from microvib.studies.campaign.study_file import Study
 from microvib.studies.campaign.variation import TAKEN
-from microvib.studies.margins import Limit, judge
 
 SHORT = {"record.settle": "0.2 s", "record.duration": "1 s", "record.sample_rate": "1024 Hz"}
 EVERYTHING = (0.0, np.inf)

@@ -235,7 +235,7 @@ def test_bad_input_of_the_measurement_side(arguments, sentence, tmp_path):
 
 
 def test_help_does_not_import_numerics(tmp_path):
-    code = "import sys; sys.argv = ['microvib', '--help']\nfrom microvib.app.cli import main\ntry: main()\nexcept SystemExit: pass\nprint(sorted(m for m in ('numpy', 'numba', 'scipy', 'xarray', 'matplotlib', 'pint', 'pydantic') if m in sys.modules))"
+    code = "import sys; sys.argv = ['microvib', '--help']\nfrom microvib.cli.main import main\ntry: main()\nexcept SystemExit: pass\nprint(sorted(m for m in ('numpy', 'numba', 'scipy', 'xarray', 'matplotlib', 'pint', 'pydantic') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
 

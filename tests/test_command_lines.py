@@ -47,7 +47,7 @@ GIVEN: dict[str, dict[str, str]] = {
 """Files that a page tells its reader to have written, and does not print."""
 ONE_AFTER_ANOTHER = """
 import json, sys
-from microvib.app.cli import main
+from microvib.cli.main import main
 for line in json.load(sys.stdin):
     try:
         main(line, prog_name="microvib")

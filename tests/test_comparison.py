@@ -8,10 +8,10 @@ import math
 
 import pytest
 
-from microvib.app.comparison import clock_sentence, comparison_report, comparison_text, verdict_sentence
-from microvib.app.reports.document import Table, Text
-from microvib.app.reports.rendering import html
-from microvib.app.reports.typography import file_name
+from microvib.reports.comparison import clock_sentence, comparison_report, comparison_text, verdict_sentence
+from microvib.reports.document import Table, Text
+from microvib.reports.rendering import html
+from microvib.reports.typography import file_name
 from microvib.studies.compare import Figures, Row, Side, compare, rows_csv
 
 

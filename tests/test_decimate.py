@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from microvib.solve.decimate import LEAST_FACTOR as FACTOR
-from microvib.solve.decimate import PASSBAND, Decimator, half_length
+from microvib.solve.sampling import LEAST_FACTOR as FACTOR
+from microvib.solve.sampling import PASSBAND, Decimator, half_length
 
 HALF = half_length(FACTOR)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from microvib.app import site
-from microvib.app.cli import main
+from microvib.cli import site
+from microvib.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 EXECUTED = ("tutorial", "howto/rate", "theory/array", "theory/lines", "validation-table", "reference/scenario")

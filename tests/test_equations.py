@@ -10,8 +10,8 @@ import pytest
 import microvib as mv
 from microvib.model.friction import Friction, SlipRing
 from microvib.model.linear import _coupled_modes
-from microvib.model.sas import spring_rate_times_arm_squared, torsion_frequency
 from microvib.solve.command import Command
+from microvib.structures.springs import spring_rate_times_arm_squared, torsion_frequency
 
 ROOT = Path(__file__).parents[1]
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from microvib.errors import MicrovibError, ScenarioError
-from microvib.fem.array import modal_model, solve_array, structure_of
-from microvib.fem.coupling import Coupling, coupling, rotating_frequencies, size
-from microvib.fem.modes import kinds, solve
-from microvib.fem.structure import Link, Lump, Mesh, Spring, StructureError
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.results import read_table
 from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
-from microvib.model.design import ArrayDesign
+from microvib.structures.array_design import ArrayDesign
+from microvib.structures.fem.array_mesh import modal_model, solve_array, structure_of
+from microvib.structures.fem.coupling import Coupling, coupling, rotating_frequencies, size
+from microvib.structures.fem.modes import kinds, solve
+from microvib.structures.fem.structure import Link, Lump, Mesh, Spring, StructureError
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals import hann
+from microvib.signals import tone_kernel as hann
 from microvib.signals.spectrum import window_values
 from microvib.signals.tones import HannSpectrum, steady
 

@@ -13,7 +13,7 @@ from microvib.io import hdf5
 from microvib.io.hdf5 import open_hdf5
 from microvib.io.matlab import read_matlab
 from microvib.io.recordings import read_recording
-from microvib.signals.recording import RecordingError
+from microvib.testdata.recording import RecordingError
 
 SAMPLES = 4096
 

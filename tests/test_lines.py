@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from microvib.model.expected import ExpectedLine, expected_lines
-from microvib.signals.lines import estimate_lines, figures_at_known_clock, lines_at_known_clock
+from microvib.signals.line_fit import estimate_lines, figures_at_known_clock, lines_at_known_clock
+from microvib.signals.line_search import _groups
 from microvib.signals.orders import Orders
-from microvib.signals.search import _groups
 from microvib.signals.spectrum import amplitude_spectrum, tone_amplitude
 
 RATE, SAMPLES = 4096.0, 65536

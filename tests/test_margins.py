@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.app.long_runs import lines_of_stream
+from microvib.analysis.limits import Judgement, Limit, judge, unsettled
+from microvib.analysis.stream import lines_of_stream
 from microvib.model.tracking import Leg, Tracking
-from microvib.signals.table import FAINT, LineTable, Rest
-from microvib.studies.margins import Judgement, Limit, judge, unsettled
+from microvib.signals.line_table import FAINT, LineTable, Rest
 
 NOTHING = Rest(np.zeros(0), np.zeros(0))
 

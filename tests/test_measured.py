@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat
 
 from microvib.io.recordings import load_preparation, read_prepared, read_recording
-from microvib.signals.recording import Recording, RecordingError, check
+from microvib.testdata.recording import Recording, RecordingError, check
 
 RATE = 4096.0
 T = np.arange(2048) / RATE

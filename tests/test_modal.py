@@ -7,7 +7,7 @@ import pytest
 from microvib.errors import MicrovibError
 from microvib.io.modal_table import modes_csv, read_modes
 from microvib.io.scenario_file import dump_scenario, load_scenario
-from microvib.model.modal import ModalError, ModalModel
+from microvib.structures.modal import ModalError, ModalModel
 
 
 def model(s=3, spatial=True):

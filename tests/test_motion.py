@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.app import long_runs
-from microvib.app.analysis import lines
+from microvib.analysis import stream as long_runs
+from microvib.analysis.lines import lines
 from microvib.solve.simulate import Run
 
 SHORT = {"record.settle": 1.0, "record.duration": 4.0}

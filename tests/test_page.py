@@ -20,16 +20,16 @@ import pytest
 from baseline import baseline
 
 import microvib as mv
-from microvib.app.reports.document import Document, Live, Section
-from microvib.app.reports.rendering import html
-from microvib.app.web.access import Access
-from microvib.app.web.entrance import opening_file
+from microvib.analysis.limits import Limit, judge
 from microvib.errors import ScenarioError
 from microvib.io.recordings import write_recording
 from microvib.io.scenario_file import dump_scenario
-from microvib.signals.recording import Recording
+from microvib.reports.document import Document, Live, Section
+from microvib.reports.rendering import html
 from microvib.studies.analyse import analyse
-from microvib.studies.margins import Limit, judge
+from microvib.testdata.recording import Recording
+from microvib.web.server.access import Access
+from microvib.web.server.entrance import opening_file
 
 pytest.importorskip("fastapi", reason="the page's server is not installed (microvib[serve])")
 api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -510,7 +510,7 @@ def test_a_foreign_title_is_text_wherever_it_stands(visit: Callable[..., Any], t
 
 def test_the_one_script_of_a_report_runs(chromium: Any, tmp_path: Path) -> None:
     """The report's policy lets mode shapes move, and names no more than their script."""
-    moving = (resources.files("microvib.app") / "templates" / "shapes.html").read_text(encoding="utf-8")
+    moving = (resources.files("microvib.reports") / "templates" / "shapes.html").read_text(encoding="utf-8")
     section = Section("In motion", (Live(moving.replace("__DATA__", '{"names": ["first"]}')),))
     document = Document("report", "modes", "", (), (), (section,), "")
     (tmp_path / "report.html").write_text(html(document), encoding="utf-8")

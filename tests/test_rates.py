@@ -10,11 +10,11 @@ from baseline import baseline
 from click.testing import CliRunner
 
 import microvib as mv
-from microvib.app.cli import main
-from microvib.app.options import band_of, counts_of, quantity
-from microvib.app.rates import best_text, found_text
+from microvib.cli.main import main
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
+from microvib.reports.rates import best_text, found_text
+from microvib.studies.options import band_of, counts_of, quantity
 from microvib.studies.rates import at_rate, full_case, linear_error, plan_rates, rate_grid
 
 DEG = math.pi / 180.0

@@ -8,7 +8,7 @@ import scipy.io
 
 from microvib.errors import OutputError
 from microvib.io.recordings import read_recording, write_recording
-from microvib.signals.recording import COMPONENTS, Recording, RecordingError, check, regular_rate
+from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, check, regular_rate
 
 RATE = 4096.0
 T = np.arange(4096) / RATE

@@ -9,8 +9,8 @@ from scipy.io import savemat
 
 from microvib.errors import MicrovibError
 from microvib.io.recordings import read_recording, write_recording
-from microvib.signals.recording import Recording
 from microvib.studies.analyse import analyse
+from microvib.testdata.recording import Recording
 
 RATE = 512.0
 T = np.arange(2048) / RATE

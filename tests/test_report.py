@@ -15,10 +15,11 @@ from baseline import baseline
 from click.testing import CliRunner
 
 import microvib as mv
-from microvib.app.cli import main
-from microvib.app.parameters import STATUSES, Provenance, parameter_blocks, provenance
-from microvib.app.reports.budget import contributions
-from microvib.app.reports.document import (
+from microvib.analysis.limits import Limit, judge
+from microvib.cli.main import main
+from microvib.io.runs import read_run
+from microvib.reports.blocks import study
+from microvib.reports.document import (
     Code,
     Document,
     Fact,
@@ -32,14 +33,13 @@ from microvib.app.reports.document import (
     pairs,
     table,
 )
-from microvib.app.reports.front import judged_cells
-from microvib.app.reports.pieces import study
-from microvib.app.reports.rendering import html, pdf, report_files
-from microvib.app.reports.run import run_report
-from microvib.app.running import run_scenario
-from microvib.io.runs import read_run
-from microvib.signals.table import FAINT
-from microvib.studies.margins import Limit, judge
+from microvib.reports.parameters import STATUSES, Provenance, parameter_blocks, provenance
+from microvib.reports.rendering import html, pdf, report_files
+from microvib.reports.run.budget import contributions
+from microvib.reports.run.first_page import judged_cells
+from microvib.reports.run.folder import run_scenario
+from microvib.reports.run.report import run_report
+from microvib.signals.line_table import FAINT
 
 LIMIT = Limit(0.010)
 NASTY = '#set text(red) $x^2$ *b* _i_ <script>alert(1)</script> \\ "q" [a](b) @ref // {{ 7*7 }} #image("x") &amp; ✓'
@@ -66,7 +66,7 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def undrawn(monkeypatch):
     """For what is asked of words and figures alone: pictures are left out, for they take the time."""
-    monkeypatch.setattr("microvib.app.plots.svg", lambda drawing: "<svg/>")
+    monkeypatch.setattr("microvib.reports.figures.svg", lambda drawing: "<svg/>")
 
 
 def pages(content: bytes) -> list[str]:

@@ -8,14 +8,14 @@ import shlex
 
 import pytest
 
-from microvib.app.reports import fonts
-from microvib.app.reports.document import Form, Row, Section, Table, Text, table
-from microvib.app.reports.fonts import package_fonts
-from microvib.app.reports.pieces import study
-from microvib.app.reports.rendering import html, pdf
-from microvib.app.reports.title_block import TitleBlock, read_title_block
-from microvib.app.reports.typography import command_without_folders, in_print
 from microvib.errors import MicrovibError
+from microvib.reports import fonts
+from microvib.reports.blocks import study
+from microvib.reports.document import Form, Row, Section, Table, Text, table
+from microvib.reports.fonts import package_fonts
+from microvib.reports.rendering import html, pdf
+from microvib.reports.title_block import TitleBlock, read_title_block
+from microvib.reports.typography import command_without_folders, in_print
 
 
 def pages(content: bytes) -> list[str]:

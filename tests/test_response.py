@@ -7,12 +7,12 @@ import pytest
 
 from microvib.errors import MicrovibError
 from microvib.io.recordings import load_preparation, read_prepared, write_recording
-from microvib.model.bench import Bench
-from microvib.signals.bench import measure
-from microvib.signals.preparation import Preparation
-from microvib.signals.recording import Recording, RecordingError
-from microvib.signals.response import response
 from microvib.signals.spectrum import power_spectral_density, tone, tone_amplitude
+from microvib.testdata.bench import measure
+from microvib.testdata.bench_design import Bench
+from microvib.testdata.preparation import Preparation
+from microvib.testdata.recording import Recording, RecordingError
+from microvib.testdata.response import response
 
 RATE = 4096.0
 T = np.arange(8 * 4096) / RATE

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from microvib.app.cli import main
-from microvib.app.sas import parse_state, quantity, read_states
-from microvib.app.sas_drawing import draw_simulator
+from microvib.cli.main import main
 from microvib.errors import MicrovibError, ScenarioError
-from microvib.fem.assembly import assemble
-from microvib.fem.described import kinds
-from microvib.fem.simulator import solve, structure_of
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.results import read_table
 from microvib.io.scenario_file import dump_part, load_scenario
-from microvib.model.sas import allowable_stress, coil_rate, coil_stress, spring_energy, wahl_factor
-from microvib.model.simulator import SimulatorDesign
+from microvib.reports.sas import parse_state, quantity, read_states
+from microvib.reports.sas_drawing import draw_simulator
+from microvib.structures.fem.assembly import assemble
+from microvib.structures.fem.described import kinds
+from microvib.structures.fem.simulator_mesh import solve, structure_of
+from microvib.structures.simulator_design import SimulatorDesign
+from microvib.structures.springs import allowable_stress, coil_rate, coil_stress, spring_energy, wahl_factor
 from microvib.studies.sas import (
     SizingError,
     State,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from microvib.solve import kernel
-from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
-from microvib.solve.segments import Segments
+from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.steady.segments import Segments
 
 CHANGES = [
     {},

@@ -23,16 +23,17 @@ from fastapi.testclient import TestClient
 from scipy.io import savemat
 
 import microvib as mv
-from microvib.app.running import run_scenario
-from microvib.app.web import forms, series
-from microvib.app.web.access import Access
-from microvib.app.web.api import create_app
-from microvib.app.web.desk import Desk
-from microvib.app.web.limits import Limits
 from microvib.io.recordings import write_recording
 from microvib.io.scenario_file import catalog_text, parse_yaml
-from microvib.signals.recording import Recording
+from microvib.reports.run.folder import run_scenario
 from microvib.solve.motion import CHANNELS
+from microvib.testdata.recording import Recording
+from microvib.web.jobs import series
+from microvib.web.jobs.store import Desk
+from microvib.web.routes import forms
+from microvib.web.server.access import Access
+from microvib.web.server.application import create_app
+from microvib.web.server.limits import Limits
 
 BASE = "http://127.0.0.1:8321"
 TOKEN = "s3cret"
@@ -182,7 +183,7 @@ def test_a_thinned_spectrum_has_no_plateaus_on_a_logarithmic_axis():
 
 
 def test_a_verdict_is_that_of_the_report(client, finished, motion):
-    from microvib.studies.margins import Limit, judge
+    from microvib.analysis.limits import Limit, judge
 
     table = mv.lines(motion)
     for query, limit in (
@@ -747,7 +748,7 @@ def test_every_refusal_is_a_sentence(client, method, path, content, status):
 
 
 def test_a_fault_of_the_program_is_a_sentence_and_a_line_in_the_log(client, monkeypatch, caplog):
-    monkeypatch.setattr("microvib.app.web.forms.view_of", lambda spec: 1 / 0)
+    monkeypatch.setattr("microvib.web.routes.forms.view_of", lambda spec: 1 / 0)
     answer = client.post("/api/scenario", json=spec())
     assert answer.status_code == 500
     assert answer.json() == {"error": "the server met a fault of its own; its log says more", "key": None}
@@ -811,7 +812,7 @@ def test_channels_of_the_page_are_those_of_a_motion(client, finished):
 
 
 def test_the_form_tells_unusual_values():
-    from microvib.app.web.forms import Spec, view_of
+    from microvib.web.routes.forms import Spec, view_of
 
     assert view_of(Spec(base="state-1"))["doubts"] == []
     (said,) = view_of(Spec(base="state-1", changes={"motor.current": "0.25 mA"}))["doubts"]

@@ -21,14 +21,14 @@ from pathlib import Path
 
 import pytest
 
-from microvib.app.web.access import Access
-from microvib.app.web.api import create_app
-from microvib.app.web.connection import Server, configuration
-from microvib.app.web.desk import Desk
-from microvib.app.web.entrance import opening_file
-from microvib.app.web.limits import Limits
-from microvib.app.web.worker import without_folders
 from microvib.io.writing import workspace
+from microvib.web.jobs.store import Desk
+from microvib.web.jobs.worker import without_folders
+from microvib.web.server.access import Access
+from microvib.web.server.application import create_app
+from microvib.web.server.connection import Server, configuration
+from microvib.web.server.entrance import opening_file
+from microvib.web.server.limits import Limits
 
 STRANGERS = 8
 LIMITS = replace(

@@ -21,10 +21,10 @@ from schemathesis.specs.openapi.checks import (
 )
 
 import microvib as mv
-from microvib.app.web.access import Access
-from microvib.app.web.api import create_app
-from microvib.app.web.desk import Desk
-from microvib.app.web.limits import Limits
+from microvib.web.jobs.store import Desk
+from microvib.web.server.access import Access
+from microvib.web.server.application import create_app
+from microvib.web.server.limits import Limits
 
 CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
 ODD = settings(

@@ -9,12 +9,12 @@ import pytest
 
 import microvib as mv
 from microvib.model.expected import ExpectedLine
-from microvib.signals.lines import estimate_lines
-from microvib.signals.periodic import TRANSIENT, lines_of_series
+from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
+from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques
-from microvib.solve.period import NotPeriodic, PeriodMap, repeats_after
-from microvib.solve.shooting import CLOSE
-from microvib.solve.steady import steady_state
+from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.steady.search import CLOSE
+from microvib.solve.steady.state import steady_state
 
 _spec = importlib.util.spec_from_file_location(
     "benchmark_steady", Path(__file__).parents[1] / "benchmarks" / "steady.py"

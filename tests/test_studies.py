@@ -9,16 +9,16 @@ import pytest
 from baseline import baseline
 
 import microvib as mv
-from microvib.app.comparison import write_comparison
-from microvib.app.studies import fit_json, fit_text, write_fit
 from microvib.errors import MicrovibError
 from microvib.io.recordings import write_recording
-from microvib.signals.recording import Recording
+from microvib.reports.comparison import write_comparison
+from microvib.reports.identification import fit_json, fit_text, write_fit
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, read_evidence
 from microvib.studies.identify import Trust, identify, parse_fit
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.problem import Problem
+from microvib.testdata.recording import Recording
 
 TRUTH = {"array.rigid_inertia": 0.11, "reducer.stiffness": 10_500.0, "motor.friction.viscous": 0.022}
 
@@ -305,7 +305,7 @@ def test_tables_of_lines_that_are_broken(tmp_path, start, content, complaint):
 
 
 def test_evidence_is_of_the_loads_ahead_of_the_chain(recording, start):
-    from microvib.signals.preparation import Preparation
+    from microvib.testdata.preparation import Preparation
 
     raw = read_evidence(str(recording), start)
     told = read_evidence(str(recording), start, preparation=Preparation(response="boxcar"))

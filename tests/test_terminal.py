@@ -16,8 +16,8 @@ pytest.importorskip("pty", reason="pseudo-terminals are of POSIX")
 import click
 from terminal import in_terminal, screen
 
-from microvib.app.commands.progress import progress_bar
-from microvib.app.edge import BUG, TRACEBACK, status_of
+from microvib.cli.progress import progress_bar
+from microvib.cli.streams import BUG, TRACEBACK, status_of
 from microvib.errors import MicrovibError
 
 SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
@@ -39,7 +39,7 @@ sampling: {method: random, count: 4000}
 EXPECTED = {"error": 1, "usage": 2, "docs": (0, 1)}  # the site is not in every installation
 ONE_AFTER_ANOTHER = """
 import json, sys
-from microvib.app.cli import main
+from microvib.cli.main import main
 for name, arguments in json.loads(sys.argv[1]).items():
     status = 0
     try:
@@ -209,11 +209,13 @@ def test_an_identification_that_is_interrupted_keeps_the_best_and_says_so(folder
 
 
 def test_an_interrupt_while_the_program_is_still_starting_is_quiet(tmp_path):
-    program = "import sys, threading, _thread\nimport microvib.app.commands.common as c\nsys.modules.pop('microvib.app.commands.web', None)"
+    program = (
+        "import sys, threading, _thread\nimport microvib.cli.common as c\nsys.modules.pop('microvib.cli.serve', None)"
+    )
     program += (
         "\nclass Late:\n  def find_spec(self, name, *a):\n    if name.endswith('commands.web'): raise KeyboardInterrupt"
     )
-    program += "\nsys.meta_path.insert(0, Late())\nfrom microvib.app.cli import main\nmain()"
+    program += "\nsys.meta_path.insert(0, Late())\nfrom microvib.cli.main import main\nmain()"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, "")
 
@@ -310,7 +312,7 @@ def test_drawings_do_not_depend_on_the_window_system(folder, tmp_path):
 
 def test_progress_on_lines_has_rate_and_time_left(capsys, monkeypatch):
     now = iter([0.0, 5.0, 16.0, 20.0])
-    monkeypatch.setattr("microvib.app.commands.progress.time.monotonic", lambda: next(now))
+    monkeypatch.setattr("microvib.cli.progress.time.monotonic", lambda: next(now))
     with progress_bar("computing", "cases", lines_every=15.0) as tell:
         for done in (10, 20, 42, 50):
             tell(done, 50)

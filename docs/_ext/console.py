@@ -6,7 +6,7 @@ import subprocess
 from contextlib import redirect_stdout
 from typing import Any
 
-from microvib.app.cli import main
+from microvib.cli.main import main
 
 
 def console(line: str, cell: str) -> None:

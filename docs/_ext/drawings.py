@@ -9,7 +9,7 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 import microvib
-from microvib.app.cli import main
+from microvib.cli.main import main
 
 
 def folder(app: Sphinx) -> Path:

@@ -25,14 +25,14 @@ _HOME = {
     "catalog_names": "microvib.io.scenario_file",
     "dump_scenario": "microvib.io.scenario_file",
     "simulate": "microvib.solve.simulate",
-    "steady": "microvib.studies.steady",
+    "steady": "microvib.analysis.steady",
     "Motion": "microvib.solve.motion",
     "coupled_modes": "microvib.model.linear",
     "expected_lines": "microvib.model.expected",
-    "lines": "microvib.app.analysis",
-    "accuracy": "microvib.studies.accuracy",
-    "spectrum": "microvib.app.analysis",
-    "plot": "microvib.app.plots",
+    "lines": "microvib.analysis.lines",
+    "accuracy": "microvib.analysis.accuracy",
+    "spectrum": "microvib.analysis.lines",
+    "plot": "microvib.reports.figures",
     "MicrovibError": "microvib.errors",
     "ScenarioError": "microvib.errors",
     "SimulationError": "microvib.errors",
@@ -40,17 +40,17 @@ _HOME = {
 }
 
 if TYPE_CHECKING:
-    from microvib.app.analysis import lines, spectrum
-    from microvib.app.plots import plot
+    from microvib.analysis.accuracy import accuracy
+    from microvib.analysis.lines import lines, spectrum
+    from microvib.analysis.steady import steady
     from microvib.errors import MicrovibError, ScenarioError, SimulationError, SynchronismLost
     from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
     from microvib.model.expected import expected_lines
     from microvib.model.linear import coupled_modes
     from microvib.model.scenario import Scenario
+    from microvib.reports.figures import plot
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate
-    from microvib.studies.accuracy import accuracy
-    from microvib.studies.steady import steady
 
 __all__ = [
     "MicrovibError",

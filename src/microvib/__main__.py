@@ -1,5 +1,5 @@
 """``python -m microvib``."""
 
-from microvib.app.cli import main
+from microvib.cli.main import main
 
 main(prog_name="microvib")

@@ -9,8 +9,8 @@ import pytest
 
 from microvib.io.nastran import read_modal_model
 from microvib.io.nastran.vectors import read_vectors
-from microvib.model.deck import Deck, import_options, modal_model
-from microvib.model.modal import ModalError
+from microvib.structures.deck import Deck, import_options, modal_model
+from microvib.structures.modal import ModalError
 
 INTERFACE, HOME = 1001, (0.1, -0.2, 0.3)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from microvib.app.modal_options import import_from, modal_options
+from microvib.cli.modal_options import import_from, modal_options
 from microvib.errors import MicrovibError
 from microvib.io.nastran import read_modal_model
 from microvib.io.scenario_file import catalog_text, load_scenario

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microvib.io.nastran import read_modal_model
-from microvib.model.deck import import_options
+from microvib.structures.deck import import_options
 
 INTERFACE, HOME = 1001, (0.1, -0.2, 0.3)
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from microvib.fem.array import tube_section
-from microvib.fem.assembly import assemble
-from microvib.fem.eigen import lowest_modes
-from microvib.fem.modes import solve
-from microvib.fem.structure import Link, Lump, Mesh, Section, Spring
-from microvib.model.design import Tube, Yoke
+from microvib.structures.array_design import Tube, Yoke
+from microvib.structures.fem.array_mesh import tube_section
+from microvib.structures.fem.assembly import assemble
+from microvib.structures.fem.eigen import lowest_modes
+from microvib.structures.fem.modes import solve
+from microvib.structures.fem.structure import Link, Lump, Mesh, Section, Spring
 
 E, G, RHO = 70e9, 26.3e9, 2700.0
 

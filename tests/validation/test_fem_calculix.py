@@ -13,10 +13,10 @@ import subprocess
 import numpy as np
 import pytest
 
-from microvib.fem.array import solve_array, structure_of, tube_section
-from microvib.fem.modes import kinds
-from microvib.fem.structure import Link, Shells, Spring
 from microvib.io.modal_sources import load_design
+from microvib.structures.fem.array_mesh import solve_array, structure_of, tube_section
+from microvib.structures.fem.modes import kinds
+from microvib.structures.fem.structure import Link, Shells, Spring
 
 pytestmark = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
 

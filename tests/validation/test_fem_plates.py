@@ -10,9 +10,9 @@ from numpy.polynomial import polynomial as poly
 from pyfe3d.shellprop_utils import isotropic_plate, laminated_plate
 from scipy.linalg import eigh
 
-from microvib.fem.assembly import assemble
-from microvib.fem.eigen import lowest_modes
-from microvib.fem.structure import Mesh
+from microvib.structures.fem.assembly import assemble
+from microvib.structures.fem.eigen import lowest_modes
+from microvib.structures.fem.structure import Mesh
 
 A, B = 1.2, 0.9
 EDGES = {"free": (0, 0), "clamped": (2, 2), "cantilever": (2, 0)}

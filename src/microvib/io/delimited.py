@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from microvib.io.measured import Column, Hints, recording_of
-from microvib.signals.channels import in_yaml, is_unit, named_unit
-from microvib.signals.recording import Recording, RecordingError
+from microvib.testdata.channels import in_yaml, is_unit, named_unit
+from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import convert
 
 FEWEST_ROWS = 8

@@ -18,8 +18,8 @@ from microvib.io.hdf5 import MOST_BYTES, Dataset, open_hdf5
 from microvib.io.matlab import read_matlab
 from microvib.io.measured import Column, Hints, Time, recording_of, stated_rates
 from microvib.io.structs import columns_of
-from microvib.signals.channels import is_time
-from microvib.signals.recording import Recording, RecordingError
+from microvib.testdata.channels import is_time
+from microvib.testdata.recording import Recording, RecordingError
 
 Reader = Callable[[Path, Hints], Recording]
 

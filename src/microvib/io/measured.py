@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.signals.channels import in_yaml, is_time
-from microvib.signals.recording import Recording, RecordingError, regular_rate, snapped_rate
+from microvib.testdata.channels import in_yaml, is_time
+from microvib.testdata.recording import Recording, RecordingError, regular_rate, snapped_rate
 from microvib.units import convert
 
 SAME_RATE = 1e-4

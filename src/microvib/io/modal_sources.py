@@ -10,14 +10,14 @@ from microvib.errors import ScenarioError
 from microvib.io.modal_table import MOST_MODES, read_modes
 from microvib.io.scenario_file import catalog_text, read_text, reference_names
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.design import ArrayDesign
-from microvib.model.modal import ModalModel
 from microvib.model.sentences import validated
-from microvib.model.simulator import SimulatorDesign
+from microvib.structures.array_design import ArrayDesign
+from microvib.structures.modal import ModalModel
+from microvib.structures.simulator_design import SimulatorDesign
 
 if TYPE_CHECKING:
-    from microvib.fem.modes import Modes
-    from microvib.model.deck import Import
+    from microvib.structures.deck import Import
+    from microvib.structures.fem.modes import Modes
 
 __all__ = ["DEFAULT_MODES", "MOST_MODES", "ModalSource", "load_design", "modal_source"]
 
@@ -84,7 +84,7 @@ def load_design(source: str, folder: Path = Path()) -> Design:
 
 def _from_design(design: Design, name: str, count: int) -> ModalSource:
     try:
-        from microvib.fem.described import modal_model, solved
+        from microvib.structures.fem.described import modal_model, solved
     except ModuleNotFoundError as error:
         raise ScenarioError(
             f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"

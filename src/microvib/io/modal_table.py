@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.model.modal import DIRECTIONS, ModalError, ModalModel
+from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
 
 PARTICIPATIONS = tuple(f"participation_{d.lower()}" for d in DIRECTIONS)
 COUPLINGS = tuple(f"rigid_{a.lower()}_{b.lower()}" for k, a in enumerate(DIRECTIONS) for b in DIRECTIONS[k:])

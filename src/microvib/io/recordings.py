@@ -19,9 +19,9 @@ from microvib.io.scenario_file import read_text
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
-from microvib.signals.preparation import Preparation
-from microvib.signals.recording import COMPONENTS, Recording, RecordingError
-from microvib.signals.response import Stage
+from microvib.testdata.preparation import Preparation
+from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
+from microvib.testdata.response import Stage
 
 __all__ = [
     "READERS",

@@ -21,7 +21,7 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.io.writing import Writer, real_path, workspace, write_files
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.table import Line, LineTable
+from microvib.signals.line_table import Line, LineTable
 from microvib.solve.motion import CHANNELS, INTERFACE, MODAL, Motion
 
 RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.html")

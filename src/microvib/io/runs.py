@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.io.scenario_file import load_scenario
-from microvib.signals.table import Line, LineTable, Rest
+from microvib.signals.line_table import Line, LineTable, Rest
 from microvib.solve.motion import CHANNELS, MODAL, Invariants, Motion
 
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")

@@ -13,14 +13,14 @@ import numpy as np
 
 from microvib.errors import ScenarioError, shown
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.bench import Bench
 from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, scenario_from, set_key
 from microvib.model.sentences import validated
+from microvib.testdata.bench_design import Bench
 from microvib.units import Quantity, convert
 
 if TYPE_CHECKING:
-    from microvib.model.modal import ModalModel
+    from microvib.structures.modal import ModalModel
 
 LARGEST_FILE = 1_000_000
 """Bytes of the largest scenario file that is read."""
@@ -146,7 +146,7 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
 def _imported(group: dict[str, Any], folder: Path, origin: str) -> tuple[ModalModel, str]:
     """Modes of a finite-element program's results, understood as the scenario says, and what to say of their source."""
     from microvib.io.nastran import read_modal_model
-    from microvib.model.deck import import_options
+    from microvib.structures.deck import import_options
 
     said = {key: value for key, value in group.items() if key not in ARRAY_ORIGINS}
     return read_modal_model(folder / str(group["from"]), import_options(said, f"{origin}: array")), str(group["from"])

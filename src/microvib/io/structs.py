@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from microvib.io.measured import Column, Time, stated_rates
-from microvib.signals.channels import is_time
+from microvib.testdata.channels import is_time
 
 _VALUES = ("values", "value", "data", "samples", "signal", "signals", "y", "ydata")
 _NAMES = ("names", "name", "labels", "label", "channels", "channelnames", "channelname", "signalname", "signalnames")

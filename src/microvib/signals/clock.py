@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals.table import DETECTION
+from microvib.signals.line_table import DETECTION
 from microvib.signals.tones import HannSpectrum, steady
 
 MOST_FOR_CLOCK = 12

@@ -1,7 +1,7 @@
 """Tones in noise: steady ones that keep their ratios, and decaying ones.
 
 Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast,
-and every fit is a least-squares fit to the bins about the tones (``microvib.signals.hann``).
+and every fit is a least-squares fit to the bins about the tones (``microvib.signals.tone_kernel``).
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals import hann
-from microvib.signals.hann import REACH
+from microvib.signals import tone_kernel as hann
 from microvib.signals.spectrum import SpectrumError
+from microvib.signals.tone_kernel import REACH
 
 FEWEST = 8
 """Samples of the shortest record."""

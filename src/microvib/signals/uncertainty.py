@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from microvib.signals import hann
-from microvib.signals.table import Uncertainty
+from microvib.signals import tone_kernel as hann
+from microvib.signals.line_table import Uncertainty
 from microvib.signals.tones import HannSpectrum, Tones, mean_of_decay
 
 _NUDGE = 1e-4

@@ -11,12 +11,13 @@ import numpy as np
 
 from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
-from microvib.solve import abreast, kernel
+from microvib.solve import kernel
+from microvib.solve import stepper as abreast
 from microvib.solve.command import Command
-from microvib.solve.decimate import Window, half_length, taps, window
-from microvib.solve.lanes import WIDTH
 from microvib.solve.pack import Packed, pack
+from microvib.solve.sampling import Window, half_length, taps, window
 from microvib.solve.simulate import stopped
+from microvib.solve.vector import WIDTH
 
 MICROSTEPS_AT_ONCE = 4096
 """Microsteps of a drive that are known in advance; bounds the memory of a long run."""
@@ -44,7 +45,7 @@ def simulate_torques(scenarios: Sequence[Scenario]) -> list[Torque | SimulationE
     """Torque of each scenario, or the error with which it stopped, in their order.
 
     It is the T_d of ``simulate``, from the same equations, steps and events, with nothing else sampled; WIDTH drives share
-    each step's arithmetic (``microvib.solve.abreast``). A torque is the same to the last bit whatever else is in the list.
+    each step's arithmetic (``microvib.solve.stepper``). A torque is the same to the last bit whatever else is in the list.
     One core is used; the lock of the interpreter is free meanwhile.
     """
     results: dict[int, Torque | SimulationError] = {}

@@ -10,7 +10,7 @@ Friction is set-valued: a stuck body has velocity zero exactly, and no law with 
 The linear systems of the method are solved by block elimination: windings, angles and array modes are eliminated in
 closed form and a 2 x 2 system in the two velocities is left. Cost is linear in the number of modes.
 
-Its functions take floats, for one drive, or lanes, for many at once (``microvib.solve.lanes``, ``microvib.solve.abreast``).
+Its functions take floats, for one drive, or lanes, for many at once (``microvib.solve.vector``, ``microvib.solve.stepper``).
 
 Everything else that the loop calls lives in this file, because the compiled cache is keyed on it.
 """
@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from microvib.solve.lanes import CALLED, ROWS, exp, sincos, some, where
+from microvib.solve.vector import CALLED, ROWS, exp, sincos, some, where
 
 # No exceptions inside (a division by zero gives inf, which step control catches); products may be fused; no reference
 # counts, which would take half the time: the loop makes no arrays, its scratch comes from outside.

@@ -13,9 +13,9 @@ from microvib.errors import SimulationError, SynchronismLost
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.decimate import PASSBAND, Decimator, window
 from microvib.solve.motion import Beginning, Invariants, Motion
 from microvib.solve.pack import Packed, pack
+from microvib.solve.sampling import PASSBAND, Decimator, window
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 1.0
@@ -32,15 +32,15 @@ def simulate(
     ``progress(done, total)`` is called with simulated seconds. ``channels`` keeps only the named ones (of
     ``microvib.solve.motion.CHANNELS`` and ``eta``, ``eta_rate``), which saves memory.
 
-    Samples are taken at ``record.settle + k / sample_rate``, through the filter that ``microvib.solve.decimate`` describes: flat to
+    Samples are taken at ``record.settle + k / sample_rate``, through the filter that ``microvib.solve.sampling`` describes: flat to
     0.35 of the sample rate. With ``record.start`` steady the motion begins in the steady state where one is found, and otherwise
     at rest; ``solver["steady"]`` says which. Raises SynchronismLost where the motor no longer follows, SimulationError where
     the solution does not stay finite.
     """
     if scenario.record.start == "rest":
         return from_rest(scenario, progress=progress, channels=channels)
-    from microvib.solve.period import NotPeriodic
-    from microvib.solve.steady import steady_state  # which runs this module's ``Run`` itself
+    from microvib.solve.steady.period import NotPeriodic
+    from microvib.solve.steady.state import steady_state  # which runs this module's ``Run`` itself
 
     try:
         motion = steady_state(scenario).motion(progress=progress, channels=channels)

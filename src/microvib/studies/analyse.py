@@ -11,9 +11,8 @@ from microvib.io.recordings import READERS, read_prepared, read_recording
 from microvib.io.scenario_file import catalog_names, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, estimate_lines
-from microvib.signals.preparation import Preparation
-from microvib.signals.recording import COMPONENTS, Recording, check
+from microvib.signals.line_fit import PASSBAND, estimate_lines
+from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import (
     Density,
     Spectrum,
@@ -23,9 +22,10 @@ from microvib.signals.spectrum import (
     power_spectral_density,
     waterfall,
 )
-from microvib.signals.table import LineTable
 from microvib.solve.simulate import Progress, simulate
 from microvib.studies.evidence import measured_lines
+from microvib.testdata.preparation import Preparation
+from microvib.testdata.recording import COMPONENTS, Recording, check
 from microvib.units import pretty
 
 NO_DRIVE = "lines are not named, for no drive was; name it with --scenario"

@@ -16,11 +16,11 @@ from microvib.io.results import PAPER_LINES, read_table
 from microvib.io.scenario_file import catalog_names, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, estimate_lines
-from microvib.signals.preparation import Preparation
-from microvib.signals.table import LineTable
+from microvib.signals.line_fit import PASSBAND, estimate_lines
+from microvib.signals.line_table import LineTable
 from microvib.solve.simulate import Progress, simulate
 from microvib.studies.evidence import is_line_table, line_table_rows, measured_lines
+from microvib.testdata.preparation import Preparation
 
 PAPER = ("paper-test", "paper-simulation")
 """Names for the test and the simulation columns of Tables 5 and 6."""

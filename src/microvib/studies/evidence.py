@@ -15,10 +15,10 @@ from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, Prepared, read_prepared
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, estimate_lines, with_background
-from microvib.signals.preparation import Preparation
-from microvib.signals.recording import RecordingError, check
-from microvib.signals.table import DETECTION, LineTable
+from microvib.signals.line_fit import PASSBAND, estimate_lines, with_background
+from microvib.signals.line_table import DETECTION, LineTable
+from microvib.testdata.preparation import Preparation
+from microvib.testdata.recording import RecordingError, check
 
 CLOCK_TOLERANCE = 0.02
 MODE_TOLERANCE = 0.1

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from microvib.model.bench import Bench
 from microvib.model.scenario import Scenario
-from microvib.signals.bench import measure as record
-from microvib.signals.recording import COMPONENTS, Recording
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import Progress, simulate
+from microvib.testdata.bench import measure as record
+from microvib.testdata.bench_design import Bench
+from microvib.testdata.recording import COMPONENTS, Recording
 
 _NEEDED = ("T_d", "theta_l", "alpha_l", "eta", "eta_rate")
 

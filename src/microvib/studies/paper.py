@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from microvib.io.results import PAPER_LINES, read_table
 from microvib.model.scenario import Scenario
-from microvib.signals.table import LineTable
+from microvib.signals.line_table import LineTable
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
+from microvib.analysis.steady import steady
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.table import FAINT
-from microvib.studies.steady import steady
+from microvib.signals.line_table import FAINT
 
 HARMONICS = 8
 LEAST = 1e-3

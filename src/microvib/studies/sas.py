@@ -12,8 +12,9 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.io.results import read_table
-from microvib.model.modal import ModalModel
-from microvib.model.sas import (
+from microvib.structures.modal import ModalModel
+from microvib.structures.simulator_design import COUNTERWEIGHTS, CoilSpring, SimulatorDesign
+from microvib.structures.springs import (
     SPRINGS,
     allowable_stress,
     coil_stress,
@@ -23,7 +24,6 @@ from microvib.model.sas import (
     torsion_frequency,
     torsion_stiffness,
 )
-from microvib.model.simulator import COUNTERWEIGHTS, CoilSpring, SimulatorDesign
 
 SLACK_RESERVE = 1.5
 """Preload over the largest move of a spring: none goes slack up to that multiple of the amplitude."""
@@ -83,7 +83,7 @@ class Setting:
     @cached_property
     def finite_elements(self) -> tuple[float, float]:
         """Torsional frequency [Hz] and inertia [kg m^2] of the meshed simulator."""
-        from microvib.fem.simulator import solve
+        from microvib.structures.fem.simulator_mesh import solve
 
         modes = solve(self.design, 4)
         torsion = int(np.argmax(np.abs(modes.participation[5])))

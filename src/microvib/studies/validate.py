@@ -18,8 +18,8 @@ from microvib.io.results import PAPER_LINES
 from microvib.io.scenario_file import load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, estimate_lines
-from microvib.signals.table import LineTable
+from microvib.signals.line_fit import PASSBAND, estimate_lines
+from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
 from microvib.studies.paper import compare_with_paper

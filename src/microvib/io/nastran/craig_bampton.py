@@ -9,8 +9,8 @@ import numpy as np
 
 from microvib.io.nastran.library import library, lines_of, located, rigid_motion
 from microvib.io.nastran.punched import read_punched
-from microvib.model.deck import ORIGIN, Deck, Import, Point
-from microvib.model.modal import ModalError
+from microvib.structures.deck import ORIGIN, Deck, Import, Point
+from microvib.structures.modal import ModalError
 
 LARGEST_MATRIX = 1_000_000_000
 """Bytes of the largest matrix that is read into memory in full."""

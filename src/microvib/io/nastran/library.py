@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.model.modal import ModalError
+from microvib.structures.modal import ModalError
 
 LONGEST_LINE = 1000
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.model.deck import ORIGIN, Point, moved
-from microvib.model.modal import ModalError
+from microvib.structures.deck import ORIGIN, Point, moved
+from microvib.structures.modal import ModalError
 
 ALIKE = (0.999, 1.5)
 """Mass of the whole model over that of its free degrees of freedom: mass on clamped points explains no more."""

@@ -13,9 +13,9 @@ from microvib.io.nastran.library import library, located, rigid_motion
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight
 from microvib.io.nastran.vectors import Vectors, places_of, read_vectors
-from microvib.model.deck import Deck, Import
-from microvib.model.modal import ModalError
-from microvib.model.modal_checks import check_clamped
+from microvib.structures.deck import Deck, Import
+from microvib.structures.modal import ModalError
+from microvib.structures.modal_checks import check_clamped
 
 STILL = 1e-3
 """Relative; how much a clamped point may move in a mode (results come in single precision)."""

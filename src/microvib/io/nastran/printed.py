@@ -11,9 +11,9 @@ import numpy as np
 
 from microvib.io.nastran.library import lines_of
 from microvib.io.nastran.masses import Masses, rigid_mass
-from microvib.model.deck import ORIGIN, Deck, Import, Point
-from microvib.model.modal import ModalError
-from microvib.model.modal_checks import check_clamped
+from microvib.structures.deck import ORIGIN, Deck, Import, Point
+from microvib.structures.modal import ModalError
+from microvib.structures.modal_checks import check_clamped
 
 MOST_ROWS = 20_000
 """Rows of a table; no modal analysis prints as many."""

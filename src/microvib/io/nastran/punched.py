@@ -10,8 +10,8 @@ import numpy as np
 from microvib.io.nastran.library import lines_of
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight, number
-from microvib.model.deck import Deck, Import
-from microvib.model.modal import ModalError
+from microvib.structures.deck import Deck, Import
+from microvib.structures.modal import ModalError
 
 _EIGENVALUE = re.compile(r"\$EIGENVALUE\s*=\s*(\S+)\s+MODE\s*=\s*(\d+)")
 _FIELDS = ((18, 36), (36, 54), (54, 72))

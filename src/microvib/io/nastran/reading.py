@@ -10,8 +10,8 @@ from microvib.io.modal_table import read_modes
 from microvib.io.nastran.craig_bampton import read_dmig, read_op4
 from microvib.io.nastran.op2 import read_op2
 from microvib.io.nastran.printed import read_listing
-from microvib.model.deck import Deck, Import, modal_model
-from microvib.model.modal import ModalError, ModalModel
+from microvib.structures.deck import Deck, Import, modal_model
+from microvib.structures.modal import ModalError, ModalModel
 
 LARGEST = 8_000_000_000
 """Bytes of the largest file that is opened."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.model.modal import ModalError
+from microvib.structures.modal import ModalError
 
 
 @dataclass(frozen=True)

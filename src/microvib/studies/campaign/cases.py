@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from microvib.analysis.limits import Limit, judge
+from microvib.analysis.steady import steady
 from microvib.errors import MicrovibError
 from microvib.io.results import package_versions
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, estimate_lines
-from microvib.signals.table import LineTable
+from microvib.signals.line_fit import PASSBAND, estimate_lines
+from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
-from microvib.studies.margins import Limit, judge
-from microvib.studies.steady import steady
 
 TOGETHER = 32
 """Cases that are simulated together; bounds the memory of a worker."""

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from microvib.analysis.limits import Limit
 from microvib.errors import ScenarioError
 from microvib.io.scenario_file import load_scenario, read_text, scenario_data
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
-from microvib.model.study import Correlation, Study
+from microvib.studies.campaign.study_file import Correlation, Study
 from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, keys_of, variation
-from microvib.studies.margins import Limit
 from microvib.units import band
 
 MOST_CASES = 10_000_000

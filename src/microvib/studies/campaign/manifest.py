@@ -15,8 +15,8 @@ from microvib.io.results import package_versions, to_json
 from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario, read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
-from microvib.model.study import Study
 from microvib.studies.campaign.design import Design
+from microvib.studies.campaign.study_file import Study
 from microvib.studies.campaign.variation import Levels, Uncertain
 
 MANIFEST, STUDY, SCENARIO, SAMPLES = "campaign.json", "study.yaml", "scenario.yaml", "samples.npy"

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from microvib.analysis.limits import Limit
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, Results
-from microvib.studies.margins import Limit
 
 CONFIDENCE = 0.95
 BELOW, ABOVE, UNKNOWN = range(3)

@@ -8,7 +8,7 @@ import numpy as np
 
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.lines import PASSBAND, lines_at_known_clock
+from microvib.signals.line_fit import PASSBAND, lines_at_known_clock
 from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.batch import Torque
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted

@@ -17,7 +17,7 @@ from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
-from microvib.solve.lanes import WIDTH
+from microvib.solve.vector import WIDTH
 from microvib.studies.evidence import Evidence, Simulated
 from microvib.studies.identify.figures import as_tested, cost, difference, lines_of, weight
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around

@@ -1,0 +1,166 @@
+"""How far a run is off by its integration in time: the record's beginning once more with finer steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import SimulationError
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import Line, LineTable
+from microvib.solve.motion import Motion
+from microvib.solve.simulate import again
+
+BOUND = 5e-3
+"""Relative change of a line above which finer steps are advised."""
+LEAST = 0.01
+"""Part of the largest line from which a line counts."""
+SHARE = 1.0 / 20.0
+"""Part of the time simulated that is run again; at twice finer steps, a tenth of the work."""
+FULL_STEPS = 2.0
+"""Full steps of the motor that are run again at least."""
+MOST = 16.0
+"""Seconds that are run again at most."""
+MOST_REFINEMENT = 64
+"""Of ``solver.refinement``."""
+SENSITIVE = 0.1
+"""Part of an amplitude that is taken for the doubt of a motion which depends on details below the tolerance. What two runs differ
+by is no bound: in random sets it was 0.05 to 24 % (benchmarks/README.md)."""
+KEY = "error_estimate"
+"""Of a solver's account."""
+_NOTHING = 1e-3
+"""Difference of two runs, over the RMS of T_d, that says nothing by its growth."""
+_GROWS = 3.0
+"""Growth of a difference, from its first quarter to the largest, above which a motion may depend on details below the tolerance."""
+_CONVERGES = 0.25
+"""What twice finer steps leave of a difference at most; with order 4 a sixteenth is expected."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What the integration in time leaves uncertain, by the difference from a run with finer steps from the same state."""
+
+    stretch_s: float
+    """Length of the beginning of the record that was run again [s]."""
+    rms: float
+    """RMS of the difference of T_d over the RMS of T_d about its mean."""
+    line: float
+    """Largest change of a line over its amplitude, of lines of at least a hundredth of the largest."""
+    name: str
+    """That line; empty where there is none."""
+    sensitive: bool
+    """Whether differences grow, or do not fall with the steps: the motion depends on details below the tolerance."""
+    refinement: int
+    """``solver.refinement`` with which lines are within BOUND: the run's own where they are, or where no step would help."""
+    advised: bool
+    """Whether that is another than the run's own."""
+
+    @property
+    def doubt(self) -> float:
+        """Part of an amplitude that the integration may be off."""
+        return max(self.line, SENSITIVE) if self.sensitive else self.line
+
+    def __str__(self) -> str:
+        line = f"lines within {100 * self.line:.2g} % ({self.name}), " if self.name else ""
+        sizes = f"{line}T_d within {100 * self.rms:.2g} % RMS, by {self.stretch_s:.3g} s with every step twice as fine"
+        if self.sensitive:
+            return (
+                f"SENSITIVE: the motion depends on details below the tolerance ({sizes}, and the difference grows or does not"
+                " fall with finer steps); its lines are those of one of many such motions, and finer steps do not make them surer"
+            )
+        if self.advised:
+            return f"NOT fine enough: {sizes}; set solver.refinement={self.refinement}"
+        return sizes
+
+
+def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
+    """How far T_d of ``motion`` and the ``table`` of its lines are off by the integration.
+
+    The beginning of the record is run again from its state with every step twice as fine and, where that leaves a doubt, four
+    times as fine. None for a motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer step.
+    """
+    scenario, beginning = motion.scenario, motion.beginning
+    own = scenario.solver.refinement
+    if beginning is None or 4 * own > MOST_REFINEMENT:
+        return None
+    duration = stretch(scenario)
+    T_d = motion["T_d"][: round(duration * scenario.record.sample_rate)]
+    counted = _counted(table)
+    try:
+        twice = again(scenario, beginning, 2, duration)
+        first = _Difference(T_d, twice, counted, scenario.record.sample_rate)
+        found = Accuracy(duration, first.rms, first.line, first.name, False, own, False)
+        if first.line <= BOUND and not first.grows():
+            return found
+        second = _Difference(twice, again(scenario, beginning, 4, duration), counted, scenario.record.sample_rate)
+    except SimulationError:  # a finer run that stops where this one went on
+        return Accuracy(duration, 1.0, 1.0, counted[0].line if counted else "", True, own, False)
+    if second.grows() or second.rms > _CONVERGES * first.rms:
+        return replace(found, sensitive=True)
+    if first.line <= BOUND:
+        return found
+    return replace(found, refinement=(2 if second.line <= BOUND else 4) * own, advised=True)
+
+
+def noted(table: LineTable, solver: Mapping[str, Any], found: Accuracy | None) -> tuple[LineTable, dict[str, Any]]:
+    """A table that knows how far it is off, so that a limit is judged by it, and the solver's account with the estimate."""
+    off = 0.0 if found is None else found.doubt
+    return replace(table, own_error=off), {**solver, KEY: None if found is None else asdict(found)}
+
+
+def estimate_in(solver: Mapping[str, Any]) -> Accuracy | None:
+    """The estimate that a solver's account holds."""
+    known = solver.get(KEY)
+    return None if known is None else Accuracy(**known)
+
+
+def stretch(scenario: Scenario) -> float:
+    """Length of the beginning of a record that is run again [s]."""
+    record = scenario.record
+    share = SHARE * (record.settle + record.duration)
+    f_d = scenario.driving_frequency
+    steps = FULL_STEPS * scenario.driver.microsteps / f_d if f_d else 0.0
+    least = 8.0 / record.sample_rate
+    return min(max(share, steps, least), MOST, record.duration)
+
+
+def _counted(table: LineTable) -> list[Line]:
+    """Lines that stand out and last."""
+    seen = [x for x in table if x.status == "ok" and x.amplitude_n_m > 0.0]
+    top = max((x.amplitude_n_m for x in seen), default=0.0)
+    return [x for x in seen if x.amplitude_n_m >= LEAST * top]
+
+
+class _Difference:
+    """Two torques (n,) from the same state: how far they and their lines are apart."""
+
+    def __init__(self, T_d: np.ndarray, finer: np.ndarray, counted: list[Line], sample_rate: float) -> None:
+        size = float(np.std(finer)) or 1.0
+        apart = T_d - finer
+        self.rms = _rms(apart) / size
+        self._quarters = [_rms(part) / size for part in np.array_split(apart, 4)]
+        self.line, self.name = 0.0, ""
+        before, after = _amplitudes(T_d, counted, sample_rate), _amplitudes(finer, counted, sample_rate)
+        for x, a, b in zip(counted, before, after, strict=True):
+            change = abs(a - b) / x.amplitude_n_m
+            if not self.name or change > self.line:
+                self.line, self.name = float(change), x.line
+
+    def grows(self) -> bool:
+        """Whether it grows from the first quarter on, to what is worth speaking of."""
+        return max(self._quarters) > max(_GROWS * self._quarters[0], _NOTHING)
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _amplitudes(x: np.ndarray, counted: list[Line], sample_rate: float) -> list[float]:
+    """Amplitudes at the lines' frequencies, with a Hann window; neighbours that it does not part are in both of two runs."""
+    window = np.hanning(x.size + 2)[1:-1]
+    shaped = (x - x.mean()) * window * (2.0 / window.sum())
+    t = np.arange(x.size) / sample_rate
+    return [float(abs(np.exp(-2j * np.pi * line.frequency_hz * t) @ shaped)) for line in counted]

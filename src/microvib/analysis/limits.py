@@ -1,0 +1,310 @@
+"""Lines of a run against a limit: pass, fail, or not judged, and then what would have to change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from microvib.model.linear import coupled_modes, linear_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.line_fit import PASSBAND, SEPARATION
+from microvib.signals.line_table import DETECTION, FAINT, Line, LineTable
+
+Verdict = Literal["pass", "fail", "not judged"]
+OWN_ERROR = 1e-3
+"""Part of an amplitude that the integration and the fit of lines may be off at least (docs/numerics.md); a table may know more."""
+BEYOND = 10.0
+"""Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
+detent torque add there, and on bins that several lines share."""
+STIRS = 0.1
+"""Part of what rings in a record by which a line may change until that has died away: friction couples them."""
+CALM = 12.0
+"""e-foldings after which nothing is left of a start."""
+_SETTLED = 0.01
+"""Part of the largest steady line from which what rings counts as settled."""
+_LIMITED = 3.0
+"""Factor on the amplitude of a line whose fit ended at a limit."""
+_MOST_ORDERS = 5000
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
+
+    torque: float
+    low: float = 0.0
+    high: float = math.inf
+
+    @property
+    def band(self) -> str:
+        """The band in words; empty where the limit holds for all frequencies."""
+        return f"from {self.low:g} to {self.high:g} Hz" if math.isfinite(self.high) else ""
+
+    def holds(self, frequency: float) -> bool:
+        """Whether it holds at a frequency [Hz]."""
+        return self.low <= frequency <= self.high
+
+
+@dataclass(frozen=True)
+class Margin:
+    """One line against the limit."""
+
+    line: Line
+    amplitude: float
+    """What is judged [N m]: the line's amplitude, where it decays that at the start of the record, where it was not found what it
+    may have at most."""
+    factor: float
+    """Limit over amplitude."""
+    verdict: Verdict
+    why: str = ""
+    """Why it is not judged, and what would have to change."""
+
+    @property
+    def decibel(self) -> float:
+        """The factor in dB."""
+        return 20.0 * math.log10(self.factor)
+
+    @property
+    def passes(self) -> bool:
+        """Whether the amplitude is below the limit beyond doubt."""
+        return self.verdict == "pass"
+
+    @property
+    def fails(self) -> bool:
+        """Whether the amplitude is above the limit beyond doubt."""
+        return self.verdict == "fail"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """All lines within the band against the limit, the smallest margin first, and what could not be judged.
+
+    The limit is passed only if everything in its band was looked at, and failed if a line is above it.
+    """
+
+    limit: Limit
+    margins: tuple[Margin, ...]
+    unknown: tuple[Line, ...]
+    """Lines of which no amplitude is known."""
+    gaps: tuple[str, ...] = ()
+    """What in the band was not judged, why, and what would have to change; a sentence without a stop each."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on all together."""
+        if self.above:
+            return "fail"
+        return "not judged" if self.gaps else "pass"
+
+    @property
+    def above(self) -> int:
+        """How many lines are above the limit."""
+        return sum(m.fails for m in self.margins)
+
+    def of(self, line: Line) -> Margin | None:
+        """Margin of one line; None where it was not judged."""
+        return next((m for m in self.margins if m.line.line == line.line), None)
+
+    def __str__(self) -> str:
+        band = f" {self.limit.band}" if self.limit.band else ""
+        head = f"Limit {1e3 * self.limit.torque:.4g} mN m{band}: "
+        if not self.margins and not self.gaps:
+            return f"{head}no line{band} to judge."
+        verdict = f"FAIL, {self.above} of {len(self.margins)} lines above" if self.above else self.verdict
+        return f"{head}{verdict}{self._worst()}.{self.not_judged()}"
+
+    def not_judged(self, most: int = 3) -> str:
+        """What was not judged, as a sentence; empty where there is nothing."""
+        if not self.gaps:
+            return ""
+        more = f"; and {len(self.gaps) - most} more" if len(self.gaps) > most else ""
+        return f" Not judged: {'; '.join(self.gaps[:most])}{more}."
+
+    def _worst(self) -> str:
+        worst = next((m for m in self.margins if m.verdict != "not judged"), None)
+        if worst is None or math.isinf(worst.factor):
+            return ""
+        what = "smallest margin" if self.verdict != "not judged" else "smallest margin of what is judged"
+        return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
+
+
+def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> Judgement:
+    """Every line of the table within the band, also those that a report leaves out for being small, and what is no line of it.
+
+    The ``scenario`` of the table says what may be above the passband and how long a start rings; without it, nothing above the
+    passband is judged.
+    """
+    within = [x for x in table if limit.holds(_frequency(x)) and x.status != TRANSIENT]
+    ringing = [x for x in table if x.status == "decaying"]
+    margins = [_margin(x, limit, table, ringing, scenario) for x in within if math.isfinite(x.amplitude_n_m)]
+    margins.sort(key=lambda m: m.factor)
+    unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
+    gaps = [m.why for m in margins if m.verdict == "not judged"]
+    gaps += [f"{x.line} ({x.status})" for x in unknown if not (_has_calmed(x, scenario) or _is_small(x, limit))]
+    gaps += [*_left(table, limit), *_no_clock(scenario), *_above_passband(table, limit, scenario)]
+    return Judgement(limit, tuple(margins), unknown, tuple(gaps))
+
+
+def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
+    """A sentence for each tone that decays and is above a hundredth of the largest steady line at the start of the record."""
+    largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
+    sentences = []
+    for x in (x for x in table if x.status == "decaying"):
+        start = x.starting(table.duration)
+        if start > _SETTLED * largest:
+            sentences.append(
+                f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and"
+                f" {1e3 * x.amplitude_n_m:.4g} mN m on average: {_unsettled(x, start / (_SETTLED * largest), scenario)} for a"
+                " hundredth of the largest steady line, or record.start=steady."
+            )
+    return sentences
+
+
+def _frequency(line: Line) -> float:
+    return line.frequency_hz if math.isfinite(line.frequency_hz) else line.expected_hz
+
+
+def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:
+    """The verdict on one line: pass or fail where its amplitude is known well enough, whatever the record was."""
+    amplitude, most = line.amplitude_n_m, limit.torque
+    spread = line.amplitude_uncertainty_n_m if math.isfinite(line.amplitude_uncertainty_n_m) else 0.0
+    doubt = 2.0 * spread + max(OWN_ERROR, table.own_error) * amplitude
+    verdict: Verdict
+    if line.status == FAINT:
+        amplitude = max(amplitude, DETECTION * line.floor_n_m)
+        verdict, why = ("pass" if amplitude <= most else "not judged"), "hidden by its floor; a longer record.duration"
+    elif line.status in ("decaying", "growing"):
+        amplitude = line.starting(table.duration)
+        largest = max(amplitude, line.amplitude_n_m) + doubt
+        settled = line.status == "decaying" and largest <= most
+        verdict, why = ("pass" if settled else "not judged"), _unsettled(line, largest / most, scenario)
+    elif line.status != "ok":
+        verdict, why = ("pass" if _LIMITED * amplitude <= most else "not judged"), line.status
+    else:
+        clear, stirred = abs(amplitude - most) - doubt, STIRS * min(_rings(ringing, table), amplitude)
+        above: Verdict = "fail" if amplitude > most else "pass"
+        verdict, why = (above if clear >= stirred else "not judged"), "as near the limit as it is known"
+        if 0.0 < clear < stirred:
+            why = f"so near the limit that what rings may decide; {_unsettled(_slowest(ringing), stirred / clear, scenario)}"
+    if verdict == "fail" and _may_ring(line, table, scenario):
+        verdict, why = (
+            "not judged",
+            "may be an array mode that rings and that the record does not resolve; a longer record.settle",
+        )
+    factor = most / amplitude if amplitude > 0.0 else math.inf
+    return Margin(line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else "")
+
+
+def _rings(ringing: Sequence[Line], table: LineTable) -> float:
+    """What decays in the record, all together at its start [N m]."""
+    return sum(x.starting(table.duration) for x in ringing)
+
+
+def _slowest(ringing: Sequence[Line]) -> Line:
+    return min(ringing, key=lambda x: x.decay_per_s)
+
+
+def _unsettled(line: Line, too_large: float, scenario: Scenario | None) -> str:
+    """What to do about a tone that is ``too_large`` by this factor until it has decayed."""
+    if line.status == "growing":
+        return "it grows within the record"
+    longer = math.log(max(too_large, 1.0)) / line.decay_per_s
+    if scenario is None:
+        return f"not settled for another {_up(longer)} s"
+    return f"not settled; settle >= {_up(scenario.record.settle + longer)} s"
+
+
+def _up(value: float) -> str:
+    """A figure rounded up to three digits."""
+    digits = 10.0 ** (math.floor(math.log10(value)) - 2) if value > 0.0 else 1.0
+    return f"{math.ceil(value / digits - 1e-9) * digits:.6g}"
+
+
+def _left(table: LineTable, limit: Limit) -> list[str]:
+    """Peaks above the limit that are none of the table's lines."""
+    if table.rest is None:
+        return ["lines that the table does not list were not looked for"]
+    frequency, amplitude = table.rest.within(limit.low, limit.high)
+    if amplitude <= limit.torque:
+        return []
+    return [
+        f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz that no line accounts for (a longer record.duration may)"
+    ]
+
+
+def _no_clock(scenario: Scenario | None) -> list[str]:
+    """A rate that changes makes no lines."""
+    if scenario is None or scenario.rate is not None:
+        return []
+    return ["lines of the step clock, for the rate changes within the record (a record at one rate)"]
+
+
+def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
+    """What the drive may have above the highest frequency that the record was looked at."""
+    top = PASSBAND * table.sample_rate
+    if limit.high <= top:
+        return []
+    start = max(top, limit.low)
+    if scenario is None:
+        return [f"what is above {start:.4g} Hz (a higher record.sample_rate)"]
+    gaps = []
+    reaches = _linear_reach(scenario, limit, start)
+    if reaches is not None:
+        rate = min(reaches, limit.high) / PASSBAND
+        gaps.append(f"what is above {start:.4g} Hz (record.sample_rate >= {_up(rate)} Hz)")
+    begun = all(x.status != TRANSIENT for x in table)  # in the steady state, nothing rings
+    ringing = [m for m in coupled_modes(scenario) if begun and start < m.frequency <= limit.high]
+    slowest = max((CALM / (2.0 * math.pi * m.frequency * m.damping) for m in ringing if m.damping > 0.0), default=0.0)
+    if slowest > _calm_for(scenario):
+        gaps.append(
+            f"ringing above {start:.4g} Hz (settle >= {_up(slowest + scenario.record.settle - _calm_for(scenario))} s)"
+        )
+    return gaps
+
+
+def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | None:
+    """Frequency [Hz] up to which driving lines of the linearised drive may come near the limit; None where none does so above
+    ``start``."""
+    f_d = scenario.driving_frequency
+    if not f_d:
+        return None
+    fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
+    orders = min(math.ceil(2.0 * max(start, fastest) / f_d) + 20, _MOST_ORDERS)
+    near = [
+        x.frequency
+        for x in linear_lines(scenario, orders)
+        if start < x.frequency <= limit.high and BEYOND * abs(x.amplitude) > limit.torque
+    ]
+    return max(near) + 0.5 * f_d if near else None
+
+
+def _has_calmed(line: Line, scenario: Scenario | None) -> bool:
+    """Whether an array mode's ringing has died away by its damping, whatever it was, so that it need not be told from others."""
+    if scenario is None or line.kind != "array mode":
+        return False
+    mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
+    return mode is not None and 2.0 * math.pi * mode.frequency * mode.damping * _calm_for(scenario) > CALM
+
+
+def _is_small(line: Line, limit: Limit) -> bool:
+    """Whether a line that others hide is small all the same, by the bin that they share: there they may cancel in part."""
+    return line.status.startswith("not separable") and BEYOND * line.bin_amplitude_n_m <= limit.torque
+
+
+def _may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
+    """Whether an unlisted line lies within the resolution of a mode that has not died away since the start."""
+    if scenario is None or line.kind != "other":
+        return False
+    modes = [m for m in coupled_modes(scenario) if abs(m.frequency - line.frequency_hz) * table.duration < SEPARATION]
+    return any(2.0 * math.pi * m.frequency * m.damping * _calm_for(scenario) < CALM for m in modes)
+
+
+def _calm_for(scenario: Scenario) -> float:
+    """Seconds at one rate before the record."""
+    times, rates = scenario.tracking.breakpoints()
+    settle = scenario.record.settle
+    changes = [0.0, *(t for t, a, b in zip(times[1:], rates[:-1], rates[1:], strict=True) if a != b and t <= settle)]
+    return float(settle - max(changes))

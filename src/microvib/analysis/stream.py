@@ -1,0 +1,148 @@
+"""Lines of a run that is too long to keep: block by block, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from microvib.analysis.accuracy import accuracy, noted, stretch
+from microvib.model.expected import expected_lines
+from microvib.model.scenario import Scenario
+from microvib.signals.line_fit import estimate_lines
+from microvib.signals.line_table import Line, LineTable, Rest
+from microvib.solve.motion import Invariants, Motion
+from microvib.solve.sampling import PASSBAND
+from microvib.solve.simulate import Progress, Run
+
+SEEN = ("ok", "decaying", "growing")
+BLOCK_SAMPLES = 1 << 19
+"""Samples of one block: 128 s at 4096 Hz, 4 MB."""
+
+
+def lines_of_stream(
+    scenario: Scenario, harmonics: int, progress: Progress | None = None
+) -> tuple[LineTable, Invariants, dict[str, Any]]:
+    """Lines of the disturbance torque, their mean over equal blocks of the record; with one block, as ``lines`` does.
+
+    The amplitude is the mean over the blocks; frequency and decay are means weighted with amplitude squared over the blocks in
+    which the line is seen; phase and its uncertainty are those of the first block, the status that of the loudest. The
+    nearest-bin figure is that of the whole record, summed up exactly as it streams by. Unexpected lines are those of the
+    first block, means over the blocks that have them; those of other blocks count as what is left.
+    """
+    samples, rate = scenario.record.samples, scenario.record.sample_rate
+    expected = expected_lines(scenario, PASSBAND * rate, harmonics)
+    blocks = max(-(-samples // BLOCK_SAMPLES), 1)
+    run = Run(scenario, progress=progress, channels=("T_d",))
+    tables: list[LineTable] = []
+    bins: _Bins | None = None
+    for block in _regroup(run, samples // blocks):
+        tables.append(estimate_lines(block, rate, expected))
+        if bins is None:
+            first, begun = tables[0], block[: round(stretch(scenario) * rate)].copy()
+            bins = _Bins(
+                [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first], samples, rate
+            )
+        bins.add(block)
+    assert bins is not None
+    table = tables[0] if len(tables) == 1 else _mean(tables, bins)
+    t = scenario.record.settle + np.arange(begun.size) / rate
+    motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
+    table, solver = noted(table, run.solver, accuracy(motion, table))
+    return table, run.invariants, solver | {"line_blocks": len(tables)}
+
+
+def _regroup(run: Run, size: int) -> Iterator[np.ndarray]:
+    """Blocks of ``size`` samples from the stream; a shorter rest joins the last block."""
+    kept: list[np.ndarray] = []
+    have = 0
+    for block in run:
+        kept.append(block["T_d"])
+        have += block["T_d"].size
+        if have >= 2 * size:
+            joined = np.concatenate(kept)
+            yield joined[:size]
+            kept, have = [joined[size:]], have - size
+    if have:
+        yield np.concatenate(kept)
+
+
+class _Bins:
+    """Nearest-bin amplitudes of the whole record, as the sums of its blocks."""
+
+    def __init__(self, frequencies: list[float], samples: int, sample_rate: float) -> None:
+        self._numbers = [round(f * samples / sample_rate) for f in frequencies]
+        self._samples, self._rate = samples, sample_rate
+        self._sums = np.zeros(len(frequencies), dtype=complex)
+        self._start = 0
+
+    def add(self, block: np.ndarray) -> None:
+        n = self._start + np.arange(block.size)
+        for k, number in enumerate(self._numbers):
+            # the angle is reduced by whole turns before it is scaled, so that it keeps its digits in a long record
+            self._sums[k] += np.exp(-2j * np.pi * (n * number % self._samples) / self._samples) @ block
+        self._start += block.size
+
+    def figures(self) -> list[tuple[float, float]]:
+        return [
+            (
+                number * self._rate / self._samples,
+                2.0 * abs(total) / self._samples if number else 0.0,
+            )  # bin 0: mean taken out
+            for number, total in zip(self._numbers, self._sums, strict=True)
+        ]
+
+
+def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
+    ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
+    lines = []
+    for first, (bin_hz, bin_amplitude) in zip(tables[0], bins.figures(), strict=True):
+        column = [row for row in (_row(table, first) for table in tables) if row is not None]
+        # A mode that has died away says nothing of its frequency: blocks count by the square of what they show.
+        weights = np.array([x.amplitude_n_m**2 if x.status in SEEN else 0.0 for x in column])
+        if not np.any(weights > 0.0):
+            weights = np.ones(len(column))
+        loudest = column[int(np.argmax(weights))]
+        lines.append(
+            replace(
+                column[0],
+                status=loudest.status,
+                frequency_hz=float(np.average([x.frequency_hz for x in column], weights=weights)),
+                amplitude_n_m=float(np.mean([x.amplitude_n_m for x in column])),
+                frequency_uncertainty_hz=_of_mean([x.frequency_uncertainty_hz for x in column]),
+                amplitude_uncertainty_n_m=_of_mean([x.amplitude_uncertainty_n_m for x in column]),
+                floor_n_m=float(np.mean([x.floor_n_m for x in column])),
+                decay_per_s=float(np.average([x.decay_per_s for x in column], weights=weights)),
+                bin_frequency_hz=bin_hz,
+                bin_amplitude_n_m=bin_amplitude,
+            )
+        )
+    total = sum(table.samples for table in tables)
+    ratio = float(np.mean(ratios)) if ratios else None
+    spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
+    ratio_spread = _of_mean(spreads) if spreads else None
+    left = [table.rest for table in tables if table.rest is not None]
+    left += [_unmatched(table, tables[0]) for table in tables[1:]]
+    rest = Rest.of(*(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude")))
+    return LineTable(tuple(lines), ratio, ratio_spread, total, tables[0].sample_rate, rest=rest)
+
+
+def _row(table: LineTable, line: Line) -> Line | None:
+    """That line in another block; an unexpected one goes by its frequency, for its number means nothing there."""
+    if line.kind != "other":
+        return table[line.line]
+    near = (x for x in table if x.kind == "other" and abs(x.frequency_hz - line.frequency_hz) * table.duration < 1.0)
+    return next(near, None)
+
+
+def _unmatched(table: LineTable, first: LineTable) -> Rest:
+    """Unexpected lines of a block that the first one does not have."""
+    lines = [x for x in table if x.kind == "other" and _row(first, x) is None]
+    return Rest(np.array([x.frequency_hz for x in lines]), np.array([x.amplitude_n_m for x in lines]))
+
+
+def _of_mean(spreads: list[float]) -> float:
+    """Standard uncertainty of a mean of independent values."""
+    return float(np.sqrt(np.sum(np.square(spreads)))) / len(spreads)

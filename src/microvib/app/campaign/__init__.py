@@ -1,1 +1,0 @@
-"""A campaign as text, tables, pictures and report."""

@@ -1,0 +1,220 @@
+"""Campaigns: many runs of one scenario, on this machine or on others."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from microvib.cli.common import deliver, report_options
+from microvib.cli.progress import progress_bar
+from microvib.cli.streams import INTERRUPTED, echo
+from microvib.errors import MicrovibError
+
+if TYPE_CHECKING:
+    from microvib.reports.document import Form
+    from microvib.studies.campaign.folder import Campaign
+
+_EVERY = 15.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+
+
+@click.group()
+def campaign() -> None:
+    """Many runs: a study file says what varies, DIR holds all of it, and what was computed is never lost.
+
+    create STUDY DIR, then run DIR; after whatever stopped it, resume DIR; report DIR at any time.
+    """
+
+
+@campaign.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@folder_argument
+@click.option("--chunk", type=click.IntRange(1, 100_000), help="Cases that are computed and written together.")
+def create(study: Path, folder: Path, chunk: int | None) -> None:
+    """Draw the cases of STUDY (a YAML file) and write them to the new folder DIR."""
+    from microvib.cli.common import say_doubts
+    from microvib.studies.campaign import folder as campaigns
+    from microvib.studies.campaign.design import read_design
+
+    design = read_design(study)
+    say_doubts(design.base, str(study))
+    made = campaigns.create(design, folder, chunk)
+    echo(f"{design.cases} cases in {made.chunks} chunks of {made.chunk_size}.")
+    for levels in design.levels:
+        echo(f"  {levels.key}: {len(levels.values)} levels, {levels.labels[0]} to {levels.labels[-1]}")
+    for uncertain in design.uncertain:
+        echo(f"  {uncertain.key}: {uncertain.text}")
+    echo(f"Written: {folder}. Now: microvib campaign run {folder}")
+
+
+def _opened(folder: Path) -> Campaign:
+    """The campaign of a folder; what had to be mended is said."""
+    from microvib.studies.campaign.folder import open_campaign
+
+    opened = open_campaign(folder)
+    if opened.mended:
+        echo(opened.mended, err=True)
+    return opened
+
+
+_run_options = (
+    click.option("--on", type=click.Choice(["local", "dask", "slurm"]), default="local", show_default=True, help="Where."),
+    click.option("--workers", type=click.IntRange(1, 4096), help="Processes, on Slurm jobs [default: all cores; on Slurm 8]."),
+    click.option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786."),
+    click.option("--shard", metavar="K/N", help="Compute only every N-th chunk, from the K-th (0 to N-1) on."),
+    click.option("--todo", type=click.Path(path_type=Path), hidden=True, help="Chunks that the shards share."),
+    click.option("--sbatch", "directives", multiple=True, metavar="OPTION", help="For Slurm, e.g. '--time=02:00:00'."),
+    click.option("--no-submit", is_flag=True, help="On Slurm, write the job script only."),
+)  # fmt: skip
+
+
+def _with_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    for option in reversed(_run_options):
+        command = option(command)
+    return command
+
+
+@campaign.command()
+@folder_argument
+@_with_run_options
+def run(folder: Path, **options: Any) -> None:
+    """Compute what is missing of DIR. It may be stopped, or die, at any time; `resume` goes on."""
+    _compute(folder, **options)
+
+
+@campaign.command()
+@folder_argument
+@_with_run_options
+def resume(folder: Path, **options: Any) -> None:
+    """Go on with DIR, whatever ended it before: the same as `run`."""
+    _compute(folder, **options)
+
+
+def _compute(
+    folder: Path, on: str, workers: int | None, scheduler: str | None, shard: str | None, todo: Path | None,
+    directives: tuple[str, ...], no_submit: bool,
+) -> None:  # fmt: skip
+    opened = _opened(folder)
+    part = _shard(shard)
+    listed = None if todo is None else [int(word) for word in todo.read_text(encoding="utf-8").split()]
+    if scheduler is not None and on != "dask":
+        raise MicrovibError(f"--scheduler {scheduler}: goes with --on dask")
+    if (directives or no_submit) and on != "slurm":
+        raise MicrovibError("--sbatch and --no-submit: go with --on slurm")
+    if on == "slurm":
+        from microvib.studies.campaign.slurm import submit
+
+        echo(submit(opened, workers or 8, directives, only_write=no_submit))
+        return
+    from microvib.studies.campaign.run import compute_missing
+
+    try:
+        with _backend(on, workers, scheduler) as backend, _progress() as progress:
+            compute_missing(opened, backend, shard=part, todo=listed, progress=progress)
+    except KeyboardInterrupt:
+        echo(f"Interrupted; what was computed is kept. Go on with: microvib campaign resume {folder}", err=True)
+        sys.exit(INTERRUPTED)
+    echo(_state_text(opened))
+    if not opened.missing():
+        echo(f"Now: microvib campaign report {folder}")
+
+
+@contextmanager
+def _backend(on: str, workers: int | None, scheduler: str | None) -> Iterator[Any]:
+    if on == "dask":
+        from microvib.studies.campaign.on_dask import dask as backend_of
+
+        with backend_of(workers, scheduler) as backend:
+            yield backend
+    else:
+        from microvib.studies.campaign.run import local
+
+        with local(workers) as backend:
+            yield backend
+
+
+def _progress() -> progress_bar:
+    return progress_bar("computing", "cases", lines_every=_EVERY)
+
+
+def _shard(text: str | None) -> tuple[int, int]:
+    if text is None:
+        return 0, 1
+    first, slash, last = text.partition("/")
+    if slash and first.isdigit() and last.isdigit() and int(first) < int(last):
+        return int(first), int(last)
+    raise MicrovibError(f"--shard: {text!r} is not allowed; write K/N with K from 0 to N-1, such as 0/8")
+
+
+@campaign.command()
+@folder_argument
+def status(folder: Path) -> None:
+    """What is computed of DIR, what failed and why."""
+    echo(_state_text(_opened(folder), reasons=True))
+
+
+def _state_text(opened: Campaign, reasons: bool = False) -> str:
+    from microvib.reports.campaign.text import state_text
+
+    return state_text(opened, reasons)
+
+
+@campaign.command()
+@folder_argument
+def merge(folder: Path) -> None:
+    """Write DIR/results.nc: all results so far as one labelled data set."""
+    from microvib.studies.campaign.results import merge as merge_chunks
+
+    merged = merge_chunks(_opened(folder))
+    echo(f"{merged.done} of {merged.cases} cases done, {merged.failed} failed, {len(merged.lines)} lines.")
+    echo(f"Written: {merged.path}")
+
+
+@campaign.command()
+@folder_argument
+@click.option("--limit", metavar="TORQUE", help="Largest line that is allowed [default: the study's].")
+@click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only [default: the study's].")
+@report_options
+def report(folder: Path, limit: str | None, band: str | None, form: Form) -> None:
+    """Merge what is there, then write statistics, worst cases, pictures and report into DIR/report."""
+    from microvib.reports.campaign.report import summarise
+    from microvib.reports.campaign.text import report_text, write_report
+    from microvib.studies.campaign.results import merge as merge_chunks
+    from microvib.studies.campaign.results import open_results
+    from microvib.studies.options import band_of, quantity
+
+    opened = _opened(folder)
+    most = opened.design.study.limit if limit is None else quantity("--limit", limit, "N*m")
+    if most is not None and not most > 0.0:
+        raise MicrovibError(f"--limit {limit}: must be greater than 0 N*m")
+    text = band or opened.design.study.band
+    merge_chunks(opened)
+    summary = summarise(open_results(opened), most, band_of(text) if text else (0.0, float("inf")))
+    deliver(report_text(summary), folder / "report", lambda out: write_report(out, summary, form))
+
+
+@campaign.command()
+@folder_argument
+@click.argument("number", type=click.IntRange(0))
+@click.option("--out", type=click.Path(path_type=Path), help="Write the case's scenario to this file.")
+def case(folder: Path, number: int, out: Path | None) -> None:
+    """Compute case NUMBER of DIR again, alone, and compare with what is kept of it."""
+    from microvib.reports.campaign.text import again_text
+
+    opened = _opened(folder)
+    if number >= opened.design.cases:
+        raise MicrovibError(f"{folder}: has no case {number}; there are 0 to {opened.design.cases - 1}")
+    if out is not None:
+        from microvib.reports.campaign.text import write_case
+
+        write_case(opened, number, out)
+    echo(again_text(opened, number))
+    if out is not None:
+        echo(f"Written: {out}. Whole motion and report: microvib run {out}")

@@ -1,0 +1,70 @@
+"""The command line. Commands import what they need when they run, so that help is instant."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from functools import partial
+from typing import Any
+
+import click
+
+try:
+    from microvib import __version__
+    from microvib.cli import campaign, docs, scenarios, test_data
+    from microvib.cli import rates as families
+    from microvib.cli import report as reports
+    from microvib.cli import serve as web
+    from microvib.cli import structures as arrays
+    from microvib.cli.streams import status_of
+except KeyboardInterrupt:  # before anything began there is nothing to say
+    sys.exit(130)
+
+# The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Drawings go into files: which window system a user's other programs draw on, or whether it exists, is nothing to us.
+os.environ["MPLBACKEND"] = "agg"
+
+
+class _Command(click.Group):
+    """The command ``microvib``; called as a program it ends with a status, and says errors in sentences."""
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **settings: Any) -> Any:
+        run = partial(super().main, *arguments, standalone_mode=False, **settings)
+        return sys.exit(status_of(run)) if standalone_mode else run()
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.obj = shlex.join(["microvib", *args])  # a report says by which command it was made
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="microvib")
+def main() -> None:
+    """Disturbance torque of a sun-tracking solar array: from the drive's data sheet to its lines.
+
+    Start with `microvib run state-1`, or write a file of your own with `microvib new my-drive.yaml`.
+    """
+
+
+for _command in (
+    scenarios.run,
+    reports.report,
+    test_data.compare,
+    test_data.analyse,
+    test_data.measure,
+    test_data.identify,
+    test_data.validate,
+    families.rates,
+    campaign.campaign,
+    arrays.modes,
+    arrays.sas,
+    web.serve,
+    scenarios.scenarios,
+    scenarios.show,
+    scenarios.new,
+    scenarios.schema,
+    docs.docs,
+):
+    main.add_command(_command)

@@ -1,0 +1,57 @@
+"""Commands over families of runs: rates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from microvib.cli.common import check_target, deliver, load, overwrite_option, report_options, set_option
+from microvib.cli.progress import progress_bar
+from microvib.errors import ScenarioError
+from microvib.reports.document import Form
+from microvib.studies.options import band_of, counts_of, quantity
+
+
+@click.command()
+@click.argument("scenario")
+@click.option("--from", "low", required=True, metavar="RATE", help="Lowest rate of the array, e.g. '0.01 deg/s'.")
+@click.option("--to", "high", required=True, metavar="RATE", help="Highest rate of the array.")
+@click.option("--count", default=200, show_default=True, type=click.IntRange(2, 10_000), help="Rates in the range.")
+@click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
+@click.option("--limit", metavar="TORQUE", help="Largest line that is allowed, e.g. '10 mN*m'.")
+@click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only, e.g. '0.5:5 Hz'.")
+@click.option("--keep-away", metavar="PART", help="How far the rate must be from resonances, e.g. '5 percent' of it.")
+@click.option("--linear", is_flag=True, help="Linearised drive in closed form: instant, driving lines only.")
+@set_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and pictures [default: print only].")
+@overwrite_option
+@report_options
+def rates(
+    scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
+    keep_away: str | None, linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool, form: Form,
+) -> None:  # fmt: skip
+    """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
+    import math
+
+    from microvib.reports.rates import linear_text, plan_text, write_plan
+    from microvib.studies.rates import plan_rates, rate_grid
+
+    check_target(out, overwrite, form)
+    grid = rate_grid(quantity("--from", low, "rad/s"), quantity("--to", high, "rad/s"), count)
+    most = None if limit is None else quantity("--limit", limit, "N*m")
+    if most is not None and not most > 0.0:
+        raise ScenarioError(f"--limit {limit}: must be greater than 0 N*m")
+    within = (0.0, math.inf) if band is None else band_of(band)
+    away = 0.0 if keep_away is None else quantity("--keep-away", keep_away, "")
+    if not 0.0 <= away < 1.0:
+        raise ScenarioError(f"--keep-away {keep_away}: must be at least 0 and below 100 percent")
+    loaded = load(scenario, settings)
+    counts = (loaded.driver.microsteps,) if microsteps is None else counts_of(microsteps)
+    with progress_bar("solving", "cases") as progress:
+        plan = plan_rates(
+            loaded, grid, counts, limit=most, band=within, linear=linear, keep_away=away, progress=progress
+        )
+        text = linear_text(plan) if linear else ""
+    said = "\n".join(filter(None, (plan_text(plan), text)))
+    deliver(said, out, lambda folder: write_plan(folder, plan, text, overwrite, form))

@@ -1,0 +1,89 @@
+"""The report of a run, made again from its folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from microvib.cli.common import band_option, limit_option, report_options
+from microvib.errors import MicrovibError, OutputError
+from microvib.reports.document import Form
+
+if TYPE_CHECKING:
+    from microvib.analysis.limits import Limit
+    from microvib.reports.document import Document
+
+_KINDS = (".html", ".pdf")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@limit_option
+@band_option
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="The one file to write, .html or .pdf [default: report.html of the folder, with --pdf report.pdf too].",
+)
+@report_options
+@click.option("--overwrite", is_flag=True, help="Replace the file that --output names.")
+def report(folder: Path, limit: str | None, band: str | None, output: Path | None, overwrite: bool, form: Form) -> None:
+    """Make the report of a run again from its FOLDER, with the run's limit and band, or with others.
+
+    report.html of the folder is replaced, with --pdf report.pdf too. --limit none leaves the limit out.
+    """
+    from microvib.io.writing import write_file
+    from microvib.reports.rendering import html, pdf
+
+    targets = _targets(folder, output, form)
+    again = output is None or overwrite
+    _check(targets, form, again)
+    document = _document(folder, limit, band, form)
+    contents = [pdf(document) if target.suffix.lower() == ".pdf" else html(document) for target in targets]
+    for target, content in zip(targets, contents, strict=True):
+        write_file(target, content, overwrite=again)
+        click.echo(f"Written: {target}")
+
+
+def _targets(folder: Path, output: Path | None, form: Form) -> list[Path]:
+    """The file that is named, or those of the folder: HTML, and PDF beside it where that is asked for."""
+    if output is not None:
+        return [output]
+    return [folder / f"report{kind}" for kind in (_KINDS if form.pdf else _KINDS[:1])]
+
+
+def _check(targets: list[Path], form: Form, again: bool) -> None:
+    """OutputError where a file's name does not fit, or it is there already, before anything is drawn."""
+    for target in targets:
+        kinds = _KINDS[1:] if form.pdf and len(targets) == 1 else _KINDS
+        if target.suffix.lower() not in kinds:
+            raise OutputError(f"--output: {target} is not allowed; its name must end in {' or '.join(kinds)}")
+        if target.exists() and not again:
+            raise OutputError(f"{target}: exists already; nothing was written; choose another file, or add --overwrite")
+
+
+def _document(folder: Path, limit: str | None, band: str | None, form: Form) -> Document:
+    from microvib.io.runs import read_run
+    from microvib.reports.run.report import run_report
+
+    run = read_run(folder)
+    allowed = _limit(run.limit, limit, band)
+    return run_report(run.motion, run.table, limit=allowed, versions=run.versions, form=form)
+
+
+def _limit(kept: tuple[float, float, float] | None, limit: str | None, band: str | None) -> Limit | None:
+    """What lines are judged by: what is asked for, and for the rest what the run was judged by."""
+    from microvib.analysis.limits import Limit
+    from microvib.studies.options import band_of, limit_of
+
+    if limit == "none":
+        if band is not None:
+            raise MicrovibError("--band: says where a limit holds; it does not go with --limit none")
+        return None
+    asked = limit_of(limit, None if kept else band)
+    if kept is None:
+        return asked
+    return Limit(asked.torque if asked else kept[0], *(kept[1:] if band is None else band_of(band)))

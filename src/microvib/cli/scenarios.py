@@ -1,0 +1,165 @@
+"""Commands about one scenario: run it, show it, list the catalog, start a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from microvib.cli.common import band_option, limit_option, load, report_options, set_option
+from microvib.cli.progress import progress_bar
+from microvib.cli.streams import echo
+from microvib.errors import MicrovibError
+from microvib.reports.document import Form
+
+if TYPE_CHECKING:
+    from microvib.model.scenario import Scenario
+    from microvib.reports.run.folder import RunResult
+    from microvib.signals.line_table import LineTable
+
+
+@click.command()
+@click.argument("scenario")
+@set_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results [default: the scenario's name].")
+@click.option("--overwrite", is_flag=True, help="Replace a run that is in the folder already.")
+@click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
+@click.option(
+    "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
+)
+@click.option(
+    "--steady",
+    is_flag=True,
+    help="Start in the steady state (record.start=steady), without settling; lines are then exact.",
+)
+@limit_option
+@band_option
+@report_options
+def run(
+    scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
+    steady: bool, limit: str | None, band: str | None, form: Form,
+) -> None:  # fmt: skip
+    """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
+    from microvib.analysis.accuracy import estimate_in
+    from microvib.analysis.limits import judge
+    from microvib.io.results import check_folder, free_folder
+    from microvib.reports.run.folder import run_scenario
+    from microvib.studies.options import limit_of
+
+    if form.pdf and lines_only:
+        raise MicrovibError("--pdf: --lines-only makes no report; leave one of them out")
+    allowed = limit_of(limit, band)
+    loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
+    out = out or free_folder(Path(scenario).stem)
+    check_folder(out, overwrite)
+    with progress_bar(finishing="lines and report (compiles on first use)") as progress:
+        result = run_scenario(
+            loaded,
+            out,
+            overwrite=overwrite,
+            lines_only=lines_only,
+            harmonics=harmonics,
+            limit=allowed,
+            form=form,
+            progress=progress,
+        )
+    _print_lines(loaded, result.table)
+    if allowed is not None:
+        echo(f"\n{judge(result.table, allowed, loaded)}")
+    if loaded.record.start == "steady":
+        echo(_steady_sentence(result))
+    i = result.invariants
+    echo(
+        f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
+        f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
+    )
+    estimate = estimate_in(result.solver)
+    if estimate is not None:
+        echo(f"Integration: {estimate}.")
+    echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
+
+
+def _steady_sentence(result: RunResult) -> str:
+    solver = result.solver
+    if result.fallback:
+        return f"\nNo steady state: {result.fallback}. Simulated from rest instead."
+    return (
+        f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
+        f" {solver['periods_evaluated']:.3g} periods; of a deviation {solver['multiplier']:.3g} is left after a period, a hundredth"
+        f" after {solver['settling_s']:.3g} s."
+    )
+
+
+def _print_lines(loaded: Scenario, table: LineTable) -> None:
+    from microvib.analysis.limits import unsettled
+    from microvib.studies.paper import compare_with_paper, paper_state, standing
+
+    echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
+    echo(table.text(notable=True))
+    for sentence in unsettled(table, loaded):
+        echo(f"\n{sentence}")
+    if not any(line.status in ("ok", "decaying", "growing") for line in table):
+        echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
+    rows = compare_with_paper(loaded, table)
+    if rows:
+        echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {standing(loaded)}:\n")
+        echo(
+            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
+            f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
+        )
+        for r in rows:
+            echo(
+                f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
+                f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
+            )
+    elif paper_state(loaded) not in (None, 1):
+        echo("\nThe paper tabulates the lines of state 1 only; for the other states it gives statements.")
+
+
+@click.command()
+def scenarios() -> None:
+    """List the published scenarios of the catalog."""
+    from microvib.io.scenario_file import catalog_names, load_scenario
+
+    for name in catalog_names():
+        loaded = load_scenario(name)
+        mode = loaded.array.modes[0]
+        echo(
+            f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode {mode.frequency:g} Hz [{loaded.source}]"
+        )
+
+
+@click.command()
+@click.argument("scenario")
+@set_option
+def show(scenario: str, settings: tuple[str, ...]) -> None:
+    """Print SCENARIO complete, checked, with derived values."""
+    from microvib.io.scenario_file import dump_scenario
+    from microvib.reports.parameters import derived
+
+    loaded = load(scenario, settings)
+    click.echo(dump_scenario(loaded), nl=False)
+    click.echo("\n# Derived:")
+    for text in derived(loaded):
+        click.echo(f"#   {text}")
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def new(file: Path) -> None:
+    """Write FILE, a commented scenario to start from. Never overwrites."""
+    from microvib.io.scenario_file import catalog_text
+    from microvib.io.writing import write_file
+
+    write_file(file, catalog_text("new"))
+    echo(f"Written: {file}. Edit it, then: microvib run {file}")
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON Schema of scenario files."""
+    from microvib.io.results import to_json
+    from microvib.io.scenario_file import json_schema
+
+    click.echo(to_json(json_schema()), nl=False)

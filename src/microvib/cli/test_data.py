@@ -1,0 +1,231 @@
+"""Commands that work with test data: analyse, compare, measure, identify, validate."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from microvib.cli.common import (
+    channel_option,
+    check_target,
+    deliver,
+    load,
+    overwrite_option,
+    preparation,
+    prepare_option,
+    report_options,
+    set_option,
+)
+from microvib.cli.progress import progress_bar
+from microvib.cli.streams import INTERRUPTED, echo
+from microvib.errors import MicrovibError
+from microvib.reports.document import Form
+from microvib.studies.options import band_of, quantity
+
+
+@click.command()
+@click.argument("source")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and report [default: print only].")
+@overwrite_option
+@report_options
+@channel_option
+@prepare_option
+@click.option("--scenario", help="Drive of a recording: which lines to look for [default: none].")
+@click.option(
+    "--window",
+    type=click.Choice(["rectangular", "hann", "flat-top"]),
+    default="hann",
+    show_default=True,
+    help="Window.",
+)
+@click.option(
+    "--resolution", metavar="HZ", help="Bins of density and waterfall, such as '0.5 Hz' [default: 8 / record]."
+)
+@click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="RMS of a band, such as '0.5:5 Hz'.")
+def analyse(
+    source: str, out: Path | None, overwrite: bool, form: Form, channel: str, prepare: Path | None, scenario: str | None,
+    window: Any, resolution: str | None, bands: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Lines with uncertainties and spectra of SOURCE: a scenario, a run folder or a recording."""
+    from microvib.reports.analysis import analysis_text, write_analysis
+    from microvib.studies.analyse import analyse as run_analysis
+
+    check_target(out, overwrite, form)
+    with progress_bar() as progress:
+        analysis = run_analysis(
+            source, scenario=scenario, channel=channel, preparation=preparation(prepare), window=window,
+            resolution=None if resolution is None else quantity("--resolution", resolution, "Hz"),
+            bands=[band_of(text) for text in bands], progress=progress,
+        )  # fmt: skip
+    deliver(analysis_text(analysis), out, lambda folder: write_analysis(folder, analysis, overwrite, form))
+
+
+@click.command()
+@click.argument("a")
+@click.argument("b")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
+@overwrite_option
+@report_options
+@channel_option
+@prepare_option
+@click.option("--scenario", help="Drive of the recordings, where neither A nor B is a scenario.")
+def compare(
+    a: str,
+    b: str,
+    out: Path | None,
+    overwrite: bool,
+    form: Form,
+    channel: str,
+    prepare: Path | None,
+    scenario: str | None,
+) -> None:
+    """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
+    from microvib.reports.comparison import comparison_text, write_comparison
+    from microvib.studies.compare import compare as run_comparison
+
+    check_target(out, overwrite, form)
+    with progress_bar() as progress:
+        first, second, rows = run_comparison(
+            a, b, scenario=scenario, channel=channel, preparation=preparation(prepare), progress=progress
+        )
+    text = comparison_text(first, second, rows)
+    deliver(text, out, lambda folder: write_comparison(folder, first, second, rows, overwrite, form))
+
+
+@click.command()
+@click.argument("scenario")
+@set_option
+@click.option("--bench", default="force-table", show_default=True, help="Bench: a catalog name or a YAML file.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Recording to write: .uff, .mat or .csv."
+)
+@click.option("--seed", default=1, show_default=True, help="Seed of the noise; the same seed gives the same recording.")
+def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
+    """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
+    from microvib.io.recordings import check_output, write_recording
+    from microvib.io.scenario_file import load_bench
+    from microvib.studies.measure import measure as run_bench
+
+    check_output(output)
+    with progress_bar() as progress:
+        recording = run_bench(load(scenario, settings), load_bench(bench), seed=seed, progress=progress)
+    write_recording(recording, output)
+    for name, x in recording.channels.items():
+        echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
+    for note in recording.notes:
+        echo(note)
+    echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
+
+
+@click.command()
+@click.argument("scenario")
+@click.argument("evidence", nargs=-1, required=True)
+@click.option(
+    "--fit",
+    "keys",
+    multiple=True,
+    required=True,
+    metavar="KEY[=LOW:HIGH]",
+    help="A parameter to identify, with its range.",
+)
+@set_option
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for fit, scenario and report [default: print only]."
+)
+@overwrite_option
+@report_options
+@channel_option
+@prepare_option
+@click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="Lines to fit to, such as '0.5:200 Hz'.")
+@click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
+@click.option(
+    "--starts", default=96, show_default=True, type=click.IntRange(2, 100_000), help="Points of the global search."
+)
+@click.option(
+    "--seed", default=1, show_default=True, help="Seed of the global search; the same seed gives the same result."
+)
+@click.option(
+    "--model-error",
+    default="0.4 percent",
+    show_default=True,
+    help="How far amplitudes are trusted beyond their own uncertainty (standard deviation), each by itself.",
+)
+@click.option(
+    "--common-error",
+    default="0 percent",
+    show_default=True,
+    help="How far the scale of a recording is trusted, all its amplitudes together (standard deviation).",
+)
+def identify(
+    scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
+    overwrite: bool, form: Form, channel: str, prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...],
+    starts: int, seed: int, model_error: str, common_error: str,
+) -> None:  # fmt: skip
+    """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
+
+    Several tests at once, each with its own state: FILE@KEY=VALUE@KEY=VALUE, e.g. b.uff@array.inertia='15.69 kg*m^2'.
+    """
+    from microvib.io.scenario_file import parse_value
+    from microvib.reports.identification import fit_text, write_fit
+    from microvib.studies.evidence import chosen, read_evidence
+    from microvib.studies.identify import identify as run_identification
+    from microvib.studies.identify import parse_fit
+
+    check_target(out, overwrite, form)
+    loaded = load(scenario, settings)
+    fit_keys = [parse_fit(loaded, key) for key in keys]
+    each, common = _error("--model-error", model_error, 0.0), _error("--common-error", common_error, -1.0)
+    wanted = [band_of(text) for text in bands]
+    prepared = preparation(prepare)
+    read, changes = [], []
+    for item in evidence:
+        source, *changed = item.split("@")
+        changes.append({key: parse_value(value) for key, _, value in (change.partition("=") for change in changed)})
+        read.append(read_evidence(source, loaded.with_(changes[-1]) if changed else loaded, channel, prepared))
+    tests = list(zip(chosen(read, loaded, wanted, without), changes, strict=True))
+    with progress_bar("searching") as progress:
+        fit = run_identification(
+            loaded, tests, fit_keys, seed=seed, starts=starts, model_error=each, common_error=common,
+            progress=_best_so_far(progress),
+        )  # fmt: skip
+    deliver(fit_text(fit), out, lambda folder: write_fit(folder, fit, overwrite, form))
+    if fit.interrupted:
+        sys.exit(INTERRUPTED)
+
+
+def _error(option: str, text: str, above: float) -> float:
+    """A relative standard deviation above ``above``, at most 1."""
+    value = quantity(option, text, "")
+    if not above < value <= 1.0 or value < 0.0:
+        least = "at least 0" if above < 0.0 else "greater than 0"
+        raise MicrovibError(f"{option}: {text} is not allowed; it must be {least} and at most 100 percent")
+    return value
+
+
+def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str, float]], None]:
+    """The best fit so far, in the bar's words."""
+
+    def report(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
+        values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
+        progress.say(f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}")
+
+    return report
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
+@overwrite_option
+@report_options
+def validate(out: Path | None, overwrite: bool, form: Form) -> None:
+    """Run all that the paper claims, and print it beside the paper's and the test's figures."""
+    from microvib.reports.validation import validation_text, write_validation
+    from microvib.studies.validate import validate as run_validation
+
+    check_target(out, overwrite, form)
+    with progress_bar() as progress:
+        checks, states = run_validation(lambda text: progress.say(f"running {text}"))
+    deliver(validation_text(checks), out, lambda folder: write_validation(folder, checks, states, overwrite, form))

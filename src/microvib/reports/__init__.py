@@ -1,0 +1,1 @@
+"""Presentation: documents and their renderings, figures, and the report of each study."""

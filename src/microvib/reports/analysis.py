@@ -1,0 +1,171 @@
+"""Analysis from command to folder: its text, its tables and its report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from microvib.io.results import columns_csv, lines_csv, write_folder
+from microvib.reports import figures
+from microvib.reports.blocks import drawn, figure, milli, number, study
+from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
+from microvib.reports.rendering import report_files
+from microvib.reports.typography import file_name
+from microvib.signals.line_table import Line, LineTable
+from microvib.studies.analyse import Analysis
+
+
+def analysis_text(a: Analysis) -> str:
+    """Lines with their uncertainties, how the spectra were made, RMS and bands."""
+    rows = [f"{a.name}, channel {a.channel}"]
+    rows += [f"  {note}" for note in a.recording.notes]
+    if a.table is not None:
+        if a.clock_ratio is not None:
+            rows.append(f"step clock over nominal: {a.clock_ratio:.7f} ± {a.table.clock_ratio_uncertainty:.1g}")
+        rows += ["", f"{'line':16s} {'Hz':>12s} {'±':>9s} {'N m':>11s} {'±':>9s} {'floor':>9s}  status"]
+        rows += [
+            f"{x.line:16s} {number(x.frequency_hz, 8):>12s} {number(x.frequency_uncertainty_hz, 2):>9s}"
+            f" {number(x.amplitude_n_m):>11s} {number(x.amplitude_uncertainty_n_m, 2):>9s} {number(x.floor_n_m, 2):>9s}  {x.status}"
+            for x in a.table.notable()
+        ]
+    rows += ["", str(a.spectrum), str(a.density), str(a.waterfall), ""]
+    rows.append(f"RMS about the mean: {a.recording[a.channel].std():.4g} {a.unit}")
+    rows += [f"RMS from {low:g} to {high:g} Hz: {rms:.4g} {a.unit}" for low, high, rms in a.bands]
+    return "\n".join(rows)
+
+
+def write_analysis(out: Path, a: Analysis, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """Tables and report of an analysis; names of the files."""
+    centre, rms = a.density.third_octaves()
+    unit = "n" if a.unit == "N" else "n_m"
+    files: dict[str, Any] = {} if a.table is None else {"lines.csv": lines_csv(a.table)}
+    files |= {
+        "spectrum.csv": columns_csv({"frequency_hz": a.spectrum.frequency, f"amplitude_{unit}": a.spectrum.amplitude}),
+        "density.csv": columns_csv(
+            {
+                "frequency_hz": a.density.frequency,
+                f"density_{unit}_squared_per_hz": a.density.density,
+                f"cumulative_rms_{unit}": a.density.cumulative_rms,
+            }
+        ),
+        "third_octaves.csv": columns_csv({"centre_hz": centre, f"rms_{unit}": rms}),
+        **report_files(analysis_report(a, form), form),
+    }
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+_MOST_IN_FRONT = 8
+
+
+def analysis_report(a: Analysis, form: Form | None = None) -> Document:
+    """The report of an analysis: lines with uncertainties, amplitude spectrum, density, waterfall, bands."""
+    reach = figures.reach(_largest(a))
+    spectrum = _drawn(
+        4.4,
+        lambda ax: figures.draw_amplitudes(ax, a.spectrum, a.unit, reach, a.table),
+        "Amplitude spectrum",
+        a.spectrum,
+    )
+    density = _drawn(
+        2.7, lambda ax: figures.draw_density(ax, a.density, a.unit, reach), "Power spectral density", a.density
+    )
+    fall = _drawn(2.9, lambda ax: figures.draw_waterfall(ax, a.waterfall, a.unit, reach), "Waterfall", a.waterfall)
+    lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
+    return study(
+        "Analysis report",
+        f"Analysis of {file_name(a.name)}, channel {a.channel}",
+        "Lines with uncertainties and spectra of a " + ("torque." if a.unit == "N m" else "force."),
+        facts=_facts(a),
+        front=(pairs(_source(a)), *_main_lines(a), spectrum),
+        sections=(
+            *lines,
+            Section("Power spectral density", (density,), new_page=not lines),
+            Section("Waterfall", (fall,)),
+            Section("RMS in bands", (_bands(a), Text("RMS in 1/3-octave bands is in `third_octaves.csv`.", note=True))),
+        ),
+        form=form,
+    )
+
+
+def _drawn(height: float, draw: Callable[[Any], None], alt: str, made: object) -> Figure:
+    drawing, axes = figures.sheet(height)
+    draw(axes[0, 0])
+    text = str(made)
+    return drawn(drawing, alt, text[:1].upper() + text[1:] + ".")
+
+
+def _facts(a: Analysis) -> list[Fact]:
+    x = a.recording[a.channel]
+    largest = _largest(a)[:2]
+    facts = [
+        Fact(f"{milli(line.amplitude_n_m)} m{a.unit}", f"{line.line} at {figure(line.frequency_hz)} Hz")
+        for line in largest
+    ]
+    facts.append(Fact(f"{milli(float(x.std()))} m{a.unit}", "RMS about the mean"))
+    if a.clock_ratio is not None:
+        facts.append(Fact(f"{a.clock_ratio:.6f}", "step clock over nominal"))
+    return facts
+
+
+def _largest(a: Analysis) -> list[Line]:
+    seen = [line for line in a.table or () if line.status in ("ok", "decaying", "growing")]
+    return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MOST_IN_FRONT]
+
+
+def _source(a: Analysis) -> list[tuple[str, str]]:
+    recording = a.recording
+    rows = [
+        ("Source", file_name(a.name)),
+        ("Record", f"{recording.samples} samples at {recording.sample_rate:g} Hz, {recording.duration:g} s"),
+    ]
+    return rows + [("Note", note) for note in recording.notes if note]
+
+
+def _main_lines(a: Analysis) -> tuple[Table, ...]:
+    if a.table is None:
+        return ()
+    rows = [
+        [
+            x.line,
+            figure(x.frequency_hz, 6),
+            milli(x.amplitude_n_m),
+            _spread(x.amplitude_uncertainty_n_m),
+            x.origin,
+        ]
+        for x in sorted(_largest(a), key=lambda x: x.frequency_hz)
+    ]
+    header = ["line", "frequency [Hz]", f"amplitude [m{a.unit}]", f"± [m{a.unit}]", "what it is"]
+    return (table(header, rows, "The largest lines. Amplitudes 0-to-peak; ± is one standard uncertainty."),)
+
+
+def _all_lines(lines: LineTable) -> tuple[Block, ...]:
+    header = [
+        "line",
+        "frequency [Hz]",
+        "± [mHz]",
+        "amplitude [mN m]",
+        "± [mN m]",
+        "floor [mN m]",
+        "what it is",
+        "status",
+    ]
+    rows = [
+        [x.line, figure(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
+         _spread(x.amplitude_uncertainty_n_m), number(1e3 * x.floor_n_m, 2), x.origin, x.status]
+        for x in lines.notable()
+    ]  # fmt: skip
+    text = "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty from the floor about the line."
+    return Text(text), table(header, rows)
+
+
+def _spread(value: float) -> str:
+    """An uncertainty in thousandths; empty where none could be told."""
+    return number(1e3 * value, 2) if value > 0.0 else ""
+
+
+def _bands(a: Analysis) -> Table:
+    rows = [[f"{low:g} to {high:g} Hz", milli(rms)] for low, high, rms in a.bands]
+    rows.append(["whole record, about its mean", milli(float(a.recording[a.channel].std()))])
+    return table(["band", f"RMS [m{a.unit}]"], rows)

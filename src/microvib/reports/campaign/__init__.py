@@ -1,0 +1,1 @@
+"""A campaign as text, tables, figures and report."""

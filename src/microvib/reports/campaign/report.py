@@ -1,0 +1,394 @@
+"""The report of a campaign: what is told of it, its pictures, its document."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from microvib.analysis.limits import Limit
+from microvib.model.scenario import Scenario
+from microvib.reports.blocks import count, drawn, given, number, plain, short, study, torque
+from microvib.reports.campaign import figures
+from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
+from microvib.studies.campaign.design import limit_of
+from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
+from microvib.studies.campaign.folder import Campaign
+from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
+from microvib.studies.campaign.statistics import (
+    ANY,
+    AnyLevel,
+    Estimate,
+    LineStatistics,
+    at_any_level,
+    draws_needed,
+    governing,
+    line_statistics,
+    main_lines,
+    worst_cases,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+WORST = 5
+"""Worst cases that are listed for each line."""
+MOST_LEVELS = 20
+"""Levels, those with the largest lines, that are listed in a report; all of them are in statistics.csv."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What is told of a campaign."""
+
+    results: Results
+    limit: float | None
+    band: tuple[float, float]
+    rows: list[LineStatistics]
+    """Level by level."""
+    any_level: AnyLevel | None
+    """Draws that are above the limit at one of several levels; None without a limit, or with one level."""
+    lines: list[str]
+    """Lines of the pictures."""
+    worst: dict[str, list[tuple[int, float]]]
+    tornados: list[Tornado]
+    indices: list[Indices]
+
+    @property
+    def by_level(self) -> list[LineStatistics]:
+        """The largest line of each level, the highest first."""
+        return sorted((row for row in self.rows if row.line == ANY), key=lambda row: -row.largest)
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several levels."""
+        design = self.results.campaign.design
+        return design.cases > len(design.samples)
+
+
+def summarise(results: Results, limit: float | None, band: tuple[float, float]) -> Summary:
+    """Statistics, worst cases, effects and Sobol indices of merged results."""
+    rows = line_statistics(results, limit, band)
+    lines = main_lines(rows) or list(results.lines[:4])
+    shown = [ANY, *lines]
+    tornados = [t for line in shown[:4] if (t := tornado(results, line, band)) and t.effects]
+    indices = [i for line in shown[:4] if (i := sobol(results, line, band))]
+    worst = {line: worst_cases(results, line, band, WORST) for line in shown}
+    any_level = at_any_level(results, limit, band) if limit is not None and len({r.level for r in rows}) > 1 else None
+    return Summary(results, limit, band, rows, any_level, lines, worst, tornados, indices)
+
+
+def shown(s: Summary) -> list[LineStatistics]:
+    """Each line at the level at which it is largest: the largest of all, lines of the pictures, and what else is at least a
+    hundredth of the largest."""
+    rows = governing(s.rows)
+    top = rows[0].largest
+    return [r for r in rows if r.line in (ANY, *s.lines) or ("_plus_" not in r.line and "_minus_" not in r.line
+            and r.largest > 0.01 * top)]  # fmt: skip
+
+
+def hertz(r: LineStatistics) -> str:
+    """Frequency of a line, or its range over the cases [Hz]."""
+    low, high = r.frequency
+    if not math.isfinite(low):
+        return ""
+    return f"{low:.5g}" if high - low < 1e-4 * high else f"{low:.4g} to {high:.4g}"
+
+
+def interval(e: Estimate) -> str:
+    """An interval; empty where the draws are too few for it."""
+    return f"{milli(e.low)} to {milli(e.high)}" if math.isfinite(e.value) else ""
+
+
+def above_limit(r: LineStatistics) -> str:
+    """Draws above the limit, with the probability that this says of the next one and its interval."""
+    if r.above is None:
+        return ""
+    if r.exceedance is None:
+        return "above" if r.above else "not judged" if r.unknown else "below"
+    e, doubt = r.exceedance, f", {r.unknown} not judged" if r.unknown else ""
+    return f"{r.above} of {r.count}{doubt}: {100 * e.value:.3g} % ({100 * e.low:.3g} to {100 * e.high:.3g})"
+
+
+def counts(results: Results) -> dict[int, int]:
+    """Number of cases in each state."""
+    state = results.state
+    return {code: int(np.sum(state == code)) for code in (MISSING, DONE, FAILED)}
+
+
+def milli(value: float) -> str:
+    """A torque [N m] in mN m; empty where there is none."""
+    return number(1e3 * value)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawing with its caption."""
+
+    title: str
+    drawing: Drawing
+    caption: str
+
+
+def draw(s: Summary) -> dict[str, Picture]:
+    """All pictures of a campaign, by the names of their files."""
+    results, design = s.results, s.results.campaign.design
+    made: dict[str, Picture] = {}
+    if s.rows:
+        where = " Each line at the level at which it is largest." if s.several else ""
+        text = "Median, 95 % and 99 % point where the draws carry them, and the largest amplitude." + where
+        made["envelopes"] = Picture("Envelopes", figures.envelopes(shown(s)[:16], s.limit), text)
+    if s.rows and s.by_level[0].level.draws > 1:
+        level = s.by_level[0].level
+        where = f" At {level.text}, the level with the largest line." if s.several else ""
+        lines = [ANY, *s.lines][:6]
+        text = "Part of the draws in which a line is larger than an amplitude." + where
+        made["exceedance"] = Picture("Exceedance", figures.exceedances(results, lines, s.limit, s.band, level), text)
+        text = "Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point." + where
+        made["histograms"] = Picture("Histograms", figures.histograms(results, lines, s.limit, s.band, level), text)
+    if any(len(levels.values) > 1 for levels in design.levels):
+        text = "Median over the levels of a key, the largest where other keys have levels too; shaded, all cases at it."
+        drawing = figures.over_levels(results, [ANY, *s.lines][:4], s.band)
+        made["levels"] = Picture("Over the levels", drawing, text)
+    if s.tornados:
+        text = (
+            "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean."
+        )
+        made["tornado"] = Picture("What moves the lines", figures.tornados(s.tornados), text)
+    if s.indices:
+        text = (
+            "Part of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
+        )
+        made["sobol"] = Picture("Sobol indices", figures.sobol_bars(s.indices), text)
+    scatter = figures.scatters(results, ANY, s.band)
+    if scatter is not None:
+        made["scatter"] = Picture("Cases", scatter, "Largest line of each case over what varies.")
+    return made
+
+
+def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None = None) -> Document:
+    """The report of a campaign; its first page says what was varied, the lines against the limit, and the envelopes."""
+    campaign = s.results.campaign
+    rest = {name: picture for name, picture in pictures.items() if name != "envelopes"}
+    lines: list[Block] = [_lines(s)] if s.rows else []
+    lines += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
+    by_level = s.rows and s.several  # then the first page has the levels, and the lines the next one
+    front: list[Block] = [_levels(s)] if by_level else lines
+    sections = [
+        *([Section("Lines", tuple(lines), new_page=True)] if by_level else []),
+        Section("Worst cases", tuple(_worst(s)), new_page=True),
+        Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
+        Section("How the figures are meant", (Text(_how_to_read(s)),)),
+        *(Section(picture.title, (_block(picture),)) for picture in rest.values()),
+        *_failed(s.results),
+        Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
+    ]
+    found = counts(s.results)
+    base = campaign.design.base
+    subtitle = f"{found[DONE]} of {campaign.design.cases} cases of {base.title or campaign.design.study.scenario}"
+    title = campaign.design.study.title or f"Campaign {campaign.folder.name}"
+    return study(
+        "Campaign", title, subtitle, facts=_facts(s), front=front, sections=sections, form=form, scenario=base
+    )  # fmt: skip
+
+
+def _block(picture: Picture) -> Figure:
+    return drawn(picture.drawing, picture.title, picture.caption)
+
+
+def _facts(s: Summary) -> list[Fact]:
+    found = counts(s.results)
+    facts = [Fact(str(found[DONE]), "cases")]
+    facts += [Fact(str(found[FAILED]), "failed", "fail")] if found[FAILED] else []
+    facts += [Fact(str(found[MISSING]), "not computed yet", "fail")] if found[MISSING] else []
+    if not s.rows:
+        return facts
+    top = s.by_level[0]
+    at = f" at {short(top.level.text, 80)}" if s.several else ""
+    if math.isfinite(top.p95.value):
+        facts.append(Fact(torque(top.p95.value), f"largest line, 95 % of the draws below{at}"))
+    facts.append(Fact(torque(top.largest), f"worst case, number {top.worst}{at}"))
+    return _limit_facts(s) + facts
+
+
+def _limit_facts(s: Summary) -> list[Fact]:
+    """What may be said against the limit, of every level by itself and of units that pass through all levels."""
+    if s.limit is None:
+        return []
+    allowed, facts = given(s.limit), []
+    fails, open_ones = [row for row in s.by_level if row.above], [row for row in s.by_level if row.unknown]
+    kind: Literal["", "pass", "fail"] = "fail" if fails else "" if open_ones or not _complete(s) else "pass"
+    if s.several:
+        doubt = f"; cases that could not be judged at {len(open_ones)}" if open_ones else ""
+        facts.append(Fact(f"{len(fails)} of {len(s.by_level)} levels", f"with cases above {allowed}{doubt}", kind))
+        if s.any_level is not None:
+            e, any_ = s.any_level.exceedance, s.any_level
+            doubt = f", {any_.unknown} not judged" if any_.unknown else ""
+            text = f"of {any_.draws} draws above {allowed} at one level or more{doubt} (95 % interval {_percent(e)})"
+            facts.append(Fact(f"{100 * e.value:.3g} %", text, kind))
+        return facts
+    top = s.by_level[0]
+    if top.exceedance is None:
+        return [Fact(above_limit(top), allowed, kind)]
+    doubt = f", {top.unknown} not judged" if top.unknown else ""
+    text = f"of {top.count} draws above {allowed}{doubt} (95 % interval {_percent(top.exceedance)})"
+    return [Fact(f"{100 * top.exceedance.value:.3g} %", text, kind)]
+
+
+def _complete(s: Summary) -> bool:
+    """Whether every case was computed."""
+    return not any(row.level.failed for row in s.by_level)
+
+
+def why_not_judged(s: Summary) -> str:
+    """Why cases could not be judged, the commonest reason first; empty where all were."""
+    if s.limit is None or not any(row.unknown for row in s.by_level):
+        return ""
+    own = limit_of(s.results.campaign.design.study)
+    if own != Limit(s.limit, *s.band):
+        return (
+            "Cases are judged as runs are only against the study's own limit and band; of another limit it is only known what"
+            " is above it."
+        )
+    reasons = Counter(text for text in s.results.gaps if text)
+    return (
+        f"{reasons.most_common(1)[0][0]} (of {count(reasons.total(), 'case')}, the commonest reason)" if reasons else ""
+    )
+
+
+def _percent(e: Estimate) -> str:
+    return f"{100 * e.low:.3g} to {100 * e.high:.3g} %"
+
+
+def _lines(s: Summary) -> Table:
+    header = ["line", "frequency [Hz]", "median [mN m]", "P95 [mN m]", "its interval [mN m]", "P99 [mN m]", "largest [mN m]",
+              "case [1]"]  # fmt: skip
+    header += ["above the limit [1]"] if s.limit is not None else []
+    header += ["at level"] if s.several else []
+    rows = [
+        [r.line, hertz(r), milli(r.median.value), milli(r.p95.value), interval(r.p95), milli(r.p99.value), milli(r.largest),
+         str(r.worst), *([above_limit(r)] if s.limit is not None else []), *([short(r.level.text, 60)] if s.several else [])]
+        for r in shown(s)
+    ]  # fmt: skip
+    where = ", each at the level at which it is largest" if s.several else ""
+    return table(header, rows, f"Lines{where}; 0-to-peak.", {0: "strong"})
+
+
+def _levels(s: Summary) -> Table:
+    """The largest line of each level."""
+    header = ["level", "draws [1]", "median [mN m]", "P95 [mN m]", "P99 [mN m]", "largest [mN m]", "case [1]"]
+    header += ["above the limit [1]"] if s.limit is not None else []
+    rows = [
+        [short(r.level.text, 80), str(r.level.draws), milli(r.median.value), milli(r.p95.value), milli(r.p99.value),
+         milli(r.largest), str(r.worst), *([above_limit(r)] if s.limit is not None else [])]
+        for r in s.by_level[:MOST_LEVELS]
+    ]  # fmt: skip
+    more = len(s.by_level) - len(rows)
+    rest = f" {more} more are in `statistics.csv`." if more > 0 else ""
+    return table(header, rows, f"The largest line at each level, the highest first.{rest}", {0: "strong"})
+
+
+def _how_to_read(s: Summary) -> str:
+    band = "" if s.band == (0.0, math.inf) else f" Lines from {s.band[0]:g} to {s.band[1]:g} Hz."
+    text = (
+        "P95 and P99 are amplitudes that 95 % and 99 % of the draws stay below. Intervals hold with 95 % confidence whatever the"
+        f" distribution, for independent draws. A percentile is given where the draws bound it: the median from"
+        f" {draws_needed(0.5)} on, P95 from {draws_needed(0.95)}, P99 from {draws_needed(0.99)}."
+    )
+    if s.several:
+        text += " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
+    failed = sum(r.level.failed for r in s.by_level)
+    text += f" {count(failed, 'case')} without figures (failed, or not computed) are not in them." if failed else ""
+    text += f" {why}" if (why := why_not_judged(s)) else ""
+    return text + band + " All figures are the model's, for the spread that was assumed; they are not a measured batch."
+
+
+def _sampling(campaign: Campaign) -> str:
+    design = campaign.design
+    sampling, record = design.study.sampling, design.base.record
+    points = design.samples.shape[0]
+    how = f"Sampling: {sampling.method}, {count(points, 'point')}, seed {sampling.seed}. " if design.uncertain else ""
+    steady = design.study.solve == "steady"
+    solve = "its steady state" if steady else f"a record of {record.duration:g} s after {record.settle:g} s"
+    return f"{how}Of each case: {solve}."
+
+
+def _varied(campaign: Campaign) -> Table:
+    design = campaign.design
+    rows = [[x.key, short(f"{count(len(x.values), 'level')}: {', '.join(x.labels)}", 120)] for x in design.levels]
+    rows += [[x.key, x.text] for x in design.uncertain]
+    rows += [[" and ".join(c.keys), f"correlation {c.coefficient:g}"] for c in design.study.correlations]
+    rows += [[f"combination {k}", short(str(item), 120)] for k, item in enumerate(design.combinations) if item]
+    return table(["`key`", "how"], rows)
+
+
+def _worst(s: Summary) -> list[Block]:
+    """The cases with the largest lines and what is varied in them, a column each; the worst cases of every line."""
+    found = s.worst[ANY][:WORST]
+    if not found:
+        return [Text("No case is done.")]
+    design = s.results.campaign.design
+    labels = [design.labels(case) for case, _ in found]
+    keys = [key for key in design.keys if any(key in x for x in labels)]
+    header = ["what", "unit", *(f"case {case} [1]" for case, _ in found), "scenario [1]"]
+    rows = [
+        ["largest line", "mN m", *(milli(amplitude) for _, amplitude in found), ""],
+        ["which line", "", *(_which(s, case, amplitude) for case, amplitude in found), ""],
+        *(_varied_row(design.base, key, [x.get(key, "") for x in labels]) for key in keys),
+    ]
+    caption = "Cases with the largest lines, the worst first; scenario: what the study starts from."
+    again = (
+        f"Each case runs again alone: `microvib campaign case {campaign_name(s)} CASE`. All digits are in `worst.csv`."
+    )
+    return [table(header, rows, caption, {0: "strong"}), _worst_of_lines(s), Text(again, note=True)]
+
+
+def campaign_name(s: Summary) -> str:
+    """Name of the campaign's folder."""
+    folder = s.results.campaign.folder
+    return folder.name or str(folder)
+
+
+def _which(s: Summary, case: int, amplitude: float) -> str:
+    """Name of the line that is the largest of a case."""
+    return next((line for line, found in s.worst.items() if line != ANY and (case, amplitude) in found), "")
+
+
+def _varied_row(base: Scenario, key: str, labels: Sequence[str]) -> list[str]:
+    """A key, its unit, its values in some cases and in the scenario; figures with four digits."""
+    value, quantity = next(((v, q) for name, v, q in base.entries() if name == key), ("", None))
+    texts = [*labels, quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)]
+    parts = [_NUMBER.match(text) for text in texts]
+    units = {m[2] or "" for m in parts if m}
+    if len(units) != 1 or not all(parts):
+        return [key, "", *(short(text, 24) for text in texts)]
+    return [key, units.pop(), *(plain(float(m[1])) for m in parts if m)]
+
+
+_NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
+
+
+def _worst_of_lines(s: Summary) -> Table:
+    """The three worst cases of every line."""
+    rows = []
+    for line, found in s.worst.items():
+        cells = [cell for case, amplitude in found[:3] for cell in (str(case), milli(amplitude))]
+        rows.append([line, *cells, *[""] * (6 - len(cells))])
+    header = ["line", "worst case [1]", "its amplitude [mN m]", "second [1]", "its amplitude [mN m]", "third [1]",
+              "its amplitude [mN m]"]  # fmt: skip
+    return table(header, rows, "The worst cases of each line.", {0: "strong"})
+
+
+def _failed(results: Results) -> list[Section]:
+    failed = np.flatnonzero(results.state == FAILED)
+    if not failed.size:
+        return []
+    reasons = results.reasons
+    rows = [[str(case), reasons[case]] for case in failed[:20].tolist()]
+    more = [Text("All of them are in `failed.csv`.")] if failed.size > 20 else []
+    return [Section("Failed cases", (table(["case [1]", "reason"], rows), *more))]

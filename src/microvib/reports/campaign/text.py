@@ -1,0 +1,217 @@
+"""A campaign as text, tables, pictures and report; one of its cases, computed again."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.io.results import rows_csv, write_folder
+from microvib.io.scenario_file import dump_scenario
+from microvib.io.writing import write_file
+from microvib.reports.campaign.report import (
+    MOST_LEVELS,
+    Summary,
+    above_limit,
+    campaign_report,
+    counts,
+    draw,
+    hertz,
+    interval,
+    milli,
+    shown,
+    why_not_judged,
+)
+from microvib.reports.document import Form
+from microvib.reports.rendering import report_files
+from microvib.studies.campaign.cases import FIGURES, compute
+from microvib.studies.campaign.folder import Campaign
+from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
+from microvib.studies.campaign.slurm import job_state
+from microvib.studies.campaign.statistics import ANY, Estimate, LineStatistics
+
+MOST_REASONS = 10
+
+
+def state_text(campaign: Campaign, reasons: bool = False) -> str:
+    """How far a campaign is: cases done, failed, missing, and with ``reasons`` why cases failed."""
+    done = failed = 0
+    why: Counter[str] = Counter()
+    examples: dict[str, int] = {}
+    for cases, chunk in campaign.results():
+        for case, reason in zip(cases, chunk.reasons, strict=True):
+            done += not reason
+            failed += bool(reason)
+            if reason:
+                kind = _kind_of(reason)
+                why[kind] += 1
+                examples.setdefault(kind, case)
+    total = campaign.design.cases
+    text = f"{done + failed} of {total} cases computed, {failed} of them failed"
+    if done + failed < total:
+        text += f"; {total - done - failed} to do: microvib campaign resume {campaign.folder}"
+    lines = [text]
+    queued = job_state(campaign)
+    if queued:
+        lines.append(f"Slurm: {queued}")
+    if reasons:
+        lines += [f"  {count} x {kind} (case {examples[kind]})" for kind, count in why.most_common(MOST_REASONS)]
+    return "\n".join(lines)
+
+
+def _kind_of(reason: str) -> str:
+    """A reason without its figures, so that alike ones are counted together."""
+    words = ["..." if any(c.isdigit() for c in word) else word for word in reason.split()]
+    return " ".join(word for k, word in enumerate(words) if word != "..." or k == 0 or words[k - 1] != "...")[:200]
+
+
+def report_text(s: Summary) -> str:
+    """Distributions, exceedance, effects and worst cases as text."""
+    cases = counts(s.results)
+    lines = [f"{cases[DONE]} cases, {cases[FAILED]} failed, {cases[MISSING]} not computed yet."]
+    if s.rows:
+        above = "" if s.limit is None else f"{'above ' + format(1e3 * s.limit, 'g') + ' mN m':>32s}"
+        lines += ["", f"{'line':18s} {'Hz':>19s} {'median':>9s} {'P95':>9s} {'P95, 95 % sure':>20s} {'P99':>9s} {'largest':>9s}"
+                  f" {'case':>8s}{above}   mN m, 0-to-peak"]  # fmt: skip
+        lines += [_row_text(r) for r in shown(s)]
+    if s.rows and s.several:
+        lines += [
+            "",
+            "Each line at the level at which it is largest. The largest line level by level, the highest first:",
+            "",
+        ]
+        lines += [_level_text(r) for r in s.by_level[:MOST_LEVELS]]
+        lines += [f"and {len(s.by_level) - MOST_LEVELS} more in statistics.csv"] * (len(s.by_level) > MOST_LEVELS)
+    if s.any_level is not None and s.limit is not None:
+        e = s.any_level.exceedance
+        lines += ["", f"Above {1e3 * s.limit:g} mN m at one level or more: {s.any_level.above} of {s.any_level.draws} draws,"
+                  f" {s.any_level.unknown} not judged,"
+                  f" {100 * e.value:.3g} % (95 % interval {100 * e.low:.3g} to {100 * e.high:.3g} %)."]  # fmt: skip
+    lines += ["", why] if (why := why_not_judged(s)) else []
+    for item in s.tornados[:2]:
+        effects = ", ".join(f"{e.key} {1e3 * e.low:.4g} to {1e3 * e.high:.4g}" for e in item.effects[:4])
+        fit = f" (plane explains {100 * item.explained:.0f} %)" if math.isfinite(item.explained) else ""
+        lines += ["", f"What moves {item.line}, mN m{fit}: {effects}"]
+    for found in s.indices[:2]:
+        order = np.argsort([-t.value for t in found.total])[:4]
+        terms = ", ".join(f"{found.keys[k]} {found.first[k].value:.2f} / {found.total[k].value:.2f}" for k in order)
+        lines += [f"Sobol indices of {found.line}, first order / total: {terms}"]
+    folder = s.results.campaign.folder
+    worst = s.worst[ANY][:1]
+    lines += ["", f"Worst case again: microvib campaign case {folder} {worst[0][0]} --out worst.yaml"] if worst else []
+    return "\n".join(lines)
+
+
+def _row_text(r: LineStatistics) -> str:
+    text = (
+        f"{r.line:18s} {hertz(r):>19s} {milli(r.median.value):>9s} {milli(r.p95.value):>9s} {interval(r.p95):>20s}"
+        f" {milli(r.p99.value):>9s} {milli(r.largest):>9s} {r.worst:8d}"
+    )
+    return text if r.above is None else f"{text}{above_limit(r):>32s}"
+
+
+def _level_text(r: LineStatistics) -> str:
+    median = f"median {milli(r.median.value)}, " if milli(r.median.value) else ""
+    above = f"; above the limit: {above_limit(r)}" if r.above is not None else ""
+    return f"  {r.level.text}: {median}largest {milli(r.largest)} mN m (case {r.worst}){above}"
+
+
+def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, ...]:
+    """Tables, pictures and report of a campaign; they replace those of an earlier call."""
+    pictures = draw(s)
+    files: dict[str, Any] = {
+        "statistics.csv": _statistics_csv(s.rows),
+        "worst.csv": _worst_csv(s),
+        "failed.csv": _failed_csv(s.results),
+        "effects.csv": _effects_csv(s),
+        **{f"{name}.png": _png(picture.drawing) for name, picture in pictures.items()},
+        **report_files(campaign_report(s, pictures, form), form),
+    }
+    write_folder(out, files, overwrite=True)
+    return tuple(files)
+
+
+def _png(figure: Any) -> Any:
+    return lambda path: figure.savefig(path, format="png", dpi=200)
+
+
+def _statistics_csv(rows: Sequence[LineStatistics]) -> str:
+    header = ["level", "line", "cases", "lowest_hz", "highest_hz", "mean_n_m", "deviation_n_m"]
+    header += [f"{name}{end}_n_m" for name in ("median", "p95", "p99") for end in ("", "_low", "_high")]
+    header += ["largest_n_m", "worst_case", "above", "exceedance", "exceedance_low", "exceedance_high"]
+
+    def cells(e: Estimate | None) -> list[float]:
+        return [math.nan] * 3 if e is None else [e.value, e.low, e.high]
+
+    return rows_csv(header, (
+        [r.level.text, r.line, r.count, *r.frequency, r.mean, r.deviation, *cells(r.median), *cells(r.p95), *cells(r.p99),
+         r.largest, r.worst, "" if r.above is None else r.above, *cells(r.exceedance)]
+        for r in rows
+    ))  # fmt: skip
+
+
+def _worst_csv(s: Summary) -> str:
+    design = s.results.campaign.design
+    keys = design.keys
+    rows = []
+    for line, found in s.worst.items():
+        for rank, (case, amplitude) in enumerate(found, 1):
+            labels = design.labels(case)
+            rows.append([line, rank, case, amplitude, *(labels.get(key, "") for key in keys)])
+    return rows_csv(["line", "rank", "case", "amplitude_n_m", *keys], rows)
+
+
+def _failed_csv(results: Results) -> str:
+    design, reasons = results.campaign.design, results.reasons
+    keys = design.keys
+    failed = [int(k) for k in np.flatnonzero(results.state == FAILED)]
+    labelled = ((case, design.labels(case)) for case in failed)
+    rows = ([case, reasons[case], *(labels.get(key, "") for key in keys)] for case, labels in labelled)
+    return rows_csv(["case", "reason", *keys], rows)
+
+
+def _effects_csv(s: Summary) -> str:
+    rows: list[list[Any]] = [["tornado", t.line, e.key, e.low, e.high, ""] for t in s.tornados for e in t.effects]
+    for found in s.indices:
+        for kind, estimates in (("sobol first order", found.first), ("sobol total", found.total)):
+            rows += [
+                [kind, found.line, key, e.low, e.high, e.value] for key, e in zip(found.keys, estimates, strict=True)
+            ]
+    return rows_csv(["kind", "line", "key", "low", "high", "value"], rows)
+
+
+def again_text(campaign: Campaign, case: int) -> str:
+    """A case computed alone, its lines, and whether they are the very numbers that are kept."""
+    chunk = case // campaign.chunk_size
+    alone = compute(campaign.work(chunk, [case]))
+    lines = [f"Case {case}: " + "; ".join(f"{key} {text}" for key, text in campaign.design.labels(case).items())]
+    if alone.reasons[0]:
+        lines.append(f"Failed: {alone.reasons[0]}")
+    for k, name in enumerate(alone.lines):
+        amplitude, frequency = alone.figures["amplitude"][0, k], alone.figures["frequency"][0, k]
+        lines.append(f"{name:16s} {frequency:12.5f} Hz {amplitude:12.6e} N m")
+    if not campaign.file(chunk).is_file():
+        return "\n".join([*lines, "It is not computed in the campaign yet."])
+    kept, place = campaign.read(chunk), case % campaign.chunk_size
+    differing = [name for name in alone.lines if not _same(alone, 0, kept, place, name)]
+    same = not differing and alone.reasons[0] == kept.reasons[place]
+    lines.append(
+        "The same as in the campaign, to the last bit."
+        if same
+        else f"Differs from the campaign in {', '.join(differing) or 'its reason'}."
+    )
+    return "\n".join(lines)
+
+
+def _same(a: Any, i: int, b: Any, j: int, name: str) -> bool:
+    x, y = a.lines.index(name), b.lines.index(name) if name in b.lines else -1
+    return y >= 0 and all(np.array_equal(a.figures[f][i, x], b.figures[f][j, y], equal_nan=True) for f in FIGURES)
+
+
+def write_case(campaign: Campaign, case: int, path: Path) -> None:
+    """Write a case's scenario to a new file; OutputError where there is one already."""
+    write_file(path, dump_scenario(campaign.design.scenario(case)))

@@ -1,0 +1,144 @@
+"""A report as data: one frozen tree of blocks. Studies build it, ``rendering`` draws it as HTML and as PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from microvib.reports.title_block import TitleBlock
+
+Status = Literal["", "pass", "fail"]
+Mark = Literal["", "strong", "group", "pass", "fail", "off"]
+"""How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly) ``off`` mean."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the user asked of a report: also as PDF, the command as it was typed, and what the title block says."""
+
+    pdf: bool = False
+    command: str = ""
+    title_block: TitleBlock = field(default_factory=TitleBlock)
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A leading figure: its value with unit, what it is, and whether it passes or fails, if anything was asked of it."""
+
+    value: str
+    label: str
+    status: Status = ""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph of plain text; what stands between backticks is code. A note is set small."""
+
+    text: str
+    note: bool = False
+
+
+@dataclass(frozen=True)
+class Code:
+    """A command, to be copied."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Column:
+    """Head of a column; figures go to the right, names of keys are set as code."""
+
+    title: str
+    unit: str = ""
+    kind: Literal["text", "number", "code"] = "text"
+
+
+@dataclass(frozen=True)
+class Row:
+    """Cells of a row; a group is a heading over the whole width, and has one cell."""
+
+    cells: tuple[str, ...]
+    mark: Mark = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under columns; without any title there is no head."""
+
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture as SVG, with what it shows in words for those who do not see it.
+
+    A ``turned`` one is printed on a page of its own, which lies on its side.
+    """
+
+    svg: str
+    alt: str
+    caption: str = ""
+    turned: bool = False
+
+
+@dataclass(frozen=True)
+class Live:
+    """Markup of our own that moves: for HTML only, print leaves it out."""
+
+    html: str
+
+
+Block = Text | Code | Table | Figure | Live
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and its blocks; ``new_page`` starts a page in print."""
+
+    title: str
+    blocks: tuple[Block, ...]
+    new_page: bool = False
+
+
+@dataclass(frozen=True)
+class Document:
+    """A whole report. ``front`` with facts and title block makes its first page; ``made`` is the line at the foot of every page."""
+
+    kind: str
+    title: str
+    subtitle: str
+    facts: tuple[Fact, ...]
+    front: tuple[Block, ...]
+    sections: tuple[Section, ...]
+    made: str
+    title_block: TitleBlock = field(default_factory=TitleBlock)
+
+
+def table(
+    header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", marks: Mapping[int, Mark] | None = None
+) -> Table:
+    """A table from texts; ``marks`` says which rows stand out, by their number.
+
+    ``amplitude [mN m]`` heads a column of figures, ``factor [1]`` one without unit, and a head between backticks one of keys.
+    """
+    marks = marks or {}
+    made = tuple(Row(tuple(cells), marks.get(k, "")) for k, cells in enumerate(rows))
+    return Table(tuple(_column(text) for text in header), made, caption)
+
+
+def _column(text: str) -> Column:
+    if text.startswith("`"):
+        return Column(text.strip("`"), kind="code")
+    title, bracket, unit = text.partition(" [")
+    if not bracket:
+        return Column(text)
+    return Column(title, "" if unit == "1]" else unit.removesuffix("]"), "number")
+
+
+def pairs(rows: Iterable[tuple[str, str]], caption: str = "") -> Table:
+    """Names and what they stand for, without a head."""
+    return Table((Column(""), Column("")), tuple(Row(row) for row in rows), caption)

@@ -1,0 +1,451 @@
+"""Figures: time history, spectrum with named lines and limit, zoom on the array mode, torques through one full step."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from microvib.analysis.lines import lines as estimate
+from microvib.analysis.lines import spectrum
+from microvib.model.linear import coupled_modes
+from microvib.signals.line_table import FAINT, Line, LineTable
+from microvib.signals.spectrum import Density, Spectrum, Waterfall
+from microvib.solve.motion import Motion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    from microvib.analysis.limits import Judgement
+
+# Okabe and Ito's colours, which colour-blind people can tell apart.
+BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
+COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, "#56B4E9", GREY)
+
+
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, layout: Literal["constrained"] | None = "constrained"
+) -> tuple[Figure, Any]:
+    """Figure and axes in the project's style, without a global plotting state; without a ``layout`` its margins are to be set."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=110, layout=layout)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax in axes.flat:
+        ax.grid(True, color="#dddddd", linewidth=0.6)
+        ax.set_axisbelow(True)
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+PAGE = 7.0
+"""Width of a figure in a report [inch], as wide as its page."""
+
+
+def sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """Figure and axes for a report, ``height`` in inches."""
+    return new_figure(PAGE, height, rows, columns)
+
+
+_LEFT, _RIGHT, _BOTTOM, _TOP, _ACROSS, _DOWN = 0.62, 0.1, 0.43, 0.27, 0.66, 0.74
+"""Margins of a plain sheet, and room between its axes [inch]."""
+
+
+def plain_sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """A sheet for axes with short tick labels: its margins are fixed, where finding them takes a third of a drawing's time."""
+    figure, axes = new_figure(PAGE, height, rows, columns, layout=None)
+    wide = (PAGE - _LEFT - _RIGHT - (columns - 1) * _ACROSS) / columns
+    high = (height - _BOTTOM - _TOP - (rows - 1) * _DOWN) / rows
+    figure.subplots_adjust(
+        _LEFT / PAGE, _BOTTOM / height, 1.0 - _RIGHT / PAGE, 1.0 - _TOP / height, _ACROSS / wide, _DOWN / high
+    )
+    return figure, axes
+
+
+def svg(figure: Figure) -> str:
+    """A figure of a report as SVG, the same text each time; letters are outlines, so that no font is needed."""
+    import matplotlib
+
+    _with_fallback(figure)
+    for ax in figure.axes:
+        ax.tick_params(labelsize=7.5)
+        for text, size in ((ax.xaxis.label, 8), (ax.yaxis.label, 8), (ax.title, 8.5)):
+            text.set_fontsize(min(size, text.get_fontsize()))
+    stream = io.StringIO()
+    with (
+        matplotlib.rc_context({"svg.hashsalt": "microvib", "svg.fonttype": "path"}),
+        warnings.catch_warnings(
+            action="ignore", category=UserWarning
+        ),  # of characters without a font: the report tells it
+    ):
+        figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return stream.getvalue()
+
+
+def _with_fallback(figure: Figure) -> None:
+    """Give texts with characters that the package's font lacks the fonts of the system that have them."""
+    from microvib.reports.fonts import fallback_for
+
+    for text in _written(figure):
+        families = fallback_for([text.get_text()]).families
+        if families:
+            text.set_fontfamily([*text.get_fontfamily(), *families])
+
+
+def _written(figure: Figure) -> Iterable[Text]:
+    """Texts of a figure that are words; figures at ticks need no other font, and asking for them takes long."""
+    from matplotlib.ticker import FixedFormatter
+
+    yield from figure.texts
+    for legend in (*figure.legends, *(legend for ax in figure.axes if (legend := ax.get_legend()))):
+        yield from legend.get_texts()
+    for ax in figure.axes:
+        yield from (ax.title, ax.xaxis.label, ax.yaxis.label, *ax.texts)
+        for axis in (ax.xaxis, ax.yaxis):
+            if isinstance(axis.get_major_formatter(), FixedFormatter):
+                yield from axis.get_ticklabels()
+
+
+def plot(motion: Motion, table: LineTable | None = None) -> Figure:
+    """Overview of a run: history and a stretch of it, spectrum with named lines, zoom on the array mode."""
+    table = table or estimate(motion)
+    figure, axes = new_figure(12.0, 7.2, 2, 2)
+    draw_history(axes[0, 0], motion)
+    draw_stretch(axes[0, 1], motion)
+    draw_spectrum(axes[1, 0], motion, table)
+    draw_array_zoom(axes[1, 1], motion, table)
+    figure.suptitle(motion.scenario.title or "microvib run")
+    return figure
+
+
+def reach(lines: Iterable[Line], least: float = 200.0) -> float:
+    """Upper end [Hz] of a spectrum that shows all the lines."""
+    return max([least, *(1.08 * x.frequency_hz for x in lines)])
+
+
+def draw_front(motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None) -> Figure:
+    """The picture of a report's first page: spectrum with named lines and limit, and the time history below it."""
+    figure, axes = plain_sheet(5.5, 2, 1)
+    spectrum_ax, history_ax = axes[:, 0]
+    spectrum_ax.get_gridspec().set_height_ratios((1.7, 1.0))
+    figure.subplots_adjust()  # moves the axes
+    draw_spectrum(spectrum_ax, motion, table, highest, judged)
+    draw_history(history_ax, motion)
+    return figure
+
+
+def draw_history(ax: Axes, motion: Motion) -> None:
+    """Disturbance torque over the record (as Figure 9b, drive axis), peaks kept when points are merged."""
+    t, low, high = envelope(motion.time, 1e3 * motion["T_d"])
+    ax.fill_between(t, low, high, color=BLUE, linewidth=0.4, edgecolor=BLUE)
+    ax.set(xlabel="time [s]", ylabel="disturbance torque $T_d$ [mN m]", title="Time history about the drive axis")
+    ax.margins(x=0)
+
+
+def envelope(t: np.ndarray, x: np.ndarray, points: int = 2000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Smallest and largest value in each of at most ``points`` groups, so that no peak is lost."""
+    size = max(t.size // points, 1)
+    n = t.size // size * size
+    groups = x[:n].reshape(-1, size)
+    return t[:n].reshape(-1, size)[:, 0], groups.min(axis=1), groups.max(axis=1)
+
+
+def draw_stretch(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
+    """A few microsteps at the start of the record, with the time that the shaft sticks shaded."""
+    n = _stretch(motion, microsteps)
+    t = (motion.time[:n] - motion.time[0]) * 1e3
+    ax.plot(t, 1e3 * motion["T_d"][:n], color=BLUE, linewidth=1.4, label="$T_d$")
+    if "stuck_output" in motion.channels:
+        _shade_stuck(ax, t, motion["stuck_output"][:n])
+    ax.set(xlabel="time in the record [ms]", ylabel="$T_d$ [mN m]", title=f"{microsteps:g} microsteps")
+    ax.margins(x=0)
+    _headroom(ax, 0.2)
+    ax.legend(loc="upper right", fontsize=8, ncols=2)
+
+
+def _stretch(motion: Motion, microsteps: float) -> int:
+    f_d = motion.scenario.driving_frequency
+    span = microsteps / f_d if f_d else 0.1
+    return int(np.clip(span * motion.sample_rate, 8, motion.time.size))
+
+
+def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> None:
+    if np.any(stuck > 0.5):
+        top = ax.get_xaxis_transform()
+        ax.fill_between(
+            t, 0, 1, where=stuck > 0.5, transform=top, color="#bbbbbb", alpha=0.45, linewidth=0, label="shaft sticks"
+        )
+
+
+def draw_spectrum(
+    ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0, judged: Judgement | None = None
+) -> None:
+    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10), and the limit."""
+    draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table)
+    if judged is not None:
+        _draw_limit(ax, judged, highest)
+
+
+def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
+    """The limit over its band, and squares about the lines above it."""
+    limit, above = judged.limit, [m.line for m in judged.margins if m.fails]
+    low, high = ax.get_ylim()
+    height = 1e3 * limit.torque
+    ax.set_ylim(min(low, 0.5 * height), max(high, 4.0 * height))
+    span = [limit.low, min(limit.high, highest)]
+    ax.plot(span, [height] * 2, color="black", linewidth=1.4, linestyle="--", label=f"limit {height:.4g} mN m")
+    ax.plot(
+        [x.frequency_hz for x in above], [1e3 * x.amplitude_n_m for x in above], "s", color=RED, markersize=7, fillstyle="none",
+        markeredgewidth=1.4, label="above the limit" if above else None,
+    )  # fmt: skip
+    ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+
+
+def draw_amplitudes(ax: Axes, s: Spectrum, unit: str, highest: float, table: LineTable | None = None) -> None:
+    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``, lines of ``table`` named."""
+    highest = min(highest, s.sample_rate / 2)
+    keep = (s.frequency <= highest) & (s.frequency > 0)
+    ax.semilogy(s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
+    shown = [x for x in table or () if np.isfinite(x.amplitude_n_m) and x.frequency_hz <= highest]
+    _limits(ax, [1e3 * x.amplitude_n_m for x in shown] or [1e3 * float(s.amplitude[keep].max())])
+    name_lines(ax, shown, highest)
+    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [m{unit}]", title=f"Spectrum ({_made_by(s)})")
+    ax.set_xlim(0, highest)
+
+
+def _made_by(s: Spectrum) -> str:
+    return f"{s.window} window, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
+
+
+def _limits(ax: Axes, amplitudes: Sequence[float]) -> None:
+    top = max([a for a in amplitudes if a > 0] or [1.0])
+    ax.set_ylim(top * 1e-4, top * 12)
+
+
+def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
+    """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other, the strongest first."""
+    bottom = ax.get_ylim()[0]
+    visible = [line for line in shown if 1e3 * line.amplitude_n_m > bottom and line.status != FAINT]
+    ax.plot(
+        [x.frequency_hz for x in visible],
+        [1e3 * x.amplitude_n_m for x in visible],
+        "o",
+        color=RED,
+        markersize=4,
+        zorder=5,
+    )
+    placed: list[float] = []
+    top = max((line.amplitude_n_m for line in visible), default=0.0)
+    for line in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
+        if line.amplitude_n_m < 1e-3 * top:
+            continue
+        if any(abs(line.frequency_hz - f) < 0.055 * highest for f in placed):
+            continue
+        placed.append(line.frequency_hz)
+        ax.annotate(
+            f"{line.line}\n{line.frequency_hz:.4g} Hz",
+            (line.frequency_hz, 1e3 * line.amplitude_n_m),
+            xytext=(4, 4),
+            textcoords="offset points",
+            fontsize=7,
+            rotation=35,
+            zorder=4,
+            bbox=_PAPER,
+        )
+
+
+_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.7}
+"""Ground of names that stand on lines."""
+
+
+def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
+    """Spectrum about the array's first modes; clamped and coupled frequency of the strongest marked."""
+    modes = [line for line in table if line.kind == "array mode" and np.isfinite(line.amplitude_n_m)]
+    top = 4.0 * min((line.expected_hz for line in modes), default=1.0)
+    s = spectrum(motion, window="rectangular")
+    keep = (s.frequency <= top) & (s.frequency > 0)
+    ax.plot(s.frequency[keep], s.amplitude[keep] * 1e3, color=BLUE, linewidth=1.0, marker=".", markersize=3)
+    marked = sorted((x for x in modes if x.expected_hz <= top), key=lambda x: -x.amplitude_n_m)[:2]
+    for line in marked:
+        _mark_mode(ax, motion, line)
+    _name_points(ax, [x for x in table if x.frequency_hz <= top and x.status != FAINT])
+    title = f"Array mode ({_made_by(s)})" if modes else f"Low frequencies ({_made_by(s)})"
+    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=title)
+    ax.set_xlim(0, top)
+    _headroom(ax, 0.2 + 0.15 * len(marked))
+    ax.set_ylim(bottom=0)
+    if marked:
+        ax.legend(loc="upper right", fontsize=7.5, ncols=2)
+
+
+def _mark_mode(ax: Axes, motion: Motion, line: Line) -> None:
+    """Where a mode is with the shaft held, and where through the drive."""
+    clamped = next((m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.line), None)
+    for f, what, colour, dashes in (
+        (clamped, "clamped", GREY, ":"),
+        (line.expected_hz, "through the drive", RED, "--"),
+    ):
+        if f is not None:
+            label = f"{line.line}, {what} {f:.4g} Hz"
+            ax.axvline(f, color=colour, linestyle=dashes, linewidth=1.2, label=label)
+
+
+def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
+    """Points at the estimated amplitudes [mN m]; those of at least a fiftieth of the largest are named."""
+    ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
+    top = max((x.amplitude_n_m for x in shown), default=0.0)
+    for x in shown:
+        if x.amplitude_n_m >= 0.02 * top > 0.0:
+            at = (x.frequency_hz, x.amplitude_n_m * 1e3)
+            ax.annotate(x.line, at, xytext=(6, 2), textcoords="offset points", fontsize=8)
+
+
+def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
+    """Torques through a few microsteps, less their means: which torque goes where."""
+    names = {"T_d": "$T_d$ on spacecraft", "T_g": "$T_g$ gear", "T_f": "$T_f$ friction", "T_l": "$T_l$ array"}
+    curves = {label: motion[name] - motion[name].mean() for name, label in names.items()}
+    _draw_curves(ax, motion, curves, microsteps)
+    ax.set(ylabel="torque less its mean [mN m]", title="At the output")
+
+
+def draw_motor_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
+    """Torques at the rotor through a few microsteps."""
+    gear = motion["T_g"] / motion.scenario.reducer.ratio
+    curves = {"$T_e$ motor": motion["T_e"], "$T_{f,m}$ friction": motion["T_f_m"], "$T_g/h$ gear": gear}
+    _draw_curves(ax, motion, curves, microsteps)
+    ax.set(ylabel="torque [mN m]", title="At the rotor")
+
+
+def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray], microsteps: float) -> None:
+    """Curves over the first microsteps, told apart by colour and by dashes."""
+    n = _stretch(motion, microsteps)
+    t = (motion.time[:n] - motion.time[0]) * 1e3
+    for (label, x), colour, dashes in zip(curves.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
+        ax.plot(t, 1e3 * x[:n], color=colour, linestyle=dashes, linewidth=1.3, label=label)
+    _shade_stuck(ax, t, motion["stuck_output"][:n])
+    ax.set(xlabel="time in the record [ms]")
+    ax.margins(x=0)
+    _headroom(ax, 0.45)
+    ax.legend(loc="upper right", fontsize=7, ncols=2)
+
+
+def _headroom(ax: Axes, share: float) -> None:
+    """Room above the curves for a legend or labels."""
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + share * (high - low))
+
+
+def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float = 200.0) -> None:
+    """Amplitude spectra of several torques over each other (as Figures 11, 12, 16); the first is drawn widest."""
+    from microvib.signals.spectrum import amplitude_spectrum
+
+    widths = np.linspace(2.6, 0.9, max(len(sides), 2))
+    top = 0.0
+    for (name, torque, rate), colour, width in zip(sides, COLOURS, widths, strict=False):
+        s = amplitude_spectrum(torque, rate, "hann")
+        keep = (s.frequency > 0) & (s.frequency <= highest)
+        top = max(top, 1e3 * float(s.amplitude[keep].max()))
+        ax.semilogy(
+            s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-9), color=colour, linewidth=width, label=name
+        )
+    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
+    ax.set_xlim(0, highest)
+    ax.set_ylim(1e-5 * top, top)
+    _headroom_log(ax)
+    ax.legend(loc="upper right", fontsize=6.5)
+
+
+_STEM_DEPTH = 1e-3
+"""Peaks below this part of the largest are not drawn."""
+
+
+def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float) -> None:
+    """Peaks of several torques' amplitude spectra to ``highest`` [Hz], those of one frequency side by side."""
+    from matplotlib.transforms import ScaledTranslation
+
+    from microvib.signals.spectrum import amplitude_spectrum
+
+    spectra = [amplitude_spectrum(torque, rate, "hann") for _, torque, rate in sides]
+    top = max(1e3 * float(s.amplitude[(s.frequency > 0) & (s.frequency <= highest)].max()) for s in spectra)
+    bottom = _STEM_DEPTH * top
+    for k, ((name, _, _), s, colour) in enumerate(zip(sides, spectra, COLOURS, strict=False)):
+        f, a = s.frequency, 1e3 * s.amplitude
+        peaks = 1 + np.flatnonzero((a[1:-1] > a[:-2]) & (a[1:-1] >= a[2:]) & (a[1:-1] > bottom) & (f[1:-1] <= highest))
+        aside = ScaledTranslation(1.7 / 72.0 * (k - 0.5 * (len(sides) - 1)), 0.0, ax.figure.dpi_scale_trans)
+        where = ax.transData + aside
+        ax.vlines(f[peaks], bottom, a[peaks], color=colour, linewidth=1.0, transform=where)
+        ax.plot(f[peaks], a[peaks], "osD^v"[k % 5], color=colour, markersize=2.6, transform=where, label=name)
+    ax.set(yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
+    ax.set_xlim(0, highest)
+    ax.set_ylim(bottom, top)
+    _headroom_log(ax)
+    ax.legend(loc="upper right", fontsize=6.5)
+
+
+def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:
+    """Power spectral density, and on a second axis the cumulative RMS."""
+    keep = (density.frequency > 0) & (density.frequency <= highest)
+    f = density.frequency[keep]
+    ax.semilogy(f, 1e6 * np.maximum(density.density[keep], 1e-24), color=BLUE, linewidth=0.9, label="density")
+    ax.set(xlabel="frequency [Hz]", ylabel=f"power spectral density [(m{unit})²/Hz]", xlim=(0, highest))
+    right = ax.twinx()
+    right.plot(f, 1e3 * density.cumulative_rms[keep], color=RED, linewidth=1.6, linestyle="--", label="cumulative RMS")
+    right.set_ylabel(f"cumulative RMS from 0 Hz [m{unit}]")
+    right.set_ylim(bottom=0)
+    right.spines["top"].set_visible(False)
+    _headroom_log(ax)
+    _headroom(right, 0.2)
+    ax.legend(handles=[*ax.lines, *right.lines], loc="upper right", fontsize=7.5, ncols=2)
+
+
+def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
+    """Amplitude in thousandths of ``unit`` over time and frequency, colour in decades below the largest."""
+    from matplotlib.colors import LogNorm
+
+    keep = (w.frequency > 0) & (w.frequency <= highest)
+    amplitude = 1e3 * w.amplitude[:, keep]
+    top = float(np.max(amplitude))
+    values = np.maximum(amplitude, 1e-4 * top)
+    mesh = ax.pcolormesh(
+        w.frequency[keep],
+        w.time,
+        values,
+        norm=LogNorm(1e-4 * top, top),
+        cmap="viridis",
+        shading="nearest",
+        rasterized=True,
+    )
+    ax.figure.colorbar(mesh, ax=ax, label=f"amplitude, 0-to-peak [m{unit}]")
+    ax.set(xlabel="frequency [Hz]", ylabel="time in the record [s]")
+    ax.grid(False)
+
+
+def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[float]]) -> None:
+    """Amplitudes [N m] of the same lines on several sides, as points beside each other; drawn in mN m."""
+    x = np.arange(len(names))
+    for k, (label, values) in enumerate(groups.items()):
+        offset = (k - 0.5 * (len(groups) - 1)) * 0.16
+        ax.semilogy(
+            x + offset,
+            1e3 * np.asarray(values),
+            "osD^v"[k % 5],
+            color=COLOURS[k % len(COLOURS)],
+            markersize=5,
+            label=label,
+        )
+    ax.set_xticks(x, names, rotation=20, ha="right")
+    ax.set_ylabel("amplitude, 0-to-peak [mN m]")
+    _headroom_log(ax)
+    ax.legend(loc="upper right", fontsize=7.5, ncols=len(groups))
+
+
+def _headroom_log(ax: Axes) -> None:
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high * (high / low) ** 0.25)

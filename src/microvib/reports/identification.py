@@ -1,0 +1,289 @@
+"""Identification from command to folder: text, tables and report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from microvib.io.results import package_versions, to_json, write_folder
+from microvib.io.scenario_file import dump_scenario
+from microvib.reports import figures
+from microvib.reports.blocks import drawn, figure, percent, plain, signed, study, with_error
+from microvib.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table
+from microvib.reports.rendering import report_files
+from microvib.reports.typography import file_name
+from microvib.studies.evidence import Evidence, Simulated, predicted
+from microvib.studies.identify import Deviation, Estimate, Fit, Leaning
+from microvib.units import pretty
+
+CALIBRATED = "Calibrated, not predicted: these figures were fitted to."
+_HOW_TO_READ = (
+    "Intervals are of 95 %, from the profile of the cost where its curvature alone misleads, and widened by the scatter that"
+    " the fit leaves. They hold for the model as it is: what was not fitted is taken as exact (see what the estimates lean on)."
+    " A parameter counts as identifiable if the model explains the data, the standard error is below 20 %, the best value lies"
+    " inside its range and no other explains the data as well."
+)
+_SENSITIVITY = "Relative change of a figure for a relative change of a parameter."
+_LEANING = (
+    "Relative change of an estimate for a relative change of a parameter that was not fitted, to first order: 2 means that"
+    " 1 % moves it by 2 %. An error of such a parameter is in no interval."
+)
+_MOST_OFF, _MOST_LEANING = 12, 8
+_MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
+
+
+def fit_text(fit: Fit) -> str:
+    """Goodness of fit, what is off, estimates with verdicts, and the lines before and after, as text."""
+    lines = [fit.goodness.sentence, *_warnings(fit), *_off_text(fit), ""]
+    lines += [f"{'parameter':32s} {'estimate':>12s} {'std error':>10s} {'95 % interval':>25s}  {'unit':12s} verdict"]
+    for e in fit.estimates:
+        error = f"{e.standard_error:.2g}" if math.isfinite(e.standard_error) else "withheld"
+        lines.append(
+            f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}".rstrip()
+        )
+    lines += ["", f"{'observed':28s} {'test':>12s} {'before':>12s} {'after':>12s} {'before %':>9s} {'after %':>9s}"]
+    for name, test, before, after in _figures(fit):
+        lines.append(
+            f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
+        )
+    lines += ["", *(f"1 % more of {one.key}: {_moves(fit, one)}" for one in fit.leanings[:3])]
+    lines += _prepared(fit)
+    lines.append(f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
+    return "\n".join(lines)
+
+
+def _warnings(fit: Fit) -> list[str]:
+    """What else is to be known before any estimate is read."""
+    found = list(fit.notes)
+    if fit.interrupted:
+        found.append("Interrupted: the best so far.")
+    elif not fit.converged:
+        found.append("The search has not come to its end: a finer look still found something better.")
+    return found
+
+
+def _prepared(fit: Fit) -> list[str]:
+    """What reading and preparing the recordings did."""
+    return [f"{e.name}: {'; '.join(e.notes)}." for e, _ in fit.after if e.notes]
+
+
+def _off_text(fit: Fit) -> list[str]:
+    off = _off(fit)
+    if not off:
+        return []
+    rows = [f"{'off':28s} {'test':>12s} {'fitted':>12s} {'sigma':>8s}"]
+    rows += [f"{_name(fit, d):28s} {d.measured:12.6g} {d.fitted:12.6g} {d.sigma:+8.1f}" for d in off[:_MOST_OFF]]
+    return rows + ([f"and {len(off) - _MOST_OFF} more"] if len(off) > _MOST_OFF else [])
+
+
+def _off(fit: Fit) -> list[Deviation]:
+    """Figures that are off, the worst first."""
+    return sorted((d for d in fit.deviations if d.off), key=lambda d: -abs(d.sigma))
+
+
+def _name(fit: Fit, d: Deviation) -> str:
+    return f"{d.line} {d.form}" + (f" [{d.test}]" if len(fit.after) > 1 else "")
+
+
+def _interval(e: Estimate) -> str:
+    low, high = e.interval
+    return f"{low:.5g} to {high:.5g}" if math.isfinite(low) else "withheld"
+
+
+def _moves(fit: Fit, one: Leaning) -> str:
+    return ", ".join(f"{e.key} {shift:+.2g} %" for e, shift in zip(fit.estimates, one.shifts, strict=True))
+
+
+def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
+    """Amplitudes and mode figures of the tests with their values before and after."""
+    rows = []
+    for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True):
+        rows += _of_one(evidence, before, after, len(fit.before) > 1)
+    return rows
+
+
+def _of_one(
+    evidence: Evidence, before: Simulated, after: Simulated, several: bool
+) -> list[tuple[str, float, float, float]]:
+    mark = f" [{file_name(evidence.name)}]" if several else ""
+    return [
+        (f"{o.line} {o.form}{mark}", o.value, predicted(before, o), predicted(after, o))
+        for o in evidence.observations
+        if o.form != "phase" and (o.line in _MAIN or (o.line.startswith(("drive", "array")) and "us_" not in o.line))
+    ]
+
+
+def fit_json(fit: Fit) -> dict[str, Any]:
+    """What ``fit.json`` holds."""
+    names = [e.key for e in fit.estimates]
+
+    def by_name(row: Sequence[float]) -> dict[str, float]:
+        return dict(zip(names, map(float, row), strict=True))
+
+    return {
+        "goodness": {
+            "sentence": fit.goodness.sentence, "explained": fit.goodness.explained, "chi_square": fit.goodness.chi_square,
+            "degrees_of_freedom": fit.goodness.freedom, "per_degree_of_freedom": fit.goodness.ratio,
+            "limit": fit.goodness.limit,
+        },
+        "usable": fit.usable, "converged": fit.converged, "notes": list(fit.notes),
+        "deviations": [asdict(d) for d in fit.deviations],
+        "leans_on": {one.key: by_name(one.shifts) for one in fit.leanings},
+        "parameters": {
+            e.key: {
+                "estimate": e.estimate, "standard_error": e.standard_error, "unit": e.unit,
+                "confidence_95": list(e.interval), "from_profile": e.profiled,
+                "low": e.low, "high": e.high, "identifiable": e.identifiable, "verdict": e.verdict,
+            }
+            for e in fit.estimates
+        },
+        "correlation": {name: by_name(row) for name, row in zip(names, fit.correlation, strict=True)},
+        "sensitivities": {figure: by_name(row) for figure, row in fit.sensitivities.items()},
+        "evidence": [
+            {"name": e.name, "clock_ratio": e.clock_ratio, "observations": len(e.observations), "notes": list(e.notes)}
+            for e, _ in fit.after
+        ],
+        "cost": fit.cost, "observations": fit.observations, "simulations": fit.simulations, "seed": fit.seed,
+        "interrupted": fit.interrupted, "status": "calibrated: these lines were fitted to", "versions": package_versions(),
+    }  # fmt: skip
+
+
+def write_fit(out: Path, fit: Fit, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """``fit.json``, ``scenario.yaml`` and the report of an identification; names of the files."""
+    files: dict[str, Any] = {"fit.json": to_json(fit_json(fit)), "scenario.yaml": dump_scenario(fit.scenario)}
+    files |= report_files(fit_report(fit, form), form)
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+def fit_report(fit: Fit, form: Form | None = None) -> Document:
+    """The report of an identification: goodness first, parameters with what they are worth, lines before and after."""
+    tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
+    return study(
+        "Identification report",
+        f"Identification: {fit.scenario.title or 'drive'}",
+        f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
+        facts=[_explained(fit), *(_estimated(e) for e in fit.estimates[:3])],
+        front=(
+            Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit),
+            Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit),
+        ),
+        sections=(
+            Section(
+                "Before and after",
+                (Text(CALIBRATED), _before_and_after(fit), *(Text(text, note=True) for text in _prepared(fit))),
+                new_page=True,
+            ),
+            Section("What the estimates lean on", (Text(_LEANING), _leanings(fit))),
+            Section(
+                "Correlation of the estimates",
+                (_matrix("parameter", fit, zip(_keys(fit), fit.correlation, strict=True)),),
+            ),
+            Section("Sensitivities", (Text(_SENSITIVITY), _matrix("figure", fit, fit.sensitivities.items()))),
+        ),
+        form=form,
+        scenario=fit.scenario,
+    )  # fmt: skip
+
+
+def _explained(fit: Fit) -> Fact:
+    """Goodness of the fit, which decides what the estimates are worth."""
+    label = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is right"
+    return Fact(f"{fit.goodness.ratio:.3g}", label, "pass" if fit.usable else "fail")
+
+
+def _estimated(e: Estimate) -> Fact:
+    value = f"{_with_error(e)} {pretty(e.unit)}".rstrip()
+    return Fact(
+        value, f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}", "" if e.identifiable else "fail"
+    )
+
+
+def _with_error(e: Estimate) -> str:
+    return with_error(e.estimate, e.standard_error) if math.isfinite(e.standard_error) else f"{e.estimate:.4g}"
+
+
+def _off_table(fit: Fit) -> tuple[Table, ...]:
+    off = _off(fit)[:_MOST_OFF]
+    if not off:
+        return ()
+    header = ["figure", "test [1]", "fitted [1]", "off [σ]"]
+    rows = [[_name(fit, d), figure(d.measured), figure(d.fitted), signed(d.sigma, 1)] for d in off]
+    return (table(header, rows, "Figures that are further off than their uncertainty explains; SI units."),)
+
+
+def _estimates(fit: Fit) -> Table:
+    header = ["`parameter`", "estimate ± standard error [1]", "95 % interval [1]", "unit", "range [1]", "verdict"]
+    rows = [
+        [
+            e.key,
+            _with_error(e),
+            _interval(e),
+            pretty(e.unit),
+            f"{plain(e.low)} to {plain(e.high)}",
+            e.verdict,
+        ]
+        for e in fit.estimates
+    ]
+    marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.estimates) if not e.identifiable}
+    return table(header, rows, "", marks)
+
+
+def _leanings(fit: Fit) -> Table:
+    return _matrix("not fitted", fit, ((one.key, one.shifts) for one in fit.leanings[:_MOST_LEANING]))
+
+
+def _before_and_after(fit: Fit) -> Table:
+    rows = [
+        [name, figure(1e3 * t), figure(1e3 * b), figure(1e3 * a), percent(b / t - 1), percent(a / t - 1)]
+        if _is_torque(name)
+        else [name, figure(t, 6), figure(b, 6), figure(a, 6), percent(b / t - 1), percent(a / t - 1)]
+        for name, t, b, a in _figures(fit)
+    ]
+    for row, (name, *_) in zip(rows, _figures(fit), strict=True):
+        row.insert(1, "mN m" if _is_torque(name) else "Hz" if "frequency" in name else "1/s")
+    header = [
+        "figure",
+        "unit",
+        "test [1]",
+        "before [1]",
+        "after [1]",
+        "before against test [%]",
+        "after against test [%]",
+    ]
+    return table(header, rows)
+
+
+def _is_torque(figure_name: str) -> bool:
+    return "amplitude" in figure_name or "nearest_bin" in figure_name
+
+
+def _before_and_after_picture(fit: Fit) -> Figure:
+    amplitudes = [f for f in _figures(fit) if _is_torque(f[0])][:12]
+    drawing, axes = figures.sheet(3.4)
+    test, before, after = ([float(f[k]) for f in amplitudes] for k in (1, 2, 3))
+    groups = {"test": test, "before": before, "after": after}
+    figures.draw_pairs(axes[0, 0], [f[0].removesuffix(" amplitude") for f in amplitudes], groups)
+    return drawn(
+        drawing,
+        "Amplitudes of the test, before and after",
+        "Amplitudes of the lines in the test, before and after the fit.",
+    )
+
+
+def _keys(fit: Fit) -> list[str]:
+    return [e.key for e in fit.estimates]
+
+
+def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
+    header = [of, *(f"{_short_key(key)} [1]" for key in _keys(fit))]
+    return table(header, ([name, *(signed(x) for x in row)] for name, row in rows if "phase" not in name))
+
+
+def _short_key(key: str) -> str:
+    """The end of a key that says what it is."""
+    parts = key.split(".")
+    return ".".join(parts[-3 if len(parts) > 2 and parts[-2].isdigit() else -2 :])

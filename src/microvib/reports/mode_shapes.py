@@ -1,0 +1,117 @@
+"""Pictures of mode shapes: a sheet of drawings, and an animation for the report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.reports.figures import GREY, sheet
+from microvib.structures.fem.structure import Beams, Shells, Structure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from microvib.structures.fem.modes import Modes
+
+_REACH = 0.08  # largest displacement shown, of the structure's size
+_AZIMUTH, _ELEVATION = np.radians(-60.0), np.radians(28.0)
+
+
+def shown_shapes(modes: Modes) -> np.ndarray:
+    """Displacements of the nodes, scaled to be seen, (n, 3, s) [m]."""
+    u = modes.shapes[:, :3, :]
+    extent = np.ptp(modes.structure.xyz, axis=0).max()
+    largest = np.sqrt((u**2).sum(axis=1)).max(axis=0)
+    return np.asarray(_REACH * extent * u / largest)
+
+
+def faces_and_lines(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the shells (f, 4) and ends of the beams (b, 2)."""
+    faces = [part.nodes for part in structure.of(Shells)] or [np.zeros((0, 4), dtype=int)]
+    lines = [part.nodes for part in structure.of(Beams)] or [np.zeros((0, 2), dtype=int)]
+    return np.concatenate(faces), np.concatenate(lines)
+
+
+def draw_shapes(modes: Modes, kinds: Sequence[str], count: int) -> Figure:
+    """The mesh, and the first ``count`` modes with it at rest behind them."""
+    count = min(count, len(kinds))
+    columns = 3
+    rows = -(-(count + 1) // columns)
+    figure, axes = sheet(1.3 * rows, rows, columns)
+    shapes, xyz = shown_shapes(modes), modes.structure.xyz
+    _draw(axes.flat[0], modes.structure, xyz, None)
+    axes.flat[0].set_title(f"mesh, {modes.structure.dof} degrees of freedom", fontsize=7.5)
+    for k in range(count):
+        ax = axes.flat[k + 1]
+        _draw(ax, modes.structure, xyz, shapes[:, :, k])
+        ax.set_title(f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz", fontsize=7.5)
+    for ax in axes.flat:
+        ax.set_axis_off()
+        ax.set_aspect("equal")
+        ax.autoscale_view()
+    return figure
+
+
+def project(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Screen coordinates (n, 2) and depth (n,) of points seen obliquely from above."""
+    c, s = np.cos(_AZIMUTH), np.sin(_AZIMUTH)
+    right, away = xyz[:, 0] * -s + xyz[:, 1] * c, xyz[:, 0] * c + xyz[:, 1] * s
+    up = xyz[:, 2] * np.cos(_ELEVATION) - away * np.sin(_ELEVATION)
+    return np.column_stack([right, up]), away * np.cos(_ELEVATION) + xyz[:, 2] * np.sin(_ELEVATION)
+
+
+def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | None) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    faces, lines = faces_and_lines(structure)
+    rest, _ = project(xyz)
+    moved = shape is not None
+    ax.add_collection(
+        PolyCollection(
+            rest[faces],
+            facecolors="none" if moved else "#dbe7f0",
+            edgecolors="#bbbbbb" if moved else GREY,
+            linewidths=0.3,
+            rasterized=True,
+        )
+    )
+    ax.add_collection(LineCollection(list(rest[lines]), colors="#bbbbbb" if moved else GREY, linewidths=1.0))
+    if shape is None:
+        return
+    points, depth = project(xyz + shape)
+    size = np.sqrt((shape**2).sum(axis=1))
+    order = np.argsort(depth[faces].mean(axis=1))
+    coloured = PolyCollection(
+        points[faces[order]],
+        array=size[faces[order]].mean(axis=1),
+        cmap="viridis",
+        edgecolors="#ffffff60",
+        linewidths=0.2,
+        rasterized=True,
+    )
+    coloured.set_clim(0.0, size.max())  # of the whole structure, of which shells may be the part that hardly moves
+    ax.add_collection(coloured)
+    ax.add_collection(LineCollection(list(points[lines]), colors="#333333", linewidths=1.4))
+
+
+def animation(modes: Modes, kinds: Sequence[str], count: int) -> Any:
+    """A canvas with its script and data, as markup: modes chosen from a list, turned with the mouse, played and paused."""
+    from markupsafe import Markup
+
+    faces, lines = faces_and_lines(modes.structure)
+    shapes = shown_shapes(modes)[:, :, :count]
+    data = {
+        "xyz": np.round(modes.structure.xyz - modes.structure.xyz.mean(axis=0), 3).tolist(),
+        "faces": faces.tolist(),
+        "lines": lines.tolist(),
+        "shapes": [np.round(shapes[:, :, k], 3).tolist() for k in range(shapes.shape[2])],
+        "names": [f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz" for k in range(shapes.shape[2])],
+        "azimuth": float(_AZIMUTH),
+        "elevation": float(_ELEVATION),
+    }
+    script = (resources.files("microvib.reports") / "templates" / "shapes.html").read_text(encoding="utf-8")
+    return Markup(script.replace("__DATA__", json.dumps(data, separators=(",", ":"))))  # numbers and our own words only

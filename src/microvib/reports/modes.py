@@ -1,0 +1,293 @@
+"""Modes from command to folder: Table 1 of any source, pictures, convergence, second-order terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.io.modal_sources import Design, ModalSource
+from microvib.io.modal_table import modes_csv
+from microvib.io.results import read_table, write_folder
+from microvib.reports.blocks import count, drawn, signed, study
+from microvib.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
+from microvib.reports.parameters import parameter_table
+from microvib.reports.rendering import report_files
+from microvib.reports.typography import file_name
+from microvib.structures.modal import DIRECTIONS, ModalModel
+from microvib.structures.simulator_design import SimulatorDesign
+
+if TYPE_CHECKING:
+    from microvib.structures.fem.modes import Modes
+
+ENOUGH = 0.9
+"""Cumulative fraction of effective inertia that practice asks for (paper, section 3.1)."""
+RATES = {"cruise": 0.06, "fast slew": 1.0}  # deg/s
+_MOST_PICTURED = 12
+_MOST_NODES = 4000
+
+
+def mode_kinds(source: ModalSource) -> tuple[str, ...]:
+    """Kind of each mode: from its shape where that is known, else the direction in which it takes part most."""
+    if source.modes is not None and source.design is not None:
+        from microvib.structures.fem.described import kinds
+
+        return kinds(source.design, source.modes)
+    with np.errstate(invalid="ignore"):
+        fraction = np.nan_to_num(source.model.fraction)
+    return tuple(DIRECTIONS[k] for k in np.argmax(fraction, axis=0))
+
+
+def enough_sentence(model: ModalModel) -> str:
+    """The 90 % rule, and what it leaves out."""
+    cumulative = np.cumsum(model.fraction[model.axis])
+    reached = np.flatnonzero(cumulative >= ENOUGH)
+    what = f"90 % of the inertia about {model.drive_axis}"
+    first = (
+        f"{what} is reached with {reached[0] + 1} mode{'s' if reached[0] else ''}."
+        if reached.size
+        else f"{what} is not reached with {model.frequency.size} modes ({100 * cumulative[-1]:.1f} %): ask for more."
+    )
+    return (
+        f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and decides the lines above"
+        f" {model.frequency[-1]:.3g} Hz."
+    )
+
+
+def table_text(source: ModalSource) -> str:
+    """Table 1 as text."""
+    header, rows = table_1(source)
+    widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
+    lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows]]
+    m = source.model
+    lines += ["", f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²"]
+    if m.spatial:
+        lines[-1] += f", mass {m.mass[0, 0]:.5g} kg"
+    return "\n".join([*lines, enough_sentence(m), *m.notes])
+
+
+def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of Table 1; beside the paper's for the array that was fitted to it."""
+    m, paper = source.model, _paper(source)
+    header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]"]
+    rows = []
+    cumulative = np.cumsum(m.fraction[m.axis])
+    effective, fraction = _without_noise(m.effective[m.axis], m.inertia), _without_noise(m.fraction[m.axis], 1.0)
+    for k, kind in enumerate(mode_kinds(source)):
+        rows.append(
+            [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}",
+             f"{fraction[k]:.3g}", f"{cumulative[k]:.4f}"]
+        )  # fmt: skip
+        if paper:
+            rows[-1] += _paper_cells(paper, k, m.frequency[k])
+    if not paper:
+        return header, rows
+    return [*header, "paper [Hz]", "diff. [%]", "paper fraction [1]"][: len(rows[0])], rows
+
+
+def _without_noise(values: np.ndarray, whole: float) -> np.ndarray:
+    """Zero where there is nothing but rounding of the ``whole``."""
+    return np.where(np.abs(values) > 1e-12 * whole, values, 0.0)
+
+
+_PAPER = {
+    "reference-array": ("table1_array_modes", "frequency_hz"),
+    "reference-sas": ("table4_sas_modes", "finite_element_hz"),
+}
+"""Table of the paper, and its column, that a structure of the catalog was fitted to."""
+
+
+def _paper(source: ModalSource) -> list[dict[str, str]]:
+    if source.name not in _PAPER:
+        return []
+    table, column = _PAPER[source.name]
+    return [{"frequency_hz": row[column], **row} for row in read_table(table)]
+
+
+def _paper_cells(paper: list[dict[str, str]], k: int, frequency: float) -> list[str]:
+    """The paper's frequency, the difference from it, and where its table has them the effective fraction."""
+    fractions = "effective_fraction" in paper[0]
+    if k >= len(paper):
+        return [""] * (3 if fractions else 2)
+    f = float(paper[k]["frequency_hz"])
+    cells = [f"{f:g}", f"{100 * (frequency / f - 1):+.1f}"]
+    return [*cells, f"{float(paper[k]['effective_fraction']):.3g}"] if fractions else cells
+
+
+def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """``modes.csv``, the report and, of finite elements, ``modes.png``; names of the files."""
+    files: dict[str, Any] = {"modes.csv": modes_csv(source.model)}
+    files |= report_files(modes_report(source, form), form)
+    if source.modes is not None:
+        from microvib.reports.mode_shapes import draw_shapes
+
+        figure = draw_shapes(source.modes, mode_kinds(source), _MOST_PICTURED)
+        files["modes.png"] = lambda path: figure.savefig(path, format="png", dpi=200)
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+def modes_report(source: ModalSource, form: Form | None = None) -> Document:
+    """The report on the modes of one source."""
+    model, design = source.model, source.design
+    front: list[Block] = [table(*table_1(source)), Text(enough_sentence(model))]
+    front += [Text(f"To be checked: {' '.join(model.notes)}")] if model.notes else []
+    sections: list[Section] = []
+    if source.modes is not None and design is not None:
+        front.append(_shapes(design, source.modes))
+        sections = [
+            *_motion(design, source.modes),
+            _convergence(source),
+            *_rope(source),
+            _second_order(source.modes, model),
+        ]
+    sections += _spatial(model) if model.spatial else []
+    if design is not None:
+        origin = (Text(design.source),) if design.source else ()
+        sections.append(Section("Description", (*origin, parameter_table(design)), new_page=True))
+    return study(
+        "Modes report",
+        f"Modes of {model.title or file_name(source.name)}",
+        f"{file_name(source.name)}: {model.frequency.size} modes with the interface clamped,"
+        f" drive axis {model.drive_axis} (as Table 1).",
+        facts=_facts(model),
+        front=front,
+        sections=sections,
+        form=form,
+        parts={} if design is None else {"description": design},
+    )
+
+
+def _facts(model: ModalModel) -> list[Fact]:
+    dominant, held = int(np.argmax(model.effective[model.axis])), float(model.fraction[model.axis].sum())
+    return [
+        Fact(
+            f"{100 * held:.1f} %",
+            f"of the inertia about {model.drive_axis} in {count(model.frequency.size, 'mode')}; practice asks for 90 %",
+            "pass" if held >= ENOUGH else "fail",
+        ),
+        Fact(f"{model.frequency[dominant]:.4g} Hz", f"mode {dominant + 1}, the strongest about {model.drive_axis}"),
+        Fact(f"{model.inertia:.4g} kg m²", f"inertia about {model.drive_axis}"),
+        Fact(f"{model.J_h:.4g} kg m²", "residual J_h, rigid on the shaft"),
+    ]
+
+
+def _shapes(design: Design, modes: Modes) -> Block:
+    from microvib.reports.mode_shapes import draw_shapes
+    from microvib.structures.fem.described import kinds, meanings
+
+    found = kinds(design, modes)
+    legend = "; ".join(f"{key} {meaning}" for key, meaning in meanings(design).items() if key in found)
+    caption = f"Mode shapes: displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."
+    return drawn(draw_shapes(modes, found, min(_MOST_PICTURED, len(found))), "Mode shapes", caption)
+
+
+def _motion(design: Design, modes: Modes) -> list[Section]:
+    from microvib.reports.mode_shapes import animation
+    from microvib.structures.fem.described import kinds
+
+    if len(modes.structure.xyz) > _MOST_NODES:
+        return []
+    found = kinds(design, modes)
+    moving = animation(modes, found, min(_MOST_PICTURED, len(found)))
+    return [Section("In motion", (Live(str(moving)),))]
+
+
+def _convergence(source: ModalSource) -> Section:
+    """Frequencies on a mesh of twice the size, mode by mode of each kind."""
+    from microvib.structures.fem.described import kinds, solved
+
+    design, modes = source.design, source.modes
+    assert design is not None
+    assert modes is not None
+    coarse = solved(design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size)
+    fine = _by_kind(modes.frequency, mode_kinds(source))
+    other = _by_kind(coarse.frequency, kinds(design, coarse))
+    rows = []
+    for k, (key, f) in enumerate(fine.items(), 1):
+        g = other.get(key, math.nan)
+        rows.append(
+            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", signed(100 * (g / f - 1))] if key in other else ["", ""])]
+        )
+    text = (
+        f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
+        f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
+        " small asks for a finer mesh."
+    )
+    header = ["mode", "kind", "f [Hz]", "coarser [Hz]", "difference [%]"]
+    return Section("Convergence", (Text(text), table(header, rows)))
+
+
+def _rope(source: ModalSource) -> list[Section]:
+    """Frequencies of a simulator without its rope."""
+    from microvib.structures.fem.described import solved
+
+    design, modes = source.design, source.modes
+    if not isinstance(design, SimulatorDesign) or design.rope is None:
+        return []
+    assert modes is not None
+    without = solved(design.model_copy(update={"rope": None}), modes.frequency.size).frequency
+    pairs = zip(modes.frequency, without, strict=True)
+    rows = [[str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"] for k, (f, g) in enumerate(pairs, 1)]
+    text = "The same without the rope that hangs it up; the mass of the rope is in neither."
+    header = ["mode", "with [Hz]", "without [Hz]", "difference [%]"]
+    return [Section("Suspension rope", (Text(text), table(header, rows)))]
+
+
+def _by_kind(frequency: np.ndarray, kinds: Sequence[str]) -> dict[tuple[str, int], float]:
+    """Frequencies under their kind and their number in it."""
+    found: dict[tuple[str, int], float] = {}
+    for f, kind in zip(frequency, kinds, strict=True):
+        found[kind, sum(key[0] == kind for key in found)] = float(f)
+    return found
+
+
+def _second_order(modes: Modes, model: ModalModel) -> Section:
+    from microvib.structures.fem.coupling import size
+
+    rows = []
+    for name, rate in RATES.items():
+        s = size(modes, math.radians(rate), model.damping, model.axis - 3)
+        rows.append(
+            [f"{name}, {rate:g} deg/s", *(f"{v:.2g}" for v in (s.coriolis, s.centrifugal, s.frequency, s.torque))]
+        )
+    text = (
+        "What Eq. 15 has and Eq. 16 drops, computed from the elements for a steady rate: Coriolis coupling over inertia forces,"
+        " centrifugal over elastic force, and what both change in the natural frequencies and in the torque that an acceleration of"
+        " the shaft takes, at worst from 0.01 to 200 Hz. Stiffening by the steady tension, of the size of the centrifugal"
+        " column, is in neither equation."
+    )
+    header = ["rate", "Coriolis [1]", "centrifugal [1]", "frequencies [1]", "torque [1]"]
+    return Section("Second-order terms", (Text(text), table(header, rows)))
+
+
+def _spatial(model: ModalModel) -> list[Section]:
+    fraction = model.fraction
+    cumulative = np.cumsum(fraction, axis=1)
+    rows = [
+        [
+            str(k + 1),
+            f"{f:.4g}",
+            *(f"{100 * a:.2f} / {100 * b:.2f}" for a, b in zip(fraction[:, k], cumulative[:, k], strict=True)),
+        ]
+        for k, f in enumerate(model.frequency)
+    ]
+    mass = _without_noise(model.mass, float(np.abs(model.mass).max()))
+    rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(DIRECTIONS, mass, strict=True)]
+    text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulated after the stroke."
+    return [
+        Section(
+            "Effective mass in six directions",
+            (Text(text), table(["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)], rows)),
+        ),
+        Section(
+            "Rigid body at the interface",
+            (
+                Text("Mass matrix about the interface point, in kg and m."),
+                table(["row", *(f"{d} [1]" for d in DIRECTIONS)], rigid),
+            ),
+        ),
+    ]

@@ -1,0 +1,364 @@
+"""Rate plans as text, tables and pictures: Campbell diagram, largest line over rate, forbidden bands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.io.results import rows_csv, write_folder
+from microvib.reports import figures
+from microvib.reports.blocks import count, drawn, given, milli, number, plain, study, torque
+from microvib.reports.document import Document, Fact, Form, Section, Table, Text, table
+from microvib.reports.rendering import report_files
+from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FAINTEST = 1e-3
+"""Amplitude over the largest of the plan below which a Campbell diagram draws nothing."""
+SHOWN = 12
+
+
+def _deg(rate: float, digits: int = 5) -> str:
+    return f"{math.degrees(rate):.{digits}g}"
+
+
+def plan_text(plan: RatePlan) -> str:
+    """Best rates, forbidden bands and the strongest resonances, as text."""
+    lines = [
+        _how(plan),
+        "",
+        f"{'microsteps':>10s} {'best deg/s':>11s} {'its largest line':>17s} {'worst of the range':>19s}",
+    ]
+    for n in plan.counts:
+        best = plan.best(n)
+        shown = (_deg(best[0].rate), f"{best[1]:.4g} N m") if best else ("none", "")
+        lines.append(f"{n:10d} {shown[0]:>11s} {shown[1]:>17s} {number(plan.worst(n)):>15s} N m")
+    lines.append(best_text(plan))
+    if plan.limit is not None or plan.keep_away:
+        lines += [
+            "",
+            f"Forbidden, {_criteria(plan)}:",
+            *(_band_text(b) for b in plan.forbidden),
+        ]
+        lines += [] if plan.forbidden else ["none"]
+    strong = strongest(plan.resonances)
+    if strong:
+        lines += ["", "Where lines meet modes, the strongest:"]
+        lines += [f"{'microsteps':>10s} {'deg/s':>9s} {'Hz':>9s} {'N m':>10s}  line on mode"]
+        lines += [
+            f"{r.microsteps:10d} {_deg(r.rate):>9s} {r.frequency:9.4g} {number(r.amplitude):>10s}  {r.line} on {r.mode}"
+            for r in strong
+        ]
+    lines += _unsolved(plan)
+    return "\n".join(lines)
+
+
+def best_text(plan: RatePlan) -> str:
+    """The best rate with what it is worth, or that there is none and what comes nearest."""
+    found, least = plan.best(), plan.least()
+    if least is None:
+        return "Best: none; all cases failed."
+    case, top = found or least
+    near = plan.nearest(case)
+    away = f"; {near[0].line} on {near[0].mode} is {_away(near[1])} away" if near else ""
+    end = "; it lies at the end of the range, beyond which there may be better" if plan.is_at_end(case) else ""
+    in_time = "; not a steady state but the run in time" if case.reason else ""
+    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m{away}{in_time}{end}."
+    return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
+
+
+def _away(part: float) -> str:
+    return f"{100 * part:.2g} % of the rate" if part < 1.0 else "more than its own rate"
+
+
+def _criteria(plan: RatePlan) -> str:
+    """What a rate must meet, in words."""
+    parts = [f"for a limit of {plan.limit:g} N m{_in_band(plan)}"] if plan.limit is not None else []
+    parts += [f"at least {100 * plan.keep_away:g} % away from resonances"] if plan.keep_away else []
+    return " and ".join(parts) or "of those asked for"
+
+
+def _how(plan: RatePlan) -> str:
+    rates = [case.rate for case in plan.cases]
+    return (
+        f"{len(plan.cases)} cases, {_deg(min(rates))} to {_deg(max(rates))} deg/s, {', '.join(map(str, plan.counts))}"
+        f" microsteps per full step: {found_text(plan)}{_in_band(plan)}."
+    )
+
+
+def found_text(plan: RatePlan) -> str:
+    """How the cases were found, counted."""
+    if plan.linear:
+        return "linearised drive, driving lines only"
+    failed = sum(not case.lines for case in plan.cases)
+    in_time = sum(bool(case.reason) for case in plan.cases) - failed
+    parts = [f"{len(plan.cases) - failed - in_time} steady states of the full model"]
+    parts += [f"{in_time} runs in time"] if in_time else []
+    parts += [f"{failed} failed"] if failed else []
+    return ", ".join(parts)
+
+
+def _in_band(plan: RatePlan) -> str:
+    low, high = plan.band
+    return f", lines from {low:g} to {high:g} Hz" if math.isfinite(high) else ""
+
+
+def _band_text(b: Forbidden) -> str:
+    what = f"{b.line} reaches {b.largest:.4g} N m" if b.why == ABOVE else b.why
+    return f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {what}"
+
+
+def strongest(resonances: Iterable[Resonance], count: int = SHOWN) -> list[Resonance]:
+    """Resonances by amplitude, those without one first: there, nothing is known."""
+    return sorted(resonances, key=lambda r: -r.amplitude if math.isfinite(r.amplitude) else -math.inf)[:count]
+
+
+def _unsolved(plan: RatePlan) -> list[str]:
+    """What was simulated in time, and what failed, with the reasons."""
+    texts = []
+    for cases, what in (
+        ([c for c in plan.cases if c.reason and c.lines], "were simulated in time, for they have no steady state"),
+        ([c for c in plan.cases if c.reason and not c.lines], "failed"),
+    ):
+        if cases:
+            reasons = "; ".join(list(dict.fromkeys(case.reason for case in cases))[:4])
+            texts += ["", f"{len(cases)} of {len(plan.cases)} cases {what} (see rates.csv): {reasons}."]
+    return texts
+
+
+def linear_text(plan: RatePlan) -> str:
+    """The linear plan's error against the full model, as text."""
+    parts = [
+        f"{n} microsteps: median {plain(100 * median, 3)} %, largest {plain(100 * top, 3)} % of {lines} lines"
+        for n, (median, top, lines) in linear_error(plan).items()
+    ]
+    return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."
+
+
+def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """Tables, pictures and report of a plan; names of the files."""
+    campbell, largest = draw_campbell(plan), draw_largest(plan)
+    files: dict[str, Any] = {
+        "rates.csv": rows_csv(
+            ("rate_deg_s", "microsteps", "line", "kind", "order", "frequency_hz", "amplitude_n_m", "status"),
+            _case_rows(plan),
+        ),
+        "resonances.csv": rows_csv(
+            ("microsteps", "rate_deg_s", "mode", "mode_hz", "line", "frequency_hz", "amplitude_n_m"),
+            (
+                (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude)
+                for r in plan.resonances
+            ),
+        ),
+        "forbidden.csv": rows_csv(
+            ("microsteps", "from_deg_s", "to_deg_s", "why", "line", "largest_n_m"),
+            (
+                (b.microsteps, math.degrees(b.low), math.degrees(b.high), b.why, b.line, b.largest)
+                for b in plan.forbidden
+            ),
+        ),
+        "campbell.png": lambda path: campbell.savefig(path, format="png", dpi=200),
+        "largest.png": lambda path: largest.savefig(path, format="png", dpi=200),
+        **report_files(plan_report(plan, text, campbell, largest, form), form),
+    }
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
+    for case in plan.cases:
+        head = (math.degrees(case.rate), case.microsteps)
+        status = "linear" if plan.linear else f"in time: {case.reason}" if case.reason else "steady"
+        if not case.lines:
+            yield (*head, "", "", math.nan, math.nan, math.nan, f"failed: {case.reason}")
+        for x in case.lines:
+            yield (*head, x.line, x.kind, x.order, x.frequency, x.amplitude, status)
+
+
+def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, form: Form | None = None) -> Document:
+    """The report of a plan: best rates and what to keep away from, largest line over rate, Campbell diagram."""
+    over_rate = drawn(
+        largest,
+        "Largest line over rate",
+        "Largest line over rate. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but the run in time.",
+    )
+    diagram = drawn(
+        campbell, "Campbell diagram", "Dashed: modes as seen through the drive. Rings: where a line meets one."
+    )
+    bands = [Section("Forbidden rates", (_forbidden(plan),))] if plan.forbidden else []
+    met = (
+        [
+            Section(
+                "Resonances",
+                (Text("The strongest, to a hundredth of the largest; all are in `resonances.csv`."), _met(plan)),
+            )
+        ]
+        if plan.resonances
+        else []
+    )
+    return study(
+        "Rate plan",
+        f"Rate plan: {plan.scenario.title or 'drive'}",
+        _how(plan),
+        facts=_facts(plan),
+        front=(_best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), over_rate),
+        sections=(Section("Campbell diagram", (diagram,), new_page=True), *bands, *met, *_not_solved(plan)),
+        form=form,
+        scenario=plan.scenario,
+    )
+
+
+def _facts(plan: RatePlan) -> list[Fact]:
+    facts = []
+    if found := plan.best():
+        case, top = found
+        end = ", at the end of the range" if plan.is_at_end(case) else ""
+        facts = [
+            Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps{end}"),
+            Fact(torque(top), "its largest line"),
+        ]
+    elif least := plan.least():
+        case, top = least
+        facts = [
+            Fact("None", f"no rate {_criteria(plan)}", "fail"),
+            Fact(torque(top), f"smallest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"),
+        ]
+    if plan.limit is not None:
+        facts += [_margin(found[1], plan.limit)] if found else []
+        facts.append(Fact(given(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
+    return facts
+
+
+def _margin(top: float, limit: float) -> Fact:
+    """The largest line of the best rate against the limit."""
+    if not top > 0.0:
+        return Fact("Pass", "no line at the best rate", "pass")
+    return Fact(
+        f"{20 * math.log10(limit / top):+.1f} dB", "its margin to the limit", "pass" if top <= limit else "fail"
+    )
+
+
+def _best(plan: RatePlan) -> Table:
+    rows = [
+        [
+            str(n),
+            *([_deg(found[0].rate), milli(found[1])] if (found := plan.best(n)) else ["none", ""]),
+            milli(plan.worst(n)),
+        ]
+        for n in plan.counts
+    ]
+    return table(["microsteps [1]", "best rate [deg/s]", "its largest line [mN m]", "worst of the range [mN m]"], rows)
+
+
+def _forbidden(plan: RatePlan) -> Table:
+    rows = [[str(b.microsteps), _deg(b.low), _deg(b.high), milli(b.largest), b.line, b.why] for b in plan.forbidden]
+    return table(["microsteps [1]", "from [deg/s]", "to [deg/s]", "largest [mN m]", "line", "why"], rows)
+
+
+_LEAST_MET = 0.01
+"""Part of the largest line at a resonance below which a report leaves a resonance to the file."""
+
+
+def _met(plan: RatePlan) -> Table:
+    top = max((r.amplitude for r in plan.resonances if math.isfinite(r.amplitude)), default=0.0)
+    rows = [
+        [str(r.microsteps), _deg(r.rate), number(r.frequency), milli(r.amplitude), r.line, r.mode]
+        for r in strongest(plan.resonances, 40)
+        if not r.amplitude < _LEAST_MET * top
+    ]
+    return table(["microsteps [1]", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"], rows)
+
+
+def _not_solved(plan: RatePlan) -> list[Section]:
+    texts = tuple(Text(text) for text in _unsolved(plan) if text)
+    return [Section("Without a steady state", texts)] if texts else []
+
+
+def draw_campbell(plan: RatePlan) -> Figure:
+    """Lines over rate and frequency, coloured by amplitude; one panel for each microstep count."""
+    from matplotlib.colors import LogNorm
+
+    columns = min(len(plan.counts), 2)
+    rows = math.ceil(len(plan.counts) / columns)
+    figure, axes = figures.sheet((2.9 if columns == 2 else 3.9) * rows, rows, columns)
+    top = max((1e3 * x.amplitude for case in plan.cases for x in case.lines), default=1.0)
+    norm = LogNorm(FAINTEST * top, top)
+    for ax, n in zip(axes.flat, plan.counts, strict=False):
+        points = _draw_order_lines(ax, plan, n, norm)
+    for ax in list(axes.flat)[len(plan.counts) :]:
+        ax.set_visible(False)
+    figure.colorbar(points, ax=axes, label="amplitude of the line, 0-to-peak [mN m]", pad=0.01)
+    return figure
+
+
+def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
+    shown = [
+        (math.degrees(c.rate), x.frequency, 1e3 * x.amplitude)
+        for c in plan.of(n)
+        for x in c.lines
+        if 1e3 * x.amplitude >= norm.vmin
+    ]
+    shown.sort(key=lambda point: point[2])
+    rate, frequency, amplitude = np.array(shown).reshape(-1, 3).T
+    points = ax.scatter(rate, frequency, c=amplitude, norm=norm, cmap="viridis_r", s=5.0, linewidths=0, rasterized=True)
+    frequencies = [*frequency, *(m.frequency for m in plan.modes)]
+    ax.set_yscale("log")
+    ax.set_ylim(0.7 * min(frequencies, default=1.0), 1.6 * max(frequencies, default=10.0))
+    rates = [math.degrees(case.rate) for case in plan.of(n)]
+    ax.set_xlim(min(rates), max(rates))
+    for mode in plan.modes:
+        ax.axhline(mode.frequency, color=figures.GREY, linestyle="--", linewidth=0.9)
+        ax.annotate(
+            f"{mode.name} {mode.frequency:.3g} Hz", (1.0, mode.frequency), xycoords=("axes fraction", "data"),
+            xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=6.5, color="#333333",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
+        )  # fmt: skip
+    met = [r for r in plan.resonances if r.microsteps == n]
+    ax.plot(
+        [math.degrees(r.rate) for r in met],
+        [r.frequency for r in met],
+        "o",
+        color=figures.RED,
+        fillstyle="none",
+        markersize=7,
+        zorder=6,
+    )
+    ax.set(xlabel="rate of the array [deg/s]", ylabel="frequency [Hz]", title=f"{n} microsteps per full step")
+    return points
+
+
+def draw_largest(plan: RatePlan) -> Figure:
+    """Largest line over rate, with the limit and what it forbids; one panel for each microstep count."""
+    figure, axes = figures.sheet(min(0.6 + 2.0 * len(plan.counts), 7.6), len(plan.counts))
+    tops = [1e3 * line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
+    low, high = (0.5 * min(tops), 3.0 * max(tops)) if tops else (1e-3, 1e3)
+    limit = None if plan.limit is None else 1e3 * plan.limit
+    for ax, n in zip(axes[:, 0], plan.counts, strict=True):
+        cases = plan.of(n)
+        rate = [math.degrees(case.rate) for case in cases]
+        top = [1e3 * line.amplitude if (line := case.largest(plan.band)) else math.nan for case in cases]
+        ax.semilogy(rate, top, color=figures.BLUE, linewidth=1.0, marker=".", markersize=3)
+        ax.set_ylim(low if limit is None else min(low, 0.5 * limit), high if limit is None else max(high, 2.0 * limit))
+        for case in cases:
+            if case.reason:
+                ax.axvline(math.degrees(case.rate), color=figures.GREY, linewidth=0.8, linestyle=":")
+        if limit is not None:
+            ax.axhline(limit, color="black", linewidth=1.2, linestyle="--", label=f"limit {limit:.4g} mN m")
+            ax.legend(loc="upper right", fontsize=7.5)
+        for b in plan.forbidden:
+            if b.microsteps == n:
+                hatch = None if b.why == ABOVE else "///"
+                ax.axvspan(
+                    math.degrees(b.low), math.degrees(b.high), color=figures.RED, alpha=0.15, linewidth=0, hatch=hatch
+                )
+        ax.set(ylabel="largest line [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
+        ax.set_xlim(min(rate), max(rate))
+    axes[-1, 0].set_xlabel("rate of the array [deg/s]")
+    return figure

@@ -1,0 +1,187 @@
+"""The first page of a run's report: what was simulated, its main lines with margins, the picture that matters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from microvib.analysis.accuracy import estimate_in
+from microvib.analysis.limits import Judgement, unsettled
+from microvib.model.scenario import Scenario
+from microvib.reports import figures
+from microvib.reports.blocks import count, drawn, figure, given, milli, short, torque
+from microvib.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
+from microvib.reports.run.trust import failing, invariants_sentence
+from microvib.signals.line_table import Line, LineTable
+from microvib.solve.motion import Motion
+
+MOST = 10
+"""Lines on the first page."""
+
+
+def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Fact, ...]:
+    """The verdict, or without a limit the largest lines; largest torque and RMS."""
+    T_d = motion["T_d"]
+    sizes = (
+        Fact(torque(float(np.abs(T_d).max())), "largest T_d"),
+        Fact(torque(float(T_d.std())), "RMS about the mean"),
+    )
+    doubt = [Fact("NOT to be used", "an invariant does not hold", "fail")] if failing(motion) else []
+    if judged is not None:
+        return (*doubt, *_verdict(judged), *sizes)
+    largest = (Fact(torque(x.amplitude_n_m), _where(x)) for x in _largest(lines)[:2])
+    return (*doubt, *largest, *sizes)
+
+
+def _where(line: Line) -> str:
+    """Name and frequency of a line, and that it decays, for then it is none of the motion once that has settled."""
+    settled = {"decaying": ", decaying: not settled", "growing": ", growing"}.get(line.status, "")
+    return f"{line.line} at {figure(line.frequency_hz)} Hz{settled}"
+
+
+def _verdict(judged: Judgement) -> list[Fact]:
+    label = f"limit {given(judged.limit.torque)} {judged.limit.band}".strip()
+    total = len(judged.margins)
+    if not total and not judged.gaps:
+        return [Fact("no line to judge", label)]
+    whole = {
+        "fail": Fact(f"FAIL: {judged.above} of {total} lines", label, "fail"),
+        "pass": Fact(f"Pass: {count(total, 'line')}", label, "pass"),
+        "not judged": Fact("Not judged", f"{label}: {judged.gaps[0] if judged.gaps else ''}", "fail"),
+    }[judged.verdict]
+    worst = next((m for m in judged.margins if m.verdict != "not judged"), None)
+    if worst is None:
+        return [whole]
+    return [
+        whole,
+        Fact(f"{worst.decibel:+.1f} dB", f"smallest margin, factor {figure(worst.factor, 3)}: {worst.line.line}"),
+    ]
+
+
+def _largest(lines: LineTable) -> list[Line]:
+    seen = [x for x in lines.notable() if x.status in ("ok", "decaying", "growing")]
+    return sorted(seen, key=lambda x: -x.amplitude_n_m)
+
+
+def front(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
+    """What was simulated, the main lines, what they do not say by themselves, and the picture."""
+    return (
+        pairs(_simulated(motion)),
+        _main_lines(lines, judged),
+        *_notes(motion, lines, judged),
+        _picture(motion, lines, judged),
+    )
+
+
+def _simulated(motion: Motion) -> list[tuple[str, str]]:
+    scenario = motion.scenario
+    motor, driver, reducer = scenario.motor, scenario.driver, scenario.reducer
+    array, record = scenario.array, scenario.record
+    stiffness = "rigid" if reducer.rigid else f"{float(reducer.stiffness):.5g} N m/rad"
+    first = f", the first clamped at {array.modes[0].frequency:.5g} Hz" if array.modes else ""
+    rows = [
+        (
+            "Drive",
+            f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step, reducer {reducer.ratio:g}:1,"
+            f" {stiffness}",
+        ),
+        ("Array", f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}"),
+        ("Motion", _motion(motion)),
+        ("Record", f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s"),
+    ]
+    rows += [("Values", short(scenario.source, 160))] if scenario.source else []
+    return [*rows, ("Invariants", invariants_sentence(motion)), *_integration(motion)]
+
+
+def _integration(motion: Motion) -> list[tuple[str, str]]:
+    estimate = estimate_in(motion.solver)
+    return [] if estimate is None else [("Integration", str(estimate))]
+
+
+def _motion(motion: Motion) -> str:
+    rate, f_d = motion.scenario.rate, motion.scenario.driving_frequency
+    parts = ["at a rate that changes" if rate is None else f"at {math.degrees(rate):.6g} deg/s"]
+    parts += [f"driving frequency {f_d:.5g} Hz"] if f_d else []
+    if "stuck_output" in motion.channels:
+        parts.append(f"the shaft sticks {100 * motion['stuck_output'].mean():.3g} % of the time")
+    return ", ".join(parts)
+
+
+def _shown(lines: LineTable, judged: Judgement | None) -> list[Line]:
+    """The largest lines, or those with the smallest margins, by frequency."""
+    of_limit = [m.line for m in judged.margins[:MOST]] if judged else []
+    return sorted(of_limit if judged else _largest(lines)[:MOST], key=lambda x: x.frequency_hz)
+
+
+def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
+    shown = _shown(lines, judged)
+    header = ["line", "frequency [Hz]", "amplitude [mN m]", *(JUDGED if judged else ["what it is"])]
+    rows = [
+        [x.line, figure(x.frequency_hz, 5), milli(x.amplitude_n_m), *(judged_cells(x, judged) if judged else [what(x)])]
+        for x in shown
+    ]
+    which = (
+        f"The {len(shown)} of {len(lines)} lines with the {'smallest margins' if judged else 'largest amplitudes'}. "
+    )
+    return table(
+        header, rows, (which if len(shown) < len(lines) else "") + "Amplitudes 0-to-peak.", marks(shown, judged)
+    )
+
+
+JUDGED = ["margin [dB]", "factor [1]", "verdict"]
+"""Heads of ``judged_cells``."""
+
+
+def judged_cells(line: Line, judged: Judgement) -> list[str]:
+    """Margin in dB and as a factor, and the verdict in a word; a line may also be outside the band."""
+    margin = judged.of(line)
+    if margin is None:
+        return ["", "", "not judged" if line in judged.unknown else "outside"]
+    return [
+        f"{margin.decibel:+.1f}" if math.isfinite(margin.decibel) else "",
+        figure(margin.factor, 3),
+        "FAIL" if margin.fails else margin.verdict,
+    ]
+
+
+def marks(shown: Sequence[Line], judged: Judgement | None) -> dict[int, Mark]:
+    """How the rows of lines stand out."""
+    margins = {} if judged is None else {k: judged.of(x) for k, x in enumerate(shown)}
+    return {k: "fail" if m.fails else "pass" for k, m in margins.items() if m is not None and m.verdict != "not judged"}
+
+
+def what(line: Line) -> str:
+    """Origin of a line, and its status where that is not simply seen."""
+    return line.origin if line.status == "ok" else f"{line.origin}; {line.status}"
+
+
+def _notes(motion: Motion, lines: LineTable, judged: Judgement | None) -> list[Text]:
+    notes = [*_doubts(motion.scenario), *unsettled(lines, motion.scenario), *(_limits(judged) if judged else [])]
+    return [Text(" ".join(notes), note=True)] if notes else []
+
+
+def _doubts(scenario: Scenario) -> Iterable[str]:
+    found = scenario.doubts()
+    yield from (f"{text}." for text in found[:4])
+    if len(found) > 4:
+        yield f"So are {len(found) - 4} more; `microvib show scenario.yaml` names them."
+
+
+def _limits(judged: Judgement) -> Iterable[str]:
+    """What a margin is worth, and of which lines there is none."""
+    yield "A margin is limit over amplitude, of this one run, without allowance for the uncertainty of parameters."
+    if judged.gaps:
+        yield judged.not_judged(4).strip()
+
+
+def _picture(motion: Motion, lines: LineTable, judged: Judgement | None) -> Figure:
+    squares = ", squares those above the limit" if judged and judged.above else ""
+    caption = (
+        f"Above, amplitude spectrum of T_d, one-sided, 0-to-peak; dots are the estimated lines{squares}. Below, T_d over the"
+        " record."
+    )
+    alt = "Spectrum of the disturbance torque with named lines, and time history"
+    highest = figures.reach(_shown(lines, judged))
+    return drawn(figures.draw_front(motion, lines, highest, judged), alt, caption)

@@ -1,0 +1,177 @@
+"""The report of a run: what was simulated, its lines against a limit, and what they rest on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from microvib.analysis.accuracy import KEY
+from microvib.analysis.limits import Judgement, Limit, judge
+from microvib.io.results import package_versions, scenario_hash
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
+from microvib.reports import figures
+from microvib.reports.blocks import count, drawn, figure, made_by, milli
+from microvib.reports.document import Block, Code, Document, Form, Section, Text, pairs, table
+from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
+from microvib.reports.run.budget import budget_section
+from microvib.reports.run.first_page import facts, front, judged_cells, marks, what
+from microvib.reports.run.trust import trust_section
+from microvib.signals.line_table import FAINT, Line, LineTable
+from microvib.solve.motion import Motion
+from microvib.studies.paper import compare_with_paper, standing
+
+_NOT_SHOWN = ("wall_s", "times_real_time", KEY)
+"""What of the solver's account differs from run to run, or is told in words."""
+
+
+def run_report(
+    motion: Motion,
+    lines: LineTable,
+    *,
+    limit: Limit | None = None,
+    versions: Mapping[str, str] | None = None,
+    form: Form | None = None,
+) -> Document:
+    """The report on one run; ``versions`` are those that made the motion, without them today's."""
+    scenario, axis = motion.scenario, motion.scenario.array.drive_axis
+    versions, form = versions or package_versions(), form or Form()
+    judged = None if limit is None else judge(lines, limit, scenario)
+    return Document(
+        kind="Run report",
+        title=scenario.title or "microvib run",
+        subtitle=f"Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis ({axis}).",
+        facts=facts(motion, lines, judged),
+        front=front(motion, lines, judged),
+        sections=(
+            _all_lines(lines, judged),
+            *_beside_the_paper(scenario, lines),
+            _array_modes(motion, lines),
+            _microsteps(motion),
+            budget_section(motion, lines),
+            _frequencies(scenario),
+            Section("Parameters", (Text(status_sentence(scenario)), *parameter_blocks(scenario)), new_page=True),
+            Section("Derived values", (table(["quantity", "value [1]", "by"], derived_values(scenario)),)),
+            _method(motion),
+            trust_section(motion),
+            _provenance(motion, versions, form),
+        ),
+        made=made_by(versions["microvib"], scenario),
+        title_block=form.title_block,
+    )
+
+
+def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
+    worth = {x.line for x in lines.notable()} | {m.line.line for m in (judged.margins if judged else ()) if m.fails}
+    shown = tuple(x for x in lines if x.line in worth)
+    header = [
+        "line", "expected [Hz]", "found [Hz]", "amplitude [mN m]", "phase [rad]", "nearest bin [Hz]", "nearest bin [mN m]",
+        "what it is", *(["margin [dB]", "verdict"] if judged else []),
+    ]  # fmt: skip
+    rows = [[*_line_cells(x), *(judged_cells(x, judged)[::2] if judged else [])] for x in shown]
+    text = (
+        "Amplitudes are 0-to-peak and do not depend on where the bins fall. Nearest bin is the figure of a rectangular window"
+        " that the paper quotes, which reads up to 36 % low between bins. A decaying line is quoted with its mean over the"
+        " record. Phases are those of a cosine at the first sample."
+    )
+    listed = table(header, rows, _left_out(lines, shown), marks(shown, judged))
+    return Section("All lines", (Text(text), listed), new_page=True)
+
+
+def _line_cells(x: Line) -> list[str]:
+    phase = f"{x.phase_rad:.3f}" if math.isfinite(x.phase_rad) else ""
+    expected, found, bin_hz = (figure(f, 7) for f in (x.expected_hz, x.frequency_hz, x.bin_frequency_hz))
+    return [x.line, expected, found, milli(x.amplitude_n_m), phase, bin_hz, milli(x.bin_amplitude_n_m), what(x)]
+
+
+def _left_out(lines: LineTable, shown: tuple[Line, ...]) -> str:
+    """A sentence on the lines that are left to the CSV file."""
+    faint = [x.line for x in lines if x.status == FAINT]
+    small = len([x for x in lines if x.status != FAINT]) - len([x for x in shown if x.status != FAINT])
+    parts = [f"{count(small, 'small line')} more in `lines.csv`."] if small else []
+    if faint:
+        parts.append(f"Looked for and not found above the floor: {', '.join(faint)}.")
+    return " ".join(parts)
+
+
+def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
+    found = compare_with_paper(scenario, lines)
+    if not found:
+        return []
+    rows = [
+        [r.line, *(f"{f:.7g}" for f in (r.test_hz, r.paper_hz, r.ours_hz)),
+         *(milli(a) for a in (r.test_n_m, r.paper_n_m, r.ours_n_m)),
+         *(f"{100 * e:+.1f}" for e in (r.paper_error, r.our_error))]
+        for r in found
+    ]  # fmt: skip
+    header = ["line", "test [Hz]", "paper [Hz]", "this run [Hz]", "test [mN m]", "paper [mN m]", "this run [mN m]",
+              "paper over test [%]", "this run over test [%]"]  # fmt: skip
+    text = f"All in the paper's own form, nearest bin of a rectangular window; {standing(scenario)}."
+    caption = (
+        "Test and paper: Appl. Sci. 2021, 11, 9076, Tables 5 and 6 (paper: its simulation). The last columns are differences of"
+        " amplitude."
+    )
+    return [Section("Beside the paper", (Text(text), table(header, rows, caption)))]
+
+
+def _array_modes(motion: Motion, lines: LineTable) -> Section:
+    zoom, axes = figures.plain_sheet(2.6)
+    figures.draw_array_zoom(axes[0, 0], motion, lines)
+    caption = "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped frequency."
+    return Section("About the array's modes", (drawn(zoom, "Amplitude spectrum about the array's modes", caption),))
+
+
+def _microsteps(motion: Motion) -> Section:
+    drawing, axes = figures.plain_sheet(2.4)
+    figures.draw_stretch(axes[0, 0], motion)
+    caption = "The first microsteps of the record. Grey: the output shaft sticks, its rate is exactly zero."
+    return Section("Through the microsteps", (drawn(drawing, "Disturbance torque through a few microsteps", caption),))
+
+
+def _frequencies(scenario: Scenario) -> Section:
+    rows = [
+        [
+            m.name,
+            "" if m.fixed_frequency is None else figure(m.fixed_frequency, 5),
+            figure(m.frequency, 5),
+            figure(100 * m.damping, 3),
+        ]
+        for m in coupled_modes(scenario)[:40]
+    ]
+    header = ["name", "clamped [Hz]", "through the drive [Hz]", "damping ratio [%]"]
+    caption = "Of the linearised drive: mean electromagnetic spring, no Coulomb friction, no detent torque."
+    return Section("Natural frequencies", (table(header, rows, caption),))
+
+
+def _method(motion: Motion) -> Section:
+    duration = motion.scenario.record.duration
+    text = (
+        "The equations of motor, current loop, microstep command, frictions, reducer and flexible array are integrated in time"
+        " with an adaptive L-stable method; stick and slip are events that it locates. T_d is what the angular momentum of drive"
+        " and array loses (Eq. 20). Lines come from one Hann-windowed spectrum: the lines of the step clock share one clock ratio,"
+        " array modes are fitted as decaying tones, and all amplitudes come from one least-squares fit. The record of"
+        f" {duration:g} s has bins of {1 / duration:.4g} Hz."
+    )
+    account = [
+        (_words(key), f"{value:.4g}" if isinstance(value, float) else str(value))
+        for key, value in motion.solver.items()
+        if key not in _NOT_SHOWN
+    ]
+    return Section("Method", (Text(text), pairs(account)))
+
+
+def _words(key: str) -> str:
+    """A key of the solver's account, with its unit where it ends in one."""
+    name = key.removesuffix("_s")
+    return name.replace("_", " ") + (" [s]" if name != key else "")
+
+
+def _provenance(motion: Motion, versions: Mapping[str, str], form: Form) -> Section:
+    blocks: list[Block] = [
+        Text("In the folder of this report (the scenario there is complete):"),
+        Code("microvib run scenario.yaml --out again"),
+    ]
+    if form.command:
+        blocks += [Text("Made by:"), Code(form.command)]
+    made = [*versions.items(), ("scenario SHA-256", scenario_hash(motion.scenario))]
+    return Section("Versions, and how to reproduce", (*blocks, pairs(made)))

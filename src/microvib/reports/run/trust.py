@@ -1,0 +1,65 @@
+"""Whether a run can be trusted: its invariants, each against a bar, with a verdict in words."""
+
+from __future__ import annotations
+
+from microvib.analysis.accuracy import estimate_in
+from microvib.reports.document import Mark, Section, Text, table
+from microvib.solve.motion import Motion
+
+_BARS = {
+    "torque_forms": (1e-9, "largest difference of momentum form and force form of T_d, over the largest T_d"),
+    "momentum": (1e-3, "mean torque that the change of angular momentum does not account for, over the largest T_d"),
+    "energy": (1e-3, "|energy in - stored - dissipated| over the electrical energy put in"),
+    "energy_mechanical": (1e-3, "the same over the energy beyond Joule heat, which is the sharper figure"),
+}
+"""Bar of each invariant, and its meaning."""
+
+
+def failing(motion: Motion) -> list[str]:
+    """Names of the invariants that do not hold."""
+    values = vars(motion.invariants)
+    return [name for name, (bar, _) in _BARS.items() if not values[name] <= bar]
+
+
+def invariants_sentence(motion: Motion) -> str:
+    """Whether all invariants hold, with the two that say most."""
+    values, fails = vars(motion.invariants), failing(motion)
+    figures = f"momentum within {values['momentum']:.1e}, energy within {values['energy_mechanical']:.1e}"
+    return f"NOT all hold ({', '.join(fails)}); {figures}" if fails else f"all hold; {figures}"
+
+
+def trust_section(motion: Motion) -> Section:
+    """Every invariant with its bar and verdict, and what they do not say."""
+    values, fails = vars(motion.invariants), failing(motion)
+    verdict = f"NOT to be used: {', '.join(fails)} above the bar." if fails else "All invariants hold."
+    rows = [
+        (
+            name.replace("_", " "),
+            f"{values[name]:.2g}",
+            f"{bar:g}",
+            meaning,
+            "does NOT hold" if name in fails else "holds",
+        )
+        for name, (bar, meaning) in _BARS.items()
+    ]
+    marks: dict[int, Mark] = {k: "fail" if name in fails else "pass" for k, name in enumerate(_BARS)}
+    energy = (
+        f"Since the start {values['energy_in']:.4g} J of electrical energy were put in, {values['energy_dissipated']:.4g} J"
+        f" dissipated, {values['energy_stored']:.4g} J stored."
+    )
+    header = ["invariant", "value [1]", "at most [1]", "meaning", "verdict"]
+    return Section(
+        "Can it be trusted?", (Text(verdict), table(header, rows, "", marks), Text(energy), Text(_lines(motion)))
+    )
+
+
+def _lines(motion: Motion) -> str:
+    """What is known of the error of the lines, which invariants do not bound."""
+    estimate = estimate_in(motion.solver)
+    said = "These invariants do not bound the error of a line."
+    if estimate is not None:
+        return f"{said} The beginning of the record was run again from the same state with finer steps: {estimate}."
+    return (
+        f"{said} To see the lines converge, run again with `--set solver.refinement=2` and `4`: every step is then that many"
+        " times finer."
+    )

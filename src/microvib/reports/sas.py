@@ -1,0 +1,333 @@
+"""The simulator's sizing from options to folder: states, settings, tolerances, drawing."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from microvib.errors import ScenarioError
+from microvib.io.modal_sources import load_design, modal_source
+from microvib.io.results import to_json, write_folder
+from microvib.io.scenario_file import dump_part
+from microvib.reports.blocks import drawn, study
+from microvib.reports.document import Document, Fact, Form, Section, Text, table
+from microvib.reports.parameters import parameter_table
+from microvib.reports.rendering import report_files
+from microvib.reports.sas_drawing import draw_simulator
+from microvib.structures.modal import ModalModel
+from microvib.structures.simulator_design import SimulatorDesign
+from microvib.studies.sas import Setting, Sizing, State, paper_states, size, state_of_array, tolerance
+from microvib.units import convert
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MODES_OF_ARRAY = 20
+_MOST_STATES = 1000
+HEADER = (
+    "state", "f [Hz]", "J [kg m²]", "spring", "k [N/m]", "arm [mm]", "weight [kg]", "radius [mm]", "J_h [kg m²]",
+    "FE f [Hz]", "off [%]", "FE J [kg m²]", "off [%]",
+)  # fmt: skip
+COLUMNS = (
+    "state", "frequency_hz", "inertia_kg_m2", "spring", "rate_n_m", "arm_m", "counterweight_kg", "radius_m", "rigid_inertia_kg_m2",
+    "preload_m", "force_min_n", "force_max_n", "stress_pa", "allowable_pa", "elements_frequency_hz", "elements_inertia_kg_m2",
+)  # fmt: skip
+"""Columns of ``sas.csv``; SI units."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A sizing, with what it was made from."""
+
+    sizing: Sizing
+    rate: float
+    """Rate of the drive at which it starts or stops [rad/s]."""
+    array: ModalModel | None = None
+
+
+def quantity(option: str, text: str, unit: str, plain: bool = True) -> float:
+    """A positive number in ``unit`` from an option's text; without a unit where ``plain``. ScenarioError where it is none."""
+    try:
+        value = float(text) if plain and _is_number(text) else convert(text, unit)
+    except ValueError as error:
+        raise ScenarioError(f"{option}: '{text}' {error}") from None
+    if not (math.isfinite(value) and value > 0.0):
+        raise ScenarioError(f"{option}: '{text}' is not allowed; it must be a finite number greater than 0 {unit}")
+    return value
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def parse_state(text: str, name: str) -> State:
+    """A state from ``FREQUENCY:INERTIA``."""
+    frequency, colon, inertia = text.partition(":")
+    if not colon:
+        raise ScenarioError(f"--state: '{text}' is no state; write frequency and inertia, such as 1.19:8.18")
+    return State(name, quantity("--state", frequency, "Hz"), quantity("--state", inertia, "kg*m^2"))
+
+
+def read_states(path: Path) -> list[State]:
+    """States from a table with the columns ``mode_frequency_hz`` and ``inertia_kg_m2``, and ``state`` for their names."""
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
+    needed = ("mode_frequency_hz", "inertia_kg_m2")
+    missing = [name for name in needed if not rows or name not in rows[0]]
+    if missing or len(rows) > _MOST_STATES:
+        raise ScenarioError(
+            f"{path}: is no table of states; columns {' and '.join(needed)} and 1 to {_MOST_STATES} rows are wanted"
+        )
+    return [
+        State(
+            f"state {row.get('state') or k}",
+            quantity(f"{path}, row {k + 1}: {needed[0]}", row[needed[0]] or "", "Hz"),
+            quantity(f"{path}, row {k + 1}: {needed[1]}", row[needed[1]] or "", "kg*m^2"),
+        )
+        for k, row in enumerate(rows, 1)
+    ]
+
+
+def load_simulator(source: str) -> SimulatorDesign:
+    """Description of a simulator; ScenarioError where it is one of an array."""
+    design = load_design(source)
+    if not isinstance(design, SimulatorDesign):
+        raise ScenarioError(f"{source}: describes an array; a simulator is wanted, such as reference-sas")
+    return design
+
+
+def sized(
+    inertia: str | None, frequency: str | None, array: str | None, states: Sequence[str], file: Path | None,
+    amplitude: str, rate: str, design: str,
+) -> Result:  # fmt: skip
+    """A simulator from the command's options; a sentence where they do not go together or are out of reach."""
+    if (array is None) == (inertia is None and frequency is None) or (inertia is None) != (frequency is None):
+        raise ScenarioError("what is to be simulated is wanted: --inertia and --frequency, or --array alone")
+    if states and file is not None:
+        raise ScenarioError("--state and --states do not go together; give one of them")
+    model = None if array is None else modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY).model
+    if model is not None:
+        target = state_of_array(model, str(array))
+    else:
+        J = quantity("--inertia", str(inertia), "kg*m^2")
+        target = State("target", quantity("--frequency", str(frequency), "Hz"), J)
+    given = [parse_state(text, f"state {k}") for k, text in enumerate(states, 1)]
+    further = given or (read_states(file) if file is not None else paper_states())
+    angle = math.radians(quantity("--amplitude", amplitude, "deg", plain=False))
+    turning = math.radians(quantity("--rate", rate, "deg/s", plain=False))
+    return Result(size(target, further, load_simulator(design), angle), turning, model)
+
+
+def setting_rows(sizing: Sizing) -> list[list[str]]:
+    """Rows under ``HEADER``."""
+    return [_setting_row(setting) for setting in sizing.settings]
+
+
+def _setting_row(setting: Setting) -> list[str]:
+    d, s, (f, J) = setting.design, setting.state, setting.finite_elements
+    return [
+        s.name, f"{s.frequency:.4g}", f"{s.inertia:.4g}", d.spring.name, f"{d.spring.rate:g}", f"{1e3 * d.arm:.1f}",
+        f"{d.counterweight.mass:g}", f"{1e3 * d.counterweight.radius:.1f}", f"{d.J_h:.3f}", f"{f:.4f}",
+        f"{100 * (f / s.frequency - 1):+.2f}", f"{J:.4f}", f"{100 * (J / s.inertia - 1):+.2f}",
+    ]  # fmt: skip
+
+
+def spring_sentences(result: Result) -> list[str]:
+    """Springs, their load, and what a start of the drive asks of them."""
+    setting = result.sizing.target
+    d, s = setting.design, setting.design.spring
+    worst = max(result.sizing.settings, key=lambda x: x.stress / x.allowable)
+    low = min(x.forces[0] for x in result.sizing.settings)
+    stretch = max(x.design.preload + x.move for x in result.sizing.settings)
+    start = 2.0 * result.rate / (2.0 * math.pi * setting.state.frequency)
+    springs = (
+        f"Springs: eight {s.name}, k = {s.rate:g} N/m, wire {1e3 * s.wire:g} mm, coil {1e3 * s.coil:g} mm, {s.coils:g} coils,"
+        f" free length {1e3 * s.free_length:g} mm."
+    )
+    if not result.sizing.one_spring:
+        springs += " Some states ask for other springs: see the table."
+    tension = 100 * (d.stiffness / setting.equations["stiffness_n_m_per_rad"] - 1)
+    return [
+        springs,
+        f"Preload: {1e3 * d.preload:.3g} mm, {d.spring_force:.3g} N, which stiffens torsion by"
+        f" {tension:.2g} % (hooks {1e3 * d.plate.hook:g} mm off the middle line).",
+        f"At {math.degrees(setting.amplitude):.3g} deg, all settings: tension at least {low:.3g} N, no spring slack; stretch at"
+        f" most {1e3 * stretch:.3g} mm; shear stress at most {worst.stress / 1e6:.3g} MPa (Wahl factor"
+        f" included) of {worst.allowable / 1e6:.3g} MPa allowed.",
+        f"A start and a stop of the drive at {math.degrees(result.rate):.3g} deg/s, in the worst phase, move the frame by"
+        f" {math.degrees(start):.2g} deg.",
+        _adjustment_sentence(result.sizing),
+    ]
+
+
+def _adjustment_sentence(sizing: Sizing) -> str:
+    """What of the ranges of adjustment the settings use."""
+    a, designs = sizing.target.design.adjustment, [setting.design for setting in sizing.settings]
+    arms, radii = [d.arm for d in designs], [d.counterweight.radius for d in designs]
+    return (
+        f"Adjustment: the settings use arms from {1e3 * min(arms):.1f} to {1e3 * max(arms):.1f} mm of {1e3 * a.arm_min:g} to"
+        f" {1e3 * a.arm_max:g} mm, radii from {1e3 * min(radii):.1f} to {1e3 * max(radii):.1f} mm of {1e3 * a.radius_min:g} to"
+        f" {1e3 * a.radius_max:g} mm."
+    )
+
+
+def equation_sentence(setting: Setting) -> str:
+    """Eq. 21 to 24 with this setting's numbers."""
+    e, d = setting.equations, setting.design
+    return (
+        f"Eq. 21, 22 at {math.degrees(setting.amplitude):.3g} deg: kinetic energy {e['kinetic_energy_j']:.4g} J, spring energy"
+        f" {e['spring_energy_j']:.4g} J. Eq. 23: 8 k l² = {e['stiffness_n_m_per_rad']:.4g} N m/rad on {d.moving_inertia:.4g} kg m²"
+        f" (the springs hold J less J_h = {d.J_h:.3g} kg m²). Eq. 24 as printed: {e['printed_eq_24_rad_per_s']:.4g}, in rad/s;"
+        f" with 1/2π {e['frequency_hz']:.4g} Hz, with the tension of the springs {d.frequency:.4g} Hz."
+    )
+
+
+def tolerance_rows(setting: Setting) -> list[list[str]]:
+    """What each kind of part may change in f and J, and all together."""
+    found = tolerance(setting.design)
+    rows = [[name, f"{100 * f:.2f}", f"{100 * J:.2f}"] for name, (f, J) in found.contributions.items()]
+    both = {"worst case, all": found.worst, "two standard deviations": tuple(2.0 * v for v in found.deviation)}
+    return rows + [[name, f"{100 * f:.2f}", f"{100 * J:.2f}"] for name, (f, J) in both.items()]
+
+
+def array_sentence(result: Result) -> str:
+    """What of the array the simulator does not have."""
+    model = result.array
+    if model is None:
+        return ""
+    effective = model.effective[model.axis]
+    k = int(effective.argmax())
+    return (
+        f"Of the array, mode {k + 1} at {model.frequency[k]:.4g} Hz holds {100 * effective[k] / model.inertia:.1f} % of"
+        f" {model.inertia:.4g} kg m². On the shaft the array has J_h = {model.J_h:.3g} kg m² with {model.frequency.size} modes, the"
+        f" simulator {result.sizing.target.design.J_h:.3g}: the drive's lines above the torsion mode are the simulator's own."
+    )
+
+
+TOLERANCE_HEADER = ("off by its tolerance", "f [%]", "J [%]")
+
+
+def sizing_text(result: Result) -> str:
+    """What is printed."""
+    blocks = [_table(HEADER, setting_rows(result.sizing)), *spring_sentences(result), array_sentence(result)]
+    blocks += [equation_sentence(result.sizing.target), ""]
+    return "\n".join(
+        b for b in [*blocks, _table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target))] if b is not None
+    )
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
+    lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows]]
+    return "\n".join([*lines, ""])
+
+
+def write_sizing(out: Path, result: Result, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the report; their names."""
+    figure = draw_simulator(result.sizing.target)
+    files: dict[str, Any] = {
+        "sas.csv": sas_csv(result.sizing),
+        "sas.json": to_json(sas_data(result)),
+        "simulator.yaml": dump_part(result.sizing.target.design),
+        "drawing.png": lambda path: figure.savefig(path, format="png"),
+        **report_files(sizing_report(result, figure, form), form),
+    }
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+def _values(setting: Setting) -> dict[str, Any]:
+    d, s, (f, J), (low, high) = setting.design, setting.state, setting.finite_elements, setting.forces
+    row = (
+        s.name, s.frequency, s.inertia, d.spring.name, d.spring.rate, d.arm, d.counterweight.mass, d.counterweight.radius, d.J_h,
+        d.preload, low, high, setting.stress, setting.allowable, f, J,
+    )  # fmt: skip
+    return dict(zip(COLUMNS, row, strict=True))
+
+
+def sas_csv(sizing: Sizing) -> str:
+    """CSV text, one row a setting, the target first."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for setting in sizing.settings:
+        writer.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in _values(setting).items()})
+    return stream.getvalue()
+
+
+def sas_data(result: Result) -> dict[str, Any]:
+    """All figures of a sizing, SI units, angles in rad."""
+    target, found = result.sizing.target, tolerance(result.sizing.target.design)
+    return {
+        "amplitude_rad": target.amplitude,
+        "settings": [_values(setting) for setting in result.sizing.settings],
+        "equations": target.equations,
+        "tolerance": {
+            "relative_frequency_and_inertia": {name: list(pair) for name, pair in found.contributions.items()},
+            "worst_case": list(found.worst),
+            "standard_deviation": list(found.deviation),
+        },
+    }
+
+
+def sizing_report(result: Result, drawing: Figure, form: Form | None = None) -> Document:
+    """The report of a sizing: settings, springs, tolerances, drawing."""
+    target = result.sizing.target
+    caption = "Asked for, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
+    settings = table(
+        [x for x in HEADER if x != "spring"], [row[:3] + row[4:] for row in setting_rows(result.sizing)], caption
+    )
+    springs = [Text(text) for text in (*spring_sentences(result), array_sentence(result)) if text]
+    tolerances = (
+        "First order. Worst case: all parts at their limits; standard deviation: each of the eight springs, four arms and four"
+        " weights for itself, anywhere within its limits. Springs of one batch are off together, as in the worst case; the arm"
+        " trims that."
+    )
+    unchecked = (
+        "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame."
+    )
+    origin = (Text(target.design.source),) if target.design.source else ()
+    return study(
+        "Simulator report",
+        "Solar array simulator, sized",
+        f"Torsion mode {target.state.frequency:.4g} Hz with {target.state.inertia:.4g} kg m² about the drive axis.",
+        facts=_facts(result),
+        front=(settings, *springs),
+        sections=(
+            Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
+            Section("Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))),
+            Section("Not checked", (Text(unchecked),)),
+            Section(
+                "Drawing",
+                (drawn(drawing, "Dimensioned drawing", "Set to the target; to scale, dimensions in mm.", turned=True),),
+            ),
+            Section("Description", (*origin, parameter_table(target.design))),
+        ),
+        form=form,
+        parts={"simulator": target.design},
+    )
+
+
+def _facts(result: Result) -> list[Fact]:
+    target, settings = result.sizing.target, result.sizing.settings
+    d, used = target.design, max(x.stress / x.allowable for x in settings)
+    holds = used <= 1.0 and min(x.forces[0] for x in settings) > 0.0
+    return [
+        Fact(f"{100 * used:.0f} %", "of the allowed stress, no spring slack", "pass")
+        if holds
+        else Fact("does NOT hold", "a spring goes slack or is overstressed", "fail"),
+        Fact(f"{d.spring.rate:g} N/m", f"eight springs {d.spring.name}"),
+        Fact(f"{1e3 * d.arm:.1f} mm", "arm l"),
+        Fact(f"{d.counterweight.mass:g} kg at {1e3 * d.counterweight.radius:.1f} mm", "each counterweight"),
+    ]

@@ -1,0 +1,99 @@
+"""Characters as print sets them: minus signs, powers of ten, and no folder of the machine that made a report."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+
+from microvib.reports.document import Block, Code, Column, Document, Figure, Live, Row, Section, Table, Text
+
+_MINUS = re.compile(r"(?<![\w.)\]/-])-(?=\.?\d)|(?<= )-(?= )")
+_POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-])0*(\d+)\b")
+_UNIT = re.compile(
+    r"(?<=\d) (?=(?:m?N|k?Hz|kg|mm|ms|dB|MPa|deg|rad|s|m|[%°J])(?![\w-]))|(?<=N) (?=m\b)|(?<=\bkg) (?=m²)"
+)
+"""Spaces before and within units, where no line is broken."""
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_FOLDERS = re.compile(r"(?<![^\s\"'(=,:;])(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/\s\"'()]+[\\/])+(?=[^\\/\s])")
+_FOLDERS_OF_WORD = re.compile(r"^((?:--?)?[\w.-]+=)?(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/]+[\\/])*(?=[^\\/])")
+
+
+def typeset(document: Document) -> Document:
+    """The document with the characters of print; code keeps its own."""
+    return replace(
+        document,
+        title=in_print(document.title),
+        subtitle=in_print(document.subtitle),
+        facts=tuple(replace(f, value=in_print(f.value), label=in_print(f.label)) for f in document.facts),
+        front=tuple(map(_block, document.front)),
+        sections=tuple(map(_section, document.sections)),
+    )
+
+
+def in_print(text: str) -> str:
+    """Text in which figures have real minus signs and powers of ten, and files no folders; code keeps its characters."""
+    parts = without_folders(text).split("`")
+    return "`".join(part if k % 2 else _figures(part) for k, part in enumerate(parts))
+
+
+def _figures(text: str) -> str:
+    return _UNIT.sub("\u00a0", _POWER.sub(_power, _MINUS.sub("\u2212", text)))
+
+
+def _power(found: re.Match[str]) -> str:
+    exponent = (found[2] + found[3]).lstrip("+").translate(_RAISED)
+    return f"10{exponent}" if found[1] == "1" else f"{found[1]}\u00a0×\u00a010{exponent}"
+
+
+def without_folders(text: str) -> str:
+    """Text in which absolute paths are names of files."""
+    return _FOLDERS.sub("", text)
+
+
+def file_name(source: str) -> str:
+    """What a source is called in titles and legends: of a path its last part."""
+    name = re.split(r"[\\/]", source.rstrip("\\/"))[-1]
+    return name or source
+
+
+def command_without_folders(command: str) -> str:
+    """A command line, as ``shlex.join`` writes it, in which absolute paths are names of files."""
+    try:
+        words = shlex.split(command)
+    except ValueError:
+        return without_folders(command)
+    return shlex.join(_FOLDERS_OF_WORD.sub(lambda found: found[1] or "", word) for word in words)
+
+
+def _section(section: Section) -> Section:
+    return replace(section, title=in_print(section.title), blocks=tuple(map(_block, section.blocks)))
+
+
+def _block(block: Block) -> Block:
+    made: dict[type, Callable[..., Block]] = {
+        Text: lambda b: replace(b, text=in_print(b.text)),
+        Code: lambda b: replace(b, text=command_without_folders(b.text)),
+        Figure: lambda b: replace(b, alt=in_print(b.alt), caption=in_print(b.caption)),
+        Table: _table,
+        Live: lambda b: b,
+    }
+    return made[type(block)](block)
+
+
+def _table(found: Table) -> Table:
+    """A table without the columns that say nothing in any row."""
+    whole = [r for r in found.rows if r.mark != "group"]
+    kept = [k for k in range(len(found.columns)) if not whole or any(r.cells[k] for r in whole)]
+    columns = tuple(replace(found.columns[k], title=in_print(found.columns[k].title)) for k in kept)
+
+    def cell(text: str, column: Column) -> str:
+        return without_folders(text) if column.kind == "code" else in_print(text)
+
+    def row(r: Row) -> Row:
+        if r.mark == "group":
+            return replace(r, cells=tuple(map(in_print, r.cells)))
+        return replace(r, cells=tuple(cell(r.cells[k], c) for k, c in zip(kept, columns, strict=True)))
+
+    return replace(found, columns=columns, rows=tuple(map(row, found.rows)), caption=in_print(found.caption))

@@ -1,0 +1,114 @@
+"""Validation from command to folder: one table, and the figures of the paper with ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from microvib.io.results import write_folder
+from microvib.reports.blocks import number, overlaid, study
+from microvib.reports.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
+from microvib.reports.rendering import report_files
+from microvib.studies.validate import Check, State, checks_csv
+
+_LEAD = (
+    "Calibrated rows were fitted to the test's lines of state 1 and are no evidence. Predicted rows were not fitted to anything."
+    " Computed rows are arithmetic or numerics."
+)
+
+
+def validation_text(checks: list[Check]) -> str:
+    """All checks as a table, and how many hold."""
+    width = max(len(check.item) for check in checks)
+    rows = [
+        f"{'item':{width}s} {'paper':>9s} {'test':>9s} {'ours':>10s} {'error %':>8s}  {'holds':5s} {'status':10s} bar"
+    ]
+    rows += [
+        f"{c.item:{width}s} {number(c.paper, 6):>9s} {number(c.test, 6):>9s} {number(c.ours, 5):>10s}"
+        f" {number(c.error_percent, 3):>8s}  {'yes' if c.holds else 'NO':5s} {c.status:10s} {c.bar}"
+        for c in checks
+    ]
+    return "\n".join([*rows, "", summary(checks)])
+
+
+def summary(checks: list[Check]) -> str:
+    """How many checks of each status hold."""
+    parts = []
+    for status in dict.fromkeys(c.status for c in checks):
+        of = [c for c in checks if c.status == status]
+        parts.append(f"{sum(c.holds for c in of)} of {len(of)} {status} rows hold")
+    return "; ".join(parts) + "."
+
+
+def write_validation(
+    out: Path, checks: list[Check], states: dict[int, State], overwrite: bool, form: Form | None = None
+) -> tuple[str, ...]:
+    """``validation.csv`` and the report; names of the files."""
+    files: dict[str, Any] = {"validation.csv": checks_csv(checks)}
+    files |= report_files(validation_report(checks, states, form), form)
+    write_folder(out, files, overwrite)
+    return tuple(files)
+
+
+_COMPARISONS = (
+    ("States 1, 2, 3, which differ in the mode's frequency (as Figure 11)", (1, 2, 3)),
+    ("States 1, 4, 5, which differ in inertia (as Figure 12)", (1, 4, 5)),
+)
+
+
+def validation_report(checks: list[Check], states: dict[int, State], form: Form | None = None) -> Document:
+    """The report of the validation: every claim with its verdict, and the spectra of the states."""
+    first, second = (_overlay(title, [(k, states[k]) for k in of]) for title, of in _COMPARISONS)
+    return study(
+        "Validation report",
+        "Validation against the paper",
+        "The claims of Appl. Sci. 2021, 11, 9076 on its test states 1 to 5, beside what the catalog's scenarios give.",
+        facts=[_held(status, checks) for status in dict.fromkeys(c.status for c in checks)],
+        front=(Text(_LEAD), *_failing(checks), first),
+        sections=(
+            Section("All claims", (_claims(checks),), new_page=True),
+            Section("States of other inertia", (second,)),
+        ),
+        form=form,
+        parts={f"state {k}": state.motion.scenario for k, state in states.items()},
+    )
+
+
+def _held(status: str, checks: list[Check]) -> Fact:
+    of = [c for c in checks if c.status == status]
+    return Fact(f"{sum(c.holds for c in of)} of {len(of)}", f"{status} rows hold")
+
+
+_HEADER = ["item", "source", "paper [1]", "test [1]", "ours [1]", "error [%]", "bar", "holds"]
+
+
+def _claims(checks: list[Check]) -> Table:
+    """All checks, grouped by status."""
+    rows: list[Row] = []
+    for status in dict.fromkeys(c.status for c in checks):
+        rows.append(Row((status,), "group"))
+        rows += [Row(_cells(c), _mark(c)) for c in checks if c.status == status]
+    return Table(table(_HEADER, ()).columns, tuple(rows))
+
+
+def _failing(checks: list[Check]) -> tuple[Text | Table, ...]:
+    """What does not hold comes first."""
+    fails = [c for c in checks if not c.holds]
+    if not fails:
+        return ()
+    return Text("What does not hold:"), table([*_HEADER[:7], "status"], [[*_cells(c)[:7], c.status] for c in fails])
+
+
+def _cells(c: Check) -> tuple[str, ...]:
+    return (c.item, c.source, number(c.paper, 6), number(c.test, 6), number(c.ours, 6 if abs(c.ours) >= 1.0 else 4),
+            number(c.error_percent, 3), c.bar,
+            "yes" if c.holds else "NO")  # fmt: skip
+
+
+def _mark(c: Check) -> Mark:
+    return "pass" if c.holds else "fail"
+
+
+def _overlay(title: str, of: list[tuple[int, State]]) -> Figure:
+    sides = [(f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in of]
+    return overlaid(sides, title)

@@ -1,0 +1,289 @@
+"""Amplitude, frequency and phase of expected lines, wherever the bins fall.
+
+* lines of the step clock keep exact ratios to each other, so one clock ratio is estimated from all of them together, each
+  weighted with what it tells;
+* an array mode rings down while it is recorded, so it is fitted as a decaying tone;
+* all amplitudes then come from one least-squares fit to the bins about the lines, in which every line is present.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from microvib.model.expected import ExpectedLine
+from microvib.signals.clock import agreeing, estimate_clock_ratio
+from microvib.signals.line_search import FALLS, MOST_OTHERS, PASSBAND, Found, search
+from microvib.signals.line_table import DETECTION, FAINT, Figures, LineTable, Rest, Uncertainty
+from microvib.signals.orders import Orders
+from microvib.signals.spectrum import tone_amplitude
+from microvib.signals.tone_fit import NEAR, Joint, moved
+from microvib.signals.tones import HannSpectrum, Tones, steady
+from microvib.signals.uncertainty import disturbed, uncertainties
+
+SEPARATION = 2.5
+"""Bins that two lines must be apart to be told apart."""
+MOST_MODES = 300
+"""Array modes that are fitted in one record: the work grows with the third power of their number."""
+_RANK = {"array mode": 1, "electrical": 2}
+_ROUNDS = 3
+_STILL = 0.01
+"""Bins that the highest line may move in a round after which the clock is found."""
+_WORSE = 2.0
+"""Standard uncertainty beside a larger line, over that without it, from which that line is the reason."""
+_SCALLOP = 1.18
+"""Amplitude of a tone over its highest bin, at most."""
+AN_OTHER = "an unlisted line"
+UNSURE = 0.2
+"""Standard uncertainty over amplitude from which a line beside another is not told from it."""
+__all__ = [
+    "MOST_OTHERS",
+    "PASSBAND",
+    "estimate_lines",
+    "figures_at_known_clock",
+    "lines_at_known_clock",
+    "with_background",
+]
+
+
+def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
+    """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate`` [Hz], and find further ones.
+    Where none are expected, all that stand out are found, and not named.
+
+    Where the bands of the clock's lines have a width, the clock is searched within them; where they have none, it is known, as
+    that of a simulation is.
+    """
+    spectrum, found, ratio = _fitted(x, sample_rate, expected)
+    joint, searched = found.joint, _is_searched(expected)
+    spread, ratio_spread = uncertainties(
+        joint.tones, joint.amplitudes, ratio if searched else None, spectrum, joint.rest
+    )
+    ratio_spread = ratio_spread if searched or ratio is None else 0.0
+    refused = found.refused | _not_apart(joint, spread)
+    others = _others(joint, spread, Orders.of(expected, ratio))
+    rows = _figures(expected, joint, refused).rows(_placed(spread, expected, joint.tones))
+    rows += _figures([line for line, _ in others], joint, {}, [tone for _, tone in others]).rows(
+        _placed(spread, [tone for _, tone in others], joint.tones)
+    )
+    return LineTable(rows, ratio, ratio_spread, spectrum.samples, sample_rate, rest=_left(joint.rest))
+
+
+def _left(rest: HannSpectrum) -> Rest:
+    """What stands between the lowest frequency that is told from the mean and the highest that is looked at."""
+    bins = np.arange(int(SEPARATION) + 1, min(int(PASSBAND * rest.samples), rest.values.size))
+    return Rest.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
+
+
+def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
+    """Lines of a simulated torque ``x`` (n,) [N m], whose clock is exactly the expected one, without uncertainties.
+
+    Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time.
+    """
+    figures = figures_at_known_clock(x, sample_rate, expected)
+    none = 0.0 * figures.amplitude
+    return LineTable(figures.rows(Uncertainty(none, none, none, none)), 1.0, 0.0, np.size(x), sample_rate)
+
+
+def figures_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> Figures:
+    """The figures of ``lines_at_known_clock`` as arrays, for many records."""
+    known = [
+        replace(line, low=line.frequency, high=line.frequency) if line.kind != "array mode" else line
+        for line in expected
+    ]
+    _, found, _ = _fitted(x, sample_rate, known, everywhere=False)
+    return _figures(expected, found.joint, found.refused)
+
+
+def _fitted(
+    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], everywhere: bool = True
+) -> tuple[HannSpectrum, Found, float | None]:
+    """The one recipe: the clock, known or searched; what else stands in the record; all that is near each other together."""
+    spectrum = _spectrum(x, sample_rate)
+    wanted, refused = _sort_out(expected, spectrum.duration)
+    clock = [line for line in wanted if line.kind != "array mode"]
+    modes, left_out = _largest([line for line in wanted if line.kind == "array mode"], spectrum)
+    refused |= left_out
+    searched = _is_searched(expected)
+    ratio = (estimate_clock_ratio(clock, spectrum) if searched else 1.0) if clock else None
+    for _ in range(_ROUNDS):
+        orders = Orders.of(expected, ratio)
+        found = search(Joint.of(spectrum, steady(clock, ratio or 1.0)), modes, orders, everywhere=everywhere)
+        tones = found.joint.tones
+        if not searched or ratio is None:
+            break
+        before = ratio
+        tones, ratio = moved(tones, spectrum, before, _telling(found.joint, clock, before))
+        if abs((ratio or 0.0) - before) * max(line.frequency for line in clock) * spectrum.duration < _STILL:
+            break
+    return spectrum, Found(Joint.of(spectrum, tones), refused | found.refused), ratio
+
+
+def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
+    """Which tones tell the clock ratio once what is not of the clock is taken out, (m,)."""
+    free = joint.tones.free
+    lines, _ = agreeing(clock, ratio, joint.spectrum.without(joint.tones.only(free), joint.amplitudes[free]))
+    names = {line.name for line in lines}
+    return np.array([line.name in names for line in joint.tones.lines], dtype=bool)
+
+
+def _is_searched(expected: Sequence[ExpectedLine]) -> bool:
+    return any(line.high > line.low for line in expected if line.kind != "array mode")
+
+
+def _spectrum(x: np.ndarray, sample_rate: float) -> HannSpectrum:
+    x = np.asarray(x, dtype=float)
+    return HannSpectrum.of(x - x.mean(), sample_rate)
+
+
+def with_background(table: LineTable, background: np.ndarray) -> LineTable:
+    """Lines with what the table reads at their frequencies while nothing runs, ``background`` (m,) at the same sample rate.
+
+    The phase between the two is unknown, so nothing is subtracted: half of the background's square goes into the variance of the
+    line's amplitude, and a line that does not exceed the background is named so.
+    """
+    rows = []
+    for line in table:
+        if not np.isfinite(line.amplitude_n_m):
+            rows.append(line)
+            continue
+        there = tone_amplitude(background, table.sample_rate, line.frequency_hz)
+        spread = float(np.hypot(line.amplitude_uncertainty_n_m, there / np.sqrt(2.0)))
+        status = "in the background" if line.amplitude_n_m < 2.0 * there else line.status
+        rows.append(replace(line, background_n_m=there, amplitude_uncertainty_n_m=spread, status=status))
+    return replace(table, lines=tuple(rows))
+
+
+def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
+    """Names of the lines that stand out and yet have no figure of their own, with the reason: what is beside them hides it."""
+    tones, sizes, duration = joint.tones, joint.sizes, joint.spectrum.duration
+    unsure = spread.amplitude > UNSURE * sizes
+    unsure &= sizes > DETECTION * joint.rest.floors(tones.frequency)
+    more = disturbed(tones, joint.rest)
+    why: dict[str, str] = {}
+    for i in (i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"):
+        apart = np.abs(tones.frequency - tones.frequency[i]) * duration
+        near = [j for j in np.argsort(apart, kind="stable").tolist() if j != i and apart[j] < NEAR]
+        larger = next((tones.lines[j] for j in near if sizes[j] > sizes[i]), None)
+        if larger is not None and spread.amplitude[i] > _WORSE * _alone(joint, i):
+            why[tones.lines[i].name] = f"not separable from {AN_OTHER if larger.kind == 'other' else larger.name}"
+        elif more[i] and tones.clock[i]:
+            why[tones.lines[i].name] = f"not separable from {AN_OTHER} within a bin, or not steady"
+        else:
+            why[tones.lines[i].name] = FAINT
+    return why
+
+
+def _alone(joint: Joint, i: int) -> float:
+    """Standard uncertainty of the amplitude of tone ``i`` if there were no other."""
+    one = np.arange(len(joint.tones)) == i
+    spread, _ = uncertainties(joint.tones.only(one), joint.amplitudes[one], None, joint.spectrum, joint.rest)
+    return float(spread.amplitude[0])
+
+
+def _others(joint: Joint, spread: Uncertainty, orders: Orders | None) -> list[tuple[ExpectedLine, ExpectedLine]]:
+    """Unlisted lines, the strongest first, with their place among the clock's orders; beside each the line of its tone."""
+    tones, duration = joint.tones, joint.spectrum.duration
+    mine = [i for i in np.argsort(-joint.sizes, kind="stable").tolist() if tones.lines[i].kind == "other"]
+    named = []
+    for number, i in enumerate(mine, 1):
+        frequency, within = float(tones.frequency[i]), max(3.0 * float(spread.frequency[i]), 0.02 / duration)
+        origin = (orders.name(frequency, within) or "no simple order of the driving frequency") if orders else ""
+        named.append((replace(tones.lines[i], name=f"other_{number}", origin=origin), tones.lines[i]))
+    return named
+
+
+def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[ExpectedLine], dict[str, str]]:
+    """Lines that the record can resolve, and the names of the others with the reason.
+
+    Lines of the clock go before array modes, for they last, while a mode rings down; but those of the electrical period
+    go last, for equal phases make none.
+    """
+    wanted: list[ExpectedLine] = []
+    refused: dict[str, str] = {}
+    for line in sorted(expected, key=lambda line: _RANK.get(line.kind, 0)):
+        if line.frequency * duration < SEPARATION:
+            refused[line.name] = f"not resolved: needs a record of {SEPARATION / line.frequency:.3g} s"
+            continue
+        near = next((other for other in wanted if abs(other.frequency - line.frequency) * duration < SEPARATION), None)
+        if near is not None:
+            needed = SEPARATION / max(abs(near.frequency - line.frequency), 1e-12)
+            length = f"; a record of {needed:.3g} s could" if needed < 1e6 else ""
+            refused[line.name] = f"not separable from {near.name}{length}"
+        else:
+            wanted.append(line)
+    return wanted, refused
+
+
+def _largest(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> tuple[list[ExpectedLine], dict[str, str]]:
+    """The array modes that are fitted, MOST_MODES at most, those in whose bands most stands; and the others with the reason."""
+    if len(modes) <= MOST_MODES:
+        return list(modes), {}
+    first = [max(int(line.low * spectrum.duration), 0) for line in modes]
+    last = [int(line.high * spectrum.duration) + 2 for line in modes]
+    stands = [float(spectrum.magnitude[a:b].max(initial=0.0)) for a, b in zip(first, last, strict=True)]
+    kept = set(np.argsort(stands)[-MOST_MODES:].tolist())
+    why = f"not looked for: of {len(modes)} array modes, the {MOST_MODES} largest are"
+    return [line for k, line in enumerate(modes) if k in kept], {
+        line.name: why for k, line in enumerate(modes) if k not in kept
+    }
+
+
+def _figures(
+    expected: Sequence[ExpectedLine], joint: Joint, refused: dict[str, str], of: Sequence[ExpectedLine] | None = None
+) -> Figures:
+    """Figures of the tones and, nan but for their nearest bin, of the lines that are ``refused`` for a reason.
+
+    ``of`` are the lines that the tones of the ``expected`` go by, where these have got other names.
+    """
+    tones, rest, duration = joint.tones, joint.rest, joint.spectrum.duration
+    fold = tones.decay * duration
+    size, floor = joint.sizes, rest.floors(tones.frequency)
+    status = _statuses(tones, size, floor, fold)
+    order = _order(of or expected, tones)
+    hidden = [refused.get(line.name, FAINT) != FAINT for line in expected]
+    order = np.where(np.array(hidden, dtype=bool), len(tones), order)
+    frequency = _at(tones.frequency, order)
+    wanted = np.array([line.frequency for line in expected], dtype=float)
+    bins = np.minimum(np.rint(np.where(np.isnan(frequency), wanted, frequency) * duration), rest.values.size - 1)
+    return Figures(
+        expected=tuple(expected),
+        status=tuple(refused.get(x.name) or status[t.name] for x, t in zip(expected, of or expected, strict=True)),
+        frequency=frequency,
+        amplitude=_at(size, order),
+        phase=_at(np.angle(joint.amplitudes), order),
+        decay=_at(tones.decay, order),
+        floor=_at(floor, order),
+        # The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low (picket fence), so that
+        # it depends on where the bins happen to fall.
+        bin_frequency=bins / duration,
+        bin_amplitude=np.abs(rest.unwindowed[bins.astype(int)]),
+    )
+
+
+def _statuses(tones: Tones, size: np.ndarray, floor: np.ndarray, fold: np.ndarray) -> dict[str, str]:
+    """Status of each tone of amplitude ``size`` that falls by ``fold`` e-foldings, by the name of its line."""
+    faint, falls = size <= DETECTION * floor, tones.falls & (np.abs(fold) > FALLS)
+    status = np.select([faint, tones.limited, falls & (fold > 0.0), falls], [0, 1, 2, 3], 4)
+    words = (FAINT, "at a limit of its fit", "decaying", "growing", "ok")
+    return {line.name: words[k] for line, k in zip(tones.lines, status.tolist(), strict=True)}
+
+
+def _order(expected: Sequence[ExpectedLine], tones: Tones) -> np.ndarray:
+    """Place of each expected line among the tones, (lines,); one after the last where it is none of them."""
+    place = {line.name: k for k, line in enumerate(tones.lines)}
+    return np.array([place.get(line.name, len(tones)) for line in expected], dtype=int)
+
+
+def _at(values: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Values of tones (m,) as those of lines (lines,)."""
+    placed: np.ndarray = np.append(values, np.nan)[order]
+    return placed
+
+
+def _placed(spread: Uncertainty, expected: Sequence[ExpectedLine], tones: Tones) -> Uncertainty:
+    """Uncertainties of tones as those of lines."""
+    order = _order(expected, tones)
+    each = (spread.amplitude, spread.phase, spread.frequency, spread.decay)
+    return Uncertainty(*(_at(values, order) for values in each))

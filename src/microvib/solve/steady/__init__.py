@@ -1,0 +1,1 @@
+"""The periodic steady state at constant rate, found directly."""

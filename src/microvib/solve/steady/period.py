@@ -1,0 +1,188 @@
+"""The drive over one period of its command, as a map from the state at its start to the state at its end (Poincaré map).
+
+States are compared as seen from the command: turned back by the angle that the command has gone. The drive does not change when its
+motor turns by a quarter electrical turn, for that exchanges the phases and is a period of the detent torque, so that the state
+may repeat after so many microsteps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microvib.errors import SimulationError
+from microvib.model.scenario import Scenario
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.pack import no_samples, pack
+from microvib.solve.sampling import LOBES
+
+SECTION = 0.1
+"""The map starts this part of a microstep's time before a microstep, when the motion has had the longest to calm."""
+
+
+class NotPeriodic(SimulationError):
+    """No steady state that repeats with the command was found; the text says why."""
+
+
+def repeats_after(scenario: Scenario) -> tuple[int, int]:
+    """Microsteps after which drive and command are as before, but turned; and those of a quarter electrical turn alone.
+
+    Where no whole number of microsteps makes a quarter turn, the least multiple of it is meant that one makes.
+    """
+    electrical = scenario.driver.beats * scenario.driver.microsteps
+    turn = electrical * scenario.motor.rotor_teeth
+    quarter = electrical // math.gcd(electrical, 4)
+    orders = [e.order for e in scenario.reducer.transmission_error if e.amplitude > 0.0]
+    return math.lcm(quarter, *(turn // math.gcd(turn, order) for order in orders)), quarter
+
+
+class Turn(NamedTuple):
+    """Rotor angles [rad] by which drives are turned, and cosine and sine of the electrical ones, (k,) each."""
+
+    angle: np.ndarray
+    cosine: np.ndarray
+    sine: np.ndarray
+
+
+class PeriodMap:
+    """``microsteps`` microsteps at the rate of the record, from just before one of them."""
+
+    def __init__(self, scenario: Scenario, microsteps: int) -> None:
+        driver, motor = scenario.driver, scenario.motor
+        f_d = scenario.driving_frequency
+        if not f_d:
+            raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
+        self.scenario, self.microsteps = scenario, microsteps
+        self.packed = pack(scenario)
+        self.frequency, self.microstep_time = f_d / microsteps, 1.0 / f_d
+        self.command = Command.lasting(scenario, scenario.record.settle)
+        rate = -math.copysign(f_d, scenario.rate or 0.0)  # in microsteps per second
+        count = float(self.command.count(np.array([scenario.record.settle]))[0])
+        turned = math.copysign(1.0, rate)
+        before = 2 + math.ceil(f_d * (LOBES + 1) / scenario.record.sample_rate)  # the record's filter begins before it
+        gone = round(count) - before * turned
+        self.start = scenario.record.settle + (gone + (0.5 - SECTION) * turned - count) / rate
+        self.command = Command.lasting(scenario, self.start)
+        self.times, self.commands = self.command.microsteps(self.start, self.start + microsteps / f_d)
+        step = driver.microstep(motor)
+        self._begun, self._step = gone * step, turned * step
+        self.sizes = _sizes(self.packed.drive.scale, scenario)
+        p = self.packed.drive
+        self.idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
+        self._unseen = no_samples(self.packed.channels)._replace(width=0.0)
+        self.evaluations = 0.0
+
+    def guess(self) -> np.ndarray:
+        """State before any microstep, seen from the command, if the drive followed its command evenly: mean loads, currents
+        turning steadily."""
+        scenario, p = self.scenario, self.packed.drive
+        y: np.ndarray = np.zeros_like(self.packed.state.y)
+        rate = float(scenario.rate or 0.0)
+        omega, commanded = -scenario.reducer.ratio * rate, float(self.angle(0))
+        on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
+        y[kernel.TM] = commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
+        y[kernel.TL] = -p.inv_h * y[kernel.TM] - (0.0 if p.rigid else on_output / p.K_g)
+        y[kernel.MODES + 1 :: 2] = p.H * rate
+        if scenario.friction.breakaway_torque == 0.0:
+            y[kernel.WL] = rate
+        current, integral = _turning_currents(p, scenario.motor.current, p.z * omega)
+        turn = np.exp(1j * p.z * commanded)
+        y[kernel.IA], y[kernel.IB] = (current * turn).real, (current * turn).imag
+        y[kernel.XA], y[kernel.XB] = (integral * turn).real, (integral * turn).imag
+        return y
+
+    def at_rest(self) -> tuple[np.ndarray, int]:
+        """State in which every run begins, seen from the command, and the microstep of the period before which the drive stands as
+        it does before a run's first."""
+        angle = self.angle(0)
+        electrical = self.packed.drive.z * angle
+        turn = Turn(np.array([angle]), np.cos(electrical), np.sin(electrical))
+        return self._turned(pack(self.scenario).state.y[None], turn)[0], round(-angle / self._step) % self.microsteps
+
+    def angle(self, microstep: Any) -> Any:
+        """Rotor angle [rad] that is commanded before a ``microstep`` of the period."""
+        return self._begun + microstep * self._step
+
+    def references(self, angle: Any) -> tuple[Any, Any]:
+        """Currents [A] that are commanded at a rotor angle [rad]."""
+        current, electrical = self.scenario.motor.current, self.packed.drive.z * angle
+        return current * np.cos(electrical), current * np.sin(electrical)
+
+    def turn(self, microsteps: Any) -> Turn:
+        """What ``microsteps`` (k,) of the command turn a drive by."""
+        angle = self._step * np.asarray(microsteps, dtype=float)
+        electrical = self.packed.drive.z * angle
+        return Turn(angle, np.cos(electrical), np.sin(electrical))
+
+    def absolute(self, x: np.ndarray, turn: Turn) -> np.ndarray:
+        """States (k, n) of the drive from those seen from the command, which has turned so far since the period's start."""
+        y = self._turned(x, turn)
+        p = self.packed.drive
+        if p.rigid:
+            errors = [self.scenario.reducer.kinematic_error(theta_m) for theta_m in y[:, kernel.TM]]
+            y[:, kernel.TL] = errors - y[:, kernel.TM] * p.inv_h
+            y[:, kernel.WL] = -y[:, kernel.WM] * p.inv_h
+        return y
+
+    def from_command(self, y: np.ndarray, turn_back: Turn, idle: np.ndarray) -> np.ndarray:
+        """States (k, n) of the drive as seen from the command; what does not move on is that of ``idle``."""
+        x = self._turned(y, turn_back)
+        x[:, self.idle] = idle[:, self.idle]
+        return x
+
+    def _turned(self, y: np.ndarray, turn: Turn) -> np.ndarray:
+        """States with rotor, output and currents turned."""
+        turned = y.copy()
+        for a, b in ((kernel.IA, kernel.IB), (kernel.XA, kernel.XB)):
+            turned[:, a] = turn.cosine * y[:, a] - turn.sine * y[:, b]
+            turned[:, b] = turn.sine * y[:, a] + turn.cosine * y[:, b]
+        turned[:, kernel.TM] += turn.angle
+        turned[:, kernel.TL] -= turn.angle * self.packed.drive.inv_h
+        return turned
+
+    def put(self, x: np.ndarray) -> None:
+        """Make ``x`` the state at the start of the period."""
+        state, p = self.packed.state, self.packed.drive
+        state.y[:] = self.absolute(x[None], self.turn([0]))[0]
+        angle = float(self.angle(0))
+        state.clock[:] = 0.0
+        state.energy[:] = 0.0
+        state.clock[kernel.NOW], state.clock[kernel.NEXT_STEP] = self.start, p.max_step
+        state.clock[kernel.REF_A], state.clock[kernel.REF_B] = self.references(angle)
+        state.clock[kernel.THETA_E] = p.z * angle
+        kernel.start(state, p)
+
+    def advance(self, x: np.ndarray, samples: Any = None) -> np.ndarray:
+        """State after the period, seen from the command."""
+        self.put(x)
+        stop = self.start + 1.0 / self.frequency
+        status = self.packed.advance(stop, samples or self._unseen, self.times, self.commands)
+        self.evaluations += 1.0
+        if status != kernel.OK:
+            raise interrupted(status)
+        end: np.ndarray = self.from_command(self.packed.state.y[None], self.turn([-self.microsteps]), x[None])[0]
+        return end
+
+
+def interrupted(status: int) -> NotPeriodic:
+    """What a status of the kernel means to a search."""
+    if status == kernel.LOST_SYNCHRONISM:
+        return NotPeriodic("a trial of the search lost synchronism, which says nothing of the drive itself")
+    return NotPeriodic("the solution is not finite, or its step became too small")
+
+
+def _sizes(scale: np.ndarray, scenario: Scenario) -> np.ndarray:
+    """What one microstep moves, for each state."""
+    tolerance = scenario.solver.tolerance / scenario.solver.refinement**4
+    return 1.0 / np.where(scale > 0.0, scale * tolerance, 1.0)
+
+
+def _turning_currents(p: Any, current: float, omega: float) -> tuple[complex, complex]:
+    """Current i_A + j i_B [A] and integral of its error [A s] seen from the command, turning at ``omega`` [rad/s] (Eq. 2, 3)."""
+    winding = p.R + 1j * omega / p.inv_L_D
+    back_emf = 1j * p.K_m * omega / p.z
+    error = (winding * current + back_emf) / (p.K_P + p.K_I / (1j * omega) + winding)
+    return current - error, error / (1j * omega) if p.K_I > 0.0 else 0.0

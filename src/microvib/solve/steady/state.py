@@ -1,0 +1,169 @@
+"""The periodic steady state at constant rate, found directly: ``steady_state(scenario)``.
+
+It is the state that a period of the command leaves as it is (``microvib.solve.steady.search``). What would take the array modes
+a minute to settle is solved for; friction, stick and detent are those of the kernel, for it is the kernel that runs the period.
+"""
+
+from __future__ import annotations
+
+import time as clock_time
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+from microvib.solve import kernel
+from microvib.solve.motion import Invariants, Motion, channel_of
+from microvib.solve.simulate import Progress, Run, balance, channels_of
+from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.steady.search import NotShown, Search
+
+ATTEMPTS = ((1, 0), (2, 4), (3, 4))
+"""Searches in turn: periods of the command after which the motion may repeat, and such periods simulated before."""
+LONGEST = 8
+"""Quarter electrical turns that a transmission error may take to repeat."""
+
+MOST_MODES = 100
+"""Array modes beyond which differences in each state take longer than the run in time."""
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """One period of a steady motion: its torque and, on demand, all channels of a ``Motion``, as means over equal intervals."""
+
+    scenario: Scenario
+    start: float
+    """Start of the period [s], on the clock of the scenario's record."""
+    frequency: float
+    """Repetitions per second [Hz]."""
+    microsteps: int
+    """Microsteps in the period."""
+    T_d: np.ndarray
+    """Disturbance torque [N m], (n,)."""
+    stuck_output: float
+    """Part of the period that the output shaft sticks."""
+    state: np.ndarray
+    """The kernel's state at the start of the period, seen from the command (``microvib.solve.steady.period``)."""
+    distance: float
+    """Estimated distance of ``state`` from the steady one, over what a microstep moves."""
+    multiplier: float
+    """Largest part of a deviation that is left after a period; below 1 the motion is stable."""
+    solver: dict[str, Any]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.T_d if name == "T_d" else channel_of(self.channels, name, self.scenario.array)
+
+    @property
+    def channels(self) -> dict[str, np.ndarray]:
+        """All channels by name, (n,) each, from one more run over the period, which is made when they are first asked for."""
+        return self._period[0]
+
+    @property
+    def invariants(self) -> Invariants:
+        """What must have held over the period, of that run."""
+        return self._period[1]
+
+    @cached_property
+    def _period(self) -> tuple[dict[str, np.ndarray], Invariants]:
+        period = PeriodMap(self.scenario, self.microsteps)
+        packed, n = period.packed, self.T_d.size
+        rows, partial = np.zeros((n, packed.channels)), np.zeros(packed.channels)
+        period.put(self.state)
+        before, momentum = packed.snapshot(), packed.momentum
+        width = 1.0 / (self.frequency * n)
+        period.advance(self.state, kernel.Samples(period.start, width, rows, partial, np.zeros(2, dtype=np.int64)))
+        invariants = balance(packed, before, momentum, 1.0 / self.frequency)
+        return channels_of(rows, len(self.scenario.array.modes)) | {"T_d": self.T_d}, invariants
+
+    @property
+    def time(self) -> np.ndarray:
+        """Middles of the intervals [s], (n,)."""
+        n = self.T_d.size
+        middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
+        return middles
+
+    def harmonics(self, name: str = "T_d") -> np.ndarray:
+        """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0, 1, ..., (n // 2,).
+
+        Phases are those of cosines at the first sample of the record, ``record.settle``. The means' droop is made good.
+        """
+        x = self[name]
+        n = x.shape[0]
+        k = np.arange(n // 2)
+        series = np.fft.rfft(x, axis=0)[: k.size] * (2.0 / n)
+        series[0] *= 0.5
+        shift = 2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
+        result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
+        return result
+
+    def motion(self, *, channels: tuple[str, ...] | None = None, progress: Progress | None = None) -> Motion:
+        """The record of the scenario, integrated from this state instead of from rest."""
+        period = PeriodMap(self.scenario, self.microsteps)
+        period.put(self.state)
+        run = Run(self.scenario, progress=progress, channels=channels, packed=period.packed, command=period.command)
+        blocks = list(run)
+        joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+        record = self.scenario.record
+        t = record.settle + np.arange(record.samples) / record.sample_rate
+        return Motion(self.scenario, t, joined, run.invariants, run.solver, run.beginning)
+
+
+def steady_state(scenario: Scenario) -> SteadyState:
+    """The steady state of ``scenario`` at the rate that it has in its record.
+
+    Raises NotPeriodic, with the reason, where the rate changes or is zero, where a transmission error takes too long to
+    repeat, where there are more than MOST_MODES modes, or where no stable and unique motion was found that repeats within
+    three periods of the command.
+    """
+    begun = clock_time.perf_counter()
+    repeat, quarter = repeats_after(scenario)
+    if repeat > LONGEST * quarter:
+        raise NotPeriodic(f"the transmission error repeats with the command only every {repeat} microsteps")
+    if len(scenario.array.modes) > MOST_MODES:
+        raise NotPeriodic(f"there are more than {MOST_MODES} array modes, for which the run in time is faster")
+    reason, spent = "", 0.0
+    for multiple, settle in ATTEMPTS:
+        period = PeriodMap(scenario, multiple * repeat)
+        try:
+            search = Search(period).run(settle)
+            return _found(search, spent, clock_time.perf_counter() - begun)
+        except NotShown:
+            raise
+        except NotPeriodic as problem:
+            reason = str(problem)
+            spent += period.evaluations / period.frequency
+    raise NotPeriodic(reason)
+
+
+def _found(search: Search, spent: float, seconds: float) -> SteadyState:
+    """What a search found, after others simulated ``spent`` [s] in vain."""
+    period = search.period
+    settings, simulated = period.scenario.solver, spent + period.evaluations / period.frequency
+    solver = {
+        "method": "steady state by multiple shooting over one period, quasi-Newton; RODAS4 with located friction events",
+        "tolerance": settings.tolerance,
+        "max_step_s": settings.max_step,
+        "refinement": settings.refinement,
+        "period_s": 1.0 / period.frequency,
+        "period_microsteps": period.microsteps,
+        "periods_evaluated": simulated * period.frequency,
+        "distance": search.distance,
+        "multiplier": search.multiplier,
+        "settling_s": search.settling,
+        "simulated_s": simulated,
+        "wall_s": seconds,
+    }
+    return SteadyState(
+        scenario=period.scenario,
+        start=period.start,
+        frequency=period.frequency,
+        microsteps=period.microsteps,
+        T_d=search.ends.T_d,
+        stuck_output=float(np.sum(search.ends.stuck_output)) * period.frequency,
+        state=search.x[0] * period.sizes,
+        distance=search.distance,
+        multiplier=search.multiplier,
+        solver=solver,
+    )

@@ -1,0 +1,221 @@
+"""Modes as a finite-element deck says them, and the way from its units, frame and reference point to the interface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, get_args
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from microvib.model.part import Part
+from microvib.structures.modal import ModalError, ModalModel
+from microvib.structures.modal_checks import check_deck, check_mass, with_findings
+from microvib.units import Quantity
+
+POUND_FORCE = 4.4482216152605  # N
+UnitSystem = Literal["SI", "mm-t-s", "mm-kg-s", "in-lbf-s", "ft-lbf-s"]
+UNIT_SYSTEMS: dict[str, tuple[float, float]] = {
+    "SI": (1.0, 1.0),
+    "mm-t-s": (1e-3, 1e3),
+    "mm-kg-s": (1e-3, 1.0),
+    "in-lbf-s": (0.0254, POUND_FORCE / 0.0254),
+    "ft-lbf-s": (0.3048, POUND_FORCE / 0.3048),
+}
+"""Metres in a unit of length, kilograms in a unit of mass; time is in seconds in all of them."""
+
+Point = tuple[float, float, float]
+"""Coordinates in the basic frame of the deck, in its unit of length; or a direction."""
+ORIGIN: Point = (0.0, 0.0, 0.0)
+
+
+class Import(Part):
+    """How a deck is to be understood; nothing that it cannot say itself is guessed."""
+
+    units: UnitSystem = Field(description=f"unit system of the deck: {', '.join(get_args(UnitSystem))}")
+    interface: int | Point = Field(
+        description="interface point: a grid id, or three coordinates in the deck's basic frame and length unit"
+    )
+    drive_axis: Literal["x", "y", "z"] | Point = Field(
+        description="drive axis: x, y or z of the frame, or three components of a direction"
+    )
+    frame: int = Field(
+        default=0,
+        ge=0,
+        description="coordinate system of the deck whose axes the interface frame has; 0 is the basic one",
+    )
+    damping: Annotated[
+        float, Quantity("", "modal damping ratio, of all modes", "xi", ge=0, le=0.99, display="percent")
+    ] = Field(default=0.01, description="modal damping ratio from 0 to 99 percent")
+    modes: int | None = Field(default=None, ge=1, le=2000, description="how many modes to keep, from 1 to 2000")
+    mass: str | None = Field(
+        default=None, description="a second file: OP4 with the mass matrix, or F06 with the grid point weight generator"
+    )
+    wtmass: float = Field(default=1.0, gt=0.0, description="PARAM,WTMASS of the deck, greater than 0")
+    reference: int | Point = Field(
+        default=ORIGIN,
+        description="point to which participation factors in OP2 and OP4 refer: a grid id or three coordinates",
+    )
+
+
+def import_options(data: Mapping[str, Any], origin: str) -> Import:
+    """Options from keys and values; ModalError names each key that is wrong, with what is allowed."""
+    try:
+        return Import.model_validate(dict(data))
+    except ValidationError as error:
+        lines = dict.fromkeys(_sentence(item["type"], item["loc"], item.get("input")) for item in error.errors())
+        raise ModalError("\n".join(f"{origin}: {line}" for line in lines)) from None
+
+
+def _sentence(kind: str, where: tuple[int | str, ...], found: Any) -> str:
+    key = str(where[0])
+    if kind == "extra_forbidden":
+        return f"{key}: unknown key; allowed for an import are {', '.join(Import.model_fields)}"
+    meaning = Import.model_fields[key].description
+    return (
+        f"{key}: missing; wanted is {meaning}" if kind == "missing" else f"{key}: {found!r} is not allowed; {meaning}"
+    )
+
+
+@dataclass(frozen=True)
+class Deck:
+    """What a file says of the clamped modes, in the deck's units and basic frame."""
+
+    title: str
+    frequency: np.ndarray
+    """Hz, (s,)."""
+    participation: np.ndarray
+    """Mass-normalised, about ``reference``, (6, s)."""
+    mass: np.ndarray
+    """Rigid-body mass matrix about ``reference``, (6, 6)."""
+    reference: int | Point = ORIGIN
+    """A grid id or coordinates."""
+    grids: Mapping[int, np.ndarray] = field(default_factory=dict)
+    """Coordinates of the grids, as far as they are known, (3,) each."""
+    frames: Mapping[int, np.ndarray] = field(default_factory=dict)
+    """Axes of rectangular coordinate systems as columns in the basic frame, (3, 3) each."""
+    signed: bool = True
+    """False where only magnitudes are known, as from a table of effective masses."""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        s = self.frequency.size
+        if self.participation.shape != (6, s) or self.mass.shape != (6, 6):
+            raise ModalError(
+                f"{self.title}: has {s} modes, but participations {self.participation.shape} and mass {self.mass.shape}; six"
+                " directions of each mode and a 6 x 6 mass are wanted"
+            )
+
+
+def modal_model(deck: Deck, options: Import) -> ModalModel:
+    """Modes at the interface point, in the interface frame, in SI; ModalError says what is wrong with the deck."""
+    check_deck(deck.frequency, deck.mass, deck.title)
+    shift, turn, axis = _shift(deck, options), _axes(deck, options), _axis(options)
+    if not deck.signed and not (np.allclose(shift, 0.0) and np.allclose(turn, np.eye(3))):
+        raise ModalError(
+            f"{deck.title}: gives magnitudes of effective mass only, which cannot be moved from {_words(deck.reference)} or"
+            " turned; ask for participation factors, MEFFMASS(ALL), or give this point and an axis of the basic frame"
+        )
+    motion = moved(shift) @ np.kron(np.eye(2), turn.T)
+    length, kilogram = UNIT_SYSTEMS[options.units]
+    scale = np.sqrt(kilogram) * np.repeat([1.0, length], 3)
+    mass = scale[:, None] * (motion.T @ (deck.mass + deck.mass.T) @ motion / 2.0) * scale
+    participation = scale[:, None] * (motion.T @ deck.participation)
+    if not deck.signed:
+        participation, mass = _about_axis(participation, mass, 3 + "xyz".index(axis))
+    order = np.argsort(deck.frequency, kind="stable")
+    notes = (*deck.notes, _frame_note(deck, options))
+    xi = np.full(order.size, options.damping)
+    model = ModalModel(deck.frequency[order], xi, participation[:, order], mass, axis, deck.title, notes)
+    count = order.size if options.modes is None else options.modes
+    if count > order.size:
+        raise ModalError(f"{deck.title}: has {order.size} modes; {count} are asked for")
+    return with_findings(check_mass(model).first(count), options.units)
+
+
+def _shift(deck: Deck, options: Import) -> np.ndarray:
+    """Vector from the interface point to the reference point, (3,)."""
+    if options.interface == deck.reference:
+        return np.zeros(3)
+    here, there = _position(deck, options.interface, "interface"), _position(deck, deck.reference, "reference")
+    shift: np.ndarray = there - here
+    return shift
+
+
+def _position(deck: Deck, point: int | Point, role: str) -> np.ndarray:
+    if not isinstance(point, int):
+        return np.array(point)
+    if point in deck.grids:
+        return deck.grids[point]
+    if deck.grids:
+        raise ModalError(
+            f"{deck.title}: {role}: grid {point} is not in the model, which has {len(deck.grids)} grids from"
+            f" {min(deck.grids)} to {max(deck.grids)}"
+        )
+    raise ModalError(
+        f"{deck.title}: {role}: the file does not say where grid {point} is; its participations refer to"
+        f" {_words(deck.reference)}; give coordinates, or have them computed about that grid"
+    )
+
+
+def _axes(deck: Deck, options: Import) -> np.ndarray:
+    """Rotation from the basic frame to the interface frame, rows are the axes of the interface frame, (3, 3)."""
+    turn = np.eye(3)
+    if options.frame:
+        if options.frame not in deck.frames:
+            known = ", ".join(str(k) for k in sorted(deck.frames)) or "none"
+            raise ModalError(
+                f"{deck.title}: frame: rectangular coordinate system {options.frame} is not in the file; it has {known}"
+            )
+        turn = np.array(deck.frames[options.frame]).T
+    if isinstance(options.drive_axis, str):
+        return turn
+    return np.array(_with_z_along(np.array(options.drive_axis), deck.title) @ turn)
+
+
+def _with_z_along(direction: np.ndarray, title: str) -> np.ndarray:
+    """Frame with z along ``direction`` and x as near as may be to the first of x, y that is not close to it."""
+    if not np.all(np.isfinite(direction)) or not np.any(direction):
+        raise ModalError(
+            f"{title}: drive_axis: {direction.tolist()} is no direction; three components, not all 0, are wanted"
+        )
+    z = direction / np.linalg.norm(direction)
+    near = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
+    x = near - (near @ z) * z
+    x /= np.linalg.norm(x)
+    return np.array([x, np.cross(z, x), z])
+
+
+def _axis(options: Import) -> str:
+    return options.drive_axis if isinstance(options.drive_axis, str) else "z"
+
+
+def moved(shift: np.ndarray) -> np.ndarray:
+    """Rigid-body motion of a point from that of another, ``shift`` (3,) from the latter to the former, (6, 6)."""
+    motion = np.eye(6)
+    motion[:3, 3:] = [[0.0, shift[2], -shift[1]], [-shift[2], 0.0, shift[0]], [shift[1], -shift[0], 0.0]]
+    return motion
+
+
+def _about_axis(participation: np.ndarray, mass: np.ndarray, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """The drive axis alone: without signs, what the modes do in other directions at the same time is not known."""
+    only = np.zeros(6)
+    only[row] = 1.0
+    return only[:, None] * participation, only[:, None] * mass * only
+
+
+def _frame_note(deck: Deck, options: Import) -> str:
+    axes = "the deck's basic frame" if not options.frame else f"coordinate system {options.frame} of the deck"
+    if not isinstance(options.drive_axis, str):
+        axes = f"z along {list(options.drive_axis)} of {axes}"
+    return (
+        f"Interface point {_words(options.interface)}, interface frame {axes}, deck in {options.units};"
+        f" damping {100.0 * options.damping:g} % of every mode is declared, not computed."
+    )
+
+
+def _words(point: int | Point) -> str:
+    if isinstance(point, int):
+        return f"grid {point}"
+    return "the origin of the basic frame" if not any(point) else f"point {list(point)}"

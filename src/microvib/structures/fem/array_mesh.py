@@ -1,0 +1,218 @@
+"""Mesh of an array description, and its modal model."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from pyfe3d.shellprop_utils import laminated_plate
+
+from microvib.structures.array_design import ArrayDesign, Hinge, Sandwich, Tube, Yoke
+from microvib.structures.fem.modes import Modes, solve
+from microvib.structures.fem.structure import Link, Lump, Mesh, Section, Spring, Structure, StructureError
+from microvib.structures.modal import ModalModel
+from microvib.structures.simulator_design import Material, SimulatorDesign
+
+LARGEST = 2_000_000
+"""Degrees of freedom of the largest mesh that is tried."""
+_HONEYCOMB_MODULUS = 1e3  # Pa; a core carries shear only, and the laminate theory wants some modulus
+
+
+def structure_of(design: ArrayDesign) -> Structure:
+    """Mesh of a description; StructureError where it would be too large or cannot be made."""
+    check_size(6.0 * design.panels.count * design.panels.span * design.panels.chord / design.mesh**2, design.mesh)
+    mesh = Mesh()
+    interface = int(mesh.add((0.0, 0.0, 0.0))[0])
+    drive = interface
+    if design.shaft is not None:
+        drive = int(mesh.add((0.0, 0.0, 0.0))[0])
+        mesh.parts.append(Spring("drive shaft", (interface, drive), design.shaft.values))
+    seats = _yoke(mesh, design, drive)
+    panels = {}
+    for k in range(1, design.panels.count + 1):
+        if k not in design.panels.missing:
+            panels[k] = _panel(mesh, design, k)
+    _root_hinges(mesh, design, seats, panels.get(1))
+    for k in range(1, design.panels.count):
+        if k in panels and k + 1 in panels:
+            _hinge_line(mesh, design, k, panels[k], panels[k + 1])
+    _masses(mesh, design, list(panels.values()))
+    return mesh.structure(interface, design.title or "array")
+
+
+def check_size(dof: float, size: float) -> None:
+    """StructureError where elements of ``size`` [m] would make far too many degrees of freedom."""
+    if dof > LARGEST:
+        raise StructureError(
+            f"mesh: elements of {size:g} m make about {dof:.3g} degrees of freedom; at most {LARGEST:.0e} are tried"
+        )
+
+
+def laminate_of(sandwich: Sandwich) -> Any:
+    """The library's laminate: plies of both faces, mirrored about the core, shear stiffness from equilibrium."""
+    plies = [(p.angle, p.thickness, p.density, _ply(p)) for p in sandwich.face]
+    core = sandwich.core
+    middle = (0.0, core.thickness, core.density, _core(core.shear_xz, core.shear_yz))
+    stack = [*plies, middle, *reversed(plies)]
+    laminate = laminated_plate(
+        [math.degrees(angle) for angle, *_ in stack],
+        plyts=[t for _, t, *_ in stack],
+        rhos=[rho for *_, rho, _ in stack],
+        laminaprops=[material for *_, material in stack],
+    )
+    laminate.intrho += sandwich.nonstructural_mass
+    return laminate
+
+
+def _ply(ply: Any) -> tuple[float, ...]:
+    return (ply.modulus_1, ply.modulus_2, ply.poisson, ply.shear_modulus, ply.shear_modulus, ply.shear_modulus)
+
+
+def _core(shear_xz: float, shear_yz: float) -> tuple[float, ...]:
+    return (_HONEYCOMB_MODULUS, _HONEYCOMB_MODULUS, 0.0, _HONEYCOMB_MODULUS / 2.0, shear_xz, shear_yz)
+
+
+def tube_section(tube: Tube, material: Yoke | Material) -> Section:
+    """Section of a rectangular tube; torsion by Bredt, shear carried by the walls along it."""
+    b, h, t = tube.width, tube.height, tube.wall
+    bi, hi = b - 2.0 * t, h - 2.0 * t
+    A = b * h - bi * hi
+    enclosed = (b - t) * (h - t)
+    J = 4.0 * enclosed**2 * t / (2.0 * (b + h - 2.0 * t))
+    flat = (b * h**3 - bi * hi**3) / 12.0  # bending along the normal
+    edge = (h * b**3 - hi * bi**3) / 12.0
+    E, rho = material.modulus, material.density
+    G = E / (2.0 * (1.0 + material.poisson))
+    # y of the section lies along the normal
+    return Section(E, G, rho, A, I_yy=edge, I_zz=flat, J=J, shear_y=2 * h * t / A, shear_z=2 * b * t / A)
+
+
+def _yoke(mesh: Mesh, design: ArrayDesign, drive: int) -> dict[float, int]:
+    """Legs and cross-bar; the nodes of the cross-bar at the root hinges."""
+    yoke = design.yoke
+    ends = yoke.half_width_panel
+    places = sorted({-ends, ends, *(hinge.position for hinge in design.hinges.root)})
+    bar = {y: int(mesh.add((yoke.length, y, 0.0))[0]) for y in places}
+    leg, crossbar = tube_section(yoke.leg, yoke), tube_section(yoke.crossbar, yoke)
+    if yoke.half_width_drive > 0.0:
+        feet = [int(mesh.add((0.0, side * yoke.half_width_drive, 0.0))[0]) for side in (-1.0, 1.0)]
+        mesh.parts.append(Link("yoke fitting", drive, np.array(feet)))
+    else:
+        feet = [drive, drive]
+    for foot, y in zip(feet, (-ends, ends), strict=True):
+        mesh.line("yoke", (foot, bar[y]), leg, design.mesh)
+    for a, b in itertools.pairwise(places):
+        mesh.line("cross-bar", (bar[a], bar[b]), crossbar, design.mesh)
+    return bar
+
+
+Panel = tuple[np.ndarray, np.ndarray]
+
+
+def _panel(mesh: Mesh, design: ArrayDesign, number: int) -> Panel:
+    """Shells of one panel; grid lines run along the edges of all footprints."""
+    panels, hinges = design.panels, design.hinges
+    start = design.yoke.length + (number - 1) * (panels.span + panels.gap)
+    end = start + panels.span
+    before, after = hinges.root if number == 1 else hinges.between, hinges.between
+    x = grid_lines(
+        [start, end, *(start + h.footprint for h in before), *(end - h.footprint for h in after)], design.mesh
+    )
+    edges = [h.position + side * h.footprint / 2.0 for h in (*hinges.root, *hinges.between) for side in (-1, 1)]
+    y = grid_lines([-panels.chord / 2.0, panels.chord / 2.0, *edges], design.mesh)
+    return mesh.rectangle(f"panel {number}", x, y, design.offset, laminate_of(design.sandwich))
+
+
+def grid_lines(breaks: list[float], size: float) -> np.ndarray:
+    """Lines through all ``breaks`` and at most ``size`` apart."""
+    fixed = np.unique(np.round(breaks, 9))
+    pieces = [
+        np.linspace(a, b, max(math.ceil((b - a) / size - 1e-9), 1), endpoint=False)
+        for a, b in itertools.pairwise(fixed)
+    ]
+    return np.append(np.concatenate(pieces), fixed[-1])
+
+
+def _root_hinges(mesh: Mesh, design: ArrayDesign, seats: dict[float, int], first: Panel | None) -> None:
+    for hinge in design.hinges.root if first is not None else ():
+        seat = seats[hinge.position]
+        x = design.yoke.length
+        assert first is not None
+        node = _footprint(mesh, "root hinge", first, hinge, (x, hinge.position, 0.0), x, x + hinge.footprint)
+        mesh.parts.append(Spring("root hinge", (seat, node), hinge.stiffness.values))
+
+
+def _hinge_line(mesh: Mesh, design: ArrayDesign, number: int, before: Panel, after: Panel) -> None:
+    """Hinges between two panels, at the middle of the gap."""
+    panels = design.panels
+    edge = design.yoke.length + number * panels.span + (number - 1) * panels.gap
+    other = edge + panels.gap
+    name = f"hinge line {number}-{number + 1}"
+    for hinge in design.hinges.between:
+        place = ((edge + other) / 2.0, hinge.position, design.offset)
+        a = _footprint(mesh, name, before, hinge, place, edge - hinge.footprint, edge)
+        b = _footprint(mesh, name, after, hinge, place, other, other + hinge.footprint)
+        mesh.parts.append(Spring(name, (a, b), hinge.stiffness.values))
+
+
+def _footprint(mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Any, start: float, end: float) -> int:
+    """A node at ``place``, rigidly linked to the panel's nodes in the hinge's footprint."""
+    index, xyz = panel
+    half = hinge.footprint / 2.0 + 1e-6
+    inside = (xyz[:, 0] > start - 1e-6) & (xyz[:, 0] < end + 1e-6) & (np.abs(xyz[:, 1] - hinge.position) < half)
+    node = int(mesh.add(place)[0])
+    mesh.parts.append(Link(name, node, index[inside]))
+    return node
+
+
+def _masses(mesh: Mesh, design: ArrayDesign, panels: list[Panel]) -> None:
+    index = np.concatenate([p[0] for p in panels])
+    xyz = np.concatenate([p[1] for p in panels])
+    for k, item in enumerate(design.masses):
+        distance = np.hypot(xyz[:, 0] - item.x, xyz[:, 1] - item.y)
+        nearest = int(np.argmin(distance))
+        if distance[nearest] > max(design.mesh, 1e-3):
+            raise StructureError(f"masses.{k}: there is no panel at x {item.x:g} m, y {item.y:g} m")
+        mesh.parts.append(Lump(f"mass {k + 1}", int(index[nearest]), item.mass))
+
+
+def damping_of(design: ArrayDesign | SimulatorDesign, frequency: np.ndarray) -> np.ndarray:
+    """Damping ratios of modes at ``frequency`` [Hz], (s,)."""
+    Omega = 2.0 * np.pi * frequency
+    rule = design.damping
+    xi = rule.ratio + rule.mass / (2.0 * Omega) + rule.stiffness * Omega / 2.0
+    given = rule.modes[: xi.size]
+    xi[: len(given)] = given
+    return np.minimum(xi, 0.99)
+
+
+@lru_cache(maxsize=8)
+def solve_array(design: ArrayDesign, count: int) -> Modes:
+    """Lowest ``count`` modes of a description; kept in memory."""
+    return solve(structure_of(design), count)
+
+
+def modal_model(design: ArrayDesign, count: int) -> ModalModel:
+    """Modal model of a description, with the questions that its numbers raise."""
+    modes = solve_array(design, count)
+    xi = damping_of(design, modes.frequency)
+    notes = questions(design, modes)
+    return ModalModel(
+        modes.frequency, xi, modes.participation, modes.mass, design.drive_axis, design.title or "array", notes
+    )
+
+
+def questions(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:
+    """What looks like a wrong unit, as questions."""
+    notes = []
+    areal, first = design.sandwich.areal_mass, float(modes.frequency[0])
+    if not 0.5 <= areal <= 50.0:
+        notes.append(f"The panels weigh {areal:.4g} kg/m²; solar panels weigh 0.5 to 50. Is a unit wrong?")
+    if not 0.02 <= first <= 50.0:
+        notes.append(
+            f"The first mode is at {first:.4g} Hz; deployed arrays have it between 0.02 and 50. Is a unit wrong?"
+        )
+    return tuple(notes)

@@ -1,0 +1,107 @@
+"""Sparse stiffness and mass of a structure, and its degrees of freedom with links and clamp taken out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from microvib.structures.fem.elements import element_matrices
+from microvib.structures.fem.structure import Beams, Link, Lump, Shells, Spring, Structure
+
+ROUNDING = 1e-12
+"""Entry of an element's matrix over the root of its diagonals that is taken for zero."""
+
+
+@dataclass(frozen=True)
+class System:
+    """Matrices of a structure clamped at its interface."""
+
+    K: Any
+    """Stiffness of the free degrees of freedom, sparse (m, m) [N/m, N m/rad]."""
+    M: Any
+    """Mass of the free degrees of freedom, sparse (m, m) [kg, kg m, kg m^2]."""
+    T: Any
+    """From the free degrees of freedom to all, sparse (n, m)."""
+    M_all: Any
+    """Mass of all degrees of freedom before links, sparse (n, n)."""
+    R: np.ndarray
+    """Rigid-body motions of all degrees of freedom about the interface, (n, 6)."""
+
+
+def assemble(structure: Structure, clamped: bool = True) -> System:
+    """System of a structure; with ``clamped`` false its interface is free, too."""
+    K, M = _sum(structure)
+    T = _reduction(structure, clamped)
+    R = rigid_motions(structure.xyz, structure.xyz[structure.interface])
+    return System((T.T @ K @ T).tocsc(), (T.T @ M @ T).tocsc(), T, M, R)
+
+
+def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Displacements and rotations of nodes that move as one rigid body about ``origin``, (6 n, 6)."""
+    R = np.zeros((len(xyz), 6, 6))
+    R[:] = np.eye(6)
+    x, y, z = (xyz - origin).T
+    R[:, 1, 3], R[:, 2, 3] = -z, y
+    R[:, 0, 4], R[:, 2, 4] = z, -x
+    R[:, 0, 5], R[:, 1, 5] = -y, x
+    return R.reshape(-1, 6)
+
+
+def _sum(structure: Structure) -> tuple[Any, Any]:
+    K, M = _Triplets(structure.dof), _Triplets(structure.dof)
+    for part in structure.parts:
+        if isinstance(part, (Shells, Beams)):
+            stiffness, mass, which = element_matrices(part, structure.xyz)
+            K.add(part.nodes, stiffness, which)
+            M.add(part.nodes, mass, which)
+        elif isinstance(part, Spring):
+            k = np.diag(part.stiffness)
+            K.add(np.array([part.nodes]), np.block([[k, -k], [-k, k]])[None])
+        elif isinstance(part, Lump):
+            M.add(np.array([[part.node]]), np.diag([part.mass] * 3 + list(part.inertia))[None])
+    return K.matrix(), M.matrix()
+
+
+class _Triplets:
+    """Entries of a sparse matrix, collected group by group."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.rows: list[np.ndarray] = [np.zeros(0, np.int32)]
+        self.columns: list[np.ndarray] = [np.zeros(0, np.int32)]
+        self.values: list[np.ndarray] = [np.zeros(0)]
+
+    def add(self, nodes: np.ndarray, matrices: np.ndarray, which: Any = slice(None)) -> None:
+        """Elements with ``nodes`` (n, c); ``which`` (n,) of the dense ``matrices`` (d, 6 c, 6 c) each one has."""
+        dof = (6 * nodes[:, :, None] + np.arange(6)).reshape(len(nodes), -1).astype(np.int32)
+        diagonal = np.sqrt(np.abs(np.einsum("eii->ei", matrices)))
+        scale = diagonal[:, :, None] * diagonal[:, None, :]
+        # Rounding would couple bending and motion in the plane of flat panels, and multiply the fill of the factor.
+        rows, columns = np.nonzero(np.any(np.abs(matrices) > ROUNDING * scale, axis=0))
+        self.rows.append(dof[:, rows].ravel())
+        self.columns.append(dof[:, columns].ravel())
+        self.values.append(matrices[:, rows, columns][which].ravel())
+
+    def matrix(self) -> Any:
+        entries = (np.concatenate(self.rows), np.concatenate(self.columns))
+        return sp.coo_array((np.concatenate(self.values), entries), shape=(self.size, self.size)).tocsc()
+
+
+def _reduction(structure: Structure, clamped: bool) -> Any:
+    """All degrees of freedom as combinations of those that are free: u_slave = u_master + theta x r."""
+    motion = (
+        sp.identity(structure.dof, format="lil") if structure.of(Link) else sp.identity(structure.dof, format="csc")
+    )
+    gone = list(range(6 * structure.interface, 6 * structure.interface + 6)) if clamped else []
+    for link in structure.of(Link):
+        R = rigid_motions(structure.xyz[link.slaves], structure.xyz[link.master])
+        slaves = (6 * np.asarray(link.slaves)[:, None] + np.arange(6)).ravel()
+        gone.extend(slaves)
+        for row, values in zip(slaves, R, strict=True):
+            used = np.flatnonzero(values)
+            motion.rows[row], motion.data[row] = (6 * link.master + used).tolist(), values[used].tolist()
+    free = np.setdiff1d(np.arange(structure.dof), gone)
+    return motion.tocsc()[:, free]

@@ -1,0 +1,149 @@
+"""Checks that an analyst makes of a modal model before using it; what is fatal is an error, the rest is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from microvib.model.array import SLACK
+from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
+
+RIGID = 1e-3
+"""Hz; below it no array is meant."""
+GAP = 100.0
+"""Ratio of the seventh to the sixth frequency from which the six are a free body's."""
+TABLE = 1e-3
+"""Relative; what rounding of printed tables and single precision may do to masses."""
+ENOUGH = 0.9
+"""Share of the rigid-body mass that the modes should hold (the 90 % rule)."""
+MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (0.01, 100.0)
+"""Plausible masses of arrays [kg], highest frequency of use [Hz], and radii of gyration [m]."""
+
+
+def check_deck(frequency: np.ndarray, mass: np.ndarray, title: str) -> None:
+    """ModalError for a free body, a mechanism, or a mass matrix that is none."""
+    if not frequency.size:
+        raise ModalError(f"{title}: has no modes")
+    if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(mass))):
+        raise ModalError(f"{title}: holds values that are not finite numbers")
+    check_clamped(frequency, title)
+    diagonal = np.diag(mass)
+    if np.any(diagonal < 0.0):
+        k = int(np.argmin(diagonal))
+        raise ModalError(f"{title}: rigid-body mass in {DIRECTIONS[k]} is {diagonal[k]:.4g}; it must not be negative")
+    size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    unit = mass / np.outer(size, size)
+    if np.abs(unit - unit.T).max() > TABLE:
+        i, j = np.unravel_index(int(np.abs(unit - unit.T).argmax()), (6, 6))
+        raise ModalError(
+            f"{title}: rigid-body mass matrix is not symmetric: {DIRECTIONS[i]}-{DIRECTIONS[j]} is {mass[i, j]:.4g} one way"
+            f" and {mass[j, i]:.4g} the other"
+        )
+    least = float(np.linalg.eigvalsh(unit + unit.T).min() / 2.0)
+    if least < -TABLE:
+        raise ModalError(f"{title}: rigid-body mass matrix has a negative eigenvalue ({least:.2g} of its diagonal)")
+
+
+def check_clamped(frequency: np.ndarray, title: str) -> None:
+    """ModalError where there are rigid-body modes; the frequencies need no order."""
+    frequency = np.sort(frequency)
+    rigid = int((frequency < RIGID).sum())
+    if frequency.size > 6 and frequency[6] > GAP * frequency[5]:
+        rigid = max(rigid, 6)
+    if not rigid:
+        return
+    what = "free" if rigid >= 6 else "not held in all directions, or has a mechanism or a loose part"
+    raise ModalError(
+        f"{title}: {rigid} of {frequency.size} modes are rigid-body modes (up to {frequency[rigid - 1]:.3g} Hz): the model is"
+        f" {what}; modes with the interface point clamped (SPC in all six directions) are wanted"
+    )
+
+
+def check_mass(model: ModalModel) -> ModalModel:
+    """The model, freed of rounding; ModalError where its modes and its mass cannot belong together.
+
+    What is left of the rigid-body mass when the modes are taken out must be a mass.
+    """
+    if model.inertia <= 0.0:
+        raise ModalError(
+            f"{model.title}: has no moment of inertia about the drive axis ({model.drive_axis}); is the drive axis right?"
+        )
+    size = np.sqrt(np.where(np.diag(model.mass) > 0.0, np.diag(model.mass), 1.0))
+    rest = (model.mass - model.participation @ model.participation.T) / np.outer(size, size)
+    over = float(-np.linalg.eigvalsh(rest).min())
+    if over > TABLE:
+        share = np.nan_to_num(model.fraction.sum(axis=1))
+        k = int(share.argmax())
+        most = f", {100.0 * share[k]:.4g} % of it in {DIRECTIONS[k]}" if share[k] > 1.0 else ""
+        raise ModalError(
+            f"{model.title}: the modes hold more than the mass of the rigid body{most}: mass, participation, reference point or"
+            " normalisation do not belong together"
+        )
+    if over <= SLACK:
+        return model
+    said = (
+        f"Participations were lowered by {over / 2:.1g} of their value: rounding had made them hold more than all mass."
+    )
+    return replace(model, participation=model.participation / np.sqrt(1.0 + over), notes=(*model.notes, said))
+
+
+def with_findings(model: ModalModel, units: str) -> ModalModel:
+    """The model with what is doubtful in its notes."""
+    return replace(model, notes=(*model.notes, *_shares(model), *_rigid_body(model), *_plausible(model, units)))
+
+
+def _shares(model: ModalModel) -> list[str]:
+    share = model.fraction.sum(axis=1)
+    notes = []
+    low = [f"{DIRECTIONS[k]} {100.0 * share[k]:.1f} %" for k in range(6) if share[k] < ENOUGH]
+    if low:
+        notes.append(
+            f"The {model.frequency.size} modes hold less than 90 % of the rigid-body mass in: {', '.join(low)}; more modes are"
+            " wanted where these directions matter."
+        )
+    if share[model.axis] < 1e-6:
+        notes.append(f"No mode moves about the drive axis ({model.drive_axis}): is the drive axis right?")
+    if model.spatial:
+        bare = [DIRECTIONS[k] for k in range(6) if not np.isfinite(share[k])]
+        if bare:
+            notes.append(f"The model has no mass in {', '.join(bare)}: these directions are missing.")
+    return notes
+
+
+def _rigid_body(model: ModalModel) -> list[str]:
+    """Whether the matrix is that of a rigid body: one mass, the same in all directions, with its centre."""
+    m = np.diag(model.mass)[:3]
+    if not model.spatial or not m.all():
+        return []
+    if np.ptp(m) > 0.01 * m.max():
+        values = ", ".join(f"{v:.4g} kg" for v in m)
+        return [
+            f"The mass differs by direction ({values} along x, y, z): scalar masses, or degrees of freedom left out."
+        ]
+    coupling = model.mass[:3, 3:]
+    skew = np.abs(coupling + coupling.T).max()
+    if skew > 0.01 * max(np.abs(coupling).max(), np.sqrt(m.max() * np.diag(model.mass)[3:].max())):
+        return [
+            "The coupling of translation and rotation is not that of a rigid body: degrees of freedom were left out."
+        ]
+    return []
+
+
+def _plausible(model: ModalModel, units: str) -> list[str]:
+    """Magnitudes that another unit system than the declared one would explain."""
+    notes = []
+    doubt = f"is the deck really in {units}?"
+    if model.frequency[-1] > HIGHEST:
+        notes.append(f"The highest frequency is {model.frequency[-1]:.4g} Hz, above {HIGHEST:g} Hz: {doubt}")
+    m = float(np.diag(model.mass)[:3].max())
+    if not model.spatial or m <= 0.0:
+        return notes
+    if not MASSES[0] <= m <= MASSES[1]:
+        notes.append(f"The mass is {m:.4g} kg, not within {MASSES[0]:g} to {MASSES[1]:g} kg as arrays are: {doubt}")
+    radius = float(np.sqrt(np.diag(model.mass)[3:].max() / m))
+    if not LENGTHS[0] <= radius <= LENGTHS[1]:
+        notes.append(
+            f"The largest radius of gyration is {radius:.4g} m, not within {LENGTHS[0]:g} to {LENGTHS[1]:g} m: {doubt}"
+        )
+    return notes

@@ -1,0 +1,146 @@
+"""A virtual test bench: what a six-component force table reads of given loads.
+
+The chain, in order: suspension rope of the array, platform on its air springs, table on its sensors, charge amplifier (a
+high-pass), noise and mains pick-up, anti-aliasing filter, converter with its own clock. Each stage is linear but the last; the
+motion of table and platform is not fed back to the drive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from microvib.testdata.bench_design import OVERSAMPLING, Bench, Resonance
+from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
+
+GRAVITY = 9.80665
+LONGEST_RINGING = 120.0
+"""Seconds after which a resonance is taken to have rung down."""
+
+
+def measure(bench: Bench, loads: np.ndarray, twist: np.ndarray, drive_axis: str = "z", seed: int = 1) -> Recording:
+    """What ``bench`` records of ``loads`` (6, n) [N, N m], given at ``bench.analog_rate`` over ``bench.span``.
+
+    ``twist`` (n,) [rad] is the angle of the array, which twists its rope. The same ``seed`` gives the same noise.
+    """
+    if loads.shape != (6, twist.size) or twist.size < bench.span * bench.analog_rate - 1:
+        raise RecordingError(
+            f"bench: loads of shape (6, {math.ceil(bench.span * bench.analog_rate)}) are wanted, not {loads.shape}"
+        )
+    rng = np.random.default_rng(seed)
+    x = loads + _rope(bench, twist, drive_axis, rng)
+    for resonance in bench.platform:
+        _through(x, bench.analog_rate, resonance, _platform)
+    for resonance in bench.table:
+        _through(x, bench.analog_rate, resonance, _table)
+    if bench.cross_talk is not None:
+        x = np.array(bench.cross_talk) @ x
+    x = _charge_amplifiers(x, bench) + _noise(bench, x.shape[1], rng)
+    notes = [f"virtual bench: {bench.title or 'without a title'}, seed {seed}"]
+    channels = dict(zip(COMPONENTS, _converted(_without_aliases(x, bench), bench, notes), strict=True))
+    units = {name: "N" if name.startswith("F") else "N*m" for name in COMPONENTS}
+    return Recording(channels, bench.sample_rate, units, bench.title, tuple(notes))
+
+
+def _rope(bench: Bench, twist: np.ndarray, drive_axis: str, rng: np.random.Generator) -> np.ndarray:
+    """Pendulum forces across the drive axis, and the torque of the twisted rope about it, (6, n)."""
+    out = np.zeros((6, twist.size))
+    if bench.rope is None:
+        return out
+    rope, axis = bench.rope, "xyz".index(drive_axis)
+    omega = math.sqrt(GRAVITY / rope.length)
+    t = np.arange(twist.size) / bench.analog_rate - bench.lead
+    phase = omega * math.sqrt(max(1.0 - rope.damping**2, 0.0)) * t + rng.uniform(0.0, 2.0 * math.pi)
+    pull = rope.mass * omega**2 * rope.sway * np.exp(-rope.damping * omega * t)
+    out[(axis + 1) % 3], out[(axis + 2) % 3] = pull * np.cos(phase), pull * np.sin(phase)
+    out[3 + axis] = -rope.torsional_stiffness * twist
+    return out
+
+
+def _table(s: np.ndarray, w: float, resonance: Resonance) -> np.ndarray:
+    """Reading over load: the share that goes through the resonance is amplified."""
+    H: np.ndarray = resonance.share * w * w / (s * s + 2.0 * resonance.damping * w * s + w * w) + 1.0 - resonance.share
+    return H
+
+
+def _platform(s: np.ndarray, w: float, resonance: Resonance) -> np.ndarray:
+    """Reading over load: what moves above the sensors takes its share of the load above the resonance."""
+    H: np.ndarray = 1.0 - resonance.share * s * s / (s * s + 2.0 * resonance.damping * w * s + w * w)
+    return H
+
+
+Transfer = Callable[[np.ndarray, float, Resonance], np.ndarray]
+
+
+def _through(x: np.ndarray, rate: float, resonance: Resonance, transfer: Transfer) -> None:
+    """One component of ``x`` through an analog resonance, in place; it starts in equilibrium with its first value.
+
+    Computed in the frequency domain, exact up to half the rate; the padding takes what rings on after the end.
+    """
+    row = x[COMPONENTS.index(resonance.component)]
+    w = 2.0 * math.pi * resonance.frequency
+    ringing = min(12.0 / (resonance.damping * w), LONGEST_RINGING)
+    size = row.size + math.ceil(ringing * rate)
+    s = 2j * math.pi * np.fft.rfftfreq(size, 1.0 / rate)
+    start = row[0]
+    row[:] = start + np.fft.irfft(np.fft.rfft(row - start, size) * transfer(s, w, resonance), size)[: row.size]
+
+
+def _charge_amplifiers(x: np.ndarray, bench: Bench) -> np.ndarray:
+    """First-order high-pass, reset at the start of the lead."""
+    if bench.high_pass == 0.0:
+        return x
+    from scipy.signal import butter, sosfilt
+
+    sos = butter(1, bench.high_pass, "highpass", fs=bench.analog_rate, output="sos")
+    out: np.ndarray = sosfilt(sos, x - x[:, :1], axis=1)
+    return out
+
+
+def _noise(bench: Bench, samples: int, rng: np.random.Generator) -> np.ndarray:
+    """Noise of given density with its 1/f part, and mains pick-up, (6, n)."""
+    rate = bench.analog_rate
+    white = rng.normal(size=(6, samples)) * math.sqrt(0.5 * rate)
+    white *= np.array([bench.force_noise] * 3 + [bench.torque_noise] * 3)[:, None]
+    if bench.noise_corner > 0.0:
+        f = np.fft.rfftfreq(samples, 1.0 / rate)
+        f[0] = f[1]
+        white[:] = np.fft.irfft(np.fft.rfft(white) * np.sqrt(1.0 + bench.noise_corner / f), samples)
+    angle = 2.0 * np.pi * bench.mains * np.arange(samples) / rate + rng.uniform(0.0, 2.0 * np.pi, (6, 1))
+    pick_up: np.ndarray = np.array([bench.mains_force] * 3 + [bench.mains_torque] * 3)[:, None] * np.sin(angle)
+    noise: np.ndarray = white + pick_up
+    return noise
+
+
+def _without_aliases(x: np.ndarray, bench: Bench) -> np.ndarray:
+    if bench.filter_corner is None:
+        return x
+    from scipy.signal import butter, sosfilt
+
+    sos = butter(bench.filter_order, bench.filter_corner, fs=bench.analog_rate, output="sos")
+    out: np.ndarray = sosfilt(sos, x, axis=1)
+    return out
+
+
+def _converted(x: np.ndarray, bench: Bench, notes: list[str]) -> np.ndarray:
+    """Samples at the converter's own clock, rounded and clipped as it does, (6, samples)."""
+    first = round(bench.lead * bench.analog_rate)
+    if bench.clock_error == 0.0:
+        out = x[:, first : first + OVERSAMPLING * bench.samples : OVERSAMPLING].copy()
+    else:
+        from scipy.interpolate import CubicSpline
+
+        at = first + np.arange(bench.samples) * OVERSAMPLING / (1.0 + bench.clock_error)
+        out = CubicSpline(np.arange(x.shape[1]), x, axis=1)(at)
+        notes.append(f"converter's clock {1e6 * bench.clock_error:+g} ppm off")
+    limit = np.array([bench.force_range] * 3 + [bench.torque_range] * 3)[:, None]
+    if bench.bits is not None:
+        step = 2.0 * limit / 2**bench.bits
+        out = np.round(out / step) * step
+    clipped = [name for name, over in zip(COMPONENTS, np.any(np.abs(out) > limit, axis=1), strict=True) if over]
+    if clipped:
+        notes.append(f"clipped at the range of the converter: {', '.join(clipped)}")
+    clipped_off: np.ndarray = np.clip(out, -limit, limit)
+    return clipped_off

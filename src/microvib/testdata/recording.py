@@ -1,0 +1,239 @@
+"""A recording: sampled channels with units, checked for what makes them unfit, and the axis map to the drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.testdata.channels import LOADS, as_load, in_yaml, per
+
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+
+
+OUTLIER = 1e4
+"""Size of a sample, over that of 99 % of them, from which it is taken for a broken number."""
+LARGEST_LOAD = 1e12
+"""Largest force [N] or torque [N m] that is taken for one."""
+
+
+class RecordingError(MicrovibError):
+    """A recording that cannot be read or used: says which file or channel, and what is wrong with it."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; forces and torques in N and N m after ``in_si``."""
+
+    channels: Mapping[str, np.ndarray]
+    sample_rate: float
+    units: Mapping[str, str] = field(default_factory=dict)
+    title: str = ""
+    notes: tuple[str, ...] = ()
+    """What reading and preparing did, in words."""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.channels:
+            there = [*self.channels]
+            hint = f"; say which one it is in the preparation file (--prepare), such as channels: {{{name}: {in_yaml(there[-1])}}}"
+            raise RecordingError(
+                f"{self.title}: there is no channel '{name}'; there are {', '.join(there[:30])}{' ...' if len(there) > 30 else ''}"
+                + (hint if name in COMPONENTS and there else "")
+                + "".join(f"; {note}" for note in self.notes if note.startswith("left out"))
+            )
+        return self.channels[name]
+
+    @property
+    def samples(self) -> int:
+        """Samples of each channel."""
+        return next(iter(self.channels.values())).size if self.channels else 0
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return self.samples / self.sample_rate
+
+    def noted(self, note: str, **changes: object) -> Recording:
+        """A changed copy that says what was done to it."""
+        return replace(self, notes=(*self.notes, note), **changes)  # type: ignore[arg-type]
+
+    def in_si(self) -> Recording:
+        """Forces in N, torques in N m; what is neither keeps its unit. RecordingError where a component is the other of the two."""
+        channels, units = dict(self.channels), dict(self.units)
+        for name in channels:
+            unit = units.get(name, "").strip()
+            found = as_load(f"1 {unit}") if unit else None
+            if found is None:
+                continue
+            factor, si = found
+            wanted = "N" if name.startswith("F") else "N*m"
+            if name in COMPONENTS and si != wanted:
+                raise RecordingError(
+                    f"{self.title}: channel {name} is in '{unit}', but {wanted} or a part of it is expected"
+                )
+            with np.errstate(all="ignore"):
+                channels[name], units[name] = channels[name] * factor, si
+        return replace(self, channels=channels, units=units)
+
+    def load(self, name: str) -> np.ndarray:
+        """A force [N] or a torque [N m] after ``in_si``; RecordingError says what the preparation must add where it is neither."""
+        x, unit = self[name], self.units.get(name, "").strip()
+        if unit in LOADS:
+            return x
+        example = "N" if name.startswith("F") else "N*m"
+        if not unit:
+            raise RecordingError(
+                f"{self.title}: channel {name} has no unit; add it to the preparation file (--prepare):"
+                f" units: {{{in_yaml(name)}: {example}}}"
+            )
+        raise RecordingError(
+            f"{self.title}: channel {name} is in '{unit}', which is neither a force nor a torque; add to the preparation file"
+            f" (--prepare) what it stands for, such as sensitivity: {{{in_yaml(name)}: 0.01 {example}/{per(unit)}}}, or its right"
+            f" unit, units: {{{in_yaml(name)}: {example}}}"
+        )
+
+    def mapped(self, names: Mapping[str, str]) -> Recording:
+        """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to turn it round."""
+        channels, units = {}, {}
+        for new, old in names.items():
+            sign, old = (-1.0, old[1:]) if old.startswith("-") else (1.0, old)
+            channels[new], units[new] = sign * self[old], self.units.get(old, "")
+        return self.noted(f"channels {dict(names)}", channels=channels, units=units)
+
+    def without_cross_talk(self, matrix: np.ndarray) -> Recording:
+        """Six components after the cross-talk ``matrix`` (6, 6), readings = matrix @ loads, is inverted."""
+        matrix = np.asarray(matrix, dtype=float)
+        if matrix.shape != (6, 6) or not np.all(np.isfinite(matrix)) or np.linalg.cond(matrix) > 1e6:
+            raise RecordingError(f"{self.title}: the cross-talk matrix must be 6 x 6, finite and invertible")
+        loads = np.linalg.solve(matrix, np.array([self.load(name) for name in COMPONENTS]))
+        channels = dict(self.channels) | dict(zip(COMPONENTS, loads, strict=True))
+        return self.noted("cross-talk matrix applied", channels=channels)
+
+    def trimmed(self, start: float, stop: float) -> Recording:
+        """The part from ``start`` to ``stop`` [s]."""
+        first, last = round(start * self.sample_rate), round(stop * self.sample_rate)
+        if not 0 <= first < last <= self.samples:
+            raise RecordingError(f"{self.title}: {start:g} to {stop:g} s is not within its {self.duration:g} s")
+        channels = {name: x[first:last] for name, x in self.channels.items()}
+        return self.noted(f"trimmed to {start:g}-{stop:g} s", channels=channels)
+
+    def detrended(self, order: int = 1) -> Recording:
+        """Each channel less its least-squares polynomial of ``order`` (0: mean, 1: straight line)."""
+        u = np.linspace(-1.0, 1.0, self.samples)
+        basis = np.polynomial.legendre.legvander(u, order)
+        channels = {name: x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0] for name, x in self.channels.items()}
+        return self.noted(f"polynomial of order {order} taken out", channels=channels)
+
+    def decimated(self, factor: int) -> Recording:
+        """Every ``factor``-th sample after a zero-phase low-pass (FIR, 80 dB)."""
+        from scipy.signal import resample_poly
+
+        if factor < 1 or self.samples < 20 * factor:
+            raise RecordingError(f"{self.title}: factor {factor} does not go with {self.samples} samples")
+        channels = {name: resample_poly(x, 1, factor, window=("kaiser", 8.0)) for name, x in self.channels.items()}
+        return self.noted(f"decimated by {factor}", channels=channels, sample_rate=self.sample_rate / factor)
+
+
+def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
+    """Refuse a channel that cannot be analysed.
+
+    RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs of repeated samples
+    (drop-outs), one sample out of all proportion, or is shorter than ``shortest`` [s].
+    """
+    x = recording.load(name)
+    where = f"{recording.title}: channel {name}"
+    if x.size == 0:
+        raise RecordingError(f"{where} is empty")
+    bad = np.flatnonzero(~np.isfinite(x))
+    if bad.size:
+        raise RecordingError(
+            f"{where} has {bad.size} samples that are no numbers, the first at {bad[0] / recording.sample_rate:.4g} s"
+        )
+    largest = float(np.max(np.abs(x)))
+    if largest > LARGEST_LOAD:
+        raise RecordingError(
+            f"{where} reaches {largest:.3g} {recording.units[name]}, which nothing measures; the file is broken or its"
+            " unit wrong"
+        )
+    if recording.duration < shortest:
+        raise RecordingError(f"{where} lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s")
+    if np.ptp(x) == 0.0:
+        raise RecordingError(f"{where} is constant, {x[0]:g}; nothing was measured")
+    away = np.abs(x - np.median(x))
+    usual = float(np.quantile(away, 0.99))
+    if usual > 0.0 and away.max() > OUTLIER * usual:
+        k = int(np.argmax(away))
+        raise RecordingError(
+            f"{where} is {x[k]:.4g} at {k / recording.sample_rate:.4g} s, {away[k] / usual:.1g} times as large as 99 % of its"
+            " samples; a number of the file is broken"
+        )
+    clipped = _clipped(x)
+    if clipped:
+        raise RecordingError(
+            f"{where} is clipped: {clipped} samples in runs at its largest or smallest value, {x.max():.4g}"
+        )
+    dropped = _longest_run(np.diff(x) == 0.0)
+    if dropped >= 8:
+        raise RecordingError(f"{where} repeats one value for {dropped + 1} samples; samples were dropped and held")
+
+
+def _clipped(x: np.ndarray) -> int:
+    """Samples in runs of three or more at the largest or the smallest value; 0 unless there are several such runs."""
+    total = runs = 0
+    for level in (x.max(), x.min()):
+        at = x == level
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.view(np.int8), [0]])))
+        lengths = edges[1::2] - edges[::2]
+        long = lengths[lengths >= 3]
+        total, runs = total + int(long.sum()), runs + long.size
+    return total if runs >= 2 else 0
+
+
+def _longest_run(flags: np.ndarray) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
+    return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+
+
+def regular_rate(t: np.ndarray, where: str) -> tuple[float, str]:
+    """Sample rate [Hz] of a time axis, and a note; RecordingError where samples are missing or their spacing wanders.
+
+    A time axis that is written with few digits gives a rate that is off by millionths; where it is that close to a whole
+    number of hertz, that number is meant.
+    """
+    if t.size < 8 or not np.all(np.isfinite(t)):
+        raise RecordingError(f"{where}: a time axis of at least 8 finite values is expected")
+    steps = np.diff(t)
+    typical = float(np.median(steps))
+    if typical <= 0.0 and t[-1] > t[0] and np.all(steps >= 0.0):
+        raise RecordingError(
+            f"{where}: its time axis has too few digits to tell the samples apart; write more digits, or leave the axis out and add"
+            " sample_rate to the preparation file (--prepare)"
+        )
+    if typical <= 0.0 or np.any(steps < -0.5 * typical):
+        raise RecordingError(f"{where}: its time axis does not increase throughout")
+    gaps = np.flatnonzero(steps > 1.5 * typical)
+    if gaps.size:
+        missing = round(float((steps[gaps] / typical - 1).sum()))
+        raise RecordingError(f"{where}: about {missing} samples are missing, the first at {t[gaps[0]]:.6g} s")
+    mean = float((t[-1] - t[0]) / (t.size - 1))
+    digits = 10.0 ** (math.floor(math.log10(max(abs(float(t[-1])), 1e-12))) - 5)  # six digits at the end of the axis
+    wander = float(np.max(np.abs(t - t[0] - mean * np.arange(t.size))))
+    if wander > max(0.05 * mean, digits):
+        raise RecordingError(
+            f"{where}: the spacing of its samples wanders by {wander:.3g} s; resample it at a constant rate first"
+        )
+    return snapped_rate(1.0 / mean)
+
+
+def snapped_rate(rate: float) -> tuple[float, str]:
+    """A whole number of hertz where ``rate`` is within 1e-5 of one, and a note that says so; a rate that is not finite as it is."""
+    if not math.isfinite(rate):
+        return rate, ""
+    whole = float(round(rate))
+    if whole > 0.0 and rate != whole and abs(rate / whole - 1.0) < 1e-5:
+        told = f"{rate:.6f}" != f"{whole:.6f}"
+        return whole, f"sample rate {rate:.6f} Hz of the time axis read as {whole:g} Hz" if told else ""
+    return rate, ""

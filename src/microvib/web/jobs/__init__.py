@@ -1,0 +1,1 @@
+"""Computations of the page: their store, their processes, their tasks."""

@@ -1,0 +1,30 @@
+"""What a worker has ready before it is asked: imported, and the kernel loaded. Importing this module does it."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def _warm() -> None:
+    from importlib import import_module
+
+    from microvib.analysis.lines import lines
+    from microvib.io.scenario_file import load_scenario
+    from microvib.solve.simulate import simulate
+
+    for name in ("tasks", "answers", "forms"):
+        import_module(f"microvib.web.{name}")
+    for name in (
+        "scipy.signal",
+        "scipy.stats",
+        "matplotlib.backends.backend_agg",
+        "microvib.reports.run.report",
+        "h5netcdf",
+    ):
+        import_module(name)  # what tasks import when they need it
+    lines(simulate(load_scenario("state-1", {"record.settle": "0 s", "record.duration": "0.1 s"})))
+
+
+_warm()

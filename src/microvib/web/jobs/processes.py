@@ -1,0 +1,186 @@
+"""Computations in worker processes: each in one of its own, so that its end, however bad, is the end of nothing else."""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import secrets
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any
+
+from microvib.web.jobs.worker import step, work
+from microvib.web.server.limits import Limits
+
+ENDED = ("done", "failed", "cancelled")
+_STARTING = "starting a worker; the very first compiles the kernel, which takes up to a minute"
+
+
+class Busy(Exception):
+    """As many computations as are allowed wait already."""
+
+
+@dataclass(eq=False)
+class Job:
+    """One computation: what is to be done, how far it is, how it ended."""
+
+    task: str
+    arguments: dict[str, Any]
+    kind: str = ""
+    title: str = ""
+    id: str = field(default_factory=lambda: secrets.token_hex(8))
+    state: str = "queued"
+    progress: dict[str, Any] = field(default_factory=lambda: step(text="waiting"))
+    error: str | None = None
+    value: Any = None
+    """What the task returned."""
+    pid: int | None = None
+    ended: threading.Event = field(default_factory=threading.Event)
+    stop: Callable[[], None] | None = None
+
+    def end(self, state: str, error: str | None = None) -> None:
+        """The first end counts."""
+        if self.state not in ENDED:
+            self.error, self.state = error, state
+            self.ended.set()
+
+
+class _Worker:
+    """A process that warms up and then does one piece of work."""
+
+    def __init__(self, context: Any, memory: int) -> None:
+        self.pipe: Connection
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=work, args=(theirs, memory), daemon=True)
+        self.process.start()
+        theirs.close()
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+
+
+class Lane:
+    """Some computations at a time, in the order of their arrival, each in a worker that was warm before it was asked."""
+
+    def __init__(self, at_once: int, wall_s: float, limits: Limits) -> None:
+        self._wall_s, self._limits = wall_s, limits
+        # A fork of a process that has everything loaded is warm at once; elsewhere each worker warms up by itself.
+        self._context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+        if sys.platform == "linux":
+            self._context.set_forkserver_preload(["microvib.web.jobs.preload"])
+        self._queue: deque[Job] = deque()
+        self._change = threading.Condition()
+        self._closed = self._warm = False
+        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(at_once)]
+        for thread in self._threads:
+            thread.start()
+
+    def submit(self, job: Job) -> Job:
+        """Put a job at the end of the queue; Busy where it is full."""
+        with self._change:
+            if self._closed or len(self._queue) >= self._limits.waiting:
+                raise Busy
+            if not self._warm:
+                job.progress = step(text=_STARTING)
+            self._queue.append(job)
+            self._change.notify()
+        return job
+
+    def cancel(self, job: Job) -> None:
+        """End a job, whether it waits or runs."""
+        with self._change:
+            if job in self._queue:
+                self._queue.remove(job)
+            job.end("cancelled")
+            if job.stop is not None:
+                job.stop()
+
+    def close(self) -> None:
+        """End everything."""
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+        for job in list(self._queue):
+            self.cancel(job)
+
+    def join(self, until: float) -> None:
+        """Wait for the workers to end, at most until then on the monotonic clock; one that is starting ends by itself."""
+        for thread in self._threads:
+            thread.join(max(until - time.monotonic(), 0.0))
+
+    def _serve(self) -> None:
+        worker: _Worker | None = None
+        while not self._closed:
+            worker = worker or self._worker()
+            job = self._next()
+            if worker is not None and not worker.process.is_alive():  # it died while it was idle
+                worker = self._worker()
+            if job is not None and worker is not None:
+                self._follow(job, worker)
+            elif job is not None:
+                job.end("failed", "no process could be started for it; the server's log says more")
+            if worker is not None:
+                worker.close()
+            worker = None
+
+    def _worker(self) -> _Worker | None:
+        try:
+            worker = _Worker(self._context, self._limits.memory)
+            self._warm = True
+            return worker
+        except (OSError, EOFError) as error:
+            logging.getLogger("microvib.serve").error("no worker could be started: %s", error)
+            return None
+
+    def _next(self) -> Job | None:
+        with self._change:
+            while not self._queue and not self._closed:
+                self._change.wait()
+            return None if self._closed else self._queue.popleft()
+
+    def _follow(self, job: Job, worker: _Worker) -> None:
+        with self._change:
+            if job.state != "queued":
+                return
+            job.state, job.pid, job.stop = "running", worker.process.pid, worker.process.kill
+            job.progress = step(text=_STARTING)
+        deadline = math.inf
+        try:
+            while job.state == "running":
+                if self._closed:
+                    job.end("cancelled")
+                elif time.monotonic() > deadline:
+                    job.end("failed", f"stopped after {self._wall_s:g} s, the longest that is allowed here")
+                elif worker.pipe.poll(0.2):
+                    kind, content = worker.pipe.recv()
+                    if kind == "ready":
+                        deadline = time.monotonic() + self._wall_s
+                        worker.pipe.send((job.task, job.arguments))
+                    self._note(job, kind, content)
+        except (EOFError, OSError):
+            worker.process.join(2.0)
+            job.end("failed", _death(worker.process.exitcode))
+
+    def _note(self, job: Job, kind: str, content: Any) -> None:
+        """Take in what a worker says."""
+        if kind == "done":
+            job.value = content
+            job.end("done")
+        elif kind == "failed":
+            job.end("failed", content)
+        else:
+            job.progress = content
+
+
+def _death(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"its process was killed by signal {-code}, perhaps for want of memory; nothing else was harmed"
+    return f"its process ended unexpectedly (status {code}); nothing else was harmed"

@@ -1,0 +1,231 @@
+"""Results as the page gets them: plain data, SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import LineTable
+from microvib.solve.motion import CHANNELS, INTERFACE, Motion
+from microvib.studies.analyse import Analysis
+from microvib.studies.compare import Row, Side
+from microvib.studies.evidence import predicted
+from microvib.studies.identify import Fit
+from microvib.studies.paper import compare_with_paper, standing
+from microvib.studies.rates import RatePlan
+from microvib.web.jobs.series import outline
+from microvib.web.routes.forms import values_of
+
+BUDGET = ("T_d", "T_e", "T_f_m", "T_f", "T_g", "T_l")
+_POINTS = 6000
+
+
+def run_answer(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict[str, Any]:
+    """Everything of a run but its samples; ``summed`` is its ``summary.json``."""
+    scenario = motion.scenario
+    return {
+        "title": scenario.title,
+        "values": values_of(scenario),
+        "lines": [asdict(line) for line in table],
+        "notable": [line.line for line in table.notable()],
+        "facts": _facts(motion, summed),
+        "budget": _budget(motion, table),
+        "invariants": summed["invariants"],
+        "solver": summed["solver"],
+        "paper": [asdict(row) for row in compare_with_paper(scenario, table)],
+        "standing": standing(scenario),
+        "drivetrain": _drivetrain(motion),
+        "modes": summed["natural_frequencies"],
+        "channels": _channels(motion),
+        "t0": float(motion.time[0]),
+        "t1": float(motion.time[-1]),
+        "sample_rate": motion.sample_rate,
+    }
+
+
+def _facts(motion: Motion, summed: dict[str, Any]) -> dict[str, Any]:
+    solver = summed["solver"]
+    return {
+        **{f"T_d_{name}": value for name, value in _statistics(motion["T_d"]).items()},
+        "rate": motion.scenario.rate,
+        "f_d": motion.scenario.driving_frequency,
+        "clock_ratio": summed["clock_ratio_found"],
+        "samples": motion.time.size,
+        "simulated_s": solver.get("simulated_s"),
+        "wall_s": solver.get("wall_s"),
+        "steady": solver.get("steady"),
+        "scenario_sha256": summed["scenario_sha256"],
+    }
+
+
+def _channels(motion: Motion) -> list[dict[str, str]]:
+    found = [vars(CHANNELS[name]) for name in CHANNELS if name in motion.channels]
+    if motion.interface_loads() is not None:
+        found += [
+            {"name": name, "unit": "N" if k < 3 else "N*m", "meaning": f"{name} on the spacecraft"}
+            for k, name in enumerate(INTERFACE)
+        ]
+    return [dict(channel) for channel in found]
+
+
+def _statistics(x: np.ndarray) -> dict[str, float]:
+    """Mean, RMS about it, largest absolute value."""
+    return {"mean": float(x.mean()), "rms": float(x.std()), "peak": float(np.abs(x).max())}
+
+
+def _budget(motion: Motion, table: LineTable) -> list[dict[str, Any]]:
+    """Every torque's statistics, and its part in the first driving line: amplitude, and phase at the first sample."""
+    first = next((x for x in table if x.line == "drive_1" and math.isfinite(x.frequency_hz)), None)
+    rows = []
+    for name in BUDGET:
+        tone = complex(math.nan, math.nan) if first is None else _tone(motion, name, first.frequency_hz)
+        phase = {"drive_1_amplitude": abs(tone), "drive_1_phase": math.atan2(tone.imag, tone.real)}
+        rows.append({"torque": name, "meaning": CHANNELS[name].meaning, **_statistics(motion[name]), **phase})
+    return rows
+
+
+def _tone(motion: Motion, name: str, frequency: float) -> complex:
+    """Complex amplitude of a channel at one frequency [Hz], Hann window, phase of the cosine at the first sample."""
+    x = motion[name]
+    w = np.hanning(x.size + 1)[:-1]
+    turns = np.exp(-2j * np.pi * frequency / motion.sample_rate * np.arange(x.size))
+    return complex(2.0 * (turns @ ((x - x.mean()) * w)) / w.sum())
+
+
+def _drivetrain(motion: Motion) -> dict[str, Any]:
+    """Which torque goes where, in numbers."""
+    span = float(motion.time[-1] - motion.time[0])
+    energies = {name: motion[name] for name in motion.channels if name.startswith("E_")}
+    return {
+        "u_rms": _rms(motion["u_A"], motion["u_B"]),
+        "i_rms": _rms(motion["i_A"], motion["i_B"]),
+        **{name: _statistics(motion[name]) for name in BUDGET},
+        "stuck_rotor": float(motion["stuck_rotor"].mean()),
+        "stuck_output": float(motion["stuck_output"].mean()),
+        "power": {name[2:]: float(E[-1] - E[0]) / span for name, E in energies.items()},
+        "rate": motion.scenario.rate,
+        "f_d": motion.scenario.driving_frequency,
+    }
+
+
+def _rms(*phases: np.ndarray) -> float:
+    """Root mean square of one phase, over both."""
+    return math.sqrt(float(np.mean([np.mean(x**2) for x in phases])))
+
+
+def analysis_answer(a: Analysis) -> dict[str, Any]:
+    """Lines, spectrum, density of one channel."""
+    f, amplitude = outline(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
+    g, density = outline(a.density.frequency, a.density.density, _POINTS)
+    return {
+        "title": f"{a.name}, {a.channel}",
+        "lines": [] if a.table is None else [asdict(line) for line in a.table],
+        "notable": [] if a.table is None else [line.line for line in a.table.notable()],
+        "spectrum": {"f": f.tolist(), "amplitude": amplitude.tolist(), "made": str(a.spectrum)},
+        "density": {"f": g.tolist(), "psd": density.tolist(), "made": str(a.density)},
+        "clock_ratio": a.clock_ratio,
+        "channel": a.channel,
+        "unit": a.unit,
+        "notes": [note for note in a.recording.notes if note],
+    }
+
+
+def comparison_answer(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
+    """Lines of both sides."""
+    return {
+        "a": _side(a),
+        "b": _side(b),
+        "rows": [
+            {
+                "line": row.line,
+                "a_hz": row.a.frequency, "b_hz": row.b.frequency,
+                "a_n_m": row.a.amplitude, "b_n_m": row.b.amplitude,
+                "error": row.error if row.a.amplitude else math.nan,
+            }
+            for row in rows
+        ],
+    }  # fmt: skip
+
+
+def _side(side: Side) -> dict[str, Any]:
+    return {"name": side.name, "kind": side.kind, "clock_ratio": side.clock_ratio}
+
+
+def identification_answer(fit: Fit, scenario: Scenario) -> dict[str, Any]:
+    """Estimates with what they are worth, figures before and after, and the changes to take over."""
+    from microvib.reports.identification import fit_text
+
+    start = {key: value for key, value, _ in scenario.entries()}
+    quantities = {key: quantity for key, _, quantity in fit.scenario.entries()}
+    parameters = [
+        {
+            "key": e.key, "value": e.estimate, "unit": e.unit, "standard_error": e.standard_error, "start": start[e.key],
+            "low": e.low, "high": e.high, "identifiable": e.identifiable, "note": e.verdict,
+        }
+        for e in fit.estimates
+    ]  # fmt: skip
+    rows = [
+        {
+            "test": evidence.name, "line": o.line, "form": o.form, "measured": o.value, "fitted": predicted(found, o),
+            "error": predicted(found, o) / o.value - 1.0 if o.form != "phase" and o.value else math.nan,
+        }
+        for evidence, found in fit.after for o in evidence.observations
+    ]  # fmt: skip
+    fitted = {e.key: quantities[e.key] for e in fit.estimates}
+    changes = {e.key: q.format(e.estimate) for e in fit.estimates if (q := fitted[e.key]) is not None}
+    return {
+        "parameters": parameters,
+        "rows": rows,
+        "scenario_changes": changes,
+        "text": fit_text(fit),
+        "usable": fit.usable,
+        "goodness": fit.goodness.sentence,
+    }
+
+
+def rates_answer(plan: RatePlan) -> dict[str, Any]:
+    """Lines over rate and microstep count; rates in rad/s."""
+    from microvib.reports.rates import best_text, found_text
+
+    best = plan.best()
+    cases = [
+        {
+            "rate": case.rate, "microsteps": case.microsteps, "reason": case.reason,
+            "lines": [{"line": x.line, "frequency": x.frequency, "amplitude": x.amplitude} for x in case.lines],
+        }
+        for case in plan.cases
+    ]  # fmt: skip
+    return {
+        "cases": cases,
+        "modes": [asdict(mode) for mode in plan.modes],
+        "resonances": [asdict(r) for r in plan.resonances],
+        "forbidden": [asdict(b) for b in plan.forbidden],
+        "best": None if best is None else {"rate": best[0].rate, "microsteps": best[0].microsteps, "largest": best[1]},
+        "text": f"{best_text(plan)} {len(plan.cases)} cases: {found_text(plan)}.",
+        "limit": plan.limit,
+        "band": list(plan.band),
+        "linear": plan.linear,
+    }
+
+
+def sas_answer(result: Any) -> dict[str, Any]:
+    """A sizing's table, text, figures and drawing."""
+    from microvib.reports.figures import svg
+    from microvib.reports.rendering import address
+    from microvib.reports.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows
+    from microvib.reports.sas_drawing import draw_simulator
+
+    sizing = result.sizing
+    data = sas_data(result)
+    return {
+        "table": {"header": HEADER, "rows": setting_rows(sizing)},
+        "tolerance": {"header": TOLERANCE_HEADER, "rows": tolerance_rows(sizing.target)},
+        "text": sizing_text(result),
+        "settings": data["settings"],
+        "equations": data["equations"],
+        "drawing": address(svg(draw_simulator(sizing.target))),
+    }

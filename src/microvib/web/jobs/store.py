@@ -1,0 +1,170 @@
+"""What one server holds: computations, their results, recordings; each bounded, all in one temporary folder."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from microvib.web.jobs.processes import ENDED, Job, Lane
+from microvib.web.server.limits import Limits
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A recording that a page sent."""
+
+    id: str
+    name: str
+    path: Path
+
+
+def private(path: str, flags: int) -> int:
+    """Opener of files that their owner alone may read."""
+    return os.open(path, flags, 0o600)
+
+
+class Desk:
+    """Jobs and recordings by id; the one not used for longest goes when there are too many."""
+
+    def __init__(self, root: Path, limits: Limits) -> None:
+        self.root, self.limits = root, limits
+        self.closed = False
+        self._jobs: dict[str, Job] = {}
+        self._uploads: dict[str, Upload] = {}
+        self._lock = threading.Lock()
+        self.views: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        """Scenarios with finite elements, as the form shows them."""
+        self.reading = threading.Lock()
+        """Held while a scenario is read in the server itself."""
+        self.waiting = threading.BoundedSemaphore(limits.checks)
+        self._receiving = threading.BoundedSemaphore(limits.receiving)
+        self._lane = Lane(limits.at_once, limits.wall_s, limits)
+        # What a page waits for must not stand behind long computations.
+        self._quick = Lane(2, limits.quick_s, limits)
+        # Nor the form behind large recordings.
+        self._checks = Lane(1, limits.check_s, limits)
+
+    def submit(self, kind: str, title: str, **arguments: Any) -> Job:
+        """Start the task that is called as its kind; lanes.Busy where too many wait."""
+        job = Job(kind, {}, kind, title)
+        folder = self.folder(job)
+        job.arguments = {"folder": str(folder), **arguments}
+        folder.mkdir(mode=0o700)
+        try:
+            self._lane.submit(job)
+        except BaseException:
+            folder.rmdir()
+            raise
+        with self._lock:
+            self._jobs[job.id] = job
+        self._make_room()
+        return job
+
+    def ask(self, task: str, **arguments: Any) -> Job:
+        """A short job, waited for."""
+        lane = self._checks if task == "view" else self._quick
+        job = lane.submit(Job(task, arguments))
+        job.ended.wait()
+        return job
+
+    def folder(self, job: Job) -> Path:
+        """Where a job leaves its files."""
+        return self.root / job.id
+
+    def job(self, id: str) -> Job | None:
+        """A job, which now counts as used."""
+        with self._lock:
+            job = self._jobs.pop(id, None)
+            if job is not None:
+                self._jobs[id] = job
+        return job
+
+    def jobs(self) -> list[Job]:
+        """All jobs."""
+        with self._lock:
+            return list(self._jobs.values())
+
+    def drop(self, job: Job) -> None:
+        """Cancel a job that has not ended; forget one that has."""
+        if job.state not in ENDED:
+            self._lane.cancel(job)
+            return
+        with self._lock:
+            self._jobs.pop(job.id, None)
+        shutil.rmtree(self.folder(job), ignore_errors=True)
+
+    def _make_room(self) -> None:
+        ended = [job for job in self.jobs() if job.state in ENDED]
+        sizes = {job.id: _size(self.folder(job)) for job in ended}
+        total = sum(sizes.values())
+        for k, job in enumerate(ended):
+            if len(ended) - k <= self.limits.kept and total <= self.limits.stored:
+                break
+            total -= sizes[job.id]
+            self.drop(job)
+
+    def new_file(self, suffix: str) -> Path:
+        """A name that nothing has yet."""
+        return self.root / f"{secrets.token_hex(8)}{suffix}"
+
+    @contextmanager
+    def receiving(self) -> Iterator[bool]:
+        """Whether a recording may be taken in now."""
+        free = self._receiving.acquire(blocking=False)
+        try:
+            yield free
+        finally:
+            if free:
+                self._receiving.release()
+
+    def keep_view(self, spec: str, view: dict[str, Any]) -> None:
+        """Keep what a worker found out about a scenario."""
+        self.views[spec] = view
+        while len(self.views) > 16:
+            self.views.popitem(last=False)
+
+    def keep(self, name: str, path: Path) -> Upload:
+        """Keep a recording that was read."""
+        upload = Upload(path.stem, name, path)
+        with self._lock:
+            self._uploads[upload.id] = upload
+            surplus = list(self._uploads)[: max(len(self._uploads) - self.limits.recordings, 0)]
+            old = [self._uploads.pop(id) for id in surplus]
+        for one in old:
+            one.path.unlink(missing_ok=True)
+        return upload
+
+    def upload(self, id: str) -> Upload | None:
+        """A recording, which now counts as used."""
+        with self._lock:
+            upload = self._uploads.pop(id, None)
+            if upload is not None:
+                self._uploads[id] = upload
+        return upload
+
+    def close(self) -> None:
+        """End all computations."""
+        self.closed = True
+        for lane in (self._lane, self._quick, self._checks):
+            lane.close()
+        for job in self.jobs():
+            self._lane.cancel(job)
+
+    def join(self, seconds: float = 3.0) -> None:
+        """Wait for all workers to end, but no longer."""
+        until = time.monotonic() + seconds
+        for lane in (self._lane, self._quick, self._checks):
+            lane.join(until)
+
+
+def _size(folder: Path) -> int:
+    return sum(file.stat().st_size for file in folder.glob("*"))

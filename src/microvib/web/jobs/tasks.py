@@ -1,0 +1,253 @@
+"""What workers do. Each task leaves ``result.json`` in its folder, and what belongs to it; errors are MicrovibErrors."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.io.results import to_json
+from microvib.web.jobs.worker import Tell
+
+if TYPE_CHECKING:
+    from microvib.analysis.limits import Limit
+    from microvib.signals.line_table import LineTable
+    from microvib.solve.motion import Motion
+
+
+def _write(folder: str, data: dict[str, Any], names: dict[str, str] | None = None) -> None:
+    text = to_json(_renamed(data, names or {}))
+    (Path(folder) / "result.json").write_text(text, encoding="utf-8")
+
+
+def _renamed(data: Any, names: dict[str, str]) -> Any:
+    """What users call their files, wherever a text names the server's."""
+    if isinstance(data, str):
+        for path, name in names.items():
+            data = data.replace(path, name)
+        return data
+    if isinstance(data, dict):
+        return {key: _renamed(value, names) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_renamed(value, names) for value in data]
+    return data
+
+
+def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
+    """Simulate a scenario (YAML); leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
+    from microvib.analysis.accuracy import accuracy, noted
+    from microvib.analysis.lines import lines
+    from microvib.analysis.steady import find_steady
+    from microvib.io.results import lines_csv, summary
+    from microvib.io.scenario_file import scenario_of
+    from microvib.io.yaml_text import parse_yaml
+    from microvib.solve.simulate import from_rest
+    from microvib.web.jobs.results import run_answer
+
+    loaded = scenario_of(parse_yaml(scenario, "scenario"), "scenario")
+
+    def progress(done: float, total: float) -> None:
+        tell(done, total, "s", "simulating" if done < total else "finding the lines")
+
+    state, fallback = find_steady(loaded) if steady or loaded.record.start == "steady" else (None, "")
+    motion = state.motion(progress=progress) if state is not None else from_rest(loaded, progress=progress)
+    source = motion if state is None else state
+    table = lines(source)
+    found = accuracy(motion, table)
+    table, account = noted(table, source.solver, found)
+    motion = replace(motion, solver=noted(table, motion.solver, found)[1])
+    solver = account | ({"steady": f"not used: {fallback}"} if fallback else {})
+    summed = summary(loaded, source.invariants, solver, table, simulate=float(solver["wall_s"]))
+    _keep(Path(folder), motion, table)
+    texts = {"scenario.yaml": scenario, "lines.csv": lines_csv(table), "summary.json": to_json(summed)}
+    for name, text in texts.items():
+        (Path(folder) / name).write_text(text, encoding="utf-8")
+    _write(folder, run_answer(motion, table, summed))
+
+
+def _keep(where: Path, motion: Motion, table: LineTable) -> None:
+    for name, x in motion.channels.items():
+        np.save(where / f"{name}.npy", x)
+    loads = motion.interface_loads()
+    if loads is not None:
+        np.save(where / "loads.npy", loads)
+    axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
+    (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
+    with (where / "run.pickle").open("wb") as stream:
+        pickle.dump((replace(motion, channels={}), table), stream)
+
+
+def _kept(where: Path) -> tuple[Motion, LineTable]:
+    from microvib.solve.motion import CHANNELS, MODAL
+
+    motion, table = _without_samples(where)
+    files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}
+    return replace(motion, channels={name: np.load(file) for name, file in files.items() if file.is_file()}), table
+
+
+def _without_samples(where: Path) -> tuple[Motion, LineTable]:
+    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this very server
+        found: tuple[Motion, LineTable] = pickle.load(stream)
+    return found
+
+
+def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None = None) -> None:
+    """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for, as ``mark`` and its name."""
+    from microvib.io.results import write_motion
+    from microvib.reports import rendering
+    from microvib.reports.run.report import run_report
+
+    where = Path(folder)
+    motion, table = _kept(where)
+    new = where / f"{os.getpid()}-{mark}{name}"  # two may ask at once
+    if name == "motion.nc":
+        write_motion(motion, new)
+    elif name == "report.pdf":
+        new.write_bytes(rendering.pdf(run_report(motion, table, limit=limit)))
+    else:
+        new.write_text(rendering.html(run_report(motion, table, limit=limit)), encoding="utf-8")
+    new.replace(where / (mark + name))
+
+
+def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
+    """Lines of a run against a limit."""
+    from microvib.analysis.limits import judge
+
+    motion, table = _without_samples(Path(folder))
+    judged = judge(table, limit, motion.scenario)
+    margins = [
+        {
+            "line": m.line.line,
+            "decibel": m.decibel if math.isfinite(m.decibel) else None,
+            "verdict": m.verdict,
+            "why": m.why,
+        }
+        for m in judged.margins
+    ]
+    band = {"low": limit.low, "high": limit.high if math.isfinite(limit.high) else None}
+    said = {"text": str(judged), "verdict": judged.verdict, "gaps": judged.gaps, "torque": limit.torque}
+    return {**said, **band, "margins": margins}
+
+
+def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
+    """What is in a recording."""
+    from microvib.io.recordings import read_recording
+    from microvib.testdata.recording import RecordingError
+
+    with _speaking_of({path: name}):
+        found = read_recording(path)
+        if not 0.0 < found.sample_rate < math.inf:
+            raise RecordingError(f"{path}: its sample rate, {found.sample_rate:g} Hz, is none")
+    channels = [
+        {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x)) if x.size else math.nan}
+        for key, x in found.channels.items()
+    ]
+    facts = {"channels": channels, "sample_rate": found.sample_rate, "samples": found.samples}
+    return dict(json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)})))
+
+
+def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """A scenario that needs finite elements, as the form shows it."""
+    from microvib.web.routes.forms import Spec, view_of
+
+    return view_of(Spec(**spec))
+
+
+def analysis(folder: str, recording: str, scenario: str, channel: str, names: dict[str, str], tell: Tell) -> None:
+    """Lines with uncertainties and spectra of a recording."""
+    from microvib.studies.analyse import analyse
+    from microvib.web.jobs.results import analysis_answer
+
+    tell(0, None, "", "reading and finding the lines")
+    guide = _put(folder, scenario)
+    with _speaking_of(names):
+        found = analyse(recording, scenario=guide, channel=channel)
+        np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
+        np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
+        _write(folder, analysis_answer(found), names)
+
+
+def comparison(folder: str, recording: str, run: str, channel: str, names: dict[str, str], tell: Tell) -> None:
+    """Lines of a recording beside those of a run's scenario, simulated at the clock that the recording shows."""
+    from microvib.studies.compare import compare
+    from microvib.web.jobs.results import comparison_answer
+
+    with _speaking_of(names):
+        found = compare(
+            recording, run, channel=channel, progress=lambda done, total: tell(done, total, "s", "simulating")
+        )
+        _write(folder, comparison_answer(*found), names)
+
+
+def identification(
+    folder: str, recordings: list[str], scenario: str, channel: str, fit: list[str], starts: int, names: dict[str, str],
+    tell: Tell,
+) -> None:  # fmt: skip
+    """Parameters from recordings."""
+    from microvib.io.scenario_file import load_scenario
+    from microvib.studies.evidence import read_evidence
+    from microvib.studies.identify import identify, parse_fit
+    from microvib.web.jobs.results import identification_answer
+
+    def progress(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
+        values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
+        tell(simulations, None, "simulations", f"{stage} search, best so far: {values}")
+
+    loaded = load_scenario(_put(folder, scenario))
+    keys = [parse_fit(loaded, text) for text in fit]
+    with _speaking_of(names):
+        tests: list[tuple[Any, dict[str, object]]] = [(read_evidence(p, loaded, channel), {}) for p in recordings]
+        found = identify(loaded, tests, keys, starts=starts, progress=progress)
+        _write(folder, identification_answer(found, loaded), names)
+
+
+def rates(
+    folder: str, scenario: str, low: float, high: float, count: int, microsteps: list[int], limit: float | None,
+    band: tuple[float, float], linear: bool, tell: Tell,
+) -> None:  # fmt: skip
+    """A rate plan."""
+    from microvib.io.scenario_file import load_scenario
+    from microvib.studies.rates import plan_rates, rate_grid
+    from microvib.web.jobs.results import rates_answer
+
+    loaded = load_scenario(_put(folder, scenario))
+    plan = plan_rates(
+        loaded, rate_grid(low, high, count), microsteps or [loaded.driver.microsteps], limit=limit, band=band,
+        linear=linear, progress=lambda done, total: tell(done, total, "cases", "solving"),
+    )  # fmt: skip
+    _write(folder, rates_answer(plan))
+
+
+def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
+    """A simulator's sizing."""
+    from microvib.reports.sas import sized
+    from microvib.web.jobs.results import sas_answer
+
+    tell(0, None, "", "sizing, and checking with finite elements")
+    given = {key: value for key, value in options.items() if value is not None}
+    asked = {"amplitude": "2 deg", "rate": "0.06 deg/s", **given}
+    _write(folder, sas_answer(sized(array=None, file=None, design="reference-sas", **asked)))
+
+
+def _put(folder: str, scenario: str) -> str:
+    path = Path(folder) / "guide.yaml"
+    path.write_text(scenario, encoding="utf-8")
+    return str(path)
+
+
+@contextmanager
+def _speaking_of(names: dict[str, str]) -> Iterator[None]:
+    """Errors speak of files by the names that their users gave them."""
+    try:
+        yield
+    except MicrovibError as error:
+        raise MicrovibError(_renamed(str(error), names)) from None

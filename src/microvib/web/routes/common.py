@@ -1,0 +1,126 @@
+"""What all answers share: the desk, refusals, and the way from a request to a scenario and to a job."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+from fastapi import Depends, Request
+
+from microvib.errors import MicrovibError
+from microvib.model.scenario import Scenario
+from microvib.web.jobs.processes import Busy, Job
+from microvib.web.jobs.store import Desk
+from microvib.web.routes import forms
+from microvib.web.routes.forms import Spec
+from microvib.web.routes.messages import Started, Wrong
+
+_MEANINGS = {
+    400: "cannot be understood",
+    401: "the token is needed",
+    403: "refused",
+    404: "not there",
+    408: "sent too slowly",
+    409: "not yet, or not any more",
+    411: "length needed",
+    413: "too large",
+    422: "not allowed",
+    429: "too much is waiting",
+    507: "no room",
+}
+
+
+_BUSY = "the server has too much to do; try again in a moment"
+
+
+class Refused(Exception):
+    """An answer that is a sentence."""
+
+    def __init__(self, status: int, sentence: str, key: str | None = None) -> None:
+        super().__init__(sentence)
+        self.status, self.sentence, self.key = status, sentence, key
+
+
+def refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Description of the refusals that an address may answer with."""
+    return {s: {"model": Wrong, "description": _MEANINGS[s]} for s in statuses}
+
+
+def _desk(request: Request) -> Desk:
+    found: Desk = request.app.state.desk
+    return found
+
+
+At = Annotated[Desk, Depends(_desk)]
+
+
+def asked(desk: Desk, task: str, **arguments: Any) -> Any:
+    """What a short task finds out; Refused with its sentence."""
+    try:
+        job = desk.ask(task, **arguments)
+    except Busy:
+        raise Refused(429, _BUSY) from None
+    if job.state != "done":
+        raise Refused(422, job.error or "the server is about to end")
+    return job.value
+
+
+def view(desk: Desk, spec: Spec) -> dict[str, Any]:
+    """A scenario as the form shows it; what takes long is found out by a worker, and kept."""
+    with _reading(desk):
+        if not forms.slow(spec):
+            return forms.view_of(spec)
+    text = spec.model_dump_json()
+    found: dict[str, Any] | None = desk.views.get(text)
+    if found is None:
+        found = asked(desk, "view", spec=spec.model_dump())
+        desk.keep_view(text, found)
+    return found
+
+
+def meant(desk: Desk, spec: Spec) -> Scenario:
+    """The scenario of a request; Refused with what is wrong with it."""
+    try:
+        with _reading(desk):
+            if not forms.slow(spec):
+                return forms.scenario(spec)
+    except MicrovibError as error:
+        raise refused(error, spec.name) from None
+    shown = view(desk, spec)
+    if shown["errors"]:
+        raise Refused(422, **_first(shown["errors"]))
+    with _reading(desk):
+        return forms.scenario(Spec(text=shown["yaml"]))
+
+
+@contextmanager
+def _reading(desk: Desk) -> Iterator[None]:
+    """One reads at a time, because threads that compute slow down the one that answers; Refused where many wait."""
+    if not desk.waiting.acquire(blocking=False):
+        raise Refused(429, _BUSY)
+    try:
+        with desk.reading:
+            yield
+    finally:
+        desk.waiting.release()
+
+
+def refused(error: MicrovibError, name: str = forms.NAME) -> Refused:
+    """The refusal that says what an error says."""
+    return Refused(422, **_first(forms.sentences(str(error), name)))
+
+
+def _first(errors: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"sentence": errors[0]["error"], "key": errors[0]["key"]}
+
+
+def started(desk: Desk, kind: str, title: str, **arguments: Any) -> Started:
+    """A new job; Refused where too many wait."""
+    try:
+        job: Job = desk.submit(kind, title[:200], **arguments)
+    except Busy:
+        raise Refused(
+            429, f"{desk.limits.waiting} computations are waiting already; cancel some, or wait for them"
+        ) from None
+    return Started(id=job.id)

@@ -1,0 +1,294 @@
+"""The form: what the schema says of each field, and a scenario with what is wrong with it, field by field."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic.fields import FieldInfo
+
+from microvib.errors import MicrovibError, ScenarioError
+from microvib.io.scenario_file import (
+    ARRAY_ORIGINS,
+    catalog_names,
+    catalog_text,
+    dump_scenario,
+    parse_value,
+    reference_names,
+    scenario_of,
+)
+from microvib.io.yaml_text import parse_yaml
+from microvib.model.part import Part
+from microvib.model.scenario import Scenario
+from microvib.reports.parameters import derived
+from microvib.units import Quantity
+
+TITLES = {
+    "motor": "Motor",
+    "driver": "Driver",
+    "reducer": "Reducer",
+    "friction": "Friction of the output",
+    "array": "Array",
+    "tracking": "Tracking",
+    "record": "Record",
+    "solver": "Solver",
+}
+MOST_MODES = 100
+LONG = 2000
+"""Characters of changes, and 20 for each, from which a worker reads them: here they would take a tenth of a second."""
+NAME = "scenario"
+"""What a scenario of the page is called in messages, if anything."""
+
+
+class Spec(BaseModel):
+    """A scenario: a name of the catalog or the text of a file, and changed keys."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    base: str | None = Field(default=None, max_length=100, description="name in the catalog")
+    text: str | None = Field(default=None, max_length=1_000_000, description="text of a scenario file (YAML)")
+    changes: dict[str, str] = Field(default_factory=dict, max_length=2000, description="dotted key: value as typed")
+
+    @field_validator("changes")
+    @classmethod
+    def _short(cls, changes: dict[str, str]) -> dict[str, str]:
+        if any(len(key) > 200 or len(value) > 20_000 for key, value in changes.items()):
+            raise ValueError("a key has at most 200 characters and a value 20000")
+        return changes
+
+    @model_validator(mode="after")
+    def _one_origin(self) -> Spec:
+        if (self.base is None) == (self.text is None):
+            raise ValueError("give either base, a name of the catalog, or text, a scenario file")
+        return self
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.base or NAME
+
+
+def groups() -> list[dict[str, Any]]:
+    """Groups of fields, as the drive is built."""
+    return [
+        {"key": key, "title": title, "fields": _fields(_part(Scenario.model_fields[key].annotation), f"{key}.")}
+        for key, title in TITLES.items()
+    ]
+
+
+def _fields(part: Any, prefix: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = []
+    for name, field in part.model_fields.items():
+        inner = _part(field.annotation)
+        if inner is not None and not _is_list(field.annotation):
+            nested = _fields(inner, f"{prefix}{name}.")
+            found += [{**item, "optional": item["optional"] or _may_be_none(field)} for item in nested]
+        else:
+            found.append(_field(part, name, field, prefix))
+    return found
+
+
+def _field(part: Any, name: str, field: FieldInfo, prefix: str) -> dict[str, Any]:
+    quantity = part.quantity_of(name)
+    inner = _part(field.annotation)
+    made: dict[str, Any] = {
+        "key": prefix + name,
+        "symbol": quantity.symbol if quantity else "",
+        "meaning": quantity.meaning if quantity else field.description or "",
+        "unit": (quantity.display or quantity.unit) if quantity else "",
+        "range": quantity.allowed if quantity else _range(field),
+        "kind": _kind(field, quantity),
+        "optional": _may_be_none(field) or not field.is_required(),
+    }
+    choices = _choices(field.annotation)
+    if choices:
+        made["choices"] = choices
+    if inner is not None:
+        made["items"] = _fields(inner, "")
+    return made
+
+
+def _kind(field: FieldInfo, quantity: Quantity | None) -> str:
+    if quantity is not None:
+        return "quantity"
+    if _is_list(field.annotation):
+        return "list"
+    if field.annotation is int:
+        return "count"
+    if field.annotation is bool:
+        return "flag"
+    return "choice" if _choices(field.annotation) else "text"
+
+
+def _range(field: FieldInfo) -> str:
+    low = next((m.ge for m in field.metadata if hasattr(m, "ge")), None)
+    high = next((m.le for m in field.metadata if hasattr(m, "le")), None)
+    return "" if low is None else f"a whole number from {low} to {high}"
+
+
+def _may_be_none(field: FieldInfo) -> bool:
+    return type(None) in get_args(field.annotation)
+
+
+def _is_list(annotation: Any) -> bool:
+    return get_origin(annotation) is tuple or any(_is_list(a) for a in get_args(annotation) if a is not annotation)
+
+
+def _choices(annotation: Any) -> list[str]:
+    if get_origin(annotation) is Literal:
+        return [str(choice) for choice in get_args(annotation)]
+    return [choice for argument in get_args(annotation) for choice in _choices(argument)]
+
+
+def _part(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, Part):
+        return annotation
+    return next((part for a in get_args(annotation) if (part := _part(a)) is not None), None)
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str, name: str) -> Any:
+    """What a text holds, or the error that says why it cannot be read: finding that out may take as long."""
+    try:
+        return parse_yaml(text, name)
+    except MicrovibError as error:
+        return error
+
+
+def _data(spec: Spec) -> Any:
+    """Data of the scenario without its changes, to be changed at will."""
+    if spec.base is not None and spec.base not in catalog_names():
+        raise ScenarioError(f"base: '{spec.base}' is not in the catalog, which has {', '.join(catalog_names())}")
+    text = catalog_text(spec.base) if spec.base is not None else spec.text or ""
+    found = _parsed(text, spec.name)
+    if isinstance(found, MicrovibError):
+        raise found.with_traceback(None)
+    return copy.deepcopy(found)
+
+
+def _changes(spec: Spec) -> dict[str, Any]:
+    return {key: parse_value(value) for key, value in spec.changes.items()}
+
+
+def names_elements(spec: Spec) -> bool:
+    """Whether the scenario takes its array from finite elements, which takes a while; ScenarioError where it names a file."""
+    data, changes = _data(spec), _changes(spec)
+    groups = [data.get("array") if isinstance(data, dict) else None, changes.get("array")]
+    named = [group for group in groups if isinstance(group, dict)]
+    named.append({key.removeprefix("array."): value for key, value in changes.items() if key.startswith("array.")})
+    found = [(key, group[key]) for group in named for key in ARRAY_ORIGINS if key in group]
+    for key, value in found:
+        if key != "fem" or value not in reference_names():
+            raise ScenarioError(
+                f"array.{key}: the page opens no files; allowed is array.fem with {', '.join(reference_names())}; run"
+                " `microvib modes` with your file and paste the modes that it gives"
+            )
+    return bool(found)
+
+
+def slow(spec: Spec) -> bool:
+    """Whether the scenario may take long to read, so that a worker should do it: a text, many changes, finite elements."""
+    if spec.text is not None or sum(20 + len(value) for value in spec.changes.values()) > LONG:
+        return True
+    try:
+        return names_elements(spec)
+    except MicrovibError:  # told soon
+        return False
+
+
+def scenario(spec: Spec) -> Scenario:
+    """The scenario that is meant; ScenarioError says what is wrong."""
+    names_elements(spec)
+    return _bounded(scenario_of(_data(spec), spec.name, _changes(spec)))
+
+
+def _bounded(loaded: Scenario) -> Scenario:
+    n = len(loaded.array.modes)
+    if n > MOST_MODES:
+        raise ScenarioError(
+            f"array.modes: has {n} modes; the page takes at most {MOST_MODES}, `microvib run` takes all"
+        )
+    return loaded
+
+
+def view_of(spec: Spec) -> dict[str, Any]:
+    """A scenario as the form shows it, also one that is wrong."""
+    base, errors = _tried(spec.model_copy(update={"changes": {}}))
+    found, errors = _tried(spec) if spec.changes else (base, errors)
+    base_values = {} if base is None else values_of(base)
+    values = values_of(found) if found else base_values or _written(spec)
+    changed = [key for key in values if base_values.get(key) != values[key]] if found else []
+    typed = {key: text for key, text in spec.changes.items() if found is None or key in changed}
+    shown = found or base
+    return {
+        "title": shown.title if shown else "",
+        "values": values | typed,
+        "base_values": base_values,
+        "sources": {key: shown.source_of(key) for key in values} if shown else {},
+        "changed": changed or list(typed),
+        "errors": errors,
+        "derived": derived(found) if found else [],
+        "doubts": list(found.doubts()) if found else [],
+        "yaml": dump_scenario(found) if found else None,
+    }
+
+
+def _tried(spec: Spec) -> tuple[Scenario | None, list[dict[str, Any]]]:
+    """The scenario, or what is wrong with it."""
+    try:
+        return scenario(spec), []
+    except MicrovibError as error:
+        return None, sentences(str(error), spec.name)
+
+
+def _written(spec: Spec) -> dict[str, str]:
+    """What a file says of the form's keys, where it is no scenario."""
+    try:
+        data = _data(spec)
+    except MicrovibError:
+        return {}
+    groups = data.items() if isinstance(data, dict) else ()
+    return dict(item for key, value in groups if key in TITLES for item in _flat(key, value))
+
+
+def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, (dict, list)) and value:
+        for name, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _flat(f"{key}.{name}", item)
+    else:
+        yield key, "" if value is None else str(value)
+
+
+_KEY = re.compile(r"[A-Za-z_]\w*(\.\w+)*(?=:)")
+
+
+def sentences(text: str, name: str = NAME) -> list[dict[str, Any]]:
+    """Each line of an error with the key that it is about, None where it names none."""
+    found = []
+    for line in filter(None, text.split("\n")):
+        sentence = line.removeprefix(f"{name}: ").removeprefix("--set: ")
+        match = _KEY.match(sentence)
+        known = match is not None and match.group().split(".")[0] in Scenario.model_fields
+        found.append({"key": match.group() if match and known else None, "error": sentence})
+    return found
+
+
+def values_of(loaded: Scenario) -> dict[str, str]:
+    """Every parameter as the text that one would type."""
+    return {key: _text(value, quantity) for key, value, quantity in loaded.entries()}
+
+
+def _text(value: Any, quantity: Quantity | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        if quantity is not None and (quantity.unit or quantity.display):
+            return quantity.format(value)
+        return f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    if isinstance(value, tuple):
+        return str(list(value))
+    return str(value)

@@ -1,0 +1,242 @@
+"""What goes to and fro; the description at /api/openapi.json is made of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from microvib.web.routes.forms import Spec
+
+Id = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+Short = Annotated[str, Field(max_length=200)]
+
+
+class Asked(BaseModel):
+    """What a page asks for; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Run(Asked):
+    """A simulation."""
+
+    scenario: Spec
+    name: Short | None = None
+    steady: bool = False
+
+
+class AnalysisOf(Asked):
+    """Lines and spectra of a recording."""
+
+    recording: Id
+    channel: Short = "Mz"
+    scenario: Spec
+
+
+class ComparisonOf(Asked):
+    """A recording beside a run."""
+
+    recording: Id
+    run: Id
+    channel: Short = "Mz"
+
+
+class IdentificationOf(Asked):
+    """Parameters from recordings."""
+
+    recordings: list[Id] = Field(min_length=1, max_length=10)
+    channel: Short = "Mz"
+    scenario: Spec
+    fit: list[Short] = Field(min_length=1, max_length=12)
+    starts: int = Field(default=32, ge=2, le=1000)
+
+
+class RatesOf(Asked):
+    """A rate plan."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    scenario: Spec
+    low: Short = Field(alias="from")
+    high: Short = Field(alias="to")
+    count: int = Field(default=100, ge=2, le=2000)
+    microsteps: list[Annotated[int, Field(ge=1, le=65_536)]] = Field(default_factory=list, max_length=10)
+    limit: Short | None = None
+    band: Short | None = None
+    linear: bool = False
+
+
+class SasOf(Asked):
+    """Sizing of the simulator."""
+
+    inertia: Short | None = None
+    frequency: Short | None = None
+    states: list[Short] = Field(default_factory=list, max_length=50)
+    amplitude: Short | None = None
+    rate: Short | None = None
+    from_scenario: Spec | None = None
+
+
+class Wrong(BaseModel):
+    """What is wrong, as a sentence, and the key that it is about."""
+
+    error: str
+    key: str | None = None
+
+
+class Entry(BaseModel):
+    """A scenario of the catalog."""
+
+    name: str
+    title: str
+    source: str
+
+
+class FormField(BaseModel):
+    """One parameter of the form."""
+
+    key: str
+    symbol: str
+    meaning: str
+    unit: str
+    range: str
+    kind: Literal["quantity", "count", "choice", "flag", "text", "list"]
+    optional: bool
+    choices: list[str] | None = None
+    items: list[FormField] | None = None
+
+
+class Group(BaseModel):
+    """Fields of one part of the drive."""
+
+    key: str
+    title: str
+    fields: list[FormField]
+
+
+class Form(BaseModel):
+    """All groups."""
+
+    groups: list[Group]
+
+
+class View(BaseModel):
+    """A scenario as the form shows it."""
+
+    title: str
+    values: dict[str, str]
+    base_values: dict[str, str]
+    sources: dict[str, str]
+    changed: list[str]
+    errors: list[Wrong]
+    derived: list[str]
+    doubts: list[str]
+    yaml: str | None
+
+
+class Started(BaseModel):
+    """The job that was started."""
+
+    id: str
+
+
+class Progress(BaseModel):
+    """How far a job is; total is null where it is not known."""
+
+    done: float
+    total: float | None
+    unit: str
+    text: str
+
+
+class JobState(BaseModel):
+    """A computation and how it stands."""
+
+    id: str
+    kind: Literal["run", "analysis", "comparison", "identification", "rates", "sas"]
+    title: str
+    state: Literal["queued", "running", "done", "failed", "cancelled"]
+    progress: Progress
+    error: str | None
+
+
+class ChannelOf(BaseModel):
+    """A channel of a recording."""
+
+    name: str
+    unit: str
+    rms: float | None
+
+
+class RecordingFacts(BaseModel):
+    """A recording that was read."""
+
+    id: str
+    name: str
+    channels: list[ChannelOf]
+    sample_rate: float
+    samples: int
+    duration: float
+    notes: list[str]
+
+
+class Band(BaseModel):
+    """Extremes of groups of samples."""
+
+    unit: str
+    min: list[float]
+    max: list[float]
+
+
+class Series(BaseModel):
+    """A stretch of some channels."""
+
+    start: float = Field(alias="from")
+    stop: float = Field(alias="to")
+    exact: bool
+    t: list[float]
+    channels: dict[str, Band]
+
+
+class SpectrumOf(BaseModel):
+    """A stretch of a spectrum, 0-to-peak."""
+
+    f: list[float]
+    amplitude: list[float]
+    unit: str
+    resolution: float
+    made: str
+
+
+class MarginOf(BaseModel):
+    """One line against a limit."""
+
+    line: str
+    decibel: float | None
+    """Null where the line has no amplitude."""
+    verdict: Literal["pass", "fail", "not judged"]
+    why: str
+
+
+class Verdict(BaseModel):
+    """Lines of a run against a limit [N m] between two frequencies [Hz], the smallest margin first."""
+
+    text: str
+    verdict: Literal["pass", "fail", "not judged"]
+    gaps: list[str]
+    """What was not judged, and why."""
+    torque: float
+    low: float
+    high: float | None
+    margins: list[MarginOf]
+
+
+class RecordedSpectrum(BaseModel):
+    """A stretch of a recording's spectrum, in the unit of its analysis."""
+
+    f: list[float]
+    values: list[float]
+
+
+Result = dict[str, Any]

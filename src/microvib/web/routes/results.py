@@ -1,0 +1,204 @@
+"""Answers about jobs and what they found."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import FileResponse, StreamingResponse
+
+from microvib.analysis.limits import Limit
+from microvib.errors import MicrovibError
+from microvib.studies.options import limit_of
+from microvib.web.jobs import series
+from microvib.web.jobs.processes import ENDED, Job
+from microvib.web.jobs.store import Desk
+from microvib.web.routes.common import At, Refused, asked, refusals
+from microvib.web.routes.messages import Id, JobState, RecordedSpectrum, Result, Series, SpectrumOf, Verdict
+
+FILES = {
+    "scenario.yaml": "text/yaml",
+    "lines.csv": "text/csv",
+    "summary.json": "application/json",
+    "motion.nc": "application/x-netcdf",
+    "report.html": "text/html",
+    "report.pdf": "application/pdf",
+}
+MADE = ("motion.nc", "report.html", "report.pdf")
+"""Files that are made when they are asked for."""
+Points = Annotated[int, Query(ge=2, le=20_000)]
+From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
+To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]
+Shown = Annotated[str | None, Query(max_length=100)]
+Log = Annotated[bool, Query(description="for a logarithmic axis of frequency")]
+
+routes = APIRouter(responses=refusals(404))
+
+
+def _state(job: Job) -> JobState:
+    return JobState.model_validate(job, from_attributes=True)
+
+
+def _job(desk: Desk, id: str) -> Job:
+    job = desk.job(id)
+    if job is None:
+        raise Refused(404, "there is no such computation (any more); start it again")
+    return job
+
+
+def _done(desk: Desk, id: str) -> Job:
+    job = _job(desk, id)
+    if job.state != "done":
+        raise Refused(409, job.error or f"this computation is {job.state}")
+    return job
+
+
+def finished_run(desk: Desk, id: str) -> Job:
+    """A run that is done; Refused where there is none of this id."""
+    if _job(desk, id).kind != "run":
+        raise Refused(404, "this computation is no run")
+    return _done(desk, id)
+
+
+@routes.get("/jobs")
+async def jobs(
+    desk: At, ids: Annotated[str | None, Query(max_length=2000, description="ids, separated by commas")] = None
+) -> list[JobState]:
+    """All computations, or those of the ids that are still here."""
+    asked = None if ids is None else set(ids.split(","))
+    return [_state(job) for job in desk.jobs() if asked is None or job.id in asked]
+
+
+@routes.get("/jobs/{id}")
+async def job(id: Id, desk: At) -> JobState:
+    """One computation."""
+    return _state(_job(desk, id))
+
+
+@routes.delete("/jobs/{id}", status_code=204, response_class=Response)
+def drop(id: Id, desk: At) -> None:
+    """Cancel a computation that runs or waits; forget one that has ended."""
+    desk.drop(_job(desk, id))
+
+
+@routes.get(
+    "/jobs/{id}/events", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}}
+)
+async def events(id: Id, desk: At) -> StreamingResponse:
+    """States of a computation until it ends, as server-sent events."""
+    return StreamingResponse(_states(_job(desk, id), desk), media_type="text/event-stream")
+
+
+async def _states(job: Job, desk: Desk) -> AsyncIterator[str]:
+    sent, ended = "", False
+    while not ended:
+        ended = job.state in ENDED or desk.closed
+        text = _state(job).model_dump_json()
+        if text != sent:
+            sent = text
+            yield f"data: {text}\n\n"
+        await asyncio.sleep(0.0 if ended else 0.05)
+
+
+@routes.get("/jobs/{id}/result", response_model=Result, responses=refusals(409))
+def result(id: Id, desk: At) -> Response:
+    """What a computation found; by its kind."""
+    file = _there(desk.folder(_done(desk, id)) / "result.json")
+    return Response(file.read_bytes(), media_type="application/json")
+
+
+def _there(path: Path) -> Path:
+    if not path.is_file():
+        raise Refused(404, "this result was given up for newer ones; run it again")
+    return path
+
+
+@routes.get("/runs/{id}/series", responses=refusals(409))
+def series_of(
+    id: Id, desk: At, channels: Annotated[str, Query(max_length=500)], points: Points = 2000, low: From = None,
+    high: To = None,
+) -> Series:  # fmt: skip
+    """Samples of some channels, separated by commas; where they are many, extremes of groups."""
+    folder, axis = _run(desk, id)
+    found = {name: _channel(folder, name) for name in dict.fromkeys(channels.split(","))}
+    return Series.model_validate(series.series(found, axis["t0"], axis["sample_rate"], low, high, points))
+
+
+@routes.get("/runs/{id}/spectrum", responses=refusals(409))
+def spectrum_of(
+    id: Id, desk: At, channel: Annotated[str, Query(max_length=50)] = "T_d",
+    window: Literal["rectangular", "hann", "flat-top"] = "hann", points: Points = 4000, low: From = None, high: To = None,
+    log: Log = False,
+) -> SpectrumOf:  # fmt: skip
+    """Amplitude spectrum of a channel, 0-to-peak."""
+    folder, axis = _run(desk, id)
+    found = series.spectrum(_channel(folder, channel), axis["sample_rate"], window, low, high, points, log)
+    return SpectrumOf(unit=series.unit(channel), **found)
+
+
+@routes.get("/analyses/{id}/spectrum", responses=refusals(409))
+def recorded(
+    id: Id, desk: At, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
+    high: To = None, log: Log = False,
+) -> RecordedSpectrum:  # fmt: skip
+    """Amplitude spectrum, 0-to-peak, or power spectral density of an analysed recording."""
+    if _job(desk, id).kind != "analysis":
+        raise Refused(404, "this computation is not an analysis")
+    f, y = np.load(_there(desk.folder(_done(desk, id)) / f"{of}.npy"), mmap_mode="r")
+    keep = series.within(f, low, high)
+    f, y = series.outline(f[keep], y[keep], points, log)
+    return RecordedSpectrum(f=f.tolist(), values=y.tolist())
+
+
+def _run(desk: Desk, id: str) -> tuple[Path, dict[str, Any]]:
+    """Folder and time axis of a run."""
+    folder = desk.folder(finished_run(desk, id))
+    return folder, json.loads(_there(folder / "axis.json").read_text(encoding="utf-8"))
+
+
+def _channel(folder: Path, name: str) -> np.ndarray:
+    x = series.channel(folder, name)
+    if x is None:
+        raise Refused(404, f"this run has no channel '{name}'", "channel")
+    return x
+
+
+def _limit_of(limit: str | None, band: str | None) -> Limit | None:
+    """The limit that is asked about; Refused where it is not one."""
+    try:
+        return limit_of(limit or None, band or None)
+    except MicrovibError as error:
+        sentence = str(error).removeprefix("--")
+        raise Refused(422, sentence, sentence.partition(":")[0]) from None
+
+
+@routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
+def verdict_of(id: Id, desk: At, limit: Shown, band: Shown = None) -> Verdict:
+    """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``."""
+    folder = desk.folder(finished_run(desk, id))
+    wanted = _limit_of(limit, band)
+    if wanted is None:
+        raise Refused(422, "limit: missing; a torque is needed, such as 30 mN*m", "limit")
+    return Verdict.model_validate(asked(desk, "verdict", folder=str(folder), limit=wanted))
+
+
+@routes.get(
+    "/runs/{id}/files/{name}", response_class=FileResponse,
+    responses=refusals(409, 429) | {200: {"content": {kind: {} for kind in FILES.values()}}},
+)  # fmt: skip
+def file_of(id: Id, name: str, desk: At, limit: Shown = None, band: Shown = None) -> FileResponse:
+    """A file of a run; motion and report are made when they are first asked for, the report against a limit where one is given."""
+    folder = desk.folder(finished_run(desk, id))
+    if name not in FILES:
+        raise Refused(404, f"there is no such file; there are {', '.join(FILES)}")
+    wanted = _limit_of(limit, band) if name.startswith("report.") else None
+    mark = "" if wanted is None else sha256(repr(wanted).encode()).hexdigest()[:16] + "-"
+    if name in MADE and not (folder / (mark + name)).is_file():
+        asked(desk, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
+    return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)

@@ -1,0 +1,174 @@
+"""Answers that start something: runs, studies, and recordings to study."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
+
+from microvib.errors import MicrovibError
+from microvib.io.scenario_file import dump_scenario
+from microvib.model.scenario import Scenario
+from microvib.studies.options import band_of, quantity
+from microvib.web.jobs.store import Desk, Upload, private
+from microvib.web.routes.common import At, Refused, asked, meant, refusals, started
+from microvib.web.routes.messages import (
+    AnalysisOf,
+    ComparisonOf,
+    IdentificationOf,
+    RatesOf,
+    RecordingFacts,
+    Run,
+    SasOf,
+    Started,
+)
+from microvib.web.routes.results import finished_run
+
+RECORDINGS = (".uff", ".unv", ".mat", ".nc", ".tdms", ".csv", ".txt")
+_RAW = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
+
+routes = APIRouter(responses=refusals(429))
+
+
+@routes.post("/runs", status_code=202)
+def start_run(want: Run, desk: At) -> Started:
+    """Simulate a scenario."""
+    scenario = meant(desk, want.scenario)
+    _check_size(scenario, desk.limits.record)
+    title = want.name or scenario.title or "run"
+    return started(desk, "run", title, scenario=dump_scenario(scenario), steady=want.steady)
+
+
+def _check_size(scenario: Scenario, most: int) -> None:
+    row = 8 * (30 + 2 * len(scenario.array.modes))
+    if scenario.record.samples * row > most:
+        raise Refused(
+            422,
+            f"record.duration: {scenario.record.samples:.3g} samples are more than the page keeps, {most // row:.3g} for this"
+            " drive; shorten record.duration, lower record.sample_rate, or use `microvib run --lines-only`",
+            "record.duration",
+        )
+
+
+@routes.post("/recordings", responses=refusals(507), openapi_extra={"requestBody": {"required": True, "content": _RAW}})
+async def take_recording(
+    request: Request, name: Annotated[str, Query(max_length=200, description="its ending says its format")], desk: At
+) -> RecordingFacts:
+    """Take in a recording and say what is in it."""
+    suffix = Path(name).suffix.lower()
+    if suffix not in RECORDINGS:
+        raise Refused(422, f"'{suffix[:20]}' is not known; recordings are read from {', '.join(RECORDINGS)}", "name")
+    shown = re.sub(r"[^\w .()+-]", "_", Path(name).name)[-100:]
+    with desk.receiving() as free:
+        if not free:
+            raise Refused(429, "other recordings are being loaded; try again in a moment")
+        path = desk.new_file(suffix)
+        try:
+            await _receive(request, path)
+            facts = await asyncio.to_thread(asked, desk, "recording", path=str(path), name=shown)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+    upload = desk.keep(shown, path)
+    return RecordingFacts(id=upload.id, name=shown, **facts)
+
+
+async def _receive(request: Request, path: Path) -> None:
+    try:
+        with open(path, "xb", opener=private) as stream:
+            async for part in request.stream():
+                await run_in_threadpool(stream.write, part)  # a disk may be slow
+    except OSError as error:
+        raise Refused(507, f"the recording could not be stored: {error.strerror}") from None
+
+
+def _upload(desk: Desk, id: str) -> Upload:
+    found = desk.upload(id)
+    if found is None:
+        raise Refused(404, "this recording is not here (any more); load it again", "recording")
+    return found
+
+
+@routes.post("/analyses", status_code=202, responses=refusals(404))
+def start_analysis(want: AnalysisOf, desk: At) -> Started:
+    """Lines with uncertainty and spectra of a recording."""
+    upload = _upload(desk, want.recording)
+    return started(
+        desk, "analysis", f"{upload.name}, {want.channel}", recording=str(upload.path), channel=want.channel,
+        scenario=dump_scenario(meant(desk, want.scenario)), names={str(upload.path): upload.name},
+    )  # fmt: skip
+
+
+@routes.post("/comparisons", status_code=202, responses=refusals(404, 409))
+def start_comparison(want: ComparisonOf, desk: At) -> Started:
+    """A recording beside a run's scenario, simulated at the recording's clock."""
+    upload, job = _upload(desk, want.recording), finished_run(desk, want.run)
+    path = str(desk.folder(job) / "scenario.yaml")
+    return started(
+        desk, "comparison", f"{upload.name} and {job.title}", recording=str(upload.path), run=path, channel=want.channel,
+        names={str(upload.path): upload.name, path: job.title},
+    )  # fmt: skip
+
+
+@routes.post("/identifications", status_code=202, responses=refusals(404))
+def start_identification(want: IdentificationOf, desk: At) -> Started:
+    """Parameters from recordings."""
+    uploads = [_upload(desk, id) for id in want.recordings]
+    return started(
+        desk, "identification", ", ".join(u.name for u in uploads), recordings=[str(u.path) for u in uploads],
+        scenario=dump_scenario(meant(desk, want.scenario)), channel=want.channel, fit=want.fit, starts=want.starts,
+        names={str(u.path): u.name for u in uploads},
+    )  # fmt: skip
+
+
+@routes.post("/rates", status_code=202)
+def start_rates(want: RatesOf, desk: At) -> Started:
+    """Plan the rate."""
+    scenario = meant(desk, want.scenario)
+    counts = list(dict.fromkeys(want.microsteps)) or [scenario.driver.microsteps]
+    if want.count * len(counts) > desk.limits.cases:
+        raise Refused(422, f"count: rates times microstep counts are at most {desk.limits.cases} here", "count")
+    low, high = _positive("from", want.low, "rad/s"), _positive("to", want.high, "rad/s")
+    if not low < high:
+        raise Refused(422, f"from: {want.low} is not allowed; it must be below {want.high}", "from")
+    limit = None if want.limit is None else _positive("limit", want.limit, "N*m")
+    try:
+        band = (0.0, float("inf")) if want.band is None else band_of(want.band)
+    except MicrovibError as error:
+        raise Refused(422, str(error).removeprefix("--"), "band") from None
+    return started(
+        desk, "rates", f"rates of {scenario.title}", scenario=dump_scenario(scenario), low=low, high=high,
+        count=want.count, microsteps=counts, limit=limit, band=band, linear=want.linear,
+    )  # fmt: skip
+
+
+def _positive(key: str, text: str, unit: str) -> float:
+    try:
+        value = quantity(key, text, unit)
+    except MicrovibError as error:
+        raise Refused(422, str(error), key) from None
+    if not 0.0 < value < float("inf"):
+        raise Refused(422, f"{key}: '{text}' is not allowed; it must be greater than 0 {unit}", key)
+    return value
+
+
+@routes.post("/sas", status_code=202)
+def start_sas(want: SasOf, desk: At) -> Started:
+    """Size the simulator."""
+    wanted: dict[str, Any] = {"inertia": want.inertia, "frequency": want.frequency}
+    if want.from_scenario is not None:
+        array = meant(desk, want.from_scenario).array
+        if not array.modes:
+            raise Refused(
+                422, "array.modes: is empty; a simulator stands for an array with a torsion mode", "array.modes"
+            )
+        wanted = {"inertia": f"{array.inertia!r} kg*m^2", "frequency": f"{array.modes[0].frequency!r} Hz"}
+    for key, value in wanted.items():
+        if not value:
+            raise Refused(422, f"{key}: missing; inertia and frequency of the array are wanted", key)
+    options = {**wanted, "states": want.states, "amplitude": want.amplitude, "rate": want.rate}
+    return started(desk, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options)

@@ -1,0 +1,99 @@
+"""The application: all answers, the page's files, and what is said when something is wrong."""
+
+from __future__ import annotations
+
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, JSONResponse
+from starlette.exceptions import HTTPException
+from starlette.staticfiles import StaticFiles
+
+from microvib import __version__
+from microvib.errors import MicrovibError
+from microvib.web.jobs.store import Desk
+from microvib.web.routes import results, scenarios, starts
+from microvib.web.routes.common import Refused, refusals, refused
+from microvib.web.server.access import Access
+from microvib.web.server.guard import FAULT, Guard
+
+_PLAIN = {
+    400: "the request cannot be understood",
+    404: "there is nothing at this address",
+    405: "this cannot be done at this address",
+}
+
+
+def create_app(desk: Desk, access: Access) -> Guard:
+    """The application on top of ``desk``, behind its guard."""
+    app = FastAPI(
+        title="microvib", version=__version__, openapi_url="/api/openapi.json", docs_url=None, redoc_url=None,
+        description="What the page of `microvib serve` asks. Values in SI units; quantities that are given are texts with units.",
+    )  # fmt: skip
+    app.state.desk = desk
+    api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 408, 411, 413, 422))
+    for part in (scenarios, starts, results):
+        api.include_router(part.routes)
+    app.include_router(api)
+    _add_page(app)
+    app.add_exception_handler(Refused, _say_refused)
+    app.add_exception_handler(MicrovibError, _say_error)
+    app.add_exception_handler(RequestValidationError, _say_invalid)
+    app.add_exception_handler(HTTPException, _say_http)
+    app.add_exception_handler(Exception, _say_fault)  # the guard writes the log
+    return Guard(app, access, desk.limits)
+
+
+def _add_page(app: FastAPI) -> None:
+    static = Path(str(resources.files("microvib.web"))) / "static"
+
+    @app.get("/", include_in_schema=False)
+    def page() -> FileResponse:
+        return FileResponse(static / "index.html")
+
+    @app.get("/static/plotly.min.js", include_in_schema=False)
+    def plotly() -> FileResponse:
+        return FileResponse(_plotly(), media_type="text/javascript")
+
+    app.mount("/static", StaticFiles(directory=static))
+
+
+def _plotly() -> Path:
+    """Plotly's script, without importing the package, which takes a second."""
+    spec = find_spec("plotly")
+    if spec is None or spec.origin is None:
+        raise Refused(404, "plotly is not installed; pip install 'microvib[serve]'")
+    return Path(spec.origin).parent / "package_data" / "plotly.min.js"
+
+
+def _answer(status: int, sentence: str, key: str | None = None) -> JSONResponse:
+    return JSONResponse({"error": sentence, "key": key}, status)
+
+
+def _say_refused(request: Request, error: Any) -> JSONResponse:
+    return _answer(error.status, error.sentence, error.key)
+
+
+def _say_error(request: Request, error: Any) -> JSONResponse:
+    return _say_refused(request, refused(error))
+
+
+def _say_http(request: Request, error: Any) -> JSONResponse:
+    return _answer(error.status_code, _PLAIN.get(error.status_code, str(error.detail)))
+
+
+def _say_fault(request: Request, error: Any) -> JSONResponse:
+    return _answer(500, FAULT)
+
+
+def _say_invalid(request: Request, error: Any) -> JSONResponse:
+    first = error.errors()[0]
+    if first["type"] == "json_invalid":
+        return _answer(422, "the request is no JSON")
+    key = ".".join(str(part) for part in first["loc"][1:]) or None
+    message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+    return _answer(422, f"{key or 'the request'}: {message}", key)

@@ -1,0 +1,94 @@
+"""``microvib serve``: one process that answers, until it is told to end."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import signal
+import socket
+import sys
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable
+from ipaddress import ip_address
+from pathlib import Path
+
+from microvib.errors import MicrovibError
+from microvib.io.writing import workspace
+from microvib.web.jobs.store import Desk
+from microvib.web.routes import forms
+from microvib.web.server.access import Access
+from microvib.web.server.application import create_app
+from microvib.web.server.connection import WAITING, Server, configuration
+from microvib.web.server.entrance import opening_file
+from microvib.web.server.limits import Limits
+
+
+def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str], None]) -> None:
+    """Serve the page until SIGINT or SIGTERM; MicrovibError where the address cannot be had."""
+    sock = _bound(host, port, remote)
+    address, port = sock.getsockname()[:2]
+    access = _access(host, port, remote)
+    url = _url(address, port)
+    logging.basicConfig(stream=sys.stderr, format="%(message)s")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Its mode keeps others out, and no umask: under one, code compiled for all users of an installation could be read by one.
+    with workspace(Path(tempfile.gettempdir()), "page") as root:
+        desk = Desk(root, Limits())
+        server = Server(configuration(create_app(desk, access), desk.limits), desk.close)
+        try:
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Thread(target=_warm, daemon=True).start()
+                tell(f"microvib serves at {url}?token={access.token}   (Ctrl-C ends it)")
+                if browser:
+                    opening = opening_file(root, url, access)
+                    threading.Timer(0.5, webbrowser.open, [opening.as_uri()]).start()
+                server.run(sockets=[sock])
+        finally:
+            desk.close()
+            desk.join()
+            sock.close()
+
+
+def _url(address: str, port: int) -> str:
+    """What to open; where it listens at every address, by the name of this machine."""
+    ip = ip_address(address)
+    shown = socket.gethostname() if ip.is_unspecified else f"[{address}]" if ip.version == 6 else address
+    return f"http://{shown}:{port}/"
+
+
+def _warm() -> None:
+    """Load what the form needs while the page is being opened."""
+    forms.groups()
+    forms.view_of(forms.Spec(base="state-1"))
+
+
+def _access(host: str, port: int, remote: bool) -> Access:
+    names = {"localhost"}
+    if remote:
+        names |= {host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
+    return Access(frozenset(names), remote, f"microvib-{port}")
+
+
+def _bound(host: str, port: int, remote: bool) -> socket.socket:
+    """A listening socket at the address."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise MicrovibError(f"--host {host}: is no address of this machine ({error.strerror})") from None
+    if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
+        raise MicrovibError(f"--host {host}: others could reach the server there; add --allow-remote if that is meant")
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if sys.platform != "win32":  # there it would share the port
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(address)
+        sock.listen(WAITING)
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise MicrovibError(f"--port {port}: is in use; choose another, or end what uses it") from None
+        raise MicrovibError(f"--host {host} --port {port}: cannot be used: {error.strerror}") from None
+    return sock
