@@ -14,16 +14,17 @@ def _warm() -> None:
     from microvib.io.scenario_file import load_scenario
     from microvib.solve.simulate import simulate
 
-    for name in ("tasks", "answers", "forms"):
-        import_module(f"microvib.web.{name}")
     for name in (
+        "microvib.web.jobs.tasks",
+        "microvib.web.jobs.results",
+        "microvib.web.routes.forms",
         "scipy.signal",
         "scipy.stats",
         "matplotlib.backends.backend_agg",
         "microvib.reports.run.report",
         "h5netcdf",
-    ):
-        import_module(name)  # what tasks import when they need it
+    ):  # what tasks import when they need it
+        import_module(name)
     lines(simulate(load_scenario("state-1", {"record.settle": "0 s", "record.duration": "0.1 s"})))
 
 
