@@ -20,8 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import microvib as mv
+from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
-from microvib.studies.evidence import Evidence, Observation, lines_of_recording, observations
+from microvib.studies.evidence import Evidence, Observation, observations
 from microvib.studies.identify import MODEL_ERROR, Fit, identify, parse_fit
 from microvib.studies.identify.figures import DECAY_FLOOR, FREQUENCY_FLOOR, PHASE_FLOOR
 
@@ -46,7 +47,7 @@ def made(start: Scenario, random: np.random.Generator) -> Made:
     truth = {key: own[key] * (1.0 + part * random.uniform(-1.0, 1.0)) for key, part in SPREAD.items()}
     clock = {"tracking.clock_ratio": start.tracking.clock_ratio * random.uniform(0.995, 1.005)}
     torque = mv.simulate(start.with_si({**truth, **clock}), channels=("T_d",))["T_d"]
-    table = lines_of_recording(torque + random.normal(0.0, NOISE, torque.size), RATE, start)
+    table = lines_of_samples(torque + random.normal(0.0, NOISE, torque.size), RATE, start, measured=True)
     found = tuple(_wrong(o, random) for o in observations(table))
     return Made(Evidence("made", found, table.clock_ratio, DURATION, RATE), truth)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import microvib as mv
+from microvib.analysis.lines import lines_of_recording
 from microvib.io.recordings import read_prepared, read_recording, write_recording
 from microvib.io.scenario_file import bench_names, load_bench
 from microvib.signals.spectrum import tone_amplitude
-from microvib.studies.evidence import lines_of_recording
 from microvib.studies.measure import measure as measure_scenario
 from microvib.testdata.bench import GRAVITY, measure
 from microvib.testdata.bench_design import Bench, Resonance, Rope
@@ -114,7 +114,7 @@ def test_what_goes_in_comes_out(tmp_path, measured, suffix):
     back = read_recording(path)
     assert back.sample_rate == 4096.0
     np.testing.assert_allclose(back["Mz"], recording["Mz"], rtol=1e-11, atol=1e-12)
-    table = lines_of_recording(back["Mz"], back.sample_rate, mv.load_scenario("state-1"))
+    table = lines_of_recording(back, "Mz", mv.load_scenario("state-1"))
     truth = mv.lines(mv.simulate(scenario, channels=("T_d",)))
     assert table.clock_ratio * 0.994 == pytest.approx(0.9965 / (1 + 10e-6), abs=3e-7)
     for name in ("drive_1", "drive_2", "drive_3"):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from microvib.model.record import PASSBAND
 from microvib.solve.sampling import LEAST_FACTOR as FACTOR
-from microvib.solve.sampling import PASSBAND, Decimator, half_length
+from microvib.solve.sampling import Decimator, half_length
 
 HALF = half_length(FACTOR)
 

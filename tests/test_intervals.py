@@ -8,7 +8,8 @@ import pytest
 from baseline import baseline
 
 import microvib as mv
-from microvib.studies.evidence import Evidence, lines_of_recording, observations
+from microvib.analysis.lines import lines_of_samples
+from microvib.studies.evidence import Evidence, observations
 from microvib.studies.identify import MODEL_ERROR, Trust, parse_fit
 from microvib.studies.identify.figures import weight
 from microvib.studies.identify.intervals import Z, profiles
@@ -32,7 +33,7 @@ def errors():
     """Deviations from the truth over the standard errors that the intervals state, (recordings, parameters)."""
     truth = baseline().with_si({"record.settle": 2.0, "record.duration": 4.0})
     torque = mv.simulate(truth, channels=("T_d",))["T_d"]
-    table = lines_of_recording(torque, truth.record.sample_rate, truth)
+    table = lines_of_samples(torque, truth.record.sample_rate, truth, measured=True)
     figures = [o for o in observations(table) if o.line.startswith("drive_") and o.line.count("_") == 1]
     random = np.random.default_rng(4)
     found = []

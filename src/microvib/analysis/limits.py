@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from microvib.model.linear import coupled_modes, linear_lines
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
-from microvib.signals.line_fit import PASSBAND, SEPARATION
+from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION, FAINT, Line, LineTable
 
 Verdict = Literal["pass", "fail", "not judged"]

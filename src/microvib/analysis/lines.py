@@ -1,17 +1,32 @@
-"""Lines and spectra of a motion: the scenario says which lines to expect, the samples say what is there."""
+"""From motion to lines: the scenario says which lines to expect, the samples say what is there.
+
+Everything that asks for the lines of a torque asks here: of a motion, a steady state, samples or a recording. Lines are expected
+up to the edge of the record's passband, ``model.record.PASSBAND``; ``signals.line_fit`` estimates them in samples and
+``signals.fourier_lines`` reads them off a Fourier series.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
-from microvib.analysis.steady import steady_lines
-from microvib.model.expected import expected_lines
-from microvib.signals.line_fit import estimate_lines
+import numpy as np
+
+from microvib.model.expected import ExpectedLine, expected_lines
+from microvib.model.record import PASSBAND
+from microvib.model.scenario import Scenario
+from microvib.signals.fourier_lines import lines_of_series
+from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Spectrum, Window, amplitude_spectrum
 from microvib.solve.motion import Motion, series_of, unit_of
-from microvib.solve.sampling import PASSBAND
 from microvib.solve.steady.state import SteadyState
+from microvib.testdata.recording import Recording, RecordingError, check
+
+CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
+"""Parts of their frequencies by which lines of the clock and array modes of a measured torque may be off."""
+_SHORTEST = 2.0
+"""Length of a recording [s] in which lines are looked for."""
 
 
 def lines(motion: Motion | SteadyState, channel: str = "T_d", harmonics: int = 8) -> LineTable:
@@ -23,13 +38,72 @@ def lines(motion: Motion | SteadyState, channel: str = "T_d", harmonics: int = 8
     ``microvib.signals.line_fit`` for the estimators; of a steady state the lines are exact. Raises ChannelError.
     """
     if isinstance(motion, SteadyState):
-        return steady_lines(motion, channel, harmonics)
-    expected = expected_lines(motion.scenario, PASSBAND * motion.sample_rate, harmonics)
-    samples = series_of(motion.channels, channel, motion.scenario.array)
-    return replace(estimate_lines(samples, motion.sample_rate, expected), unit=unit_of(channel))
+        table = _of_steady_state(motion, channel, harmonics)
+    else:
+        samples = series_of(motion.channels, channel, motion.scenario.array)
+        table = lines_of_samples(samples, motion.sample_rate, motion.scenario, harmonics)
+    return replace(table, unit=unit_of(channel))
+
+
+def lines_of_samples(
+    x: np.ndarray, sample_rate: float, scenario: Scenario | None, harmonics: int = 8, *, measured: bool = False
+) -> LineTable:
+    """Lines of a torque ``x`` (n,) [N m] at ``sample_rate`` [Hz], which need not be that of the ``scenario``'s record.
+
+    The clock of a simulated torque is the scenario's. That of a ``measured`` one is searched within CLOCK_TOLERANCE, its array
+    modes within MODE_TOLERANCE. Without a scenario, lines that stand out are found and not named.
+    """
+    expected = () if scenario is None else _expected(scenario, sample_rate, harmonics, measured)
+    return estimate_lines(x, sample_rate, expected)
+
+
+def lines_among(x: np.ndarray, sample_rate: float, scenario: Scenario, names: Collection[str]) -> LineTable:
+    """Lines of a simulated torque, as ``lines_of_samples``, that are called by these ``names`` or are array modes.
+
+    They have no uncertainties, and take a fraction of the time.
+    """
+    expected = _expected(scenario, sample_rate)
+    wanted = [line for line in expected if line.name in names or line.kind == "array mode"]
+    return lines_at_known_clock(x, sample_rate, wanted)
+
+
+def lines_of_recording(
+    recording: Recording, channel: str, scenario: Scenario | None, background: Recording | None = None
+) -> LineTable:
+    """Lines of the drive-axis torque that was measured in ``channel`` [N m], what stands in the ``background`` accounted for.
+
+    RecordingError where the channel cannot be used.
+    """
+    check(recording, channel, _SHORTEST)
+    if recording.units[channel] != "N*m":
+        raise RecordingError(
+            f"{recording.title}: channel {channel} is a force; the torque about the drive axis is expected"
+        )
+    table = lines_of_samples(recording[channel], recording.sample_rate, scenario, measured=True)
+    if background is None:
+        return table
+    check(background, channel, _SHORTEST)
+    return with_background(table, background[channel])
 
 
 def spectrum(motion: Motion, channel: str = "T_d", window: Window = "rectangular") -> Spectrum:
     """One-sided amplitude spectrum, 0-to-peak, of a channel, or a load ``Fx`` to ``Mz``, over the whole record."""
     samples = series_of(motion.channels, channel, motion.scenario.array)
     return amplitude_spectrum(samples, motion.sample_rate, window)
+
+
+def _expected(
+    scenario: Scenario, sample_rate: float, harmonics: int = 8, measured: bool = False
+) -> tuple[ExpectedLine, ...]:
+    tolerances = (CLOCK_TOLERANCE, MODE_TOLERANCE) if measured else (0.0, 0.0)
+    return expected_lines(scenario, PASSBAND * sample_rate, harmonics, *tolerances)
+
+
+def _of_steady_state(state: SteadyState, channel: str, harmonics: int) -> LineTable:
+    """Named as those of a record, with its bins and its first sample's phases."""
+    if channel != "T_d":
+        series_of(state.channels, channel, state.scenario.array)
+    record = state.scenario.record
+    expected = _expected(state.scenario, record.sample_rate, harmonics)
+    series = state.harmonics(channel)[: int(PASSBAND * record.sample_rate / state.frequency) + 1]
+    return lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from microvib.model.expected import expected_lines
+from microvib.analysis.lines import lines
 from microvib.model.scenario import Scenario
-from microvib.signals.fourier_lines import lines_of_series
-from microvib.signals.line_fit import estimate_lines
 from microvib.signals.line_table import LineTable
-from microvib.solve.motion import Invariants, Motion, series_of, unit_of
-from microvib.solve.sampling import PASSBAND
+from microvib.solve.motion import Invariants, Motion
 from microvib.solve.simulate import Progress, from_rest
 from microvib.solve.steady.period import NotPeriodic
 from microvib.solve.steady.state import SteadyState, steady_state
@@ -48,12 +45,8 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     ``fallback`` says why. Raises what ``simulate`` raises.
     """
     state, why = find_steady(scenario)
-    if state is not None:
-        return Steady(steady_lines(state, harmonics=harmonics), state)
-    motion = from_rest(scenario, channels=("T_d",), progress=progress)
-    expected = expected_lines(scenario, PASSBAND * motion.sample_rate, harmonics)
-    table = estimate_lines(motion["T_d"], motion.sample_rate, expected)
-    return Steady(table, motion, why)
+    source = state or from_rest(scenario, channels=("T_d",), progress=progress)
+    return Steady(lines(source, harmonics=harmonics), source, why)
 
 
 def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
@@ -62,15 +55,3 @@ def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
         return steady_state(scenario), ""
     except NotPeriodic as why:
         return None, str(why)
-
-
-def steady_lines(state: SteadyState, channel: str = "T_d", harmonics: int = 8) -> LineTable:
-    """Lines of one channel of a steady state, named as those of a record, with its bins and its first sample's phases."""
-    if channel != "T_d":
-        series_of(state.channels, channel, state.scenario.array)
-    record = state.scenario.record
-    highest = PASSBAND * record.sample_rate
-    series = state.harmonics(channel)[: int(highest / state.frequency) + 1]
-    expected = expected_lines(state.scenario, highest, harmonics)
-    table = lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)
-    return replace(table, unit=unit_of(channel))

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.accuracy import accuracy, noted, stretch
-from microvib.model.expected import expected_lines
+from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import estimate_lines
 from microvib.signals.line_table import Line, LineTable, Rest
 from microvib.solve.motion import Invariants, Motion
-from microvib.solve.sampling import PASSBAND
 from microvib.solve.simulate import Progress, Run
 
 SEEN = ("ok", "decaying", "growing")
@@ -33,13 +31,12 @@ def lines_of_stream(
     first block, means over the blocks that have them; those of other blocks count as what is left.
     """
     samples, rate = scenario.record.samples, scenario.record.sample_rate
-    expected = expected_lines(scenario, PASSBAND * rate, harmonics)
     blocks = max(-(-samples // BLOCK_SAMPLES), 1)
     run = Run(scenario, progress=progress, channels=("T_d",))
     tables: list[LineTable] = []
     bins: _Bins | None = None
     for block in _regroup(run, samples // blocks):
-        tables.append(estimate_lines(block, rate, expected))
+        tables.append(lines_of_samples(block, rate, scenario, harmonics))
         if bins is None:
             first, begun = tables[0], block[: round(stretch(scenario) * rate)].copy()
             bins = _Bins(

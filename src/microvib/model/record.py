@@ -10,6 +10,8 @@ from microvib.model.part import Part
 from microvib.units import Quantity
 
 MOST_SAMPLES = 2_000_000_000
+PASSBAND = 0.35
+"""Edge of a record's flat band, as a fraction of its sample rate: samples are filtered so, and lines looked for up to there."""
 
 
 class Record(Part):

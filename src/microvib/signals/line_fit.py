@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
+from microvib.model.record import PASSBAND
 from microvib.signals.clock import agreeing, estimate_clock_ratio
-from microvib.signals.line_search import FALLS, MOST_OTHERS, PASSBAND, Found, search
+from microvib.signals.line_search import FALLS, Found, search
 from microvib.signals.line_table import DETECTION, FAINT, Figures, LineTable, Rest, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.spectrum import tone_amplitude
@@ -38,14 +39,6 @@ _SCALLOP = 1.18
 AN_OTHER = "an unlisted line"
 UNSURE = 0.2
 """Standard uncertainty over amplitude from which a line beside another is not told from it."""
-__all__ = [
-    "MOST_OTHERS",
-    "PASSBAND",
-    "estimate_lines",
-    "figures_at_known_clock",
-    "lines_at_known_clock",
-    "with_background",
-]
 
 
 def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:

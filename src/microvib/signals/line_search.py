@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
+from microvib.model.record import PASSBAND
 from microvib.signals.line_table import DETECTION, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.tone_fit import NEAR, Joint
@@ -18,8 +19,6 @@ from microvib.signals.uncertainty import uncertainties
 MOST_OTHERS = 12
 LEAST = 0.01
 """Part of the largest line from which an unlisted one is fitted."""
-PASSBAND = 0.35
-"""Part of the sample rate up to which unexpected lines are looked for."""
 FALLS = 0.1
 """e-foldings over the record from which a tone is said to decay."""
 _ATTEMPTS = 60

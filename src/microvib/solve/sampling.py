@@ -25,9 +25,6 @@ STEP_ORDERS = 100
 """Inner rate over driving frequency, at least."""
 FASTEST = 65_536.0
 """Inner rate [Hz] above which a high driving frequency no longer raises it."""
-PASSBAND = 0.35
-"""Edge of the flat band, as a fraction of the sample rate."""
-
 LOBES = 9
 """Half length of the filter in samples of the record."""
 _BETA = 7.86  # Kaiser window, 80 dB

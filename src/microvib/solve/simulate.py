@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import SimulationError, SynchronismLost
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.motion import Beginning, Invariants, Motion
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import PASSBAND, Decimator, window
+from microvib.solve.sampling import Decimator, window
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 1.0

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from microvib.analysis.lines import lines_of_samples
 from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, read_prepared, read_recording
 from microvib.io.scenario_file import catalog_names, load_scenario
-from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import PASSBAND, estimate_lines
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import (
     Density,
@@ -135,5 +134,4 @@ def _about_the_axis(channel: str, guide: Scenario | None) -> bool:
 def _lines(recording: Recording, channel: str, guide: Scenario) -> LineTable | None:
     if channel != "M" + guide.array.drive_axis:
         return None
-    x = recording[channel]
-    return estimate_lines(x, recording.sample_rate, expected_lines(guide, PASSBAND * recording.sample_rate))
+    return lines_of_samples(recording[channel], recording.sample_rate, guide)

@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from microvib.analysis.lines import lines
 from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, read_recording
 from microvib.io.results import PAPER_LINES, read_table
 from microvib.io.scenario_file import catalog_names, load_scenario
-from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import PASSBAND, estimate_lines
 from microvib.signals.line_table import LineTable
 from microvib.solve.simulate import Progress, simulate
 from microvib.studies.evidence import is_line_table, line_table_rows, measured_lines
@@ -196,10 +195,9 @@ def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Pro
     if clock is not None:
         scenario = scenario.with_({"tracking.clock_ratio": clock})
     motion = simulate(scenario, channels=("T_d",), progress=progress)
-    table = estimate_lines(motion["T_d"], motion.sample_rate, expected_lines(scenario, PASSBAND * motion.sample_rate))
     title = f"{name} at clock {clock:.6f}" if clock is not None else name
     ratio = scenario.tracking.clock_ratio
-    return Side(title, "simulation", _figures(table), ratio, motion["T_d"], motion.sample_rate, scenario)
+    return Side(title, "simulation", _figures(lines(motion)), ratio, motion["T_d"], motion.sample_rate, scenario)
 
 
 def _folder(path: Path) -> Side:

@@ -11,17 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from microvib.analysis.lines import lines_of_recording
 from microvib.errors import MicrovibError
 from microvib.io.recordings import READERS, Prepared, read_prepared
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import PASSBAND, estimate_lines, with_background
 from microvib.signals.line_table import DETECTION, LineTable
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import RecordingError, check
 
-CLOCK_TOLERANCE = 0.02
-MODE_TOLERANCE = 0.1
 PAPER_CLOCK = 0.994
 """Step clock over nominal that fits the peaks of Table 5 (53, 106, 159.0625 Hz)."""
 PAPER_TABLE = "paper"
@@ -116,31 +113,7 @@ def measured_lines(
 ) -> tuple[Prepared, LineTable]:
     """A recording as ``preparation`` has it, and the lines in its ``channel``, its background accounted for."""
     prepared = read_prepared(path, preparation)
-    recording, background = prepared.recording, prepared.background
-    check(recording, channel, shortest=2.0)
-    if recording.units[channel] != "N*m":
-        raise RecordingError(
-            f"{recording.title}: channel {channel} is a force; the torque about the drive axis is expected"
-        )
-    table = lines_of_recording(recording[channel], recording.sample_rate, scenario)
-    if background is not None:
-        check(background, channel, shortest=2.0)
-        table = with_background(table, background[channel])
-    return prepared, table
-
-
-def lines_of_recording(x: np.ndarray, sample_rate: float, scenario: Scenario | None) -> LineTable:
-    """Lines of a measured torque ``x`` (n,) [N m]: the scenario says which, the clock is searched within two per cent.
-
-    A record at another rate than the scenario's is looked at in the same way; lines above 0.35 of its rate are not looked for.
-    Without a scenario, lines that stand out are found and not named.
-    """
-    if scenario is None:
-        return estimate_lines(x, sample_rate, [])
-    expected = expected_lines(
-        scenario, PASSBAND * sample_rate, clock_tolerance=CLOCK_TOLERANCE, mode_tolerance=MODE_TOLERANCE
-    )
-    return estimate_lines(x, sample_rate, expected)
+    return prepared, lines_of_recording(prepared.recording, channel, scenario, prepared.background)
 
 
 def observations(table: LineTable) -> tuple[Observation, ...]:

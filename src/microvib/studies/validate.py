@@ -14,11 +14,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from microvib.analysis.lines import lines
 from microvib.io.results import PAPER_LINES
 from microvib.io.scenario_file import load_scenario
-from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import PASSBAND, estimate_lines
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -83,8 +82,7 @@ def validate(progress: Progress | None = None) -> tuple[list[Check], dict[int, S
 
 def _state(scenario: Scenario) -> State:
     motion = simulate(scenario, channels=("T_d",))
-    expected = expected_lines(scenario, PASSBAND * motion.sample_rate)
-    return State(motion, estimate_lines(motion["T_d"], motion.sample_rate, expected))
+    return State(motion, lines(motion))
 
 
 def _with_finer_steps(scenario: Scenario) -> Scenario:

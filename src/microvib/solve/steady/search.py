@@ -16,8 +16,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import eig
 
+from microvib.model.record import PASSBAND
 from microvib.solve import kernel
-from microvib.solve.sampling import PASSBAND
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 from microvib.solve.steady.segments import Ends, Segments
 from microvib.solve.vector import WIDTH

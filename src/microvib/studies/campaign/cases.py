@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microvib.analysis.limits import Limit, judge
+from microvib.analysis.lines import lines_of_samples
 from microvib.analysis.steady import steady
 from microvib.errors import MicrovibError
 from microvib.io.results import package_versions
-from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import PASSBAND, estimate_lines
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
 
@@ -265,8 +264,7 @@ def _recorded(work: Work, scenario: Scenario, torque: Torque | Exception) -> _Re
     if isinstance(torque, Exception):
         raise torque
     x = torque.T_d
-    expected = expected_lines(scenario, PASSBAND * torque.sample_rate, work.harmonics)
-    table = estimate_lines(x, torque.sample_rate, expected)
+    table = lines_of_samples(x, torque.sample_rate, scenario, work.harmonics)
     return _result(work, scenario, table, x, torque.stuck_output)
 
 

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from microvib.model.expected import expected_lines
+from microvib.analysis.lines import lines_among
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import PASSBAND, lines_at_known_clock
 from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.batch import Torque
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
@@ -33,10 +32,8 @@ def as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object]
 def lines_of(torque: Torque, test: Scenario, evidence: Evidence) -> Simulated:
     """Lines of a simulated test that its evidence speaks of."""
     asked = {o.line for o in evidence.observations} | {"drive_1"}
-    expected = expected_lines(test, PASSBAND * torque.sample_rate)
-    expected = tuple(line for line in expected if line.name in asked or line.kind == "array mode")
     spectrum = amplitude_spectrum(torque.T_d, torque.sample_rate)
-    table = lines_at_known_clock(torque.T_d, torque.sample_rate, expected)
+    table = lines_among(torque.T_d, torque.sample_rate, test, asked)
     return Simulated(table, spectrum.amplitude, spectrum.resolution)
 
 
