@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from microvib import units
 from microvib.model.part import Part
 from microvib.units import Quantity, convert
 
@@ -128,11 +129,12 @@ def _declared():
     """Every kind of quantity that a parameter of the project is."""
     for module in (
         "model.scenario",
-        "model.study",
-        "model.bench",
-        "model.simulator",
-        "model.deck",
-        "signals.preparation",
+        "structures.array_design",
+        "structures.deck",
+        "structures.simulator_design",
+        "studies.campaign.study_file",
+        "testdata.bench_design",
+        "testdata.preparation",
     ):
         importlib.import_module(f"microvib.{module}")
     found = (part.quantity_of(name) for part in _parts() for name in part.model_fields)
@@ -169,3 +171,19 @@ def test_numbers_need_a_unit_only_where_units_are_asked_for():
     assert Sample(inertia=2.0).inertia == 2.0
     with pytest.raises(ValidationError, match=r"needs a unit, such as '2\.0 kg\*cm\^2'"):
         Sample.model_validate({"inertia": 2.0}, context={"units_required": True})
+
+
+def test_common_units_are_to_the_last_bit_as_the_registry_has_them(monkeypatch):
+    pairs = [(given, unit) for unit, row in units._COMMON.items() for given in row]
+    pairs += [(unit, given) for given, unit in pairs]
+    listed = [units._factor.__wrapped__(given, given, unit) for given, unit in pairs]
+    monkeypatch.setattr(units, "_COMMON", {})
+    assert listed == [units._factor.__wrapped__(given, given, unit) for given, unit in pairs]
+
+
+def test_the_registry_is_not_needed_for_declared_units(monkeypatch):
+    monkeypatch.setattr(units, "_registry", None)
+    for quantity in DECLARED:
+        for unit in {quantity.unit, quantity.display} - {""}:
+            assert units._factor.__wrapped__(unit, unit, quantity.unit) > 0.0
+            assert units._factor.__wrapped__(quantity.unit, quantity.unit, unit) > 0.0

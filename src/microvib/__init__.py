@@ -10,13 +10,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
-
-try:
-    __version__ = version("microvib")
-except PackageNotFoundError:  # run from a source tree that is not installed
-    __version__ = "0+unknown"
 
 # Loaded when first used: numerics and plotting take seconds to import, and `microvib --help` needs none of it.
 _HOME = {
@@ -40,6 +34,7 @@ _HOME = {
 }
 
 if TYPE_CHECKING:
+    __version__: str
     from microvib.analysis.accuracy import accuracy
     from microvib.analysis.lines import lines, spectrum
     from microvib.analysis.steady import steady
@@ -75,9 +70,20 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _version()
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     raise AttributeError(f"module 'microvib' has no attribute {name!r}")
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # a third of the time that --help takes
+
+    try:
+        return version("microvib")
+    except PackageNotFoundError:  # run from a source tree that is not installed
+        return "0+unknown"
 
 
 def __dir__() -> list[str]:

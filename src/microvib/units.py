@@ -54,6 +54,38 @@ _READ = tuple(
     )
 )  # fmt: skip
 """How units are written, and the same as pint reads it: print, keyboards without raised digits, products without a sign."""
+_COMMON: dict[str, dict[str, float]] = {
+    "": {"percent": 0.01},
+    "A": {"A": 1.0, "mA": 0.001},
+    "H": {"H": 1.0, "mH": 0.001, "uH": 1e-6},
+    "Hz": {"Hz": 1.0, "mHz": 0.001, "kHz": 1000.0},
+    "N": {"N": 1.0, "mN": 0.001, "kN": 1000.0},
+    "N*m": {"N*m": 1.0, "uN*m": 1e-6, "mN*m": 0.001, "kN*m": 1000.0, "N*mm": 0.001, "N*cm": 0.01},
+    "N*m*s/rad": {"N*m*s/rad": 1.0, "mN*m*s/rad": 0.001, "N*m*s": 1.0, "N*m*s/deg": 57.29577951308232},
+    "N*m/A": {"N*m/A": 1.0, "mN*m/A": 0.001, "V*s/rad": 1.0},
+    "N*m/Hz^0.5": {"N*m/Hz^0.5": 1.0, "mN*m/Hz^0.5": 0.001},
+    "N*m/rad": {"N*m/rad": 1.0, "mN*m/rad": 0.001, "kN*m/rad": 1000.0, "N*m/deg": 57.29577951308232},
+    "N/Hz^0.5": {"N/Hz^0.5": 1.0, "mN/Hz^0.5": 0.001},
+    "N/m": {"N/m": 1.0, "N/mm": 1000.0, "kN/m": 1000.0},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9},
+    "V": {"V": 1.0, "mV": 0.001},
+    "V*s/A": {"V*s/A": 1.0, "mV*s/A": 0.001},
+    "V/A": {"V/A": 1.0, "mV/A": 0.001},
+    "V/A/s": {"V/A/s": 1.0, "V/(A*s)": 1.0},
+    "kg": {"kg": 1.0, "g": 0.001},
+    "kg*m^2": {"kg*m^2": 1.0, "kg*cm^2": 1e-4, "kg*mm^2": 1e-6, "g*m^2": 0.001, "g*cm^2": 1.0000000000000001e-07},
+    "kg/m^2": {"kg/m^2": 1.0, "g/m^2": 0.001},
+    "kg/m^3": {"kg/m^3": 1.0},
+    "kg^0.5*m": {"kg^0.5*m": 1.0},
+    "m": {"m": 1.0, "um": 1e-6, "mm": 0.001, "cm": 0.01, "km": 1000.0},
+    "ohm": {"ohm": 1.0, "mohm": 0.001, "kohm": 1000.0},
+    "rad": {"rad": 1.0, "urad": 1e-6, "mrad": 0.001, "deg": 0.017453292519943295, "arcsec": 4.84813681109536e-06},
+    "rad/s": {"rad/s": 1.0, "mrad/s": 0.001, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977},
+    "s": {"s": 1.0, "us": 1e-6, "ms": 0.001, "min": 60.0, "h": 3600.0},
+    "s^-1": {"s^-1": 1.0, "1/s": 1.0},
+}
+"""Factors of common units, by the declared one, to the last bit as pint's: pint takes longer to start than a run to simulate.
+Their reciprocals are the factors of the way back. Whatever is not listed is asked of pint."""
 _HERTZ = re.compile(r"\b[kMGmu]?(Hz|hertz)\b")
 
 
@@ -100,6 +132,9 @@ def convert(text: str, unit: str) -> float:
 @lru_cache(maxsize=1024)
 def _factor(plain: str, written: str, unit: str) -> float:
     """What one unit ``plain``, ``written`` so by the user, is in ``unit``; ValueError with a sentence."""
+    common = _common(plain.replace(" ", "*"), unit)
+    if common is not None:
+        return common
     import pint
 
     try:
@@ -118,6 +153,14 @@ def _factor(plain: str, written: str, unit: str) -> float:
         raise ValueError(f"has a unit that does not start at zero, '{written}'; write it such as '{unit or 'percent'}'")
     _check_angles(_angles(given), _angles(wanted), unit, bool(_HERTZ.search(plain)))
     return factor
+
+
+def _common(given: str, unit: str) -> float | None:
+    """Factor of a common unit, either way; None where the registry is to be asked."""
+    if unit in _COMMON:
+        return _COMMON[unit].get(given)
+    back = _COMMON.get(given, {}).get(unit)
+    return None if back is None else 1.0 / back
 
 
 def _angles(unit: Any) -> float:
@@ -221,7 +264,7 @@ class Quantity:
         for unit in (self.display, self.unit):
             if not unit:
                 continue
-            number = value if unit == self.unit else float(_registry().Quantity(value, self.unit).to(unit).magnitude)
+            number = self._in(unit, value)
             for digits in (6, 9, 12, 15, 17):
                 text = f"{number:.{digits}g} {unit}"
                 if convert(text, self.unit) == value:
@@ -231,8 +274,11 @@ class Quantity:
     def show(self, value: float) -> str:
         """Short text for tables: six digits in the display unit."""
         unit = self.display or self.unit
-        number = value if unit == self.unit else float(_registry().Quantity(value, self.unit).to(unit).magnitude)
-        return f"{number:.6g} {pretty(unit)}".strip()
+        return f"{self._in(unit, value):.6g} {pretty(unit)}".strip()
+
+    def _in(self, unit: str, value: float) -> float:
+        """A value in memory in another unit of its kind."""
+        return value if unit == self.unit else value * _factor(self.unit, self.unit, unit)
 
     def doubt(self, value: float) -> str:
         """What is said of a value that is allowed but not of a usual size; empty where it is."""

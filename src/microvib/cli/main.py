@@ -11,7 +11,6 @@ from typing import Any
 import click
 
 try:
-    from microvib import __version__
     from microvib.cli import campaign, docs, scenarios, test_data
     from microvib.cli import rates as families
     from microvib.cli import report as reports
@@ -39,8 +38,23 @@ class _Command(click.Group):
         return super().parse_args(ctx, args)
 
 
+def _show_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
+    if asked:
+        from microvib import __version__
+
+        click.echo(f"microvib, version {__version__}")
+        context.exit()
+
+
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(__version__, prog_name="microvib")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
+    help="Show the version and exit.",
+)
 def main() -> None:
     """Disturbance torque of a sun-tracking solar array: from the drive's data sheet to its lines.
 

@@ -11,6 +11,7 @@ import platform
 import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -168,13 +169,16 @@ def _variable(f: Any, name: str, dims: tuple[str, ...], values: Any, unit: str, 
 
 def package_versions() -> dict[str, str]:
     """Versions that a result depends on."""
-    versions = {"python": platform.python_version()}
-    for name in ("microvib", "numpy", "numba", "llvmlite"):
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "unknown"
-    return versions
+    names = ("microvib", "numpy", "numba", "llvmlite")
+    return {"python": platform.python_version()} | {name: _version_of(name) for name in names}
+
+
+@cache
+def _version_of(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def scenario_hash(scenario: Scenario) -> str:
