@@ -13,17 +13,24 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import time
 from collections import Counter
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 
 import numpy as np
-from steady import LEAST, STATES, heavy_scenario, random_scenario
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.scenarios import heavy_scenario, random_scenario
+from support.steady_lines import LEAST
 
 import microvib as mv
 from microvib.analysis.accuracy import BOUND, accuracy
 from microvib.signals.line_table import LineTable
+
+STATES = ("state-1", "state-2", "state-3", "state-4", "state-5")
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 import microvib as mv
 

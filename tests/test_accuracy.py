@@ -2,13 +2,12 @@
 
 import json
 import math
-import runpy
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.scenarios import random_scenario
 
 import microvib as mv
 from microvib.analysis.accuracy import BOUND, SENSITIVE, accuracy, noted
@@ -19,21 +18,20 @@ from microvib.reports.run.folder import run_scenario
 from microvib.solve.sampling import LOBES
 from microvib.solve.simulate import again
 
-RANDOM = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "steady.py"))["random_scenario"]
 OFF, WANDERS = 86, 11
 """Random sets whose lines need finer steps, and whose motion depends on the smallest detail."""
 
 
 @pytest.fixture(scope="module")
 def off():
-    motion = mv.simulate(RANDOM(OFF))
+    motion = mv.simulate(random_scenario(OFF))
     table = mv.lines(motion)
     return motion, table, accuracy(motion, table)
 
 
 @pytest.fixture(scope="module")
 def wanders():
-    motion = mv.simulate(RANDOM(WANDERS))
+    motion = mv.simulate(random_scenario(WANDERS))
     table = mv.lines(motion)
     return motion, table, accuracy(motion, table)
 
@@ -112,7 +110,7 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
     monkeypatch.setattr("microvib.reports.figures.svg", lambda drawing: "<svg/>")
     _, _, estimate = off
     out = tmp_path / "run"
-    (tmp_path / "set.yaml").write_text(mv.dump_scenario(RANDOM(OFF)), encoding="utf-8")
+    (tmp_path / "set.yaml").write_text(mv.dump_scenario(random_scenario(OFF)), encoding="utf-8")
     done = CliRunner().invoke(main, ["run", str(tmp_path / "set.yaml"), "--out", str(out)])
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
@@ -126,7 +124,7 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
 
 
 def test_lines_alone_say_it_too(tmp_path, off):
-    found = run_scenario(RANDOM(OFF), tmp_path / "run", lines_only=True)
+    found = run_scenario(random_scenario(OFF), tmp_path / "run", lines_only=True)
     assert found.solver["error_estimate"]["line"] == pytest.approx(off[2].line, rel=1e-6)
     assert found.table.own_error == pytest.approx(off[2].doubt, rel=1e-6)
 

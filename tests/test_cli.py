@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 import microvib as mv
 from microvib.errors import OutputError

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 import microvib as mv
 from microvib.solve import kernel

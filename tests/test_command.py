@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from baseline import baseline
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.scenarios import baseline
 
 from microvib.solve.command import Command
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 import microvib as mv
 from microvib.analysis.lines import lines_of_samples

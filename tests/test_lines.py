@@ -1,12 +1,10 @@
 """Line estimation on made signals, whose truth is known."""
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.coverage import coverage
 
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.signals.line_fit import estimate_lines, figures_at_known_clock, lines_at_known_clock
@@ -249,8 +247,7 @@ def test_at_random_distances_what_is_ok_is_within_its_uncertainty():
 @pytest.mark.parametrize("pair", ["modes", "clock"])
 @pytest.mark.parametrize("distance", [2.6, 4.0])
 def test_uncertainties_of_lines_near_each_other_cover_the_truth(pair, distance):
-    benchmark = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "lines.py"))
-    found = benchmark["coverage"](pair, distance, noise=0.2, fold=1.0, records=60)
+    found = coverage(pair, distance, noise=0.2, fold=1.0, records=60)
     assert found.claimed > 0.7
     assert found.amplitude > 0.9
     assert found.frequency > 0.88

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 from microvib.solve import kernel
 from microvib.solve.pack import no_samples, pack

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 import microvib as mv
 from microvib.analysis.limits import Limit, judge

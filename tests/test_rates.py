@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from baseline import baseline
 from click.testing import CliRunner
+from support.scenarios import baseline
 
 import microvib as mv
 from microvib.cli.main import main

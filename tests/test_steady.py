@@ -1,11 +1,11 @@
 """The steady state found directly: the same lines as the run in time after it has settled, or a reason why not."""
 
-import importlib.util
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.scenarios import heavy_scenario, random_scenario
+from support.steady_lines import long_run, settled_motion, worst_deviation
 
 import microvib as mv
 from microvib.model.expected import ExpectedLine
@@ -15,12 +15,6 @@ from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import CLOSE
 from microvib.solve.steady.state import steady_state
-
-_spec = importlib.util.spec_from_file_location(
-    "benchmark_steady", Path(__file__).parents[1] / "benchmarks" / "steady.py"
-)
-benchmark = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(benchmark)
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +46,8 @@ def test_lines_are_those_of_the_settled_run_in_time(name):
 
 @pytest.mark.parametrize("seed", [4, 14, 31, 45, 52])
 def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
-    scenario = benchmark.random_scenario(seed)
-    slowest = max(1.0 / (2.0 * math.pi * m.frequency * m.damping) for m in scenario.array.modes)
-    deviation, line = benchmark.worst_deviation(steady_state(scenario), benchmark.settled_motion(scenario, slowest))
+    scenario = random_scenario(seed)
+    deviation, line = worst_deviation(steady_state(scenario), settled_motion(scenario))
     assert deviation < 0.01, line
 
 
@@ -165,14 +158,14 @@ def test_where_nothing_repeats_the_run_in_time_steps_in(state_1, changes, why):
 def test_a_motion_that_depends_on_how_it_began_is_not_taken():
     # Stick and slip take several microsteps in turn, and which of them slips most is settled at the start.
     with pytest.raises(NotPeriodic, match="there are several"):
-        steady_state(benchmark.random_scenario(40))
+        steady_state(random_scenario(40))
     # Where this output is wound back, long and short slips alternate, and go on to: a run from rest does so too.
     slow = mv.load_scenario("state-1").with_({"tracking.rate": "0.01 deg/s", "driver.microsteps": 32})
     with pytest.raises(NotPeriodic, match="there are several"):
         steady_state(slow)
     # Friction that falls with the rate: smooth slip is stable, and so is an oscillation that sticks.
     with pytest.raises(NotPeriodic, match="one that sticks and slips"):
-        steady_state(benchmark.random_scenario(30))
+        steady_state(random_scenario(30))
 
 
 @pytest.mark.parametrize(
@@ -185,7 +178,7 @@ def test_a_motion_that_depends_on_how_it_began_is_not_taken():
     ],
 )
 def test_a_motion_that_no_run_shows_is_not_taken(seed, why):
-    scenario = benchmark.heavy_scenario(seed)
+    scenario = heavy_scenario(seed)
     with pytest.raises(NotPeriodic, match=why):
         steady_state(scenario)
 
@@ -194,17 +187,17 @@ def test_friction_heavy_sets_that_are_found_are_what_a_run_from_rest_shows():
     found = []
     for seed in range(1, 12):
         try:
-            found.append(steady_state(benchmark.heavy_scenario(seed)))
+            found.append(steady_state(heavy_scenario(seed)))
         except NotPeriodic:
             continue
     assert len(found) >= 5
-    for state, run in zip(found, simulate_torques([benchmark._long(x) for x in found]), strict=True):
+    for state, run in zip(found, simulate_torques([long_run(x) for x in found]), strict=True):
         assert float(np.std(run.T_d)) == pytest.approx(float(np.std(state["T_d"])), rel=0.03)
 
 
 def test_a_step_on_the_way_to_an_event_is_held_to_its_tolerance_too():
     """Friction that falls steeply makes a step singular at one length: shortened to it, the rotor would jump, lose its synchronism."""
-    long = benchmark.heavy_scenario(27).with_si({"record.settle": 0.0, "record.duration": 140.0})
+    long = heavy_scenario(27).with_si({"record.settle": 0.0, "record.duration": 140.0})
     expected = float(np.std(mv.simulate(long.with_si({"solver.tolerance": 1e-6}), channels=("T_d",))["T_d"]))
     assert float(np.std(mv.simulate(long, channels=("T_d",))["T_d"])) == pytest.approx(expected, rel=1e-3)
     assert float(np.std(simulate_torques([long])[0].T_d)) == pytest.approx(expected, rel=1e-3)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 import microvib as mv
 from microvib.errors import MicrovibError

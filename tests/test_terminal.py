@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("pty", reason="pseudo-terminals are of POSIX")
 
 import click
-from terminal import in_terminal, screen
+from support.terminal import in_terminal, screen
 
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import BUG, TRACEBACK, status_of

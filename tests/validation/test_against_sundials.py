@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from baseline import baseline
 from scipy.integrate import solve_ivp
 from sksundae.cvode import CVODE
+from support.scenarios import baseline
 
 from microvib.solve import kernel
 from microvib.solve.command import Command

@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from baseline import baseline
+from support.scenarios import baseline
 
 import microvib as mv
 
