@@ -14,7 +14,8 @@ import pytest
 from support.scenarios import baseline
 
 import microvib as mv
-from microvib.errors import OutputError
+from microvib.cli.streams import status_of
+from microvib.errors import MicrovibError, OptionError, OutputError
 from microvib.io.results import RUN_FILES, write_folder
 
 SHORT = ["--set", "record.settle=1 s", "--set", "record.duration=4 s"]
@@ -112,7 +113,7 @@ def test_without_out_a_new_folder_is_found_each_time(tmp_path):
     ("arguments", "sentence"),
     [
         (["run", "state-9"], "no such file and no catalog scenario"),
-        (["run", "state-1", "--set", "motor.current"], "KEY=VALUE is wanted"),
+        (["run", "state-1", "--set", "motor.current"], "KEY=VALUE is expected"),
         (["run", "state-1", "--set", "driver.microsteps=0"], "driver.microsteps: 0 is not allowed"),
         (["run", "state-1", "--set", "motor.rotor_inertia=-1 kg*m^2"], "must be greater than 0 kg*m^2"),
         (["run", "state-1", "--set", "nonsense.key=1"], "nonsense: unknown key"),
@@ -269,7 +270,7 @@ def test_modes_of_the_reference_array(tmp_path):
     assert {p.name for p in (tmp_path / "table").iterdir()} == {"modes.csv", "report.html"}
     full = microvib("modes", "reference-array", "--out", "out", cwd=tmp_path)
     assert full.returncode == 1
-    assert "add --overwrite" in full.stderr
+    assert "(--overwrite)" in full.stderr
 
 
 @pytest.mark.parametrize(
@@ -317,3 +318,22 @@ def test_unusual_values_are_told_once_on_standard_error(tmp_path):
         "Note: state-1: array.modes.0.damping: 50 % is unusual; 0.01 % to 15 % is expected (modal damping ratio)"
     ]
     assert "damping: 0.5\n" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OptionError("model_error", "2 is not allowed"), "Error: --model-error: 2 is not allowed\n"),
+        (OptionError("fit", "is named twice", "a.b"), "Error: --fit a.b: is named twice\n"),
+        (OptionError("band", "says where", remedy="limit"), "Error: --band: says where (--limit)\n"),
+        (MicrovibError("x: is full\ny: too", remedy="lines_only"), "Error: x: is full\nError: y: too (--lines-only)\n"),
+    ],
+)
+def test_options_are_named_as_they_are_typed_here_and_nowhere_below(error, words, capfd):
+    assert "--" not in str(error)
+
+    def command():
+        raise error
+
+    assert status_of(command) == 1
+    assert capfd.readouterr().err == words

@@ -11,11 +11,12 @@ from support.scenarios import baseline
 
 import microvib as mv
 from microvib.cli.main import main
+from microvib.cli.rates import _counts
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
 from microvib.reports.rates import best_text, found_text
-from microvib.studies.options import band_of, counts_of, quantity
 from microvib.studies.rates import at_rate, full_case, linear_error, plan_rates, rate_grid
+from microvib.units import band, quantity
 
 DEG = math.pi / 180.0
 
@@ -198,8 +199,11 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--from", "0.3 deg/s", "--to", "0.1 deg/s"], "the first must be above 0 and below the second"),
-        (["--from", "0 deg/s", "--to", "0.1 deg/s"], "the first must be above 0"),
+        (
+            ["--from", "0.3 deg/s", "--to", "0.1 deg/s"],
+            "--from 0.3 deg/s: is not allowed; it must be above 0 and below 0.1 deg/s",
+        ),
+        (["--from", "0 deg/s", "--to", "0.1 deg/s"], "must be above 0"),
         (["--from", "0.1", "--to", "0.1 deg/s"], "--from: '0.1' needs a unit"),
         (["--from", "0.1 Hz", "--to", "1 deg/s"], "mixes cycles and angles"),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--microsteps", "8,many"], "whole numbers from 1 to 65536"),
@@ -223,9 +227,9 @@ def test_bad_input_is_one_sentence(arguments, complaint):
 
 
 def test_options_are_quantities():
-    assert band_of("0.5:5 Hz") == (0.5, 5.0)
-    assert band_of("500 mHz:0.1 kHz") == (0.5, 100.0)
-    assert counts_of("8, 16,8") == (8, 16)
-    assert quantity("--limit", "10 mN*m", "N*m") == pytest.approx(0.01)
-    with pytest.raises(MicrovibError, match="--band"):
-        band_of("1:2 s")
+    assert band("0.5:5 Hz") == (0.5, 5.0)
+    assert band("500 mHz:0.1 kHz") == (0.5, 100.0)
+    assert _counts("8, 16,8") == (8, 16)
+    assert quantity("limit", "10 mN*m", "N*m") == pytest.approx(0.01)
+    with pytest.raises(MicrovibError, match="band: "):
+        band("1:2 s")

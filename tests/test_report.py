@@ -410,17 +410,17 @@ def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["report", "nowhere"], "holds no motion.nc; the folder of a run is wanted"),
+        (["report", "nowhere"], "holds no motion.nc; the folder of a run with its motion is expected"),
         (["report", "FOLDER", "-o", "x.doc"], "its name must end in .html or .pdf"),
         (["report", "FOLDER", "--pdf", "-o", "x.html"], "its name must end in .pdf"),
         (["report", "FOLDER", "--limit", "10"], "--limit: '10' needs a unit"),
         (["report", "FOLDER", "--limit", "-1 N*m"], "greater than 0"),
         (["report", "FOLDER", "--limit", "5 Hz"], "wrong dimension"),
         (["report", "FOLDER", "--limit", "none", "--band", "1:2 Hz"], "does not go with --limit none"),
-        (["run", "state-1", "--band", "1:2 Hz"], "give --limit"),
+        (["run", "state-1", "--band", "1:2 Hz"], "(--limit)"),
         (["run", "state-1", "--report-data", "nowhere.yaml"], "nowhere.yaml: there is no such file"),
         (["run", "state-1", "--lines-only", "--pdf"], "--lines-only makes no report"),
-        (["compare", "paper-test", "paper-simulation", "--pdf"], "name one with --out"),
+        (["compare", "paper-test", "paper-simulation", "--pdf"], "name one (--out)"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, complaint, folder, tmp_path, monkeypatch):

@@ -797,7 +797,7 @@ def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--host", "0.0.0.0"], "add --allow-remote"),
+        (["--host", "0.0.0.0"], "(--allow-remote)"),
         (["--host", "no.such.host.invalid"], "is no address of this machine"),
     ],
 )

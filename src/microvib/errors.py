@@ -7,7 +7,22 @@ from typing import Any
 
 
 class MicrovibError(Exception):
-    """Base of all errors that are meant for the user; the text is one clear sentence."""
+    """Base of all errors that are meant for the user; the text is one clear sentence.
+
+    ``remedy`` names the option that would help, where there is one; whoever asks for options says how it is written.
+    """
+
+    def __init__(self, text: str = "", *, remedy: str = "") -> None:
+        super().__init__(text)
+        self.remedy = remedy
+
+
+class OptionError(MicrovibError):
+    """An option of a study that is wrong: which one, by its ``key``, perhaps its value, and what is allowed."""
+
+    def __init__(self, key: str, problem: str, value: str = "", *, remedy: str = "") -> None:
+        super().__init__(f"{f'{key} {value}'.rstrip()}: {problem}", remedy=remedy)
+        self.key = key
 
 
 class ScenarioError(MicrovibError):

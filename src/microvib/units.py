@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
-from microvib.errors import shown
+from microvib.errors import OptionError, shown
 
 _NUMBER = re.compile(r"\s*([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf))\s*")
 _UNIT = re.compile(r"(1?/)?[A-Za-z_][A-Za-z0-9_*/^.() -]*")
@@ -182,21 +182,28 @@ class Si(float):
     """A number that is known to be in SI, which needs no unit where text with a unit is expected."""
 
 
+def quantity(key: str, text: str, unit: str, *, positive: bool = False) -> float:
+    """Value of the option ``key`` in ``unit``; OptionError where it is none, or not ``positive``."""
+    try:
+        value = convert(text, unit)
+    except ValueError as error:
+        raise OptionError(key, f"{text!r} {error}") from None
+    if positive and not value > 0.0:
+        raise OptionError(key, f"{text!r} is not allowed; it must be greater than 0 {unit}")
+    return value
+
+
 def band(text: str) -> tuple[float, float]:
-    """LOW:HIGH in Hz, such as ``0.5:5 Hz``; without a unit the first bound has that of the second. ValueError with a sentence."""
+    """LOW:HIGH in Hz, such as ``0.5:5 Hz``; without a unit the first bound has that of the second. OptionError where it is none."""
     low, colon, high = text.partition(":")
     if not colon:
-        raise ValueError(f"{text!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
+        raise OptionError("band", f"{text!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
     unit = high.strip().lstrip("+-.0123456789eE ")
-    bounds = []
-    for part in (low if any(c.isalpha() for c in low) else f"{low} {unit}", high):
-        try:
-            bounds.append(convert(part, "Hz"))
-        except ValueError as error:
-            raise ValueError(f"{part!r} {error}") from None
-    if not 0.0 <= bounds[0] < bounds[1]:
-        raise ValueError(f"{text!r} is not a range; the first bound must be at least 0 and below the second")
-    return bounds[0], bounds[1]
+    first = quantity("band", low if any(c.isalpha() for c in low) else f"{low} {unit}", "Hz")
+    last = quantity("band", high, "Hz")
+    if not 0.0 <= first < last:
+        raise OptionError("band", f"{text!r} is not a range; the first bound must be at least 0 and below the second")
+    return first, last
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from microvib.errors import OptionError
 from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION, FAINT, Line, LineTable
+from microvib.units import band, quantity
 
 Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
@@ -38,6 +40,16 @@ class Limit:
     torque: float
     low: float = 0.0
     high: float = math.inf
+
+    @classmethod
+    def of(cls, limit: str | float | None, ends: str | None) -> Limit | None:
+        """The limit that a torque (text with its unit, or [N m]) and a band LOW:HIGH state; None without one. OptionError."""
+        if limit is None:
+            if ends is not None:
+                raise OptionError("band", "says where a limit holds; give one, such as '10 mN*m'", remedy="limit")
+            return None
+        torque = quantity("limit", limit, "N*m", positive=True) if isinstance(limit, str) else limit
+        return cls(torque, *(() if ends is None else band(ends)))
 
     @property
     def band(self) -> str:

@@ -13,7 +13,7 @@ import click
 from microvib.cli.common import deliver, report_options
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 
 if TYPE_CHECKING:
     from microvib.reports.document import Form
@@ -105,9 +105,9 @@ def _compute(
     part = _shard(shard)
     listed = None if todo is None else [int(word) for word in todo.read_text(encoding="utf-8").split()]
     if scheduler is not None and on != "dask":
-        raise MicrovibError(f"--scheduler {scheduler}: goes with --on dask")
+        raise OptionError("scheduler", "goes with --on dask", scheduler)
     if (directives or no_submit) and on != "slurm":
-        raise MicrovibError("--sbatch and --no-submit: go with --on slurm")
+        raise OptionError("sbatch" if directives else "no_submit", "goes with --on slurm")
     if on == "slurm":
         from microvib.studies.campaign.slurm import submit
 
@@ -150,7 +150,7 @@ def _shard(text: str | None) -> tuple[int, int]:
     first, slash, last = text.partition("/")
     if slash and first.isdigit() and last.isdigit() and int(first) < int(last):
         return int(first), int(last)
-    raise MicrovibError(f"--shard: {text!r} is not allowed; write K/N with K from 0 to N-1, such as 0/8")
+    raise OptionError("shard", f"{text!r} is not allowed; write K/N with K from 0 to N-1, such as 0/8")
 
 
 @campaign.command()
@@ -188,15 +188,16 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     from microvib.reports.campaign.text import report_text, write_report
     from microvib.studies.campaign.results import merge as merge_chunks
     from microvib.studies.campaign.results import open_results
-    from microvib.studies.options import band_of, quantity
+    from microvib.units import band as ends
+    from microvib.units import quantity
 
     opened = _opened(folder)
-    most = opened.design.study.limit if limit is None else quantity("--limit", limit, "N*m")
-    if most is not None and not most > 0.0:
-        raise MicrovibError(f"--limit {limit}: must be greater than 0 N*m")
-    text = band or opened.design.study.band
+    study = opened.design.study
+    most = study.limit if limit is None else quantity("limit", limit, "N*m", positive=True)
+    text = band or study.band
+    within = ends(text) if text else (0.0, float("inf"))
     merge_chunks(opened)
-    summary = summarise(open_results(opened), most, band_of(text) if text else (0.0, float("inf")))
+    summary = summarise(open_results(opened), most, within)
     deliver(report_text(summary), folder / "report", lambda out: write_report(out, summary, form))
 
 

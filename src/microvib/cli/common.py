@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from microvib.cli.streams import echo
-from microvib.errors import MicrovibError, ScenarioError
+from microvib.errors import OptionError
 from microvib.reports.document import Form
 
 if TYPE_CHECKING:
@@ -53,13 +53,13 @@ def _form(pdf: bool, report_data: Path | None) -> Form:
 
 
 def check_target(out: Path | None, overwrite: bool, form: Form) -> None:
-    """MicrovibError where the results could not be written at the end."""
+    """OptionError or OutputError where the results could not be written at the end."""
     from microvib.io.results import check_folder
 
     if out is not None:
         check_folder(out, overwrite)
     elif form.pdf:
-        raise MicrovibError("--pdf: the report is written into a folder; name one with --out")
+        raise OptionError("pdf", "the report is written into a folder; name one", remedy="out")
 
 
 def report_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -92,7 +92,7 @@ def load(source: str, settings: tuple[str, ...]) -> Scenario:
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
-            raise ScenarioError(f"--set {setting}: KEY=VALUE is wanted, such as reducer.stiffness='9000 N*m/rad'")
+            raise OptionError("set", "KEY=VALUE is expected, such as reducer.stiffness='9000 N*m/rad'", setting)
         changes[key.strip()] = parse_value(value)
     loaded = load_scenario(source, changes)
     say_doubts(loaded, source)

@@ -8,9 +8,10 @@ import click
 
 from microvib.cli.common import check_target, deliver, load, overwrite_option, report_options, set_option
 from microvib.cli.progress import progress_bar
-from microvib.errors import ScenarioError
+from microvib.errors import OptionError
 from microvib.reports.document import Form
-from microvib.studies.options import band_of, counts_of, quantity
+from microvib.units import band as ends
+from microvib.units import quantity
 
 
 @click.command()
@@ -38,16 +39,14 @@ def rates(
     from microvib.studies.rates import plan_rates, rate_grid
 
     check_target(out, overwrite, form)
-    grid = rate_grid(quantity("--from", low, "rad/s"), quantity("--to", high, "rad/s"), count)
-    most = None if limit is None else quantity("--limit", limit, "N*m")
-    if most is not None and not most > 0.0:
-        raise ScenarioError(f"--limit {limit}: must be greater than 0 N*m")
-    within = (0.0, math.inf) if band is None else band_of(band)
-    away = 0.0 if keep_away is None else quantity("--keep-away", keep_away, "")
+    grid = rate_grid(quantity("from", low, "rad/s"), quantity("to", high, "rad/s"), count)
+    most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
+    within = (0.0, math.inf) if band is None else ends(band)
+    away = 0.0 if keep_away is None else quantity("keep_away", keep_away, "")
     if not 0.0 <= away < 1.0:
-        raise ScenarioError(f"--keep-away {keep_away}: must be at least 0 and below 100 percent")
+        raise OptionError("keep_away", "must be at least 0 and below 100 percent", str(keep_away))
     loaded = load(scenario, settings)
-    counts = (loaded.driver.microsteps,) if microsteps is None else counts_of(microsteps)
+    counts = (loaded.driver.microsteps,) if microsteps is None else _counts(microsteps)
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(
             loaded, grid, counts, limit=most, band=within, linear=linear, keep_away=away, progress=progress
@@ -55,3 +54,16 @@ def rates(
         text = linear_text(plan) if linear else ""
     said = "\n".join(filter(None, (plan_text(plan), text)))
     deliver(said, out, lambda folder: write_plan(folder, plan, text, overwrite, form))
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    """Microsteps per full step, separated by commas."""
+    try:
+        counts = tuple(dict.fromkeys(int(part) for part in text.split(",")))
+    except ValueError:
+        counts = (0,)
+    if min(counts) < 1 or max(counts) > 65_536:
+        raise OptionError(
+            "microsteps", f"{text!r} is not allowed; write whole numbers from 1 to 65536, such as 8,16,32"
+        )
+    return counts

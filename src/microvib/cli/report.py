@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from microvib.cli.common import band_option, limit_option, report_options
-from microvib.errors import MicrovibError, OutputError
+from microvib.errors import OptionError, OutputError
 from microvib.reports.document import Form
 
 if TYPE_CHECKING:
@@ -56,13 +56,16 @@ def _targets(folder: Path, output: Path | None, form: Form) -> list[Path]:
 
 
 def _check(targets: list[Path], form: Form, again: bool) -> None:
-    """OutputError where a file's name does not fit, or it is there already, before anything is drawn."""
+    """OptionError or OutputError where a file's name does not fit, or it is there already, before anything is drawn."""
     for target in targets:
         kinds = _KINDS[1:] if form.pdf and len(targets) == 1 else _KINDS
         if target.suffix.lower() not in kinds:
-            raise OutputError(f"--output: {target} is not allowed; its name must end in {' or '.join(kinds)}")
+            raise OptionError("output", f"{target} is not allowed; its name must end in {' or '.join(kinds)}")
         if target.exists() and not again:
-            raise OutputError(f"{target}: exists already; nothing was written; choose another file, or add --overwrite")
+            raise OutputError(
+                f"{target}: exists already; nothing was written; choose another file, or allow it to be replaced",
+                remedy="overwrite",
+            )
 
 
 def _document(folder: Path, limit: str | None, band: str | None, form: Form) -> Document:
@@ -77,13 +80,13 @@ def _document(folder: Path, limit: str | None, band: str | None, form: Form) -> 
 def _limit(kept: tuple[float, float, float] | None, limit: str | None, band: str | None) -> Limit | None:
     """What lines are judged by: what is asked for, and for the rest what the run was judged by."""
     from microvib.analysis.limits import Limit
-    from microvib.studies.options import band_of, limit_of
+    from microvib.units import band as ends
 
     if limit == "none":
         if band is not None:
-            raise MicrovibError("--band: says where a limit holds; it does not go with --limit none")
+            raise OptionError("band", "says where a limit holds; it does not go with --limit none")
         return None
-    asked = limit_of(limit, None if kept else band)
+    asked = Limit.of(limit, None if kept else band)
     if kept is None:
         return asked
-    return Limit(asked.torque if asked else kept[0], *(kept[1:] if band is None else band_of(band)))
+    return Limit(asked.torque if asked else kept[0], *(kept[1:] if band is None else ends(band)))

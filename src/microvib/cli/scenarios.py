@@ -10,7 +10,7 @@ import click
 from microvib.cli.common import band_option, limit_option, load, report_options, set_option
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
-from microvib.errors import MicrovibError
+from microvib.errors import OptionError
 from microvib.reports.document import Form
 
 if TYPE_CHECKING:
@@ -42,14 +42,13 @@ def run(
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.accuracy import estimate_in
-    from microvib.analysis.limits import judge
+    from microvib.analysis.limits import Limit, judge
     from microvib.io.results import check_folder, free_folder
     from microvib.reports.run.folder import run_scenario
-    from microvib.studies.options import limit_of
 
     if form.pdf and lines_only:
-        raise MicrovibError("--pdf: --lines-only makes no report; leave one of them out")
-    allowed = limit_of(limit, band)
+        raise OptionError("pdf", "--lines-only makes no report; leave one of them out")
+    allowed = Limit.of(limit, band)
     loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)

@@ -28,7 +28,7 @@ def build_site() -> None:
     """Build the site from the checkout that this package is installed from, and put it into the package."""
     if not (SOURCE / "conf.py").is_file():
         raise MicrovibError(
-            "--build needs a checkout of the repository, installed with: pip install -e '.[docs]'; this installation is none"
+            "building needs a checkout of the repository, installed with: pip install -e '.[docs]'; this installation is not one"
         )
     from sphinx.cmd.build import build_main
 

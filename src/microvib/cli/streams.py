@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 
 FAILED, BUG, INTERRUPTED = 1, 70, 128 + signal.SIGINT
 CLOSED_PIPE = 128 + 13
@@ -58,7 +58,7 @@ def _said(error: BaseException) -> int:
             error.show()
             return error.exit_code
         case MicrovibError():
-            return _say("\n".join(f"Error: {line}" for line in str(error).splitlines()))
+            return _say("\n".join(f"Error: {line}" for line in _typed(error).splitlines()))
         case ModuleNotFoundError() if extra := _EXTRAS.get((error.name or "").split(".")[0]):
             return _say(f"Error: this needs {error.name}, which is not installed; pip install 'microvib[{extra}]'")
         case MemoryError():
@@ -71,6 +71,14 @@ def _said(error: BaseException) -> int:
         case OSError() if error.filename is not None:
             return _say(f"Error: {error.filename}: {error.strerror or error}")
     return _bug(error)
+
+
+def _typed(error: MicrovibError) -> str:
+    """The sentences of an error; options are written as they are typed."""
+    text = str(error)
+    if isinstance(error, OptionError):
+        text = f"--{error.key.replace('_', '-')}{text.removeprefix(error.key)}"
+    return f"{text} (--{error.remedy.replace('_', '-')})" if error.remedy else text
 
 
 def _bug(error: BaseException) -> int:

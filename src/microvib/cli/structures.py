@@ -58,7 +58,8 @@ def sas_size(out: Path | None, overwrite: bool, form: Form, **options: Any) -> N
     The folder's simulator.yaml is a source of modes: `microvib modes sas/simulator.yaml`, or `array: {fem: sas/simulator.yaml}`.
     """
     from microvib.io.results import check_folder, free_folder
-    from microvib.reports.sas import sized, sizing_text, write_sizing
+    from microvib.reports.sas import sizing_text, write_sizing
+    from microvib.studies.sizing import sized
 
     out = out or free_folder("sas")
     check_folder(out, overwrite)

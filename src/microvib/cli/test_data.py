@@ -22,9 +22,9 @@ from microvib.cli.common import (
 )
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
-from microvib.errors import MicrovibError
+from microvib.errors import OptionError
 from microvib.reports.document import Form
-from microvib.studies.options import band_of, quantity
+from microvib.units import band, quantity
 
 
 @click.command()
@@ -58,8 +58,8 @@ def analyse(
     with progress_bar() as progress:
         analysis = run_analysis(
             source, scenario=scenario, channel=channel, preparation=preparation(prepare), window=window,
-            resolution=None if resolution is None else quantity("--resolution", resolution, "Hz"),
-            bands=[band_of(text) for text in bands], progress=progress,
+            resolution=None if resolution is None else quantity("resolution", resolution, "Hz"),
+            bands=[band(text) for text in bands], progress=progress,
         )  # fmt: skip
     deliver(analysis_text(analysis), out, lambda folder: write_analysis(folder, analysis, overwrite, form))
 
@@ -178,8 +178,8 @@ def identify(
     check_target(out, overwrite, form)
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
-    each, common = _error("--model-error", model_error, 0.0), _error("--common-error", common_error, -1.0)
-    wanted = [band_of(text) for text in bands]
+    each, common = _part("model_error", model_error, 0.0), _part("common_error", common_error, -1.0)
+    wanted = [band(text) for text in bands]
     prepared = preparation(prepare)
     read, changes = [], []
     for item in evidence:
@@ -197,12 +197,12 @@ def identify(
         sys.exit(INTERRUPTED)
 
 
-def _error(option: str, text: str, above: float) -> float:
+def _part(option: str, text: str, above: float) -> float:
     """A relative standard deviation above ``above``, at most 1."""
     value = quantity(option, text, "")
     if not above < value <= 1.0 or value < 0.0:
         least = "at least 0" if above < 0.0 else "greater than 0"
-        raise MicrovibError(f"{option}: {text} is not allowed; it must be {least} and at most 100 percent")
+        raise OptionError(option, f"{text} is not allowed; it must be {least} and at most 100 percent")
     return value
 
 

@@ -68,9 +68,10 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     columns = [Column(name, data[:, k], units[k], rates) for k, name in enumerate(names)]
     if not headed and hints.time is None and not rates and hints.sample_rate is None:
         raise RecordingError(
-            f"{path}: has no header; its columns are called {names[0]} to {names[-1]}; add to the preparation file (--prepare) what"
+            f"{path}: has no header; its columns are called {names[0]} to {names[-1]}; add to the preparation file what"
             f" they are, such as time: {names[0]}, units: {{{in_yaml(names[0])}: s, {in_yaml(names[-1])}: N*m}}, channels: {{Mz:"
-            f" {in_yaml(names[-1])}}}; without a time axis, sample_rate: 4096 Hz"
+            f" {in_yaml(names[-1])}}}; without a time axis, sample_rate: 4096 Hz",
+            remedy="prepare",
         )
     return recording_of(path, columns, hints, notes)
 

@@ -160,8 +160,9 @@ def _rate(path: Path, column: Column, hints: Hints, said: list[str]) -> float:
     if not stated and given is None:
         raise RecordingError(
             f"{path}: has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate in Hz: add to the"
-            " preparation file (--prepare) sample_rate: 4096 Hz, with your rate, or time: with the name of the column"
-            f" that is the time axis; there are {_some([column.name])}"
+            " preparation file sample_rate: 4096 Hz, with your rate, or time: with the name of the column"
+            f" that is the time axis; there are {_some([column.name])}",
+            remedy="prepare",
         )
     if not stated:
         return float(given or 0.0)
@@ -176,8 +177,9 @@ def _rate(path: Path, column: Column, hints: Hints, said: list[str]) -> float:
         return given
     if not agreed:
         raise RecordingError(
-            f"{path}: contradicts itself, its sample rate is {listed}; add the right one to the preparation file (--prepare),"
-            f" such as sample_rate: {values[0]:.6g} Hz"
+            f"{path}: contradicts itself, its sample rate is {listed}; add the right one to the preparation file,"
+            f" such as sample_rate: {values[0]:.6g} Hz",
+            remedy="prepare",
         )
     rate, note = snapped_rate(values[0])
     said.append(note)
@@ -191,7 +193,8 @@ def _rate_of_axis(path: Path, time: Time, hints: Hints, said: list[str]) -> dict
     except ValueError:
         raise RecordingError(
             f"{path}: its time axis {time.name} is in '{unit}', which is not a unit of time; add the right one to the"
-            f" preparation file (--prepare), such as units: {{{in_yaml(time.name)}: s}}"
+            f" preparation file, such as units: {{{in_yaml(time.name)}: s}}",
+            remedy="prepare",
         ) from None
     rate, note = regular_rate(np.asarray(time.values, dtype=float) * seconds, str(path))
     said.append(note)

@@ -65,7 +65,7 @@ def _read(path: Path, hints: Hints) -> Recording:
         with np.errstate(all="ignore"):  # what a broken file holds is checked where it is looked at
             return reader(path, hints)
     except MicrovibError as error:
-        raise RecordingError(str(error)) from None
+        raise RecordingError(str(error), remedy=error.remedy) from None
     except MemoryError:
         raise RecordingError(f"{path}: needs more memory than there is") from None
     except Exception as error:  # the libraries raise whatever they meet in a broken file

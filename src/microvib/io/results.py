@@ -50,7 +50,7 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
     if not exists:
         return
     if not out.is_dir():
-        raise OutputError(f"{out}: is a file; --out wants a folder")
+        raise OutputError(f"{out}: is a file; a folder is expected")
     content = sorted(p.name for p in out.iterdir())
     if not content:
         return
@@ -61,7 +61,8 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
         )
     if not overwrite:
         raise OutputError(
-            f"{out}: holds results already; nothing was written; choose another folder, or add --overwrite"
+            f"{out}: holds results already; nothing was written; choose another folder, or allow them to be replaced",
+            remedy="overwrite",
         )
 
 
@@ -87,7 +88,8 @@ def check_room(out: Path, size: float) -> None:
     if size > free:
         raise OutputError(
             f"{out}: needs about {size / 1e6:.0f} MB, but the disk has {free / 1e6:.0f} MB free; shorten record.duration, lower"
-            " record.sample_rate, or use --lines-only"
+            " record.sample_rate, or keep the lines only",
+            remedy="lines_only",
         )
 
 

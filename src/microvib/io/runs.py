@@ -35,9 +35,7 @@ def read_run(folder: Path) -> Run:
     """The run in ``folder``. MicrovibError where a file is missing, is none of a run, or was changed since."""
     missing = [name for name in _NEEDED if not (folder / name).is_file()]
     if missing:
-        raise MicrovibError(
-            f"{folder}: holds no {missing[0]}; the folder of a run is wanted, made without --lines-only"
-        )
+        raise MicrovibError(f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected")
     summary = _summary(folder / "summary.json")
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != summary["scenario_sha256"]:

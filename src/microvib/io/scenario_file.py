@@ -221,9 +221,9 @@ def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | N
 
 
 def parse_value(text: str) -> Any:
-    """The value of ``--set KEY=VALUE``: a YAML scalar or list, text with a unit stays text."""
+    """The value of a change KEY=VALUE: a YAML scalar or list, text with a unit stays text."""
     try:
-        value = parse_yaml(text, "--set")
+        value = parse_yaml(text, "value")
     except ScenarioError:
         return text
     return text if value is None and text.strip() not in ("null", "~", "") else value

@@ -1,4 +1,4 @@
-"""The simulator's sizing from options to folder: states, settings, tolerances, drawing."""
+"""The simulator's sizing: its text, tables, drawing and report."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from microvib.errors import ScenarioError
-from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.results import to_json, write_folder
 from microvib.io.scenario_file import dump_part
 from microvib.reports.blocks import drawn, study
@@ -19,16 +16,12 @@ from microvib.reports.document import Document, Fact, Form, Section, Text, table
 from microvib.reports.parameters import parameter_table
 from microvib.reports.rendering import report_files
 from microvib.reports.sas_drawing import draw_simulator
-from microvib.structures.modal import ModalModel
-from microvib.structures.simulator_design import SimulatorDesign
-from microvib.studies.sas import Setting, Sizing, State, paper_states, size, state_of_array, tolerance
-from microvib.units import convert
+from microvib.studies.sas import Setting, Sizing, tolerance
+from microvib.studies.sizing import Sized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MODES_OF_ARRAY = 20
-_MOST_STATES = 1000
 HEADER = (
     "state", "f [Hz]", "J [kg m²]", "spring", "k [N/m]", "arm [mm]", "weight [kg]", "radius [mm]", "J_h [kg m²]",
     "FE f [Hz]", "off [%]", "FE J [kg m²]", "off [%]",
@@ -38,95 +31,6 @@ COLUMNS = (
     "preload_m", "force_min_n", "force_max_n", "stress_pa", "allowable_pa", "elements_frequency_hz", "elements_inertia_kg_m2",
 )  # fmt: skip
 """Columns of ``sas.csv``; SI units."""
-
-
-@dataclass(frozen=True)
-class Result:
-    """A sizing, with what it was made from."""
-
-    sizing: Sizing
-    rate: float
-    """Rate of the drive at which it starts or stops [rad/s]."""
-    array: ModalModel | None = None
-
-
-def quantity(option: str, text: str, unit: str, plain: bool = True) -> float:
-    """A positive number in ``unit`` from an option's text; without a unit where ``plain``. ScenarioError where it is none."""
-    try:
-        value = float(text) if plain and _is_number(text) else convert(text, unit)
-    except ValueError as error:
-        raise ScenarioError(f"{option}: '{text}' {error}") from None
-    if not (math.isfinite(value) and value > 0.0):
-        raise ScenarioError(f"{option}: '{text}' is not allowed; it must be a finite number greater than 0 {unit}")
-    return value
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def parse_state(text: str, name: str) -> State:
-    """A state from ``FREQUENCY:INERTIA``."""
-    frequency, colon, inertia = text.partition(":")
-    if not colon:
-        raise ScenarioError(f"--state: '{text}' is no state; write frequency and inertia, such as 1.19:8.18")
-    return State(name, quantity("--state", frequency, "Hz"), quantity("--state", inertia, "kg*m^2"))
-
-
-def read_states(path: Path) -> list[State]:
-    """States from a table with the columns ``mode_frequency_hz`` and ``inertia_kg_m2``, and ``state`` for their names."""
-    try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
-    needed = ("mode_frequency_hz", "inertia_kg_m2")
-    missing = [name for name in needed if not rows or name not in rows[0]]
-    if missing or len(rows) > _MOST_STATES:
-        raise ScenarioError(
-            f"{path}: is no table of states; columns {' and '.join(needed)} and 1 to {_MOST_STATES} rows are wanted"
-        )
-    return [
-        State(
-            f"state {row.get('state') or k}",
-            quantity(f"{path}, row {k + 1}: {needed[0]}", row[needed[0]] or "", "Hz"),
-            quantity(f"{path}, row {k + 1}: {needed[1]}", row[needed[1]] or "", "kg*m^2"),
-        )
-        for k, row in enumerate(rows, 1)
-    ]
-
-
-def load_simulator(source: str) -> SimulatorDesign:
-    """Description of a simulator; ScenarioError where it is one of an array."""
-    design = load_design(source)
-    if not isinstance(design, SimulatorDesign):
-        raise ScenarioError(f"{source}: describes an array; a simulator is wanted, such as reference-sas")
-    return design
-
-
-def sized(
-    inertia: str | None, frequency: str | None, array: str | None, states: Sequence[str], file: Path | None,
-    amplitude: str, rate: str, design: str,
-) -> Result:  # fmt: skip
-    """A simulator from the command's options; a sentence where they do not go together or are out of reach."""
-    if (array is None) == (inertia is None and frequency is None) or (inertia is None) != (frequency is None):
-        raise ScenarioError("what is to be simulated is wanted: --inertia and --frequency, or --array alone")
-    if states and file is not None:
-        raise ScenarioError("--state and --states do not go together; give one of them")
-    model = None if array is None else modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY).model
-    if model is not None:
-        target = state_of_array(model, str(array))
-    else:
-        J = quantity("--inertia", str(inertia), "kg*m^2")
-        target = State("target", quantity("--frequency", str(frequency), "Hz"), J)
-    given = [parse_state(text, f"state {k}") for k, text in enumerate(states, 1)]
-    further = given or (read_states(file) if file is not None else paper_states())
-    angle = math.radians(quantity("--amplitude", amplitude, "deg", plain=False))
-    turning = math.radians(quantity("--rate", rate, "deg/s", plain=False))
-    return Result(size(target, further, load_simulator(design), angle), turning, model)
 
 
 def setting_rows(sizing: Sizing) -> list[list[str]]:
@@ -143,7 +47,7 @@ def _setting_row(setting: Setting) -> list[str]:
     ]  # fmt: skip
 
 
-def spring_sentences(result: Result) -> list[str]:
+def spring_sentences(result: Sized) -> list[str]:
     """Springs, their load, and what a start of the drive asks of them."""
     setting = result.sizing.target
     d, s = setting.design, setting.design.spring
@@ -201,7 +105,7 @@ def tolerance_rows(setting: Setting) -> list[list[str]]:
     return rows + [[name, f"{100 * f:.2f}", f"{100 * J:.2f}"] for name, (f, J) in both.items()]
 
 
-def array_sentence(result: Result) -> str:
+def array_sentence(result: Sized) -> str:
     """What of the array the simulator does not have."""
     model = result.array
     if model is None:
@@ -218,7 +122,7 @@ def array_sentence(result: Result) -> str:
 TOLERANCE_HEADER = ("off by its tolerance", "f [%]", "J [%]")
 
 
-def sizing_text(result: Result) -> str:
+def sizing_text(result: Sized) -> str:
     """What is printed."""
     blocks = [_table(HEADER, setting_rows(result.sizing)), *spring_sentences(result), array_sentence(result)]
     blocks += [equation_sentence(result.sizing.target), ""]
@@ -233,7 +137,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([*lines, ""])
 
 
-def write_sizing(out: Path, result: Result, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the report; their names."""
     figure = draw_simulator(result.sizing.target)
     files: dict[str, Any] = {
@@ -266,7 +170,7 @@ def sas_csv(sizing: Sizing) -> str:
     return stream.getvalue()
 
 
-def sas_data(result: Result) -> dict[str, Any]:
+def sas_data(result: Sized) -> dict[str, Any]:
     """All figures of a sizing, SI units, angles in rad."""
     target, found = result.sizing.target, tolerance(result.sizing.target.design)
     return {
@@ -281,7 +185,7 @@ def sas_data(result: Result) -> dict[str, Any]:
     }
 
 
-def sizing_report(result: Result, drawing: Figure, form: Form | None = None) -> Document:
+def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> Document:
     """The report of a sizing: settings, springs, tolerances, drawing."""
     target = result.sizing.target
     caption = "Asked for, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
@@ -319,7 +223,7 @@ def sizing_report(result: Result, drawing: Figure, form: Form | None = None) -> 
     )
 
 
-def _facts(result: Result) -> list[Fact]:
+def _facts(result: Sized) -> list[Fact]:
     target, settings = result.sizing.target, result.sizing.settings
     d, used = target.design, max(x.stress / x.allowable for x in settings)
     holds = used <= 1.0 and min(x.forces[0] for x in settings) > 0.0

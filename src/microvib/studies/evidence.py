@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.analysis.lines import lines_of_recording
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 from microvib.io.recordings import READERS, Prepared, read_prepared
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
@@ -69,7 +69,7 @@ def chosen(
     seen = dict.fromkeys(o.line for one in evidence for o in one.observations)
     for name in without:
         if name not in seen:
-            raise MicrovibError(f"--without {name}: no evidence has this line; there are {', '.join(seen)}")
+            raise OptionError("without", f"no evidence has this line; there are {', '.join(seen)}", name)
     at = {line.name: line.frequency for line in expected_lines(scenario, math.inf)}
 
     def wanted(line: str) -> bool:
@@ -85,7 +85,7 @@ def chosen(
         for one in evidence
     ]
     if not any(one.observations for one in kept):
-        raise MicrovibError("--band and --without leave no line of the evidence")
+        raise OptionError("without" if without else "band", "leaves no line of the evidence")
     return kept
 
 

@@ -13,7 +13,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from microvib.analysis.steady import steady
-from microvib.errors import MicrovibError, SimulationError
+from microvib.errors import OptionError, SimulationError
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import FAINT
@@ -347,10 +347,9 @@ def _forbidden(
 
 
 def rate_grid(low: float, high: float, count: int) -> np.ndarray:
-    """``count`` rates [rad/s] in even steps; raises MicrovibError where they make no range."""
+    """``count`` rates [rad/s] in even steps; OptionError where they make no range."""
     if not 0.0 < low < high:
-        raise MicrovibError(
-            f"--from {math.degrees(low):g} deg/s --to {math.degrees(high):g} deg/s: the first must be above 0 and below the second"
-        )
+        first, last = (f"{math.degrees(rate):g} deg/s" for rate in (low, high))
+        raise OptionError("from", f"is not allowed; it must be above 0 and below {last}, the end of the range", first)
     grid: np.ndarray = np.linspace(low, high, count)
     return grid

@@ -38,11 +38,13 @@ class Recording:
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.channels:
             there = [*self.channels]
-            hint = f"; say which one it is in the preparation file (--prepare), such as channels: {{{name}: {in_yaml(there[-1])}}}"
+            which = name in COMPONENTS and bool(there)
+            such = f"channels: {{{name}: {in_yaml(there[-1])}}}" if which else ""
             raise RecordingError(
                 f"{self.title}: there is no channel '{name}'; there are {', '.join(there[:30])}{' ...' if len(there) > 30 else ''}"
-                + (hint if name in COMPONENTS and there else "")
-                + "".join(f"; {note}" for note in self.notes if note.startswith("left out"))
+                + (f"; say which one it is in the preparation file, such as {such}" if which else "")
+                + "".join(f"; {note}" for note in self.notes if note.startswith("left out")),
+                remedy="prepare" if which else "",
             )
         return self.channels[name]
 
@@ -86,13 +88,15 @@ class Recording:
         example = "N" if name.startswith("F") else "N*m"
         if not unit:
             raise RecordingError(
-                f"{self.title}: channel {name} has no unit; add it to the preparation file (--prepare):"
-                f" units: {{{in_yaml(name)}: {example}}}"
+                f"{self.title}: channel {name} has no unit; add it to the preparation file:"
+                f" units: {{{in_yaml(name)}: {example}}}",
+                remedy="prepare",
             )
         raise RecordingError(
             f"{self.title}: channel {name} is in '{unit}', which is neither a force nor a torque; add to the preparation file"
-            f" (--prepare) what it stands for, such as sensitivity: {{{in_yaml(name)}: 0.01 {example}/{per(unit)}}}, or its right"
-            f" unit, units: {{{in_yaml(name)}: {example}}}"
+            f" what it stands for, such as sensitivity: {{{in_yaml(name)}: 0.01 {example}/{per(unit)}}}, or its right"
+            f" unit, units: {{{in_yaml(name)}: {example}}}",
+            remedy="prepare",
         )
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
@@ -210,7 +214,8 @@ def regular_rate(t: np.ndarray, where: str) -> tuple[float, str]:
     if typical <= 0.0 and t[-1] > t[0] and np.all(steps >= 0.0):
         raise RecordingError(
             f"{where}: its time axis has too few digits to tell the samples apart; write more digits, or leave the axis out and add"
-            " sample_rate to the preparation file (--prepare)"
+            " sample_rate to the preparation file",
+            remedy="prepare",
         )
     if typical <= 0.0 or np.any(steps < -0.5 * typical):
         raise RecordingError(f"{where}: its time axis does not increase throughout")

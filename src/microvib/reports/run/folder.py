@@ -99,6 +99,7 @@ def _check_size(scenario: Scenario, out: Path) -> None:
     if 3.0 * size > available:
         raise ScenarioError(
             f"record: {scenario.record.samples:.3g} samples need about {3 * size / 1e9:.3g} GB of memory and"
-            f" {available / 1e9:.3g} GB are free; shorten record.duration, lower record.sample_rate, or use --lines-only"
+            f" {available / 1e9:.3g} GB are free; shorten record.duration, lower record.sample_rate, or keep the lines only",
+            remedy="lines_only",
         )
     check_room(out, 1.02 * size + 2e6)

@@ -60,6 +60,6 @@ def _lines(motion: Motion) -> str:
     if estimate is not None:
         return f"{said} The beginning of the record was run again from the same state with finer steps: {estimate}."
     return (
-        f"{said} To see the lines converge, run again with `--set solver.refinement=2` and `4`: every step is then that many"
+        f"{said} To see the lines converge, run again with `solver.refinement=2` and `4`: every step is then that many"
         " times finer."
     )

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Limit
-from microvib.errors import ScenarioError
+from microvib.errors import OptionError, ScenarioError
 from microvib.io.scenario_file import load_scenario, read_text, scenario_data
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.studies.campaign.study_file import Correlation, Study
 from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, keys_of, variation
-from microvib.units import band
 
 MOST_CASES = 10_000_000
 CHECKED = (0.001, 0.999)
@@ -140,13 +139,10 @@ def read_design(file: Path) -> Design:
 
 def limit_of(study: Study, origin: str = "study") -> Limit | None:
     """The limit that a study's cases are judged by; ScenarioError where its band is none, or it has a band and no limit."""
-    if study.band is not None and study.limit is None:
-        raise ScenarioError(f"{origin}: band: says where a limit holds; give limit, such as limit: 10 mN*m")
     try:
-        ends = (0.0, math.inf) if study.band is None else band(study.band)
-    except ValueError as error:
-        raise ScenarioError(f"{origin}: band: {error}") from None
-    return None if study.limit is None else Limit(study.limit, *ends)
+        return Limit.of(study.limit, study.band)
+    except OptionError as error:
+        raise ScenarioError(f"{origin}: {error}") from None
 
 
 def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design:

@@ -157,7 +157,7 @@ def open_campaign(folder: Path) -> Campaign:
     if stated != identity:
         raise MicrovibError(
             f"{folder}: {MANIFEST}, {STUDY}, {SCENARIO} or {SAMPLES} were changed after the campaign was made; put them back,"
-            " or make a new campaign (another limit needs none: give it to `campaign report` as --limit)"
+            " or make a new campaign (another limit needs none: give it to `microvib campaign report`)"
         )
     return Campaign(folder, design, manifest, identity, mended)
 

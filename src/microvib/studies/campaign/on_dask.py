@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from microvib.errors import MicrovibError
+from microvib.errors import OptionError
 from microvib.studies.campaign.run import Backend
 
 CONNECT = "10s"
@@ -52,9 +52,9 @@ def dask(workers: int | None = None, scheduler: str | None = None) -> Iterator[B
     try:
         client = Client(scheduler, timeout=CONNECT)
     except (OSError, ValueError, TimeoutError) as error:
-        raise MicrovibError(f"--scheduler {scheduler}: no Dask scheduler answers there: {error}") from None
+        raise OptionError("scheduler", f"no Dask scheduler answers there: {error}", scheduler) from None
     with client:
         count = len(client.scheduler_info()["workers"])
         if not count:
-            raise MicrovibError(f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler}")
+            raise OptionError("scheduler", f"has no workers; start some with: dask worker {scheduler}", scheduler)
         yield _Dask(client, count, (KilledWorker,))

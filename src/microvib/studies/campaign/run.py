@@ -219,13 +219,16 @@ class _Coordinator:
         data = self._alone(chunk)
         if data is None:
             if self._alone(chunk, []) is None:
-                raise MicrovibError("workers end as soon as they start; memory may be short: take fewer --workers")
+                raise MicrovibError(
+                    "workers end as soon as they start; memory may be short: take fewer workers", remedy="workers"
+                )
             deadly = tuple(k for k, case in enumerate(cases) if self._kills(chunk, case))
             data = self._alone(chunk, deadly=deadly)
         if data is None:
             raise MicrovibError(
                 f"chunk {chunk} (cases {cases[0]} to {cases[-1]}) ends its worker, though none of its cases does alone; memory"
-                " may be short: take fewer --workers, or make the campaign again with smaller chunks"
+                " may be short: make the campaign again with smaller chunks, or take fewer workers",
+                remedy="workers",
             )
         return data
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 from microvib.io.writing import write_file
 from microvib.studies.campaign.folder import Campaign
 
@@ -54,12 +54,15 @@ def _script(campaign: Campaign, count: int, directives: Sequence[str]) -> str:
 
 def _sbatch(script: str) -> str:
     if shutil.which("sbatch") is None:
-        raise MicrovibError(
-            "--on slurm: there is no sbatch here; log in where Slurm is, or write the script: --no-submit"
+        raise OptionError(
+            "on",
+            "there is no sbatch here; log in where Slurm is, or only write the script",
+            "slurm",
+            remedy="no_submit",
         )
     done = subprocess.run(["sbatch", "--parsable", script], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise MicrovibError(f"--on slurm: sbatch says: {done.stderr.strip() or done.stdout.strip()}")
+        raise OptionError("on", f"sbatch says: {done.stderr.strip() or done.stdout.strip()}", "slurm")
     return done.stdout.strip().split(";")[0]
 
 

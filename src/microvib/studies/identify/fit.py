@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence, Simulated
 from microvib.studies.identify.figures import cost
@@ -104,11 +104,11 @@ def _check(evidence: Sequence[tuple[Evidence, dict[str, object]]], keys: Sequenc
     """Refuse a key that is fitted twice, or that a test sets."""
     twice = [name for name, count in Counter(key.key for key in keys).items() if count > 1]
     if twice:
-        raise MicrovibError(f"--fit {twice[0]}: is named twice; name each key once")
+        raise OptionError("fit", "is named twice; name each key once", twice[0])
     for one, changes in evidence:
         for key in keys:
             if key.key in changes:
-                raise MicrovibError(f"--fit {key.key}: the test {one.name} sets it itself; fit it or set it")
+                raise OptionError("fit", f"the test {one.name} sets it itself; fit it or set it", key.key)
 
 
 def _without_the_start(

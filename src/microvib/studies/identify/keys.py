@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, convert
 
@@ -98,15 +98,15 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     key = key.strip()
     entries = {name: (value, quantity) for name, value, quantity in scenario.entries()}
     if key not in entries:
-        raise MicrovibError(f"--fit {key}: is no key of the scenario; allowed are {', '.join(fittable(scenario))}")
+        raise OptionError("fit", f"is no key of the scenario; allowed are {', '.join(fittable(scenario))}", key)
     value, quantity = entries[key]
     if quantity is None or not isinstance(value, float):
-        raise MicrovibError(f"--fit {key}: is {value!r}, not a number; start it from a number with --set {key}=...")
+        raise OptionError("fit", f"is {value!r}, not a number; start it from a number, {key}=...", key, remedy="set")
     _refuse_what_is_known(scenario, key, value)
     if span:
         return _stated(text, key, span, quantity)
     if value <= 0.0:
-        raise MicrovibError(f"--fit {key}: starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}")
+        raise OptionError("fit", f"starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}", key)
     return around(key, value, quantity)
 
 
@@ -124,22 +124,25 @@ def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:
     try:
         low, high = [convert(part, quantity.unit) for part in (first, last)]
     except ValueError as error:
-        raise MicrovibError(f"--fit {text}: {error}; write KEY=LOW:HIGH with units ({quantity.unit})") from None
+        raise OptionError("fit", f"{error}; write KEY=LOW:HIGH with units ({quantity.unit})", text) from None
     if not colon or not low < high:
-        raise MicrovibError(f"--fit {text}: LOW must be below HIGH; write KEY=LOW:HIGH with units ({quantity.unit})")
+        raise OptionError("fit", f"LOW must be below HIGH; write KEY=LOW:HIGH with units ({quantity.unit})", text)
     return FitKey(key, low, high, quantity.unit)
 
 
 def _refuse_what_is_known(scenario: Scenario, key: str, value: float) -> None:
     """Refuse what the recording itself gives, and what is no property of the drive."""
     if key in _SETTINGS:
-        raise MicrovibError(f"--fit {key}: is the recording's own and is not fitted")
+        raise OptionError("fit", "is the recording's own and is not fitted", key)
     if key.startswith("solver."):
-        raise MicrovibError(f"--fit {key}: is a setting of the solver, not a property of the drive, and is not fitted")
+        raise OptionError("fit", "is a setting of the solver, not a property of the drive, and is not fitted", key)
     if moves_the_clock(scenario, key, value):
-        raise MicrovibError(
-            f"--fit {key}: moves the step clock, which the recording's own lines give far better than a fit could: the"
-            " clock is measured and set, and this key is not fitted; change it with --set"
+        raise OptionError(
+            "fit",
+            "moves the step clock, which the recording's own lines give far better than a fit could: the clock is measured and"
+            " set, and this key is not fitted; change it instead",
+            key,
+            remedy="set",
         )
 
 

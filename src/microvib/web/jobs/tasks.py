@@ -211,31 +211,29 @@ def identification(
 
 
 def rates(
-    folder: str, scenario: str, low: float, high: float, count: int, microsteps: list[int], limit: float | None,
-    band: tuple[float, float], linear: bool, tell: Tell,
+    folder: str, scenario: str, rates: np.ndarray, microsteps: list[int], limit: float | None, band: tuple[float, float],
+    linear: bool, tell: Tell,
 ) -> None:  # fmt: skip
     """A rate plan."""
     from microvib.io.scenario_file import load_scenario
-    from microvib.studies.rates import plan_rates, rate_grid
+    from microvib.studies.rates import plan_rates
     from microvib.web.jobs.results import rates_answer
 
     loaded = load_scenario(_put(folder, scenario))
     plan = plan_rates(
-        loaded, rate_grid(low, high, count), microsteps or [loaded.driver.microsteps], limit=limit, band=band,
-        linear=linear, progress=lambda done, total: tell(done, total, "cases", "solving"),
+        loaded, rates, microsteps, limit=limit, band=band, linear=linear,
+        progress=lambda done, total: tell(done, total, "cases", "solving"),
     )  # fmt: skip
     _write(folder, rates_answer(plan))
 
 
 def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
     """A simulator's sizing."""
-    from microvib.reports.sas import sized
+    from microvib.studies.sizing import sized
     from microvib.web.jobs.results import sas_answer
 
     tell(0, None, "", "sizing, and checking with finite elements")
-    given = {key: value for key, value in options.items() if value is not None}
-    asked = {"amplitude": "2 deg", "rate": "0.06 deg/s", **given}
-    _write(folder, sas_answer(sized(array=None, file=None, design="reference-sas", **asked)))
+    _write(folder, sas_answer(sized(**{key: value for key, value in options.items() if value is not None})))
 
 
 def _put(folder: str, scenario: str) -> str:

@@ -63,7 +63,7 @@ def _done(task: str, arguments: dict[str, Any], tell: Tell) -> tuple[str, Any]:
 
 def _said(task: str, error: Exception) -> str:
     if isinstance(error, MicrovibError):
-        return str(error).removeprefix("--")  # options of commands are keys here
+        return str(error)
     if isinstance(error, MemoryError):
         return _OUT_OF_MEMORY
     if isinstance(error, ModuleNotFoundError):

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Request
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
 from microvib.web.jobs.processes import Busy, Job
 from microvib.web.jobs.store import Desk
@@ -108,6 +108,8 @@ def _reading(desk: Desk) -> Iterator[None]:
 
 def refused(error: MicrovibError, name: str = forms.NAME) -> Refused:
     """The refusal that says what an error says."""
+    if isinstance(error, OptionError):
+        return Refused(422, str(error), error.key)
     return Refused(422, **_first(forms.sentences(str(error), name)))
 
 

@@ -270,7 +270,7 @@ def sentences(text: str, name: str = NAME) -> list[dict[str, Any]]:
     """Each line of an error with the key that it is about, None where it names none."""
     found = []
     for line in filter(None, text.split("\n")):
-        sentence = line.removeprefix(f"{name}: ").removeprefix("--set: ")
+        sentence = line.removeprefix(f"{name}: ")
         match = _KEY.match(sentence)
         known = match is not None and match.group().split(".")[0] in Scenario.model_fields
         found.append({"key": match.group() if match and known else None, "error": sentence})

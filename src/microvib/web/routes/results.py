@@ -14,8 +14,6 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
 from microvib.analysis.limits import Limit
-from microvib.errors import MicrovibError
-from microvib.studies.options import limit_of
 from microvib.web.jobs import series
 from microvib.web.jobs.processes import ENDED, Job
 from microvib.web.jobs.store import Desk
@@ -169,20 +167,11 @@ def _channel(folder: Path, name: str) -> np.ndarray:
     return x
 
 
-def _limit_of(limit: str | None, band: str | None) -> Limit | None:
-    """The limit that is asked about; Refused where it is not one."""
-    try:
-        return limit_of(limit or None, band or None)
-    except MicrovibError as error:
-        sentence = str(error).removeprefix("--")
-        raise Refused(422, sentence, sentence.partition(":")[0]) from None
-
-
 @routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
 def verdict_of(id: Id, desk: At, limit: Shown, band: Shown = None) -> Verdict:
     """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``."""
     folder = desk.folder(finished_run(desk, id))
-    wanted = _limit_of(limit, band)
+    wanted = Limit.of(limit or None, band or None)
     if wanted is None:
         raise Refused(422, "limit: missing; a torque is needed, such as 30 mN*m", "limit")
     return Verdict.model_validate(asked(desk, "verdict", folder=str(folder), limit=wanted))
@@ -197,7 +186,7 @@ def file_of(id: Id, name: str, desk: At, limit: Shown = None, band: Shown = None
     folder = desk.folder(finished_run(desk, id))
     if name not in FILES:
         raise Refused(404, f"there is no such file; there are {', '.join(FILES)}")
-    wanted = _limit_of(limit, band) if name.startswith("report.") else None
+    wanted = Limit.of(limit or None, band or None) if name.startswith("report.") else None
     mark = "" if wanted is None else sha256(repr(wanted).encode()).hexdigest()[:16] + "-"
     if name in MADE and not (folder / (mark + name)).is_file():
         asked(desk, "file", folder=str(folder), name=name, mark=mark, limit=wanted)

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
-from microvib.errors import MicrovibError
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
-from microvib.studies.options import band_of, quantity
+from microvib.studies.rates import rate_grid
+from microvib.units import band, quantity
 from microvib.web.jobs.store import Desk, Upload, private
 from microvib.web.routes.common import At, Refused, asked, meant, refusals, started
 from microvib.web.routes.messages import (
@@ -49,7 +49,7 @@ def _check_size(scenario: Scenario, most: int) -> None:
         raise Refused(
             422,
             f"record.duration: {scenario.record.samples:.3g} samples are more than the page keeps, {most // row:.3g} for this"
-            " drive; shorten record.duration, lower record.sample_rate, or use `microvib run --lines-only`",
+            " drive; shorten record.duration, lower record.sample_rate, or keep the lines only, by `microvib run`",
             "record.duration",
         )
 
@@ -132,28 +132,13 @@ def start_rates(want: RatesOf, desk: At) -> Started:
     counts = list(dict.fromkeys(want.microsteps)) or [scenario.driver.microsteps]
     if want.count * len(counts) > desk.limits.cases:
         raise Refused(422, f"count: rates times microstep counts are at most {desk.limits.cases} here", "count")
-    low, high = _positive("from", want.low, "rad/s"), _positive("to", want.high, "rad/s")
-    if not low < high:
-        raise Refused(422, f"from: {want.low} is not allowed; it must be below {want.high}", "from")
-    limit = None if want.limit is None else _positive("limit", want.limit, "N*m")
-    try:
-        band = (0.0, float("inf")) if want.band is None else band_of(want.band)
-    except MicrovibError as error:
-        raise Refused(422, str(error).removeprefix("--"), "band") from None
+    rates = rate_grid(quantity("from", want.low, "rad/s"), quantity("to", want.high, "rad/s"), want.count)
+    limit = None if want.limit is None else quantity("limit", want.limit, "N*m", positive=True)
+    within = (0.0, float("inf")) if want.band is None else band(want.band)
     return started(
-        desk, "rates", f"rates of {scenario.title}", scenario=dump_scenario(scenario), low=low, high=high,
-        count=want.count, microsteps=counts, limit=limit, band=band, linear=want.linear,
+        desk, "rates", f"rates of {scenario.title}", scenario=dump_scenario(scenario), rates=rates,
+        microsteps=counts, limit=limit, band=within, linear=want.linear,
     )  # fmt: skip
-
-
-def _positive(key: str, text: str, unit: str) -> float:
-    try:
-        value = quantity(key, text, unit)
-    except MicrovibError as error:
-        raise Refused(422, str(error), key) from None
-    if not 0.0 < value < float("inf"):
-        raise Refused(422, f"{key}: '{text}' is not allowed; it must be greater than 0 {unit}", key)
-    return value
 
 
 @routes.post("/sas", status_code=202)

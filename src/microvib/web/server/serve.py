@@ -15,7 +15,7 @@ from collections.abc import Callable
 from ipaddress import ip_address
 from pathlib import Path
 
-from microvib.errors import MicrovibError
+from microvib.errors import OptionError
 from microvib.io.writing import workspace
 from microvib.web.jobs.store import Desk
 from microvib.web.routes import forms
@@ -27,7 +27,7 @@ from microvib.web.server.limits import Limits
 
 
 def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str], None]) -> None:
-    """Serve the page until SIGINT or SIGTERM; MicrovibError where the address cannot be had."""
+    """Serve the page until SIGINT or SIGTERM; OptionError where the address cannot be had."""
     sock = _bound(host, port, remote)
     address, port = sock.getsockname()[:2]
     access = _access(host, port, remote)
@@ -77,9 +77,11 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError as error:
-        raise MicrovibError(f"--host {host}: is no address of this machine ({error.strerror})") from None
+        raise OptionError("host", f"is no address of this machine ({error.strerror})", host) from None
     if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
-        raise MicrovibError(f"--host {host}: others could reach the server there; add --allow-remote if that is meant")
+        raise OptionError(
+            "host", "others could reach the server there; allow that if it is meant", host, remedy="allow_remote"
+        )
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
         if sys.platform != "win32":  # there it would share the port
@@ -89,6 +91,6 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
     except OSError as error:
         sock.close()
         if error.errno == errno.EADDRINUSE:
-            raise MicrovibError(f"--port {port}: is in use; choose another, or end what uses it") from None
-        raise MicrovibError(f"--host {host} --port {port}: cannot be used: {error.strerror}") from None
+            raise OptionError("port", "is in use; choose another, or end what uses it", str(port)) from None
+        raise OptionError("host", f"cannot be used with port {port}: {error.strerror}", host) from None
     return sock

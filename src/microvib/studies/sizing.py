@@ -1,0 +1,98 @@
+"""What is asked of a sizing, from texts with units to a simulator: states, amplitude, rate, description."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from microvib.errors import MicrovibError, OptionError, ScenarioError
+from microvib.io.modal_sources import load_design, modal_source
+from microvib.structures.modal import ModalModel
+from microvib.structures.simulator_design import SimulatorDesign
+from microvib.studies.sas import Sizing, State, paper_states, size, state_of_array
+from microvib.units import quantity
+
+_MODES_OF_ARRAY = 20
+_MAX_STATES = 1000
+_COLUMNS = {"mode_frequency_hz": "Hz", "inertia_kg_m2": "kg*m^2"}
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A sizing, with what it was made from."""
+
+    sizing: Sizing
+    rate: float
+    """Rate of the drive at which it starts or stops [rad/s]."""
+    array: ModalModel | None = None
+
+
+def sized(
+    *, inertia: str | None = None, frequency: str | None = None, array: str | None = None, states: Sequence[str] = (),
+    file: Path | None = None, amplitude: str = "2 deg", rate: str = "0.06 deg/s", design: str = "reference-sas",
+) -> Sized:  # fmt: skip
+    """A simulator for an inertia and a frequency, or for an array (a source of modes), set for further states: ``F:J`` each, or a
+    table; without any those of the paper. MicrovibError where these do not go together or are out of reach."""
+    if (array is None) == (inertia is None and frequency is None) or (inertia is None) != (frequency is None):
+        raise MicrovibError("what is to be simulated must be given: inertia and frequency, or array alone")
+    if states and file is not None:
+        raise OptionError("state", "does not go together with a table of states; give one of them")
+    model = None if array is None else modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY).model
+    if model is not None:
+        target = state_of_array(model, str(array))
+    else:
+        J = _positive("inertia", str(inertia), "kg*m^2")
+        target = State("target", _positive("frequency", str(frequency), "Hz"), J)
+    given = [parse_state(text, f"state {k}") for k, text in enumerate(states, 1)]
+    further = given or (read_states(file) if file is not None else paper_states())
+    angle = math.radians(quantity("amplitude", amplitude, "deg", positive=True))
+    turning = math.radians(quantity("rate", rate, "deg/s", positive=True))
+    return Sized(size(target, further, _simulator(design), angle), turning, model)
+
+
+def parse_state(text: str, name: str) -> State:
+    """A state from ``FREQUENCY:INERTIA``."""
+    frequency, colon, inertia = text.partition(":")
+    if not colon:
+        raise OptionError("state", f"'{text}' is not a state; write frequency and inertia, such as 1.19:8.18")
+    return State(name, _positive("state", frequency, "Hz"), _positive("state", inertia, "kg*m^2"))
+
+
+def read_states(path: Path) -> list[State]:
+    """States from a table with the columns ``mode_frequency_hz`` and ``inertia_kg_m2``, and ``state`` for their names."""
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
+    missing = [name for name in _COLUMNS if not rows or name not in rows[0]]
+    if missing or len(rows) > _MAX_STATES:
+        raise ScenarioError(
+            f"{path}: is not a table of states; expected are the columns {' and '.join(_COLUMNS)} and 1 to {_MAX_STATES} rows"
+        )
+    return [_state_of_row(path, k, row) for k, row in enumerate(rows, 1)]
+
+
+def _state_of_row(path: Path, k: int, row: dict[str, str]) -> State:
+    try:
+        frequency, inertia = (_positive(name, row[name] or "", unit) for name, unit in _COLUMNS.items())
+    except OptionError as error:
+        raise ScenarioError(f"{path}, row {k + 1}: {error}") from None
+    return State(f"state {row.get('state') or k}", frequency, inertia)
+
+
+def _positive(key: str, text: str, unit: str) -> float:
+    """A positive number, here also without its unit."""
+    with suppress(ValueError):
+        text = f"{float(text)!r} {unit}"
+    return quantity(key, text, unit, positive=True)
+
+
+def _simulator(source: str) -> SimulatorDesign:
+    design = load_design(source)
+    if not isinstance(design, SimulatorDesign):
+        raise ScenarioError(f"{source}: describes an array; a simulator is expected, such as reference-sas")
+    return design
