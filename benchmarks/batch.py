@@ -23,8 +23,7 @@ from numba import njit
 import microvib as mv
 from microvib.model.expected import expected_lines
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.solve import batch, kernel
-from microvib.solve import stepper as abreast
+from microvib.solve import batch, kernel, stepper
 from microvib.solve import vector as lanes
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.command import Command
@@ -130,17 +129,17 @@ def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
 
 def _timed_loop(call: Callable[[], Any]) -> tuple[Any, float]:
     """The result, and the processor time that was spent in the compiled loop of ``simulate_torques``."""
-    advance, spent = abreast.advance, [0.0]
+    advance, spent = stepper.advance, [0.0]
 
-    def noted(company: Any) -> None:
-        seconds, _ = _timed(lambda: advance(company))
+    def noted(group: Any) -> None:
+        seconds, _ = _timed(lambda: advance(group))
         spent[0] += seconds
 
-    abreast.advance = noted
+    stepper.advance = noted
     try:
         return call(), spent[0]
     finally:
-        abreast.advance = advance
+        stepper.advance = advance
 
 
 def _bare(scenario: mv.Scenario) -> float:
@@ -193,20 +192,20 @@ def _converge(state: mv.Scenario) -> None:
 
 def _attempt(scenario: mv.Scenario, rounds: int) -> float:
     """Time [s] of the arithmetic of one attempt of one drive, in lanes, without any decision."""
-    attempt, count = abreast._attempt, 20_000
+    attempt, count = stepper._attempt, 20_000
 
     @njit(**kernel.COMPILE | {"cache": False})
-    def repeat(company: Any, count: int) -> None:
+    def repeat(group: Any, count: int) -> None:
         for _ in range(count):
-            attempt(company)
+            attempt(group)
 
-    crew = batch._Crew(batch._kind(scenario), dict.fromkeys(range(lanes.WIDTH), scenario))
+    queue = batch._Queue(batch._kind(scenario), dict.fromkeys(range(lanes.WIDTH), scenario))
     for lane in range(lanes.WIDTH):
-        crew._serve(lane, iter([lane]))
-    crew.company.length[:] = 1e-4
-    crew.company.state[kernel.MODES + 2 * len(scenario.array.modes) :][:2] = 1.0  # both slip
-    repeat(crew.company, 1)
-    return min(_timed(lambda: repeat(crew.company, count))[0] for _ in range(rounds)) / count / lanes.WIDTH
+        queue._refill(lane, iter([lane]))
+    queue.group.length[:] = 1e-4
+    queue.group.state[kernel.MODES + 2 * len(scenario.array.modes) :][:2] = 1.0  # both slip
+    repeat(queue.group, 1)
+    return min(_timed(lambda: repeat(queue.group, count))[0] for _ in range(rounds)) / count / lanes.WIDTH
 
 
 def _peaks(rounds: int) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Many torques at once: those of ``simulate``, each the same in any company."""
+"""Many torques at once: those of ``simulate``, each the same whatever it is computed with."""
 
 import math
 
@@ -143,8 +143,8 @@ def test_microsteps_that_come_in_pieces(drives, torques, monkeypatch):
 def test_room_does_not_grow_with_the_length_of_a_run(state_1):
     def room(seconds):
         scenario = state_1.with_si({"record.settle": seconds, "record.duration": 2.0})
-        company = batch._Crew(batch._kind(scenario), {0: scenario}).company
-        return sum(part.nbytes for part in company if isinstance(part, np.ndarray))
+        group = batch._Queue(batch._kind(scenario), {0: scenario}).group
+        return sum(part.nbytes for part in group if isinstance(part, np.ndarray))
 
     assert room(10.0) == room(10_000.0) < 10_000_000
 

@@ -56,7 +56,7 @@ def released(changes, index, offset):
     scenario = scenario_with({"tracking.rate": 0.0, "solver.tolerance": 1e-12}, changes)
     q = pack(scenario)
     q.state.y[index] += offset
-    kernel.start(q.state, q.drive)
+    kernel.initial_friction(q.state, q.drive)
     return scenario, q
 
 

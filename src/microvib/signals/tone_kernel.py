@@ -1,7 +1,19 @@
 """Damped tones under a Hann window, compiled: their spectra in closed form, and least-squares fits to the bins about them.
 
-Frequencies are in cycles per record and decays in e-foldings per record, (m,) each. Bins ``k`` (n,) ascend. A spectrum
-``values`` is one-sided and scaled so that a steady tone on a bin reads its amplitude.
+The model of a record x[n], n = 0 ... N - 1, with m tones is
+
+    x[n] = constant + sum over i of Re(a_i exp((2 pi i f_i - d_i) n/N))
+
+with frequencies f_i in cycles per record and decays d_i in e-foldings per record, (m,) each. Its Hann-windowed spectrum is
+linear in the complex amplitudes a_i and the constant, and nonlinear in f_i and d_i alone. So the fit is separable: for given
+f, d the amplitudes follow from linear least squares (``equations``, ``least_squares``), and the search over f, d (``fit``)
+minimises what that leaves. This is variable projection.
+
+Every bin of a fit has the same weight. The bins are those within REACH of a tone: a Hann-windowed tone falls off with the
+cube of the distance, so that others and the noise elsewhere hardly count. Uncertainties come from the residual, with the
+correlation that the window makes between neighbouring bins (``correlated``, ``microvib.signals.uncertainty``).
+
+Bins ``k`` (n,) ascend. A spectrum ``values`` is one-sided and scaled so that a steady tone on a bin reads its amplitude.
 """
 
 from __future__ import annotations
@@ -17,12 +29,12 @@ REACH = 6
 """Bins on each side of a line that its fit uses."""
 FAR = 400
 """Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
-_ABOUT = (4, 20)
-"""Bins on each side of a line, from and to, that its floor is of."""
+_FLOOR_BINS = (4, 20)
+"""Distances from a line [bins], nearest and farthest, over which its noise floor is taken."""
 _NUDGE = 1e-4
 """Step of difference quotients, in cycles or e-foldings over the record."""
 _DEPENDENT = 1e-12
-"""Square of the part of a column that the columns before it leave, below which it is made up of them."""
+"""Squared norm of what is left of a (unit) column after projection on those before it; below, it counts as dependent."""
 COMPILE: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
@@ -40,8 +52,10 @@ def half_turns(samples: int) -> np.ndarray:
 def _half(cycles, decay, k, table, out):
     """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N), scaled as half a tone, into ``out`` (n,).
 
-    Three geometric series expm1(N z)/expm1(z), one bin apart, make a Hann window. N z differs by whole turns between them and
-    between bins, and the real part of z not at all, so that the sine and cosine of one angle are left for each.
+    Without a window, bin k of exp(z' n) is a geometric series, expm1(N z)/expm1(z) with z = z' - 2 pi i k/N. The Hann window
+    1/2 - 1/4 exp(2 pi i n/N) - 1/4 exp(-2 pi i n/N) combines three of these, one bin apart. N z differs by whole turns
+    between them, so that the numerator is common to all bins; the real part of z is common too, and what remains for each bin
+    is the sine and cosine of one angle, from a table. expm1 keeps the digits where a tone is nearly on a bin.
     """
     samples = table.shape[1]
     whole = round(cycles)
@@ -88,7 +102,7 @@ def tone(cycles, decay, amplitude, k, table):
 
 @njit(**COMPILE)
 def bins_in(low, high, reach, size):
-    """Bins, of ``size`` that there are, that are within ``reach`` of a band from ``low`` to ``high``, of several (m,)."""
+    """Bins, out of ``size``, that lie within ``reach`` of any of the bands from ``low`` to ``high``, (m,) each."""
     inside, count = np.zeros(size, np.bool_), 0
     for i in range(low.size):
         for k in range(max(round(low[i]) - reach, 0), min(round(high[i]) + reach + 1, size)):
@@ -104,9 +118,10 @@ def bins_in(low, high, reach, size):
 
 @njit(**COMPILE)
 def equations(cycles, decay, k, values, table):
-    """Real least-squares equations at the bins ``k``: columns (2 m + 1, 2 n) of which x makes the right-hand side (2 n,).
+    """Real least-squares equations ``sum of x_j columns_j = right`` at the bins ``k``: (2 m + 1, 2 n) and (2 n,).
 
-    Columns are cosine and minus sine of each tone, and a constant; rows are real parts, then imaginary ones.
+    The columns are the spectra of each tone's cosine and minus sine, so that x holds the real and imaginary parts of the
+    amplitudes, and of a constant. Along a column the real parts of all bins come first, then the imaginary ones.
     """
     m, n = cycles.size, k.size
     columns = np.empty((2 * m + 1, 2 * n))
@@ -136,8 +151,11 @@ def _dot(a, b):
 
 @njit(**COMPILE)
 def _factored(columns):
-    """Scales of columns, and the Cholesky factor of their scaled normal equations, its diagonal inverted: tones that can be told
-    apart are well conditioned. A column that those before it make up, or that is zero, has a zero there."""
+    """Scales that make the columns unit vectors, and the Cholesky factor of the scaled normal equations, its diagonal inverted.
+
+    Normal equations suffice: tones that can be told apart are well conditioned. A column that is zero or depends on those
+    before it has a zero on the diagonal.
+    """
     m = columns.shape[0]
     scale, factor = np.empty(m), np.empty((m, m))
     for i in range(m):
@@ -155,7 +173,7 @@ def _factored(columns):
 
 @njit(**COMPILE)
 def _solved(columns, scale, factor, right):
-    """Least-squares solution with the columns as ``_factored`` has them; nothing for a column that others make up."""
+    """Least-squares solution from ``_factored``: forward and back substitution; zero for a dependent column."""
     m = columns.shape[0]
     solution = np.empty(m)
     for i in range(m):
@@ -171,14 +189,14 @@ def _solved(columns, scale, factor, right):
 
 @njit(**COMPILE)
 def least_squares(columns, right):
-    """Least squares by scaled normal equations; a column that those before it make up, or that is zero, gets nothing."""
+    """Least squares by scaled normal equations; a column that is zero or depends on those before it gets zero."""
     scale, factor = _factored(columns)
     return _solved(columns, scale, factor, right)
 
 
 @njit(**COMPILE)
-def _take_out(columns, solution, right):
-    """Take columns times the solution from the right-hand side."""
+def _subtract(columns, solution, right):
+    """Subtract columns times the solution from the right-hand side, in place."""
     for i in range(solution.size):
         for j in range(right.size):
             right[j] -= solution[i] * columns[i, j]
@@ -186,44 +204,47 @@ def _take_out(columns, solution, right):
 
 @njit(**COMPILE)
 def residual(cycles, decay, k, values, table):
-    """What the tones that fit best leave at the bins ``k``, (2 n,): real parts, then imaginary ones."""
+    """Residual at the bins ``k`` with the best amplitudes, (2 n,): real parts, then imaginary ones."""
     columns, rest = equations(cycles, decay, k, values, table)
-    _take_out(columns, least_squares(columns, rest), rest)
+    _subtract(columns, least_squares(columns, rest), rest)
     return rest
 
 
 @njit(**COMPILE)
-def _slopes(there, fold, free, falls, clock, k, values, table, slopes):
-    """How what is left changes with the parameters of ``fit``, into the rows of ``slopes`` (p, 2 n at least).
+def _slopes(cycles, decay, free, falls, clock, k, values, table, slopes):
+    """Derivatives of the residual by the parameters of ``fit``, into the rows of ``slopes`` (p, 2 n at least).
 
-    Each is the change of the model at fixed amplitudes less what amplitudes make up for (Kaufman's variable projection): one
-    factorisation serves all parameters, and the minimum is that of the whole derivative.
+    With the columns Phi(f, d) and amplitudes a = Phi^+ v, the residual is (I - Phi Phi^+) v. Kaufman's form of variable
+    projection keeps the first of the two terms of its derivative, -(I - Phi Phi^+) (d Phi/d parameter) a: the change of the
+    model at fixed amplitudes, less what a change of the amplitudes can make up for. One factorisation of Phi serves all
+    parameters. The term left out is orthogonal to the residual at every point, so that the gradient, and with it the minimum,
+    are exact.
     """
-    columns, right = equations(there, fold, k, values, table)
+    columns, right = equations(cycles, decay, k, values, table)
     scale, factor = _factored(columns)
     solution = _solved(columns, scale, factor, right)
     highest = 1.0
     for i in clock:
-        highest = max(highest, there[i])
+        highest = max(highest, cycles[i])
     for j in range(slopes.shape[0]):
         change = np.zeros(right.size)
         if j < free.size:
-            _add_change(there, fold, solution, free[j], _NUDGE, 0.0, 1.0, k, table, change)
+            _add_change(cycles, decay, solution, free[j], _NUDGE, 0.0, 1.0, k, table, change)
         elif j < free.size + falls.size:
-            _add_change(there, fold, solution, falls[j - free.size], 0.0, _NUDGE, 1.0, k, table, change)
+            _add_change(cycles, decay, solution, falls[j - free.size], 0.0, _NUDGE, 1.0, k, table, change)
         else:
             for i in clock:
-                _add_change(there, fold, solution, i, _NUDGE, 0.0, there[i] / highest, k, table, change)
-        _take_out(columns, _solved(columns, scale, factor, change), change)
+                _add_change(cycles, decay, solution, i, _NUDGE, 0.0, cycles[i] / highest, k, table, change)
+        _subtract(columns, _solved(columns, scale, factor, change), change)
         slopes[j, : change.size] = -change
 
 
 @njit(**COMPILE)
-def _add_change(there, fold, solution, i, turn, fall, times, k, table, change):
-    """Add to ``change`` (2 n,) the derivative of tone ``i`` by its frequency or its decay, so many ``times``."""
+def _add_change(cycles, decay, solution, i, turn, fall, times, k, table, change):
+    """Add to ``change`` (2 n,) ``times`` the derivative of tone ``i`` by its frequency or decay, from central differences."""
     a, n, twice = complex(solution[2 * i], solution[2 * i + 1]), k.size, 2.0 * (turn + fall)
-    after = tone(there[i] + turn, fold[i] + fall, a, k, table)
-    before = tone(there[i] - turn, fold[i] - fall, a, k, table)
+    after = tone(cycles[i] + turn, decay[i] + fall, a, k, table)
+    before = tone(cycles[i] - turn, decay[i] - fall, a, k, table)
     for j in range(n):
         slope = (after[j] - before[j]) * (times / twice)
         change[j] += slope.real
@@ -232,7 +253,7 @@ def _add_change(there, fold, solution, i, turn, fall, times, k, table, change):
 
 @njit(**COMPILE)
 def amplitudes(cycles, decay, values, table):
-    """Complex amplitudes of all tones together, (m,); least squares over the bins about them."""
+    """Complex amplitudes of all tones, (m,), from one least-squares fit to the bins about them."""
     k = bins_in(cycles, cycles, REACH, values.size)
     columns, right = equations(cycles, decay, k, values, table)
     solution = least_squares(columns, right)
@@ -244,7 +265,7 @@ def amplitudes(cycles, decay, values, table):
 
 @njit(**COMPILE)
 def without(cycles, decay, amplitudes, values, table):
-    """A spectrum with tones taken out, each from the bins where it stands out of rounding."""
+    """The spectrum less the tones, each subtracted from the bins where it is above rounding."""
     rest = values.copy()
     for i in range(cycles.size):
         centre = round(cycles[i])
@@ -257,11 +278,11 @@ def without(cycles, decay, amplitudes, values, table):
 
 @njit(**COMPILE)
 def floor(cycles, values):
-    """Median amplitude of the bins 4 to 20 away from one tone."""
+    """Noise floor of one tone: median amplitude of the bins 4 to 20 away (insertion sort; there are at most 34)."""
     centre = round(cycles)
-    about = np.empty(2 * (_ABOUT[1] - _ABOUT[0] + 1))
+    about = np.empty(2 * (_FLOOR_BINS[1] - _FLOOR_BINS[0] + 1))
     count = 0
-    for away in range(_ABOUT[0], _ABOUT[1] + 1):
+    for away in range(_FLOOR_BINS[0], _FLOOR_BINS[1] + 1):
         for k in (centre - away, centre + away):
             if 1 <= k < values.size:
                 at, new = count, abs(values[k])
@@ -283,8 +304,8 @@ def floors(cycles, values):
 
 
 @njit(**COMPILE)
-def own(cycles, values):
-    """RMS of the magnitudes in the bins of each tone, (m,)."""
+def bin_rms(cycles, values):
+    """RMS of the magnitudes in the bins within REACH of each tone, (m,)."""
     result = np.zeros(cycles.size)
     for i in range(cycles.size):
         total, count = 0.0, 0
@@ -297,7 +318,10 @@ def own(cycles, values):
 
 @njit(**COMPILE)
 def correlated(columns, k, noise):
-    """Columns (p, 2 n) at the bins ``k`` times the covariance of noise of RMS ``noise`` (n,), which the window correlates."""
+    """Columns (p, 2 n) at the bins ``k`` times the covariance of noise with RMS ``noise`` (n,).
+
+    White noise under a Hann window has the correlation -2/3 between neighbouring bins, 1/6 between next neighbours.
+    """
     n = k.size
     result = np.empty_like(columns)
     for i in range(columns.shape[0]):
@@ -314,7 +338,10 @@ def correlated(columns, k, noise):
 
 @njit(**COMPILE)
 def peak(low, high, margin, values):
-    """Frequency and amplitude of the highest peak from ``low`` to ``high``, both widened by ``margin`` bins."""
+    """Frequency and amplitude of the highest peak from ``low`` to ``high``, both widened by ``margin`` bins.
+
+    The frequency follows from the ratio of the two highest bins, exactly for a single steady tone far from 0 and Nyquist.
+    """
     first = max(math.floor(low - margin), 1)
     last = min(math.ceil(high + margin), values.size - 2)
     best, top = first, -1.0
@@ -330,71 +357,75 @@ def peak(low, high, margin, values):
 
 @njit(**COMPILE)
 def fit(cycles, decay, free, falls, clock, low, high, k, values, table):
-    """Frequencies and decays of tones that leave least at the bins ``k``, amplitudes eliminated: damped Gauss-Newton.
+    """Frequencies and decays of tones that minimise the residual at the bins ``k``, amplitudes eliminated.
 
-    Parameters, each from ``low`` to ``high`` (p,), are the frequencies of the tones ``free``, the decays of those that ``falls``
-    names and, where ``clock`` names any, a shift of these together, in bins of the highest of them, that keeps their ratios.
-    Returned are frequencies, decays and the parameters.
+    The parameters, each bounded by ``low`` and ``high`` (p,), are the frequencies of the tones ``free``, the decays of the tones
+    ``falls`` and, where there are tones ``clock``, one common factor on their frequencies, expressed as the shift in bins of
+    the highest of them. Returns the frequencies, the decays and the parameters.
+
+    Levenberg-Marquardt: the damping is in proportion to each parameter's own slope, falls by 5 after a step that improves and
+    rises by 8 after one that does not. No frequency moves by more than half a bin in one step, no decay by more than 30 %
+    or half an e-folding, whichever is more: beyond that the linearisation is of no use.
     """
-    at = np.empty(low.size)
+    parameters = np.empty(low.size)
     for i in range(free.size):
-        at[i] = cycles[free[i]]
+        parameters[i] = cycles[free[i]]
     for i in range(falls.size):
-        at[free.size + i] = decay[falls[i]]
+        parameters[free.size + i] = decay[falls[i]]
     if clock.size > 0:
-        at[-1] = 0.0
-    for i in range(at.size):
-        at[i] = _within(at[i], low[i], high[i])
-    there, fold = _placed(at, cycles, decay, free, falls, clock)
-    r = residual(there, fold, k, values, table)
+        parameters[-1] = 0.0
+    for i in range(parameters.size):
+        parameters[i] = _clipped(parameters[i], low[i], high[i])
+    new_cycles, new_decay = _with_parameters(parameters, cycles, decay, free, falls, clock)
+    r = residual(new_cycles, new_decay, k, values, table)
     n, damping = r.size, 1e-3
-    slopes, right = np.zeros((at.size, n + at.size)), np.zeros(n + at.size)
+    slopes, right = np.zeros((parameters.size, n + parameters.size)), np.zeros(n + parameters.size)
     fresh = False
     for _ in range(60):
         if not fresh:
             right[:n] = -r
-            _slopes(there, fold, free, falls, clock, k, values, table, slopes)
+            _slopes(new_cycles, new_decay, free, falls, clock, k, values, table, slopes)
             fresh = True
-        for j in range(at.size):  # the damping, as further equations
+        for j in range(parameters.size):  # the damping, as further equations
             slopes[j, n + j] = math.sqrt(damping * _dot(slopes[j, :n], slopes[j, :n]))
         step = least_squares(slopes, right)
-        new, largest = np.empty(at.size), 0.0
-        for j in range(at.size):
+        new, largest = np.empty(parameters.size), 0.0
+        for j in range(parameters.size):
             decays = free.size <= j < free.size + falls.size
-            reach = max(0.5, 0.3 * abs(at[j])) if decays else 0.5
-            new[j] = _within(at[j] + _within(step[j], -reach, reach), low[j], high[j])
-            largest = max(largest, abs(new[j] - at[j]))
-        there, fold = _placed(new, cycles, decay, free, falls, clock)
-        r_new = residual(there, fold, k, values, table)
+            reach = max(0.5, 0.3 * abs(parameters[j])) if decays else 0.5
+            new[j] = _clipped(parameters[j] + _clipped(step[j], -reach, reach), low[j], high[j])
+            largest = max(largest, abs(new[j] - parameters[j]))
+        new_cycles, new_decay = _with_parameters(new, cycles, decay, free, falls, clock)
+        r_new = residual(new_cycles, new_decay, k, values, table)
         if _dot(r_new, r_new) > _dot(r, r):
             damping *= 8.0
             if damping > 1e8 or largest < 1e-9:
                 break
             continue
-        at, r, damping, fresh = new, r_new, max(0.2 * damping, 1e-12), False
+        parameters, r, damping, fresh = new, r_new, max(0.2 * damping, 1e-12), False
         if largest < 1e-9:
             break
-    there, fold = _placed(at, cycles, decay, free, falls, clock)
-    return there, fold, at
+    new_cycles, new_decay = _with_parameters(parameters, cycles, decay, free, falls, clock)
+    return new_cycles, new_decay, parameters
 
 
 @njit(**COMPILE)
-def _placed(at, cycles, decay, free, falls, clock):
-    """Frequencies and decays of all tones, where parameters of ``fit`` put them."""
-    there, fold = cycles.copy(), decay.copy()
+def _with_parameters(parameters, cycles, decay, free, falls, clock):
+    """Frequencies and decays of all tones at the given parameters of ``fit``."""
+    new_cycles, new_decay = cycles.copy(), decay.copy()
     for i in range(free.size):
-        there[free[i]] = at[i]
+        new_cycles[free[i]] = parameters[i]
     for i in range(falls.size):
-        fold[falls[i]] = at[free.size + i]
+        new_decay[falls[i]] = parameters[free.size + i]
     if clock.size > 0:
         highest = 1.0
         for i in clock:
             highest = max(highest, cycles[i])
         for i in clock:
-            there[i] = cycles[i] * (1.0 + at[-1] / highest)
-    return there, fold
+            new_cycles[i] = cycles[i] * (1.0 + parameters[-1] / highest)
+    return new_cycles, new_decay
 
 
 @njit(**COMPILE)
-def _within(x, low, high):
+def _clipped(x, low, high):
     return min(max(x, low), high)

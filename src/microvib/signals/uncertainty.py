@@ -120,7 +120,7 @@ def _floors(tones: Tones, rest: HannSpectrum) -> tuple[np.ndarray, np.ndarray]:
     """RMS of real and imaginary part of the noise about each tone, and of what is left in its own bins, (m,) each."""
     # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
     floors = rest.floors(tones.frequency) / np.sqrt(2.0 * np.log(2.0))
-    return floors, hann.own(tones.frequency * rest.duration, rest.values) / np.sqrt(2.0)
+    return floors, hann.bin_rms(tones.frequency * rest.duration, rest.values) / np.sqrt(2.0)
 
 
 def _sandwich(columns: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -3,14 +3,16 @@
 Between two events (a microstep of the command, a friction that sticks, breaks away or reverses) the motion is smooth. It is
 advanced by RODAS4, an L-stable Rosenbrock method of order 4(3) with an embedded error estimate (E. Hairer, G. Wanner,
 *Solving Ordinary Differential Equations II*, section IV.7). Events end a step, so that no step crosses one: microsteps are
-known in advance, a friction event is located by repeating the step until its sign change is met.
+known in advance, a friction event is located by repeating the step with other lengths until it ends on the event.
 
-Friction is set-valued: a stuck body has velocity zero exactly, and no law with a smoothing width appears anywhere.
+Friction is set-valued: a stuck body has exactly zero velocity, and no smoothed friction law appears anywhere.
 
-The linear systems of the method are solved by block elimination: windings, angles and array modes are eliminated in
-closed form and a 2 x 2 system in the two velocities is left. Cost is linear in the number of modes.
+Read from the end: ``advance`` is the loop, and calls what stands above it, section by section: the equations of motion
+(``derivative``), their Jacobian and the linear systems of a step (``linearise``, ``_factor``, ``_solve``), one step (``step``)
+and its continuous extension, friction events (``margins``, ``first_trial``, ``next_trial``, ``decide_friction``), samples
+(``_record``) and the length of steps. docs/numerics.md has the method in words, docs/theory the equations.
 
-Its functions take floats, for one drive, or lanes, for many at once (``microvib.solve.vector``, ``microvib.solve.stepper``).
+The functions take floats, for one drive, or lanes, for many at once (``microvib.solve.vector``, ``microvib.solve.stepper``).
 
 Everything else that the loop calls lives in this file, because the compiled cache is keyed on it.
 """
@@ -25,15 +27,17 @@ from numba.extending import overload
 from microvib.solve.vector import CALLED, ROWS, exp, sincos, some, where
 
 # No exceptions inside (a division by zero gives inf, which step control catches); products may be fused; no reference
-# counts, which would take half the time: the loop makes no arrays, its scratch comes from outside.
+# counting, which would take half the time: the loop allocates no arrays, its scratch comes from outside.
 COMPILE: dict[str, Any] = {
     "cache": True, "nogil": True, "error_model": "numpy", "_nrt": False, "fastmath": {"contract", "arcp"},
 }  # fmt: skip
 INLINE: dict[str, Any] = COMPILE | {"inline": "always"}
 FORCED: dict[str, Any] = COMPILE | {"forceinline": True}  # a call would copy its tuples, a quarter of the time
 
-# State y: currents, integrals of their errors, rotor, output; then eta and w of each mode, with w = d eta/dt + H omega_l, the
-# mode's absolute momentum, in which the mass matrix is diagonal.
+# ---- State, channels and parameters ----
+
+# State y: currents, integrals of their errors, rotor (angle, rate), output (angle, rate); then eta and w of each mode. With
+# w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d eta/dt the mass matrix is diagonal.
 IA, IB, XA, XB, TM, WM, TL, WL, MODES = range(9)
 
 # Channels of a sample; the modal coordinates and their rates follow. The last four are powers, integrated over the run.
@@ -52,9 +56,9 @@ OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
 # entries of State.counters and State.clock
 STEPS, REJECTED, MICROSTEPS, STICKS, ROTOR_STICKS, BREAKAWAYS, EVENT_STEPS, N_COUNTERS = range(8)
 NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, N_CLOCK = range(10)
-# entries of a search for an event
+# entries of the search for an event: bracket [LO, HI] in the length of the step, margins there, tolerance, trials so far
 LO, HI, E_LO, E_HI, ENOUGH, TRIALS, N_SEARCH = range(7)
-MOST_TRIALS, MOST_EVENTS = 80.0, 4
+MAX_TRIALS, MAX_EVENTS = 80.0, 4
 SCRATCH_ROWS = 19
 
 
@@ -105,7 +109,7 @@ class Drive(NamedTuple):
 
 
 class State(NamedTuple):
-    """What moves on: the state, the modes of friction (-1, 0 stuck, 1), times and references, counters, energies [J]."""
+    """What the integration updates: state, friction modes (-1, 0 stuck, 1), times and references, counters, energies [J]."""
 
     y: np.ndarray
     stick: np.ndarray
@@ -115,32 +119,34 @@ class State(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Where samples go: interval means of all channels, one row each; with a width of 0 nothing is looked at."""
+    """Where samples go: interval means of all channels, one row each; with a width of 0 none are taken."""
 
     first: float  # start of the first interval
     width: float
     rows: np.ndarray
-    partial: np.ndarray  # sums of the interval that is open
+    partial: np.ndarray  # integrals over the current interval so far
     cursor: np.ndarray  # rows filled here, rows filled before
 
 
 class Work(NamedTuple):
     """Scratch of one step."""
 
-    y1: np.ndarray
-    between: np.ndarray
-    f0: np.ndarray
+    y1: np.ndarray  # state at the end of the step
+    between: np.ndarray  # state inside it, from the continuous extension
+    f0: np.ndarray  # derivative at its start
     f: np.ndarray
-    q: np.ndarray
-    jac: np.ndarray
-    lu: np.ndarray
+    q: np.ndarray  # torques and voltages of ``derivative``
+    jac: np.ndarray  # entries of the Jacobian that vary, from ``linearise``
+    lu: np.ndarray  # pivots of ``_factor``; of the modes kappa and 1 / delta
     kappa: np.ndarray
     inv_delta: np.ndarray
     channels: np.ndarray
-    K: np.ndarray
-    dense: np.ndarray
+    K: np.ndarray  # stages, (STAGES, n)
+    dense: np.ndarray  # coefficients of the continuous extension, (2, n)
     search: np.ndarray
 
+
+# ---- The method ----
 
 # RODAS4 in the form without matrix products, and its continuous extension of order 3:
 # y(s) = (1-s) y0 + s (y1 + (1-s) (d2 + s d3)), d2 = DENSE[0] . K, d3 = DENSE[1] . K
@@ -172,16 +178,19 @@ DENSE = np.array(
         [-0.6762803392801253, 6.087714651680015, 16.43084320892478, 24.76722511418386, -6.594389125716872],
     ]
 )
-GAUSS = 0.5 / math.sqrt(3.0)
+GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, over the length
+
+
+# ---- Equations of motion ----
 
 
 @njit(**INLINE)
 def _friction(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
-    """Friction torque and its slope while slipping towards ``sign`` (Eq. 5-7); continued past zero rate."""
+    """Friction torque and its slope by the rate while slipping in the direction ``sign`` (Eq. 5-7); continued past zero rate."""
     torque, slope = slide, viscous
     if some(stribeck != 0.0):
         x = sign * rate * inv_rate
-        # Only stages that overshoot a stop have x <= 0; the step is then repeated up to the stop.
+        # Only stages that overshoot a stop have x <= 0; the step is then repeated so that it ends at the stop.
         torque = where(x <= 0.0, torque + stribeck, torque)
         fading = (x > 0.0) & (x < 700.0)
         if some(fading):
@@ -210,7 +219,7 @@ def transmission_error(theta_m, te):
 
 @njit(**INLINE)
 def _winding(i, x, reference, back_emf, p):
-    """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3). Back-calculation anti-windup."""
+    """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3); anti-windup by back-calculation."""
     demand, dx = p.K_P * (reference - i) + p.K_I * x, reference - i
     di = (demand - p.R * i + back_emf) * p.inv_L_D
     u = demand - p.K_D * di
@@ -235,7 +244,7 @@ def derivative(y, clock, stick, p, f, q):
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
     omega_l = G * omega_m if p.rigid else y[WL]
 
-    modal = 0.0  # torque of the modes on the shaft
+    modal = 0.0  # torque of the modes on the output shaft
     for k in range(p.H.size):
         rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
         pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
@@ -271,7 +280,7 @@ def derivative(y, clock, stick, p, f, q):
 
 @njit(**INLINE)
 def _channels(y, clock, stick, p, f, q, out):
-    """All channels of one instant. ``T_d`` by momentum (Eq. 20), ``T_d_force`` by what the housing feels."""
+    """All channels at one instant. ``T_d`` from momentum (Eq. 20), ``T_d_force`` from the torques on the housing."""
     derivative(y, clock, stick, p, f, q)
     T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l = q[0], q[1], q[2], q[3], q[4], q[5], q[6]
     theta_m, omega_m, alpha_m, theta_l, omega_l = y[TM], y[WM], f[WM], y[TL], y[WL]
@@ -305,9 +314,52 @@ def _channels(y, clock, stick, p, f, q, out):
     out[26], out[27] = T_fm * omega_m + T_f * omega_l, damping
 
 
+# ---- Jacobian and linear systems ----
+#
+# Each stage of a step solves (g I - df/dy) u = r with g = 1 / (GAMMA h). The matrix is sparse, and one elimination in closed
+# form serves all stages: ``_factor`` works out the coefficients, ``_solve`` applies them to a right-hand side r. Cost is linear in
+# the number of modes. Write u_i, u_x for a phase's current and its integral, u_theta, u_m for the rotor's angle and rate, u_tl, u_l
+# for the output's, u_eta, u_w for a mode.
+#
+# 1. Angles:  g u_theta - u_m = r_theta  gives  u_theta = (r_theta + u_m) / g;  likewise u_tl.
+#
+# 2. Windings, phase A, with L_D = L + K_D and s, c = sin, cos(z theta_m):
+#        g u_x + u_i = r_x
+#        (g + (K_P + R)/L_D) u_i - (K_I/L_D) u_x - theta_A u_theta - (K_m s/L_D) u_m = r_i,    theta_A = K_m z omega_m c/L_D
+#    give, with b = K_I/(L_D g) and pivot_A = 1 / (g + (K_P + R)/L_D + b),
+#        u_i = alpha_A + beta_A u_m,    beta_A  = pivot_A (K_m s/L_D + theta_A/g)
+#                                       alpha_A = pivot_A (r_i + b r_x + theta_A r_theta/g)
+#        u_x = (r_x - u_i) / g
+#    Where the supply limits the voltage, it is constant: L and R in place of L_D and K_P + R, b = 0, and the integral has a row
+#    of its own, (g + K_I/K_P) u_x = r_x. Phase B has -K_m c and z K_m omega_m s.
+#
+# 3. Modes, from d eta/dt = w - H omega_l and dw/dt = -D (w - H omega_l) - Lam eta, with kappa = D + Lam/g, delta = g + kappa:
+#        u_eta = (r_eta + u_w - H u_l) / g
+#        u_w   = (r_w - Lam r_eta/g + kappa H u_l) / delta
+#    The torque of all modes on the shaft then changes by
+#        sum of H (kappa (r_w - Lam r_eta/g)/delta + Lam r_eta/g)  -  (sum of H^2 kappa g/delta) u_l
+#    (both sums are called ``modal`` below).
+#
+# 4. Gear:  dT_g = gear_theta u_theta - K_g u_tl + C_g (G u_m - u_l)  with  gear_theta = K_g G + C_g e2 omega_m,  that is
+#        dT_g = gear_m u_m - gear_l u_l + gear,    gear_m = gear_theta/g + C_g G,   gear_l = K_g/g + C_g
+#                                                  gear   = (gear_theta r_theta - K_g r_tl)/g
+#
+# 5. What is left are the two equations of motion,
+#        a11 u_m + a12 u_l = b1,    a11 = J_m g + rotor + G gear_m,    a12 = -G gear_l
+#        a21 u_m + a22 u_l = b2,    a21 = -gear_m,    a22 = J_L g + gear_l + slope_l + sum of H^2 kappa g/delta
+#                                   b1 = J_m r_m + K_m (c alpha_B - s alpha_A) + stiffness r_theta/g - G gear
+#                                   b2 = J_L r_l + gear + sum of H (...) as in 3.
+#    with rotor = K_m (s beta_A - c beta_B) - stiffness/g + slope_m. ``stiffness`` is the slope of the rotor's torque by theta_m at
+#    fixed currents and gear twist, ``slope_m`` and ``slope_l`` those of the frictions by the rates. A stuck body has no equation:
+#    its u is zero.
+#
+# With a rigid reducer omega_l = G omega_m, so that u_l = lead u_m + shift with lead = G + e2 omega_m/g and
+# shift = e2 omega_m r_theta/g, and a single equation is left, with the inertia J_m + G^2 J_L.
+
+
 @njit(**INLINE)
 def linearise(x, p, w):
-    """What the Jacobian needs besides constants, at the state whose derivative is in ``w.f0`` and ``w.q``."""
+    """Varying entries of the Jacobian, into ``w.jac``, at the state whose derivative is in ``w.f0`` and ``w.q``."""
     y, clock, stick, q, jac = x.y, x.clock, x.stick, w.q, w.jac
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
@@ -334,7 +386,7 @@ def linearise(x, p, w):
 
 @njit(**INLINE)
 def _winding_pivot(g, inv_g, limited, p):
-    """Elimination of one phase: 1 / pivot, weight of the integral's residual, 1 / its pivot, its coupling, 1 / L."""
+    """Elimination of one phase (2.): 1 / pivot, b, 1 / the integral's pivot, its coupling to the current, 1 / L."""
     b = p.K_I * p.inv_L_D * inv_g
     resistance = where(limited, p.R * p.inv_L, (p.K_P + p.R) * p.inv_L_D + b)
     integral = where(limited, 1.0 / (g + p.K_I * p.inv_K_P), inv_g)
@@ -349,7 +401,7 @@ def _winding_pivot(g, inv_g, limited, p):
 
 @njit(**INLINE)
 def _factor(g, stick, p, w):
-    """Eliminate windings, angles and modes from ``g I - df/dy``; keep the pivots in ``w.lu``."""
+    """Eliminate windings, angles and modes from ``g I - df/dy``; the coefficients are kept in ``w.lu``."""
     jac, lu = w.jac, w.lu
     s, c, stiffness, slope_m, slope_l, G = jac[0], jac[1], jac[2], jac[3], jac[4], jac[5]
     inv_g = 1.0 / g
@@ -374,7 +426,7 @@ def _factor(g, stick, p, w):
     gear_theta = p.K_g * G + p.C_g * jac[6]
     gear_m, gear_l = gear_theta * inv_g + p.C_g * G, p.C_g + p.K_g * inv_g
     a11, a12, a22 = p.J_m * g + rotor + G * gear_m, -G * gear_l, p.J_L * g + gear_l + slope_l + modal
-    # Inverse of the 2 x 2 system in the two accelerations (a21 = -gear_m); a stuck body has none and is coupled to nothing.
+    # Inverse of the 2 x 2 system (5.), a21 = -gear_m; a stuck body has no equation and is coupled to nothing.
     slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
     a12, a21 = where(slips_m & slips_l, a12, 0.0), where(slips_m & slips_l, -gear_m, 0.0)
     inverse = 1.0 / (a11 * a22 - a12 * a21)
@@ -385,7 +437,7 @@ def _factor(g, stick, p, w):
 
 @njit(**INLINE)
 def _solve(inv_g, stick, p, w, r):
-    """Solve ``(g I - df/dy) u = r`` in place with the pivots of ``_factor``."""
+    """Solve ``(g I - df/dy) u = r`` in place with the coefficients of ``_factor``."""
     jac, lu = w.jac, w.lu
     s, c, G = jac[0], jac[1], jac[5]
     alpha_A = (r[IA] + lu[1] * r[XA] + lu[4] * r[TM] * inv_g) * lu[0]
@@ -421,13 +473,16 @@ def _solve(inv_g, stick, p, w, r):
         r[MODES + 2 * k + 1] = u_w
 
 
+# ---- One step and its continuous extension ----
+
+
 def _combine(stage, weight, table, y, K, out):
-    """``out = y + weight x`` what row ``stage`` of a table of the method makes of the stages before."""
+    """``out = y + weight * sum over m < stage of table[stage, m] K[m]``."""
 
 
 @overload(_combine, jit_options=CALLED)
 def _combine_by_kind(stage, weight, table, y, K, out):
-    """Of one drive the loop over states is the inner one, which makes vectors of it; lanes are vectors, and stay in registers."""
+    """For one drive the inner loop is that over states, which the compiler vectorises; lanes are vectors and stay in registers."""
 
     def one(stage, weight, table, y, K, out):
         for j in range(y.size):
@@ -465,17 +520,17 @@ def step(h, x, p, w):
         for j in range(n):
             K[stage, j] = f[j]
     error = 0.0
-    for j in range(n):  # y1 is that of the last stage
+    for j in range(n):  # y1 still is the argument of the last stage; that stage itself is the error estimate
         y1[j] += K[STAGES - 1, j]
         part = K[STAGES - 1, j] * p.scale[j]
         error += part * part
-    # The mean is over the states of a drive with one mode, whatever the number of modes: many must not dilute the drive.
+    # The mean is over 10 states, those of a drive with one mode: many modes must not dilute the error of the drive.
     return math.sqrt(error / 10.0)
 
 
 @njit(**INLINE)
 def dense(w):
-    """Coefficients of the step's continuous extension."""
+    """Coefficients of the continuous extension of the step just made."""
     for i in range(2):
         for j in range(w.y1.size):
             total = 0.0
@@ -486,7 +541,7 @@ def dense(w):
 
 @njit(**INLINE)
 def extension(s, y0, y1, d2, d3):
-    """Continuous extension at the fraction ``s`` of a step, of a state or of what is linear in states."""
+    """Continuous extension at the fraction ``s`` of a step, of a state or of anything linear in states."""
     r = 1.0 - s
     return r * y0 + s * (y1 + r * (d2 + s * d3))
 
@@ -498,9 +553,24 @@ def interpolate(s, y, w):
         w.between[j] = extension(s, y[j], w.y1[j], w.dense[0, j], w.dense[1, j])
 
 
+# ---- Friction events ----
+#
+# A friction is in one of three modes: slipping forward (1), slipping backward (-1) or stuck (0), ``stick[0]`` for the rotor and
+# ``stick[1]`` for the output. Within a mode the motion is smooth, and a *margin* says how far the mode is from its end:
+#
+#     slipping:  stick x rate                        ends where the body comes to rest
+#     stuck:     breakaway torque - |hold torque|    ends where friction can no longer hold the body
+#
+# A step is first made as if no mode ended (``step``). If a margin is negative at its end, the event lies inside the step, and the
+# step is repeated with shorter lengths until it ends where the margin is just spent (``_shorten_to_event``). ``first_trial`` takes
+# the first length from the continuous extension of the step, which costs no new step; ``next_trial`` improves it by the ends of
+# steps actually made, so that the time of the event is as accurate as the step. There ``decide_friction`` sets the rate to
+# exactly zero and chooses the next mode from the hold torque, and the next step starts in that mode.
+
+
 @njit(**INLINE)
 def _holds(y, p):
-    """Torque that each friction must hold for its body to stay at rest, rotor and output, and G."""
+    """Torque that friction must supply to keep each body at rest (rotor, output), and G."""
     theta_m = y[TM]
     s, c = sincos(p.z * theta_m)
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * 4.0 * s * c * (c * c - s * s)
@@ -524,7 +594,10 @@ def _limits(p, G):
 
 @njit(**FORCED)
 def margins(y, stick, p):
-    """What must stay positive while the modes of friction last: slip speed, or what is left of the breakaway torque."""
+    """What stays positive as long as the friction modes last: slip speed, or the reserve below the breakaway torque.
+
+    Rotor and output; always 1 where there is no friction.
+    """
     slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
     e_m, e_l = stick[0] * y[WM], stick[1] * y[WL]
     limit_m, limit_l = _limits(p, -p.inv_h)
@@ -537,8 +610,8 @@ def margins(y, stick, p):
 
 
 @njit(**COMPILE)
-def settle(which, x, p):
-    """Decide what a friction does at its event: stick if it can hold, else slip the way it is pushed."""
+def decide_friction(which, x, p):
+    """The mode that follows at an event of friction ``which``: stuck if it can hold, else slipping the way it is pushed."""
     was_stuck = x.stick[which] == 0.0
     x.y[WM if which == 0 else WL] = 0.0
     hold_m, hold_l, G = _holds(x.y, p)
@@ -554,8 +627,8 @@ def settle(which, x, p):
 
 
 @njit(**COMPILE)
-def start(x, p):
-    """Modes of friction at the start: slipping where there is motion or no friction, stuck where a friction can hold."""
+def initial_friction(x, p):
+    """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
     hold_m, hold_l, G = _holds(x.y, p)
     limit_m, limit_l = _limits(p, G)
     for which in range(2):
@@ -567,12 +640,12 @@ def start(x, p):
 
 
 @njit(**COMPILE)
-def aim(which, h, e_hi, x, p, w, search):
-    """Begin to look for the length, below ``h``, at which the margin ``which`` is just spent; the first trial.
+def first_trial(which, h, e_hi, x, p, w, search):
+    """Begin the search for the length, below ``h``, at which the margin ``which`` is just spent; returns the first trial.
 
-    It comes from the continuous extension, the others (``aim_again``) from the Illinois variant of false position on the
-    step's own end, so that the accuracy of the event is that of the step. Enough is a thousandth of the tolerance in
-    rate, a millionth of the breakaway torque.
+    ``e_hi`` < 0 is the margin at the end of the step of length ``h``, whose continuous extension supplies the trial, by false
+    position. The search starts with the bracket [0, h]. The event counts as found where the margin is at most ``enough`` below
+    zero: a thousandth of the tolerance in rate, or a millionth of the breakaway torque.
     """
     slips = x.stick[which] != 0.0
     enough = 1e-3 / p.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h)[which]
@@ -580,6 +653,7 @@ def aim(which, h, e_hi, x, p, w, search):
     search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = 0.0, h, e_lo, e_hi, enough, 0.0
     s_lo, s_hi, g_lo, g_hi = 0.0, 1.0, e_lo, e_hi
     for _ in range(6):
+        # The margin at the start is zero right after an event; false position would then stay there.
         s = s_lo + (s_hi - s_lo) * (g_lo / (g_lo - g_hi) if g_lo > 0.0 else 0.25)
         interpolate(s, x.y, w)
         e = margins(w.between, x.stick, p)[which]
@@ -593,8 +667,12 @@ def aim(which, h, e_hi, x, p, w, search):
 
 
 @njit(**COMPILE)
-def aim_again(trial, e, search):
-    """The next length to try, after ``trial`` ended with the margin ``e``; the same again where the event is found."""
+def next_trial(trial, e, search):
+    """The next length to try, after the step of length ``trial`` ended with the margin ``e``; ``trial`` itself once it is found.
+
+    False position in its Illinois variant: where the upper end moves again, the margin at the lower end is halved, which
+    keeps the bracket from shrinking from one side only. It ends on the upper end of the bracket, just past the event.
+    """
     lo, hi, e_lo, e_hi, enough = search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH]
     if e < 0.0:
         hi, e_hi = trial, e
@@ -603,20 +681,20 @@ def aim_again(trial, e, search):
         lo, e_lo = trial, e
     search[LO], search[HI], search[E_LO], search[E_HI] = lo, hi, e_lo, e_hi
     search[TRIALS] += 1.0
-    if search[TRIALS] == MOST_TRIALS:
+    if search[TRIALS] == MAX_TRIALS:
         return trial
     if e_hi >= -enough or hi - lo <= 1e-12 * hi:
         return hi
     if e_lo > 0.0:
-        # Aim a little past the root: the step must end on its far side.
+        # Aim slightly past the root: the step must end on its far side, with the margin in [-enough, 0].
         trial = lo + (hi - lo) * (e_lo + 0.5 * enough) / (e_lo - e_hi)
         return min(max(trial, lo + 1e-3 * (hi - lo)), hi - 1e-3 * (hi - lo))
-    return 0.25 * hi
+    return 0.25 * hi  # no margin at the start, right after an event: nothing to interpolate
 
 
 @njit(**INLINE)
 def next_event(which, after_m, after_l):
-    """The friction whose event the step must end at, -1 if none is left: the other one than ``which``, if either is known."""
+    """The friction whose event the step must end at, -1 if none: once that of ``which`` is located, only the other is earlier."""
     if which < 0:
         return 0 if after_m < 0.0 else (1 if after_l < 0.0 else -1)
     other = after_l if which == 0 else after_m
@@ -625,17 +703,18 @@ def next_event(which, after_m, after_l):
 
 @njit(**COMPILE)
 def _shorten_to_event(which, h, e_hi, x, p, w):
-    """Repeat the step with the length at which the margin ``which`` is just spent; return that length and the step's error.
+    """Repeat the step until it ends where the margin ``which`` is just spent; returns its length and its error.
 
-    An error above 1 ends the search: where friction falls steeply a shorter step may be singular though the longer one was not.
+    An error above 1 ends the search: where friction falls steeply with the rate, a shorter step may be singular although the
+    longer one was not.
     """
-    trial = aim(which, h, e_hi, x, p, w, w.search)
+    trial = first_trial(which, h, e_hi, x, p, w, w.search)
     while True:
         error = step(trial, x, p, w)
         x.counters[EVENT_STEPS] += 1
         if not error <= 1.0:
             return trial, error
-        following = aim_again(trial, margins(w.y1, x.stick, p)[which], w.search)
+        following = next_trial(trial, margins(w.y1, x.stick, p)[which], w.search)
         if following == trial:
             return trial, error
         trial = following
@@ -645,7 +724,9 @@ def _shorten_to_event(which, h, e_hi, x, p, w):
 def _end_at_first_event(h, x, p, w):
     """Shorten the step in ``w`` so that it ends at its first friction event; its length, which friction or -1, and its error.
 
-    Margins are looked at in the middle and at the end of the step. With an error above 1 the step is not to be taken.
+    Margins are checked in the middle and at the end of the step: a margin spent in the middle and regained at the end (a body
+    that reverses twice) is met by halving the step. Locating one event may bring the other friction's to light, which is then
+    earlier; so both are checked again. A step with an error above 1 must not be taken.
     """
     interpolate(0.5, x.y, w)
     middle, after, error = margins(w.between, x.stick, p), margins(w.y1, x.stick, p), 0.0
@@ -655,7 +736,7 @@ def _end_at_first_event(h, x, p, w):
         dense(w)
         after = margins(w.y1, x.stick, p)
     event = -1
-    for _ in range(MOST_EVENTS):
+    for _ in range(MAX_EVENTS):
         which = next_event(event, after[0], after[1])
         if which < 0 or not error <= 1.0:
             break
@@ -666,12 +747,15 @@ def _end_at_first_event(h, x, p, w):
     return h, event, error
 
 
+# ---- Samples ----
+
+
 @njit(**INLINE)
 def _record(h, end, x, p, w, out):
     """Integrate all channels over the step to ``end``; close every sample interval that ends inside it.
 
     A sample is the mean over its interval, by Gauss quadrature on each piece of it: two points, or one where a piece is
-    less than a tenth of a step. Pieces end at steps and steps end at events, so jumps are averaged exactly, not sampled.
+    less than a tenth of a step. Pieces end where steps end and steps end at events, so jumps are averaged exactly, not sampled.
     """
     clock, cursor, channels = x.clock, out.cursor, w.channels
     t = a = clock[NOW]
@@ -701,15 +785,18 @@ def _record(h, end, x, p, w, out):
                 out.rows[cursor[0], j] = out.partial[j] / clock[WEIGHT]  # not the width: late in a run it is rounded
                 out.partial[j] = 0.0
             clock[WEIGHT] = 0.0
-            for j in range(N_POWERS):  # energies, as they stand at the middle of the interval
+            for j in range(N_POWERS):  # energies: their values at the middle of the interval
                 out.rows[cursor[0], POWERS + j] = x.energy[j] - 0.5 * out.width * out.rows[cursor[0], POWERS + j]
             cursor[0] += 1
         a = b
 
 
+# ---- Length of steps ----
+
+
 @njit(**INLINE)
 def first_length(proposed, longest, left):
-    """Length of a step's first trial, where ``left`` is left to its target."""
+    """Length to try first, with ``left`` to go to the target; a remainder of less than 1.5 steps is halved, not cut short."""
     h = min(proposed, longest)
     if h >= left:
         return left
@@ -718,25 +805,25 @@ def first_length(proposed, longest, left):
 
 @njit(**INLINE)
 def growth(error):
-    """Factor on the length of a step for an error estimate of 1."""
+    """Factor on the length of a step that would bring its ``error`` to 1, with a safety margin, from 0.2 to 5."""
     return min(5.0, max(0.2, 0.9 / math.sqrt(math.sqrt(error)))) if error > 0.0 else 5.0
 
 
 @njit(**INLINE)
 def shortened(h, error):
-    """Length of the next trial after one of length ``h`` that was refused."""
+    """Length of the next trial after one of length ``h`` was rejected."""
     return h * (growth(error) if math.isfinite(error) else 0.1)
 
 
 @njit(**INLINE)
-def proposal(proposed, h, asked, left, factor):
-    """Length for the next step. A step cut short by an event says nothing against the length that was proposed before."""
-    return h * factor if h < asked or h < left else max(h * factor, proposed)
+def proposal(proposed, h, requested, left, factor):
+    """Length for the next step. A step cut short by its target says nothing against the length proposed before."""
+    return h * factor if h < requested or h < left else max(h * factor, proposed)
 
 
 @njit(**INLINE)
 def too_small(h, now, error):
-    """Status where a step was refused and is to be ``h`` long."""
+    """Status after a rejected step that is to be repeated with the length ``h``."""
     if h < 1e-14 * max(1.0, now):
         return STEP_TOO_SMALL if math.isfinite(error) else NOT_FINITE
     return OK
@@ -744,7 +831,7 @@ def too_small(h, now, error):
 
 @njit(**INLINE)
 def follow(x, p):
-    """With a rigid reducer the output follows the rotor."""
+    """With a rigid reducer, set the output from the rotor."""
     if p.rigid:
         e0, e1, _, _ = transmission_error(x.y[TM], p.te)
         x.y[TL], x.y[WL] = e0 - x.y[TM] * p.inv_h, (e1 - p.inv_h) * x.y[WM]
@@ -752,7 +839,7 @@ def follow(x, p):
 
 @njit(**INLINE)
 def health(lag, h, now, stalled):
-    """Status after a step of length ``h`` with the rotor lagging by an electrical angle; steps next to nothing in a row."""
+    """Status after a step of length ``h`` with the rotor an electrical angle ``lag`` off; count of vanishing steps in a row."""
     stalled = stalled + 1 if h < 1e-12 * max(1.0, now) else 0
     if math.fabs(lag) > math.pi:
         return LOST_SYNCHRONISM, stalled
@@ -761,8 +848,8 @@ def health(lag, h, now, stalled):
 
 @njit(**INLINE)
 def _accepted_step(left, x, p, w):
-    """Step from ``x.y`` that passes the error test, at most ``left`` long; its length, and a status code."""
-    h = asked = first_length(x.clock[NEXT_STEP], p.max_step, left)
+    """Step from ``x.y`` that passes the error test, at most ``left`` long, into ``w``; its length, and a status code."""
+    h = requested = first_length(x.clock[NEXT_STEP], p.max_step, left)
     while True:
         error = step(h, x, p, w)
         factor = growth(error)
@@ -773,13 +860,20 @@ def _accepted_step(left, x, p, w):
         status = too_small(h, x.clock[NOW], error)
         if status != OK:
             return h, status
-    x.clock[NEXT_STEP] = proposal(x.clock[NEXT_STEP], h, asked, left, factor)
+    x.clock[NEXT_STEP] = proposal(x.clock[NEXT_STEP], h, requested, left, factor)
     return h, OK
+
+
+# ---- The loop ----
 
 
 @njit(**COMPILE)
 def advance(stop, x, p, out, steps_t, steps_ref, scratch):
     """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in place.
+
+    Each turn of the loop either takes a microstep that is due (new current references, and a step short enough for the
+    transient that follows), or one step: to the next microstep at most, shortened until its error estimate passes, shortened
+    again to the first friction event inside it. Only then are samples integrated and the state moved on.
 
     ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 3) the references i_A*, i_B* and the
     electrical angle after each, ``scratch`` (SCRATCH_ROWS, wide enough). Returns a status code.
@@ -828,7 +922,7 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
         for j in range(n):
             x.y[j] = w.y1[j]
         if event >= 0:
-            settle(event, x, p)
+            decide_friction(event, x, p)
         follow(x, p)
         status, stalled = health(p.z * x.y[TM] - clock[THETA_E], h, clock[NOW], stalled)
         if status != OK:
@@ -838,7 +932,7 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
 
 @njit(**COMPILE)
 def snapshot(x, p, scratch, out):
-    """All channels of the present state, into ``out``."""
+    """All channels at the present state, into ``out``."""
     _channels(x.y, x.clock, x.stick, p, scratch[0, : x.y.size], scratch[1], out)
 
 

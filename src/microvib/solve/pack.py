@@ -89,7 +89,7 @@ def _hold(scenario: Scenario, packed: Packed) -> None:
     state.y[kernel.TL] = scenario.reducer.kinematic_error(0.0)
     state.clock[kernel.REF_A] = current
     state.clock[kernel.NEXT_STEP] = packed.drive.layer
-    kernel.start(state, packed.drive)
+    kernel.initial_friction(state, packed.drive)
 
 
 def _friction(friction: Friction) -> tuple[float, float, float, float, float]:

@@ -1,11 +1,12 @@
-"""Many drives abreast: the kernel's step on lanes, one attempt of every drive at a time.
+"""Many drives in parallel: the kernel's step on lanes, one trial step of every drive at a time.
 
-What is arithmetic is done for all lanes at once, by the kernel's own functions. What is decision (accept, look for an event, take
-the next microstep, close a sample) is made for each lane by itself, with the functions that decide for a single drive. A lane
-whose drive has ended goes on computing and takes nothing; its neighbours cannot tell.
+Arithmetic (``_attempt``) is done for all lanes at once, by the kernel's own functions. Decisions (accept, locate an event, take the
+next microstep, close a sample) are made lane by lane, with the functions that decide for a single drive. Where the kernel's
+``advance`` nests loops, a drive here has a phase, which says what its next trial is for. A lane whose drive has ended keeps
+computing and its results are discarded; its neighbours cannot tell.
 
-Only the disturbance torque is sampled. In momentum form its mean over an interval is the change of angular momentum over the
-interval's length, so that the continuous extension at the interval's ends is all that is needed.
+Only the disturbance torque is sampled. By momentum, its mean over an interval is the change of angular momentum divided by the
+interval's length, so that the continuous extension at the ends of the interval is all that is needed.
 """
 
 import math
@@ -20,20 +21,21 @@ from microvib.solve import kernel
 from microvib.solve import vector as lanes
 from microvib.solve.vector import WIDTH, rows, where
 
-LOOP: dict[str, Any] = kernel.FORCED | {"cache": False}  # cached as a part of ``advance`` below, under a key of its own
+LOOP: dict[str, Any] = kernel.FORCED | {"cache": False}  # cached as part of ``advance`` below, under a key of its own
 
-# What a drive is to do next; what it waits for; entries of Company.flags
+# PHASE: begin a step, try it, try half of it, locate an event in it. STATUS. Entries of DriveGroup.flags
 BEGIN, TRY, HALVED, LOCATE = range(4)
 RUNNING, DONE, WANTS_MICROSTEPS, FAILED, IDLE = range(5)
 (
     STATUS, PHASE, CODE, EVENT, EVENTS, STALLED, COMING, KNOWN, FACTOR, TAPS, MISSING, ROWS, CLOSED, FILLED, SAMPLES, MADE, N_FLAGS,
 ) = range(17)  # fmt: skip
-# entries of Company.control; a search for an event follows
+# entries of DriveGroup.control; a search for an event follows
 (
-    ASKED, LEFT, TARGET, KNOWN_UNTIL, END, FIRST, INTERVAL, SETTLED, RECORDED, OPEN, WEIGHT, LARGEST, STUCK, IMPULSE, SEARCH,
+    REQUESTED, LEFT, TARGET, KNOWN_UNTIL, END, FIRST, INTERVAL, RECORD_START, RECORD_END, OPEN, WEIGHT, LARGEST, STUCK, IMPULSE,
+    SEARCH,
 ) = range(15)  # fmt: skip
 N_CONTROL = SEARCH + kernel.N_SEARCH
-# rows of Company.verdict: error, margins in the middle and at the end, angular momentum and its extension
+# rows of DriveGroup.verdict: error, margins in the middle and at the end, angular momentum and its extension
 ERROR, MIDDLE_M, MIDDLE_L, AFTER_M, AFTER_L, L_0, L_1, L_2, L_3, N_VERDICT = range(10)
 ARRAYS = ("H", "D", "Lam", "te", "scale")
 UNIFORM = ("rigid", "shaped")
@@ -43,47 +45,47 @@ LEFT_OVER = K + kernel.STAGES
 N_Q, N_JAC, N_LU = 7, 10, 17
 
 
-class Company(NamedTuple):
+class DriveGroup(NamedTuple):
     """WIDTH drives with as many modes and harmonics; rows are lanes unless said otherwise."""
 
     rigid: bool
     shaped: bool
     modes: int
-    together: bool  # ``advance`` returns when no drive runs any more, and not when the first one waits
+    together: bool  # ``advance`` returns when no drive runs any more, instead of when the first one waits
     numbers: np.ndarray  # (numbers, WIDTH)
     arrays: np.ndarray  # (3 s + 3 h + n, WIDTH): H, D, Lam, te, scale
     numbers_of: np.ndarray  # the same by drive, (WIDTH, numbers)
     arrays_of: np.ndarray
     state: np.ndarray  # (n + 2 + N_CLOCK, WIDTH): y, stick, clock
     scratch: np.ndarray
-    length: np.ndarray  # (1, WIDTH), of each drive's attempt
-    taken: np.ndarray  # (1, WIDTH), 1 where it is to be its step
+    length: np.ndarray  # (1, WIDTH), of each drive's trial step
+    taken: np.ndarray  # (1, WIDTH), 1 where that trial is accepted
     verdict: np.ndarray  # (N_VERDICT, WIDTH)
     one: np.ndarray  # scratch of one drive
     # by drive:
     control: np.ndarray
     flags: np.ndarray
     counters: np.ndarray
-    times: np.ndarray  # (WIDTH, most): microsteps that are known
-    references: np.ndarray  # (WIDTH, most, 3)
+    times: np.ndarray  # (WIDTH, microsteps): times of the next microsteps
+    references: np.ndarray  # (WIDTH, microsteps, 3)
     taps: np.ndarray
     buffer: np.ndarray  # intervals that wait for the filter
     out: np.ndarray  # samples of T_d
 
 
-def company(
+def drive_group(
     rigid: bool, shaped: bool, modes: int, harmonics: int, *,
     taps: int, waiting: int, samples: int, microsteps: int, together: bool = False,
-) -> Company:  # fmt: skip
-    """Room for WIDTH drives of one kind, none aboard.
+) -> DriveGroup:  # fmt: skip
+    """Arrays for WIDTH drives of one kind, all lanes idle.
 
-    Of each drive it holds as many ``samples``, with a filter of ``taps`` and ``waiting`` intervals beside those, and as many
-    ``microsteps`` that it knows in advance.
+    For each drive there is room for ``samples`` results, a filter of ``taps`` with ``waiting`` more intervals, and ``microsteps``
+    known in advance.
     """
     n, lane = kernel.MODES + 2 * modes, (WIDTH,)
     arrays = 3 * modes + 3 * harmonics + n
     scratch = LEFT_OVER * n + N_Q + N_JAC + N_LU + 2 * modes
-    made = Company(
+    made = DriveGroup(
         rigid=rigid,
         shaped=shaped,
         modes=modes,
@@ -111,7 +113,7 @@ def company(
     return made
 
 
-def embark(c: Company, lane: int, drive: Any) -> None:
+def load_drive(c: DriveGroup, lane: int, drive: Any) -> None:
     """Give a lane its drive."""
     c.numbers[:, lane] = c.numbers_of[lane] = [getattr(drive, name) for name in NUMBERS]
     c.arrays[:, lane] = c.arrays_of[lane] = np.concatenate([getattr(drive, name) for name in ARRAYS])
@@ -119,7 +121,7 @@ def embark(c: Company, lane: int, drive: Any) -> None:
 
 @njit(**kernel.INLINE)
 def _drive(v, rigid, shaped, H, D, Lam, te, scale):
-    """Parameters from the numbers ``v``, which are in the order of NUMBERS."""
+    """Parameters from the numbers ``v``, in the order of NUMBERS."""
     return kernel.Drive(
         v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10], v[11], v[12], v[13], rigid, shaped,
         v[14], v[15], v[16], v[17], v[18], v[19], v[20], v[21], v[22], v[23],
@@ -129,7 +131,7 @@ def _drive(v, rigid, shaped, H, D, Lam, te, scale):
 
 @njit(**kernel.INLINE)
 def _drive_of(lane, c):
-    """Parameters of one drive, in floats."""
+    """Parameters of one drive, as floats."""
     s, v = c.modes, c.arrays_of[lane]
     te = v.size - kernel.MODES - 2 * s
     return _drive(c.numbers_of[lane], c.rigid, c.shaped, v[:s], v[s : 2 * s], v[2 * s : 3 * s], v[3 * s : te], v[te:])
@@ -156,14 +158,14 @@ def _fetch(lane, c, y, x):
 
 
 @njit(**kernel.COMPILE)
-def start(c):
-    """Modes of friction of each drive that is to run, from its state."""
+def initial_friction(c):
+    """Friction modes of each drive that is to run, from its state."""
     n = kernel.MODES + 2 * c.modes
     for lane in range(WIDTH):
         if c.flags[lane, STATUS] == RUNNING:
             x, _ = _one(lane, c)
             _fetch(lane, c, c.state, x)
-            kernel.start(x, _drive_of(lane, c))
+            kernel.initial_friction(x, _drive_of(lane, c))
             c.state[n, lane], c.state[n + 1, lane] = x.stick[0], x.stick[1]
 
 
@@ -193,17 +195,17 @@ def _begin(lane, c):
         g[COMING] += 1
         c.counters[lane, kernel.MICROSTEPS] += 1
     k[TARGET], k[LEFT] = target, target - now
-    k[ASKED] = kernel.first_length(c.state[clock + kernel.NEXT_STEP, lane], c.numbers_of[lane, MAX_STEP], k[LEFT])
-    c.length[0, lane] = k[ASKED]
+    k[REQUESTED] = kernel.first_length(c.state[clock + kernel.NEXT_STEP, lane], c.numbers_of[lane, MAX_STEP], k[LEFT])
+    c.length[0, lane] = k[REQUESTED]
     g[PHASE] = TRY
 
 
 @njit(**LOOP)
 def _judge(lane, c):
-    """Decide what follows from a drive's attempt: another, with another length, or the end of its step."""
+    """Decide what follows a drive's trial step: another one, with another length, or the end of its step."""
     k, g, v, n = c.control[lane], c.flags[lane], c.verdict, kernel.MODES + 2 * c.modes
     h, error = c.length[0, lane], v[ERROR, lane]
-    if not error <= 1.0:  # of a step on the way to an event, too: a shorter one may be singular where a longer was not
+    if not error <= 1.0:  # also while locating an event: a shorter step may be singular where a longer one was not
         c.counters[lane, kernel.REJECTED] += 1
         c.length[0, lane] = h = kernel.shortened(h, error)
         g[PHASE], g[CODE] = TRY, kernel.too_small(h, c.state[n + 2 + kernel.NOW, lane], error)
@@ -212,7 +214,7 @@ def _judge(lane, c):
     if g[PHASE] == TRY:
         factor = kernel.growth(error)
         proposed = c.state[n + 2 + kernel.NEXT_STEP, lane]
-        c.state[n + 2 + kernel.NEXT_STEP, lane] = kernel.proposal(proposed, h, k[ASKED], k[LEFT], factor)
+        c.state[n + 2 + kernel.NEXT_STEP, lane] = kernel.proposal(proposed, h, k[REQUESTED], k[LEFT], factor)
         g[EVENT], g[EVENTS] = -1, 0
         if min(v[MIDDLE_M, lane], v[MIDDLE_L, lane]) < 0.0 <= min(v[AFTER_M, lane], v[AFTER_L, lane]):
             c.length[0, lane] = 0.5 * h
@@ -220,11 +222,11 @@ def _judge(lane, c):
             return
     elif g[PHASE] == LOCATE:
         c.counters[lane, kernel.EVENT_STEPS] += 1
-        c.length[0, lane] = kernel.aim_again(h, v[AFTER_M + g[EVENT], lane], k[SEARCH:])
+        c.length[0, lane] = kernel.next_trial(h, v[AFTER_M + g[EVENT], lane], k[SEARCH:])
         if c.length[0, lane] != h:
             return
     event = kernel.next_event(g[EVENT], v[AFTER_M, lane], v[AFTER_L, lane])
-    if event >= 0 and g[EVENTS] < kernel.MOST_EVENTS:
+    if event >= 0 and g[EVENTS] < kernel.MAX_EVENTS:
         g[EVENT], g[PHASE] = event, LOCATE
         g[EVENTS] += 1
         x, w = _one(lane, c)
@@ -232,14 +234,14 @@ def _judge(lane, c):
         for j in range(n):
             w.y1[j] = c.scratch[Y1 * n + j, lane]
             w.dense[0, j], w.dense[1, j] = c.scratch[DENSE * n + j, lane], c.scratch[DENSE * n + n + j, lane]
-        c.length[0, lane] = kernel.aim(event, h, v[AFTER_M + event, lane], x, _drive_of(lane, c), w, k[SEARCH:])
+        c.length[0, lane] = kernel.first_trial(event, h, v[AFTER_M + event, lane], x, _drive_of(lane, c), w, k[SEARCH:])
     else:
         _finish(lane, c, h)
 
 
 @njit(**LOOP)
 def _finish(lane, c, h):
-    """Take the step of length ``h``, with the event at its end."""
+    """Accept the step of length ``h``, with the event at its end."""
     k, g, n = c.control[lane], c.flags[lane], kernel.MODES + 2 * c.modes
     clock, p = n + 2, _drive_of(lane, c)
     now = c.state[clock + kernel.NOW, lane]
@@ -252,7 +254,7 @@ def _finish(lane, c, h):
         x, _ = _one(lane, c)
         _fetch(lane, c, c.scratch, x)
         if g[EVENT] >= 0:
-            kernel.settle(g[EVENT], x, p)
+            kernel.decide_friction(g[EVENT], x, p)
         kernel.follow(x, p)
         for j in range(n):
             c.scratch[Y1 * n + j, lane] = x.y[j]
@@ -266,7 +268,7 @@ def _finish(lane, c, h):
 
 @njit(**LOOP)
 def _take(c):
-    """Make the end of the step the state of every drive that has taken its step."""
+    """Move the state of every drive whose step was accepted to the end of that step."""
     n = kernel.MODES + 2 * c.modes
     y, y1, taken = rows(c.state, 0, n, 1), rows(c.scratch, Y1 * n, n, 1), rows(c.taken, 0, 1, 1)
     for j in range(n):
@@ -294,12 +296,12 @@ def _momentum(s, lane, c, p):
 
 @njit(**LOOP)
 def _sample(lane, c, now, end, h, p):
-    """Close every sample interval that ends in the step; what an event takes out of the momentum is in none of them."""
+    """Close every sample interval that ends in the step; the momentum that an event removes is in none of them."""
     k, g = c.control[lane], c.flags[lane]
     L_a, L_end = _momentum(0.0, lane, c, p), _momentum(1.0, lane, c, p)
     k[IMPULSE] += L_a - L_end
     if c.state[kernel.MODES + 2 * c.modes + (0 if p.rigid else 1), lane] == 0.0:
-        k[STUCK] += max(min(end, k[RECORDED]) - max(now, k[SETTLED]), 0.0)
+        k[STUCK] += max(min(end, k[RECORD_END]) - max(now, k[RECORD_START]), 0.0)
     first, interval = k[FIRST], k[INTERVAL]
     if end <= first:
         return
@@ -323,7 +325,7 @@ def _sample(lane, c, now, end, h, p):
 
 @njit(**LOOP)
 def _close(lane, c, mean, closed):
-    """Keep an interval's mean; before the first one the torque is taken as it is in it."""
+    """Store an interval's mean; the first one also stands for the intervals before it."""
     k, g = c.control[lane], c.flags[lane]
     k[LARGEST] = max(k[LARGEST], math.fabs(mean))
     if closed == 1:
@@ -338,10 +340,10 @@ def _close(lane, c, mean, closed):
 
 @njit(**LOOP)
 def _decimate(g, taps, buffer, out):
-    """Samples that the buffer completes; what the next ones need goes to its beginning."""
+    """Compute the samples that the buffer completes; what later ones need moves to its beginning."""
     used = 0
     while used + g[TAPS] <= g[FILLED] and g[MADE] < g[SAMPLES]:
-        # four sums, for each addition waits for the last
+        # four sums, because each addition waits for the one before
         s0 = s1 = s2 = s3 = 0.0
         for j in range(0, g[TAPS] - 3, 4):
             s0 += taps[j] * buffer[used + j]
@@ -360,7 +362,7 @@ def _decimate(g, taps, buffer, out):
 
 @njit(**LOOP)
 def _attempt(c):
-    """One attempt of every drive, from its state, with its length."""
+    """One trial step of every drive, from its state, with its length."""
     s, S, V = c.modes, c.scratch, c.verdict
     n = kernel.MODES + 2 * s
     rest = LEFT_OVER * n
@@ -393,7 +395,7 @@ def _attempt(c):
 
 @njit(**kernel.INLINE)
 def _linear_momentum(y, p):
-    """Angular momentum, as far as it is linear in the state: that of an output that follows its rotor is not."""
+    """The part of the angular momentum that is linear in the state; that of a rigidly geared output is not."""
     L = p.J_m * y[kernel.WM]
     if not p.rigid:
         L += p.J_L * y[kernel.WL]
@@ -403,11 +405,11 @@ def _linear_momentum(y, p):
 
 
 def _compiled(source: int) -> Any:
-    """The loop; ``source`` is in the key of its cache, for what it calls lies in other files."""
+    """The loop; ``source`` becomes part of its cache key, because the functions it calls are in other files."""
 
     @njit(**kernel.COMPILE)
     def advance(c):
-        """Advance all drives that run, until one of them (if ``together``, all) has ended or wants more microsteps."""
+        """Advance all running drives until one of them (if ``together``, all) has ended or needs more microsteps."""
         judged, waits = source < 0, False
         while True:
             runs = False

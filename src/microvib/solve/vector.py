@@ -1,9 +1,9 @@
-"""A number that is WIDTH numbers: the kernel's functions, called with it, advance WIDTH drives at once.
+"""A number type that holds WIDTH numbers: the kernel's functions, called with it, advance WIDTH drives at once.
 
-A ``Lanes`` is a vector of the processor; LLVM cuts it into registers of the machine at hand. Arithmetic, comparisons and the
-functions below act on each lane alone, by the same instruction for all: what a lane holds never depends on its neighbours.
+A ``Lanes`` is an LLVM vector, which LLVM splits into the registers of the machine at hand. Arithmetic, comparisons and the
+functions below act on each lane separately, by the same instruction for all: a lane's value never depends on its neighbours.
 The same functions take floats, so that one source serves one drive and many. Such a source does not branch on a value: it
-takes ``where``, and ``if some(...)`` to skip work, which a single drive does and lanes never do.
+uses ``where``, and ``if some(...)`` to skip work, which a single drive does and lanes never do.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ WIDTH = 8
 """Lanes: two registers of four, so that one computes while the other waits."""
 
 CALLED: Any = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
-"""How an overload is compiled: as the kernel that calls it."""
+"""How an overload is compiled: like the kernel that calls it."""
 
 _DOUBLE, _WORD, _BIT = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
 _DOUBLES, _WORDS, _BITS = (ir.VectorType(of, WIDTH) for of in (_DOUBLE, _WORD, _BIT))
@@ -56,7 +56,7 @@ class _Rows(types.Type):
     pass
 
 
-# A type's name is in the key of the compiled cache of every function that takes it, and so, with this, is this file.
+# A type's name is part of the cache key of every function that takes it; through this name, so is the text of this file.
 _SOURCE = f"{WIDTH}_{crc32(Path(__file__).read_bytes()):08x}"
 LANES, MASK, ROWS = _Lanes(f"Lanes{_SOURCE}"), _Mask(f"Mask{_SOURCE}"), _Rows(f"Rows{_SOURCE}")
 
@@ -98,7 +98,7 @@ def _cast(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any
 
 
 def _define(function: Any, result: Any, arguments: tuple[Any, ...], build: Callable[..., Any]) -> None:
-    """Give ``function`` a meaning for these types: the instructions that ``build(builder, *values)`` makes."""
+    """Define ``function`` for these types by the instructions that ``build(builder, *values)`` emits."""
 
     def lower(context: Any, builder: Any, sig: Any, values: Any) -> Any:
         return build(builder, *values)
@@ -108,7 +108,7 @@ def _define(function: Any, result: Any, arguments: tuple[Any, ...], build: Calla
 
 
 def _call(name: str) -> Callable[..., Any]:
-    """Instruction of LLVM by name, for vectors."""
+    """LLVM's intrinsic of that name, for vectors."""
 
     def build(builder: Any, *values: Any) -> Any:
         kind = ir.FunctionType(_DOUBLES, [_DOUBLES] * len(values))
@@ -119,7 +119,7 @@ def _call(name: str) -> Callable[..., Any]:
 
 
 def _power(builder: Any, base: Any, exponent: Any) -> Any:
-    """By lanes, for the processor has no such instruction: for what is rare."""
+    """Lane by lane, for the processor has no such instruction; it is rarely needed."""
     kind = ir.FunctionType(_DOUBLE, [_DOUBLE, _DOUBLE])
     called = cgutils.get_or_insert_function(builder.module, kind, "llvm.pow.f64")
     result = ir.Constant(_DOUBLES, ir.Undefined)
@@ -131,7 +131,7 @@ def _power(builder: Any, base: Any, exponent: Any) -> Any:
 
 
 def _two_to(builder: Any, n: Any) -> Any:
-    """2^n of whole numbers, |n| < 1000: the exponent's bits, brought there by a sum with 1.5 x 2^52."""
+    """2^n for whole n, |n| < 1000: adding 1.5 x 2^52 + 1023 leaves n + 1023 in the lowest bits, which shift to the exponent."""
     words = builder.bitcast(builder.fadd(n, _same(1.5 * 2.0**52 + 1023.0)), _WORDS)
     return builder.bitcast(builder.shl(words, ir.Constant(_WORDS, [52] * WIDTH)), _DOUBLES)
 
@@ -204,11 +204,11 @@ def sincos(x: Any) -> Any:
 
 
 def exp(x: Any) -> Any:
-    """Exponential function; of lanes for x < 700 only, and not below exp(-700), which is next to nothing."""
+    """Exponential function; for lanes only where x < 700, and no smaller than exp(-700)."""
     return math.exp(x)
 
 
-# pi/2 and log 2 in parts, the first of so few bits that their products with whole numbers below 2^20 are exact
+# pi/2 and log 2 as sums of parts (Cody-Waite); the first have so few bits that their products with n < 2^20 are exact
 _PI_1, _PI_2, _PI_3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 _LOG_1, _LOG_2 = 0.6931471804855391, 7.440617110012397e-11
 
@@ -276,7 +276,7 @@ def _exp(x):
 
 
 def _rows(typingctx: Any, array: Any, first: Any, size: Any, columns: Any) -> Any:
-    """Rows ``first`` and on of an array (m, WIDTH) as ``size`` lanes, also counted in two dimensions by ``columns``."""
+    """``size`` rows of an array (m, WIDTH), from row ``first`` on, as lanes; also indexed in two dimensions with ``columns``."""
 
     def build(context: Any, builder: Any, sig: Any, values: Any) -> Any:
         base = context.make_array(sig.args[0])(context, builder, values[0]).data
@@ -292,7 +292,7 @@ rows: Any = intrinsic(_rows)
 
 
 def _place(context: Any, builder: Any, kind: Any, lanes: Any, index: Any) -> Any:
-    """Pointer to the lanes at an index, or at a pair of them."""
+    """Pointer to the lanes at an index, or at a pair of indices."""
     held = cgutils.create_struct_proxy(ROWS)(context, builder, lanes)
     if isinstance(kind, types.BaseTuple):
         index = builder.add(builder.mul(builder.extract_value(index, 0), held.columns), builder.extract_value(index, 1))
