@@ -13,7 +13,7 @@ from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
-from microvib.solve.steady.search import CLOSE
+from microvib.solve.steady.search import CONVERGED
 from microvib.solve.steady.state import steady_state
 
 
@@ -78,8 +78,8 @@ def test_every_part_of_the_drive_is_in_the_steady_state(state_1, changes):
 def test_the_state_repeats_after_a_period_and_after_a_record(state_1, steady_1):
     period = PeriodMap(state_1, steady_1.microsteps)
     after = period.advance(steady_1.state)
-    assert np.max(np.abs(after - steady_1.state) / period.sizes) < CLOSE
-    assert steady_1.distance < CLOSE
+    assert np.max(np.abs(after - steady_1.state) / period.sizes) < CONVERGED
+    assert steady_1.distance < CONVERGED
     assert 0.9 < steady_1.multiplier < 1.0  # the array mode
     record = mv.lines(steady_1.motion(channels=("T_d",)))
     assert record["array_mode_1"].amplitude_n_m < 1e-5  # it does not ring: 4.6e-3 after a start from rest

@@ -1,8 +1,8 @@
 """The drive over one period of its command, as a map from the state at its start to the state at its end (Poincaré map).
 
-States are compared as seen from the command: turned back by the angle that the command has gone. The drive does not change when its
-motor turns by a quarter electrical turn, for that exchanges the phases and is a period of the detent torque, so that the state
-may repeat after so many microsteps.
+States are compared as seen from the command: turned back by the angle that the command has advanced. The drive is unchanged when
+its motor turns by a quarter of an electrical period, because that exchanges the phases and is a period of the detent torque; so
+the state may repeat after that many microsteps.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from microvib.solve.pack import no_samples, pack
 from microvib.solve.sampling import LOBES
 
 SECTION = 0.1
-"""The map starts this part of a microstep's time before a microstep, when the motion has had the longest to calm."""
+"""The map starts this part of a microstep period before a microstep, when the last transient has decayed longest."""
 
 
 class NotPeriodic(SimulationError):
-    """No steady state that repeats with the command was found; the text says why."""
+    """No steady state that repeats with the command was found; the message says why."""
 
 
 def repeats_after(scenario: Scenario) -> tuple[int, int]:
     """Microsteps after which drive and command are as before, but turned; and those of a quarter electrical turn alone.
 
-    Where no whole number of microsteps makes a quarter turn, the least multiple of it is meant that one makes.
+    Where a quarter turn is not a whole number of microsteps, its least multiple that is one takes its place.
     """
     electrical = scenario.driver.beats * scenario.driver.microsteps
     turn = electrical * scenario.motor.rotor_teeth
@@ -40,7 +40,7 @@ def repeats_after(scenario: Scenario) -> tuple[int, int]:
 
 
 class Turn(NamedTuple):
-    """Rotor angles [rad] by which drives are turned, and cosine and sine of the electrical ones, (k,) each."""
+    """Rotor angles [rad] by which drives are turned; cosine and sine of the electrical angles; (k,) each."""
 
     angle: np.ndarray
     cosine: np.ndarray
@@ -76,8 +76,10 @@ class PeriodMap:
         self.evaluations = 0.0
 
     def guess(self) -> np.ndarray:
-        """State before any microstep, seen from the command, if the drive followed its command evenly: mean loads, currents
-        turning steadily."""
+        """State just before a microstep, seen from the command, of a drive that follows its command smoothly.
+
+        The windup is that of the mean loads, and the currents rotate steadily.
+        """
         scenario, p = self.scenario, self.packed.drive
         y: np.ndarray = np.zeros_like(self.packed.state.y)
         rate = float(scenario.rate or 0.0)
@@ -95,30 +97,30 @@ class PeriodMap:
         return y
 
     def at_rest(self) -> tuple[np.ndarray, int]:
-        """State in which every run begins, seen from the command, and the microstep of the period before which the drive stands as
-        it does before a run's first."""
+        """State in which every run begins, seen from the command, and the microstep of the period that corresponds to a run's
+        first."""
         angle = self.angle(0)
         electrical = self.packed.drive.z * angle
         turn = Turn(np.array([angle]), np.cos(electrical), np.sin(electrical))
         return self._turned(pack(self.scenario).state.y[None], turn)[0], round(-angle / self._step) % self.microsteps
 
     def angle(self, microstep: Any) -> Any:
-        """Rotor angle [rad] that is commanded before a ``microstep`` of the period."""
+        """Commanded rotor angle [rad] before a ``microstep`` of the period."""
         return self._begun + microstep * self._step
 
     def references(self, angle: Any) -> tuple[Any, Any]:
-        """Currents [A] that are commanded at a rotor angle [rad]."""
+        """Commanded currents [A] at a rotor angle [rad]."""
         current, electrical = self.scenario.motor.current, self.packed.drive.z * angle
         return current * np.cos(electrical), current * np.sin(electrical)
 
     def turn(self, microsteps: Any) -> Turn:
-        """What ``microsteps`` (k,) of the command turn a drive by."""
+        """The turn that ``microsteps`` (k,) of the command make."""
         angle = self._step * np.asarray(microsteps, dtype=float)
         electrical = self.packed.drive.z * angle
         return Turn(angle, np.cos(electrical), np.sin(electrical))
 
     def absolute(self, x: np.ndarray, turn: Turn) -> np.ndarray:
-        """States (k, n) of the drive from those seen from the command, which has turned so far since the period's start."""
+        """States (k, n) of the drive from those seen from the command, which has made ``turn`` since the start of the period."""
         y = self._turned(x, turn)
         p = self.packed.drive
         if p.rigid:
@@ -128,7 +130,7 @@ class PeriodMap:
         return y
 
     def from_command(self, y: np.ndarray, turn_back: Turn, idle: np.ndarray) -> np.ndarray:
-        """States (k, n) of the drive as seen from the command; what does not move on is that of ``idle``."""
+        """States (k, n) of the drive as seen from the command; entries that are not integrated are taken from ``idle``."""
         x = self._turned(y, turn_back)
         x[:, self.idle] = idle[:, self.idle]
         return x
@@ -153,7 +155,7 @@ class PeriodMap:
         state.clock[kernel.NOW], state.clock[kernel.NEXT_STEP] = self.start, p.max_step
         state.clock[kernel.REF_A], state.clock[kernel.REF_B] = self.references(angle)
         state.clock[kernel.THETA_E] = p.z * angle
-        kernel.start(state, p)
+        kernel.initial_friction(state, p)
 
     def advance(self, x: np.ndarray, samples: Any = None) -> np.ndarray:
         """State after the period, seen from the command."""
@@ -168,14 +170,14 @@ class PeriodMap:
 
 
 def interrupted(status: int) -> NotPeriodic:
-    """What a status of the kernel means to a search."""
+    """The kernel's status as an error of the search."""
     if status == kernel.LOST_SYNCHRONISM:
         return NotPeriodic("a trial of the search lost synchronism, which says nothing of the drive itself")
     return NotPeriodic("the solution is not finite, or its step became too small")
 
 
 def _sizes(scale: np.ndarray, scenario: Scenario) -> np.ndarray:
-    """What one microstep moves, for each state."""
+    """What one microstep moves, for each state (from the scales of the error test)."""
     tolerance = scenario.solver.tolerance / scenario.solver.refinement**4
     return 1.0 / np.where(scale > 0.0, scale * tolerance, 1.0)
 

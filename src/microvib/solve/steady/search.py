@@ -1,9 +1,22 @@
-"""Search for the motion that repeats with the command (multiple shooting), and checks of what was found.
+"""Search for the motion that repeats with the command (multiple shooting), and checks of the motion found.
 
-The period (``microvib.solve.steady.period``) is cut into segments that run at the same time
-(``microvib.solve.steady.segments``); sought are states at their starts such that each segment ends where the next one starts,
-and the last where the first does. Quasi-Newton: the derivative of a segment is that of a part of the period, by differences, then
-come Broyden's updates. What was found must be stable, and the only such motion as far as some further starts tell.
+**Unknown** are the states x_0 ... x_(k-1) of the drive at the starts of the k segments into which the period is cut
+(``microvib.solve.steady.segments``), seen from the command and in units of what one microstep moves. **Solved** is that each
+segment ends where the next one starts, and the last where the first does:
+
+    P_j(x_j) = x_(j+1),    j = 0 ... k - 1,    x_k = x_0
+
+with P_j the kernel's own integration over segment j, all segments at the same time in the lanes. ``_Newton`` solves this with
+derivatives from differences (``Search._derivatives``) and Broyden's updates.
+
+A solution repeats with the command, but need not be what the drive does. Five **checks** stand against one failure each:
+
+- ``_check_stable``: an unstable motion solves the equations as well; the drive leaves it.
+- ``_check_settles``: a stable motion that takes minutes to settle, because friction feeds an array mode, is not what a run shows.
+- ``_check_for_others``: long and short slips in turn may solve the equations beside equal ones; the output is wound up and must
+  come back.
+- ``_check_for_stick_slip``: beside smooth slip there may be an oscillation that sticks; the drive is stopped and must slip again.
+- ``_check_from_rest``: whatever the others miss; a start from rest, with starts on the way from there, must arrive at the motion.
 """
 
 from __future__ import annotations
@@ -22,53 +35,53 @@ from microvib.solve.steady.period import NotPeriodic, PeriodMap
 from microvib.solve.steady.segments import Ends, Segments
 from microvib.solve.vector import WIDTH
 
-CLOSE = 1e-5
-"""Distance from the steady state, over what a microstep moves, at which a state is accepted."""
-AS_CLOSE_AS_IT_GETS = 5e-4
-"""Distance at which one is accepted whose corrections fall no longer: the tolerance of the integration shows."""
-CALMS = 0.07
-"""Time [s] that is simulated before a search, so that fast motions settle, or MOST_SWEEPS segments if that is less."""
-MOST_SWEEPS = 2
-SAMPLED_FROM = 0.5
-"""Distance below which the torque is sampled, for it may be the last."""
-RENEWED_FROM = 2.0
-"""Correction after which the derivatives are taken anew, for they were those of another motion."""
-BELIEVED = 1e3
-"""Correction above which the linearisation is not believed and a period is let pass instead."""
-MOST_STEPS = 12
+CONVERGED = 1e-5
+"""Last correction, over what a microstep moves, below which a state is accepted."""
+CONVERGED_STALLED = 5e-4
+"""The same where corrections have stopped falling, limited by the tolerance of the integration."""
+WARM_UP = 0.07
+"""Time [s] simulated before a search, for fast motions to settle, or MAX_SWEEPS segments if that is less."""
+MAX_SWEEPS = 2
+SAMPLED_BELOW = 0.5
+"""Correction below which the torque is sampled: the next evaluation may be the last."""
+RENEW_ABOVE = 2.0
+"""Correction above which derivatives are computed again: those at hand belong to another motion."""
+MAX_CORRECTION = 1e3
+"""Correction above which the linearisation is not trusted; a period is simulated instead."""
+MAX_STEPS = 12
 """Corrections that a search may take; four or five are usual."""
 STABLE = 1.005
-"""Largest multiplier that passes for stable: that of a mode without damping is 1, and it is measured to a thousandth."""
-FAR_FROM_STABLE = 10.0
-"""Multiplier from which its figure means nothing."""
-LONG = 200.0
-"""Settling [s] that is too long for a run to show the motion, unless the modes' own damping is as slow."""
-FED = 2.0
-"""Settling, over that of the modes' own damping, from which friction feeds them."""
+"""Largest multiplier that passes for stable: an undamped mode has 1, and multipliers are measured to a thousandth."""
+UNQUANTIFIED = 10.0
+"""Multiplier above which its value is not given, since it means nothing."""
+MAX_SETTLING = 200.0
+"""Settling time [s] too long for a run to show the motion, unless the modes' own damping is as slow."""
+SETTLING_RATIO = 2.0
+"""Settling time, over that by the modes' own damping, above which friction feeds the modes."""
 SLOW = 0.8
-"""Multiplier from which a deviation's decay is measured over a whole period and not taken from the derivative."""
+"""Multiplier above which the decay of a deviation is measured over a whole period, not taken from the derivatives."""
 DEVIATION = 0.3
-"""Deviation with which it is measured, over what a microstep moves."""
-WINDINGS = np.array([-12.0, -8.0, -5.0, -3.0, -2.0, -1.0, 3.0, 6.0]) / 32.0
-"""Full steps by which the output is wound forward of where it was found, to see whether it comes back."""
-BACK = 0.1
-"""Distance at which it is back."""
+"""Deviation with which that is measured, over what a microstep moves."""
+WINDUP_STEPS = np.array([-12.0, -8.0, -5.0, -3.0, -2.0, -1.0, 3.0, 6.0]) / 32.0
+"""Full steps by which the output is wound forward, one lane each, to see whether it comes back."""
+RETURNED = 0.1
+"""Distance at which it has come back."""
 STICKING = np.array([kernel.WM, kernel.WL])
-"""States that are zero exactly where a friction sticks."""
+"""States that are exactly zero while a friction sticks."""
 NUDGE = 0.03
-"""Step of differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
-CALMS_WITHIN = 4.0
-"""Time [s] within which what was stopped must slip again without sticking."""
-SHARES = np.array([1.0, 0.75, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01])
-"""Parts of the distance from what was found to a start from rest at which lanes begin, the last one for small deviations."""
-PATIENCE = (4, 8, 16, 32)
-"""Periods after which it is asked whether all are back or on their way; the last time for good."""
-AS_SMALL_ONES = 1.3
-"""Part of what small deviations would have left that a large one may be at."""
-CAME_BACK = 0.02
-"""Distance at which one is back."""
-STILL_FALLS = 1.01
-"""Part of itself that a small deviation may be at after twice as many periods: a mode without damping keeps its own."""
+"""Step of the differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
+SLIPS_AGAIN_WITHIN = 4.0
+"""Time [s] within which a body that was stopped must slip for a whole period without sticking."""
+REST_FRACTIONS = np.array([1.0, 0.75, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01])
+"""Starts between the motion found (0) and rest (1), one lane each; the last shows how small deviations decay."""
+CHECKED_AFTER = (4, 8, 16, 32)
+"""Periods after which all lanes are checked for having come back, or being on the way; the last check decides."""
+DECAY_ALLOWANCE = 1.3
+"""Distance that a large deviation may have, over that expected from the decay of the small one."""
+ARRIVED = 0.02
+"""Distance at which a lane has arrived."""
+NOT_GROWING = 1.01
+"""Factor by which the small deviation may differ after twice as many periods: an undamped mode keeps its amplitude."""
 NOT_FOUND = "no motion was found that repeats with the command"
 HARMONICS = 8
 """Driving lines whose amplitudes the sampling must not disturb; see ``_rows``."""
@@ -79,43 +92,47 @@ class NotShown(NotPeriodic):
 
 
 class Search:
-    """The search; its states ``x`` (segments, n) are those at the starts of all segments, in units of what a microstep moves."""
+    """The search; ``x`` (segments, n) are the states at the starts of all segments, in units of what a microstep moves."""
 
     def __init__(self, period: PeriodMap) -> None:
         self.period = period
         self.segments = Segments(period, _rows(period))
 
-    def run(self, settle: int) -> Search:
-        """Search from the mean motion, after ``settle`` periods of simulation; NotPeriodic where nothing is found."""
-        x, self.distance = self._begin(settle), math.inf
-        for step in range(MOST_STEPS):
-            sampled = self.distance < SAMPLED_FROM
+    def run(self, warm_up: int) -> Search:
+        """Search from the mean motion, after ``warm_up`` periods of simulation; NotPeriodic where nothing is found."""
+        x, self.distance = self._begin(warm_up), math.inf
+        for step in range(MAX_STEPS):
+            sampled = self.distance < SAMPLED_BELOW
             self.x, self.ends = self._advance(x, sampled)
-            if self.distance > RENEWED_FROM:
+            if self.distance > RENEW_ABOVE:
                 self.newton = _Newton(self._derivatives(self.ends.x[-1]))
             x = self.newton.next(self.x, self.ends.x)
             last, self.distance = self.distance, float(np.max(np.abs(x - self.x)))
-            falls = self.distance < last and step + 1 < MOST_STEPS
-            if sampled and self.distance < (CLOSE if falls else AS_CLOSE_AS_IT_GETS):
+            falls = self.distance < last and step + 1 < MAX_STEPS
+            if sampled and self.distance < (CONVERGED if falls else CONVERGED_STALLED):
                 self._check_stable()
                 self._check_settles()
                 self._check_for_others()
                 self._check_for_stick_slip()
                 self._check_from_rest()
                 return self
-            if self.distance > BELIEVED:
+            if self.distance > MAX_CORRECTION:
                 x = self._swept(self.ends.x, len(self.x))
         raise NotPeriodic(NOT_FOUND)
 
-    def _begin(self, settle: int) -> np.ndarray:
-        """States to start from: where some segments lead from the mean motion, or after periods of simulation."""
+    def _begin(self, warm_up: int) -> np.ndarray:
+        """States to start from, from the mean motion (``PeriodMap.guess``).
+
+        Fast motions must have settled: with ``warm_up`` whole periods they are simulated one after the other; without, each
+        segment starts from the mean motion and is simulated for WARM_UP, all at the same time.
+        """
         period, bounds = self.period, self.segments.bounds
         start = period.guess()
-        if settle == 0:
+        if warm_up == 0:
             states = np.tile(start / period.sizes, (bounds.size - 1, 1))
             segment = 1.0 / (period.frequency * len(states))
-            return self._swept(states, min(math.ceil(CALMS / segment), MOST_SWEEPS))
-        for _ in range(settle):  # the fast motions settle
+            return self._swept(states, min(math.ceil(WARM_UP / segment), MAX_SWEEPS))
+        for _ in range(warm_up):
             start = period.advance(start)
         chain = [start / period.sizes]
         for j in range(bounds.size - 2):
@@ -123,7 +140,7 @@ class Search:
         return np.array(chain)
 
     def _swept(self, x: np.ndarray, times: int) -> np.ndarray:
-        """States after simulating from each start to the next one, some times."""
+        """States after simulating from each start to the next, ``times`` over."""
         for _ in range(times):
             x = _shifted(self._advance(x)[1].x)
         return x
@@ -131,8 +148,9 @@ class Search:
     def _derivatives(self, x: np.ndarray) -> np.ndarray:
         """Derivative of each segment's map, (segments, n, n).
 
-        That of a sixteenth of the period, or of one microstep, by differences at ``x`` (n,), to the power of their number: the
-        parts differ by the detent torque only.
+        Only a sixteenth of the period, or one microstep if that is more, is differentiated, by differences at ``x`` (n,) in each
+        state; a segment of m such parts has the m-th power. The parts differ only by the detent torque, which Broyden's
+        updates make good. The rate of a body that sticks at the end of a part has no influence, nor do ``idle`` states.
         """
         part, moving = self.segments.part, np.setdiff1d(np.arange(x.size), self.period.idle)
         starts = np.vstack([x, x + NUDGE * np.eye(x.size)[moving]])
@@ -148,12 +166,12 @@ class Search:
         return result
 
     def _from(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, sampled: bool = False) -> Ends:
-        """Segments from states (k, n) at microsteps ``first`` (k,) to the microsteps ``last``, both in units."""
+        """Segments from states (k, n) at the microsteps ``first`` (k,) to the microsteps ``last``; states in units here."""
         ends = self.segments.advance(x * self.period.sizes, first, last, sampled)
         return replace(ends, x=ends.x / self.period.sizes)
 
     def _advance(self, x: np.ndarray, sampled: bool = False) -> tuple[np.ndarray, Ends]:
-        """The states as they were started, with the rates at zero of what sticks; their segments' ends."""
+        """The states as started, with the rates of what sticks at zero, and the ends of their segments."""
         bounds = self.segments.bounds
         ends = self._from(x, bounds[:-1], bounds[1:], sampled)
         x = x.copy()
@@ -161,11 +179,15 @@ class Search:
         return x, ends
 
     def _check_stable(self) -> None:
+        """Against unstable motions: no deviation may grow from period to period.
+
+        The derivatives of the search belong to the first iterates; where they say unstable, those at the solution decide.
+        """
         self.multiplier = self._multiplier(self.newton.derivatives)
         if self.multiplier > STABLE:
             self.multiplier = self._multiplier(self._derivatives(self.x[0]))
         if self.multiplier > STABLE:
-            far = "far from it" if self.multiplier > FAR_FROM_STABLE else f"multiplier {self.multiplier:.4g}"
+            far = "far from it" if self.multiplier > UNQUANTIFIED else f"multiplier {self.multiplier:.4g}"
             raise NotPeriodic(f"what repeats with the command is not stable ({far})")
 
     @property
@@ -176,17 +198,22 @@ class Search:
         return math.log(0.01) / math.log(max(self.multiplier, 1e-9)) / self.period.frequency
 
     def _check_settles(self) -> None:
-        """A mode that friction feeds nearly as fast as it loses may ring for minutes: no run shows what it rings about."""
+        """Against motions that no run reaches: a mode that friction feeds nearly as fast as damping drains it rings for minutes."""
         rates = [m.damping * 2.0 * math.pi * m.frequency for m in self.period.scenario.array.modes]
         own = math.log(100.0) / max(min(rates, default=math.inf), 1e-9)
-        if self.settling > max(LONG, FED * own):
+        if self.settling > max(MAX_SETTLING, SETTLING_RATIO * own):
             raise NotShown(
                 f"friction that falls with the rate keeps it ringing: deviations take {self.settling:.3g} s to fall to a hundredth,"
                 f" {own:.3g} s by the modes' own damping"
             )
 
     def _multiplier(self, derivatives: np.ndarray) -> float:
-        """Largest part of a deviation that is left after a period, of slow ones measured along their directions, all at once."""
+        """Largest part of a deviation that is left after a period.
+
+        The eigenvalues of the derivatives' product are too coarse near 1, since the derivatives are powers of one part's. For the
+        slow ones, a deviation along all their right eigenvectors is therefore simulated, and the left eigenvectors, which see
+        one direction each, read off what is left in every segment.
+        """
         values, left, right = eig(_product(derivatives), left=True)
         size = np.abs(values)
         slow = (size > SLOW) & (values.imag >= 0.0)
@@ -197,16 +224,17 @@ class Search:
             for derivative in derivatives[::-1]:
                 seen.insert(0, seen[0] @ derivative)
             off = np.array([v.real.sum(axis=1) for v in along])
-            off *= DEVIATION / np.max(np.abs(off)) * (self.x != 0.0)  # what sticks stays
+            off *= DEVIATION / np.max(np.abs(off)) * (self.x != 0.0)  # what sticks stays at rest
             x, ends = self._advance(self.x + off)
             for j in range(len(x)):
                 size[slow] *= np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j])) / np.abs(seen[j] @ (x[j] - self.x[j]))
         return float(np.max(size))
 
     def _check_for_others(self) -> None:
-        """Wind the output back, and on, all lanes by different angles: what sticks and slips may do so in more than one way.
+        """Against several motions: what sticks and slips may do so in more than one way, such as long and short slips in turn.
 
-        Each must be back, or on its way, within a period. Array modes are held to what was found, for they take longer.
+        The output is wound up, backward and forward, by a different angle in each lane, and must have come back after a period, or
+        be coming. Array modes are held at the motion found, since they take longer.
         """
         period, bounds, modes = self.period, self.segments.bounds, slice(kernel.MODES, None)
         if not np.any(self.ends.ever):
@@ -214,23 +242,26 @@ class Search:
         driver, turned = period.scenario.driver, math.copysign(1.0, period.scenario.rate or 0.0)
         x = np.tile(self.x[0], (WIDTH, 1))
         x[:, kernel.TM if period.packed.drive.rigid else kernel.TL] += (
-            WINDINGS * turned * driver.beats / 4 * driver.microsteps
+            WINDUP_STEPS * turned * driver.beats / 4 * driver.microsteps
         )
         away = []
         for k in range(max(bounds.size - 1, WIDTH)):
             j = k % (bounds.size - 1)
             x = self._from(x, np.full(WIDTH, bounds[j]), np.full(WIDTH, bounds[j + 1])).x
             away.append(np.max(np.abs(x - self.ends.x[j])[:, : kernel.MODES], axis=1))
-            if np.all(away[-1] < BACK):
+            if np.all(away[-1] < RETURNED):
                 return
             x[:, modes] = self.ends.x[j, modes]
-        if np.any(np.maximum(away[-1], away[-2]) > np.maximum(BACK, 0.7 * away[len(away) // 2 - 1])):
+        if np.any(np.maximum(away[-1], away[-2]) > np.maximum(RETURNED, 0.7 * away[len(away) // 2 - 1])):
             raise NotShown(
                 "of the motions that repeat with the command there are several; which one, its beginning decides"
             )
 
     def _check_for_stick_slip(self) -> None:
-        """Stop what never sticks: where friction falls with the rate, an oscillation that sticks and slips may last beside it."""
+        """Against stick-slip beside smooth slip, which friction that falls with the rate permits.
+
+        Bodies that never stick are stopped; within SLIPS_AGAIN_WITHIN a whole period must pass without sticking.
+        """
         period, p = self.period, self.period.packed.drive
         falls = np.array([p.m_stribeck > 0.0, p.l_stribeck > 0.0])
         never = falls & np.logical_not(np.any(self.ends.ever, axis=0))
@@ -239,7 +270,7 @@ class Search:
         x = self.x[0] * period.sizes
         x[STICKING if p.rigid else STICKING[never]] = 0.0
         counters = period.packed.state.counters
-        for _ in range(math.ceil(CALMS_WITHIN * period.frequency)):
+        for _ in range(math.ceil(SLIPS_AGAIN_WITHIN * period.frequency)):
             before = int(counters[kernel.STICKS])
             x = period.advance(x)
             if counters[kernel.STICKS] == before:
@@ -247,26 +278,26 @@ class Search:
         raise NotShown("beside the motion that repeats with the command there is one that sticks and slips")
 
     def _check_from_rest(self) -> None:
-        """What a run shows is what a start from rest goes on to: the last witness, with starts on the way from there.
+        """Against all else: the motion that a run shows is the one that a start from rest leads to.
 
-        One lane begins at rest with the command, the others at parts of its distance from what was found, the last so near that
-        it tells whether and how small deviations fall. All must be back, or have fallen as these do: a mode may ring for long, but
-        what stays where it is, or falls more slowly, goes on to another motion.
+        One lane starts from rest with the command, the others at fractions of its distance from the motion found, the last so
+        near that it shows whether and how fast small deviations decay. Every lane must arrive, or decay as the small deviation
+        does: a mode may ring for long, but a lane that keeps its distance, or decays more slowly, goes to another motion.
         """
-        x = self.x[0] + SHARES[:, None] * (self._at_section_from_rest() - self.x[0])
+        x = self.x[0] + REST_FRACTIONS[:, None] * (self._at_section_from_rest() - self.x[0])
         away = [self._distance(x)]
-        for periods in range(1, PATIENCE[-1] + 1):
+        for periods in range(1, CHECKED_AFTER[-1] + 1):
             x = self._period(x)
             away.append(self._distance(x))
-            if periods in PATIENCE:
-                expected = away[-1][-1] * SHARES / SHARES[-1]
-                falls = away[-1][-1] <= max(STILL_FALLS * away[periods // 2][-1], SHARES[-1] * CAME_BACK)
-                if falls and np.all(away[-1] <= np.maximum(AS_SMALL_ONES * expected, CAME_BACK)):
+            if periods in CHECKED_AFTER:
+                expected = away[-1][-1] * REST_FRACTIONS / REST_FRACTIONS[-1]
+                falls = away[-1][-1] <= max(NOT_GROWING * away[periods // 2][-1], REST_FRACTIONS[-1] * ARRIVED)
+                if falls and np.all(away[-1] <= np.maximum(DECAY_ALLOWANCE * expected, ARRIVED)):
                     return
         raise NotShown("a start from rest does not go on to the motion that repeats with the command")
 
     def _at_section_from_rest(self) -> np.ndarray:
-        """State at the end of the period, in units, of a drive that stood still until a run's first microstep."""
+        """State at the end of the period, in units, of a drive that started from rest with a run's first microstep."""
         state, first = self.period.at_rest()
         x = np.tile(state / self.period.sizes, (WIDTH, 1))
         for last in self.segments.bounds[self.segments.bounds > first].tolist():
@@ -282,9 +313,9 @@ class Search:
         return x
 
     def _distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance of states (k, n) from what was found, (k,): root of the sum of squares.
+        """Distance of states (k, n) from the motion found, (k,): root of the sum of squares.
 
-        A mode's two states weigh by its energy, so that the phase in which it rings does not matter.
+        The two states of a mode are weighted by its energy, so that the phase in which it rings does not matter.
         """
         off, size = x - self.x[0], self.period.sizes
         Omega = np.array([2.0 * math.pi * mode.frequency for mode in self.period.scenario.array.modes])
@@ -294,8 +325,15 @@ class Search:
 
 
 class _Newton:
-    """Zero of what each segment's end misses the next one's start by: Newton's step with given derivatives, and Broyden's
-    (good) updates of its inverse."""
+    """Quasi-Newton for the gaps g_j = P_j(x_j) - x_(j+1): Newton's step with given derivatives D_j, then Broyden's updates.
+
+    Newton's step d solves d_(j+1) = D_j d_j + g_j. Run through the period, this leaves a system of the size of one state,
+
+        (I - D_(k-1) ... D_0) d_0 = g_(k-1) + D_(k-1) g_(k-2) + ... + D_(k-1) ... D_1 g_0
+
+    and the other d_j follow by recursion. Broyden's "good" updates correct the inverse of the whole system by rank one from each
+    step and the change of the gaps that it made; they are kept as pairs of vectors and applied in turn.
+    """
 
     def __init__(self, derivatives: np.ndarray) -> None:
         self.derivatives = derivatives
@@ -304,7 +342,7 @@ class _Newton:
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
     def next(self, x: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Where nothing should be missed, now that ``x`` (segments, n) is known to lead to ``end``."""
+        """The next states, now that ``x`` (segments, n) is known to lead to ``end``."""
         change = self._change(end - np.concatenate([x[1:], x[:1]]))
         if self._last is not None:
             step, moved = x - self._last[0], self._last[1] - change
@@ -317,7 +355,7 @@ class _Newton:
         return result
 
     def _change(self, missed: np.ndarray) -> np.ndarray:
-        """Change of the starts that makes good what is ``missed``."""
+        """Change of the starts that closes the gaps ``missed``."""
         after = np.zeros(missed.shape[1])
         for derivative, gap in zip(self.derivatives, missed, strict=True):
             after = derivative @ after + gap
@@ -348,9 +386,10 @@ def _product(derivatives: np.ndarray) -> np.ndarray:
 
 
 def _rows(period: PeriodMap) -> int:
-    """Intervals of a microstep. Of n in a period an order k takes up k/(n - k) of what order n - k has, and torques have jumps.
+    """Sample intervals in one microstep.
 
-    So many that this is a third at the end of the record's band, and a fiftieth at the driving lines that are looked for.
+    With n interval means in a period, k/(n - k) of order n - k is aliased into order k, and torques have jumps. This makes n so
+    large that the fraction is at most a third at the end of the record's band, and a fiftieth at the driving lines.
     """
     highest = math.ceil(PASSBAND * period.scenario.record.sample_rate / period.frequency)
     return math.ceil(max(4 * highest, 50 * min(HARMONICS * period.microsteps, highest)) / period.microsteps)

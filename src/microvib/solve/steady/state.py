@@ -1,7 +1,7 @@
 """The periodic steady state at constant rate, found directly: ``steady_state(scenario)``.
 
-It is the state that a period of the command leaves as it is (``microvib.solve.steady.search``). What would take the array modes
-a minute to settle is solved for; friction, stick and detent are those of the kernel, for it is the kernel that runs the period.
+It is the state that a period of the command maps to itself (``microvib.solve.steady.search``). Solving for it replaces the minute
+that array modes take to settle; friction, stick and detent are the kernel's own, because the kernel integrates the period.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search
 
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
-"""Searches in turn: periods of the command after which the motion may repeat, and such periods simulated before."""
+"""Searches in turn: periods of the command after which the motion may repeat, and such periods simulated beforehand."""
 LONGEST = 8
 """Quarter electrical turns that a transmission error may take to repeat."""
 
-MOST_MODES = 100
-"""Array modes beyond which differences in each state take longer than the run in time."""
+MAX_MODES = 100
+"""Array modes beyond which differences in each state take longer than time integration."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class SteadyState:
     state: np.ndarray
     """The kernel's state at the start of the period, seen from the command (``microvib.solve.steady.period``)."""
     distance: float
-    """Estimated distance of ``state`` from the steady one, over what a microstep moves."""
+    """Estimated distance of ``state`` from the steady state, over what a microstep moves."""
     multiplier: float
     """Largest part of a deviation that is left after a period; below 1 the motion is stable."""
     solver: dict[str, Any]
@@ -57,12 +57,12 @@ class SteadyState:
 
     @property
     def channels(self) -> dict[str, np.ndarray]:
-        """All channels by name, (n,) each, from one more run over the period, which is made when they are first asked for."""
+        """All channels by name, (n,) each, from one more run over the period, made when they are first needed."""
         return self._period[0]
 
     @property
     def invariants(self) -> Invariants:
-        """What must have held over the period, of that run."""
+        """Invariants of that run over the period."""
         return self._period[1]
 
     @cached_property
@@ -87,7 +87,7 @@ class SteadyState:
     def harmonics(self, name: str = "T_d") -> np.ndarray:
         """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0, 1, ..., (n // 2,).
 
-        Phases are those of cosines at the first sample of the record, ``record.settle``. The means' droop is made good.
+        Phases are those of cosines at the first sample of the record, ``record.settle``. The droop of interval means is corrected.
         """
         x = self[name]
         n = x.shape[0]
@@ -114,20 +114,20 @@ def steady_state(scenario: Scenario) -> SteadyState:
     """The steady state of ``scenario`` at the rate that it has in its record.
 
     Raises NotPeriodic, with the reason, where the rate changes or is zero, where a transmission error takes too long to
-    repeat, where there are more than MOST_MODES modes, or where no stable and unique motion was found that repeats within
+    repeat, where there are more than MAX_MODES modes, or where no stable and unique motion was found that repeats within
     three periods of the command.
     """
     begun = clock_time.perf_counter()
     repeat, quarter = repeats_after(scenario)
     if repeat > LONGEST * quarter:
         raise NotPeriodic(f"the transmission error repeats with the command only every {repeat} microsteps")
-    if len(scenario.array.modes) > MOST_MODES:
-        raise NotPeriodic(f"there are more than {MOST_MODES} array modes, for which the run in time is faster")
+    if len(scenario.array.modes) > MAX_MODES:
+        raise NotPeriodic(f"there are more than {MAX_MODES} array modes, for which time integration is faster")
     reason, spent = "", 0.0
-    for multiple, settle in ATTEMPTS:
+    for multiple, warm_up in ATTEMPTS:
         period = PeriodMap(scenario, multiple * repeat)
         try:
-            search = Search(period).run(settle)
+            search = Search(period).run(warm_up)
             return _found(search, spent, clock_time.perf_counter() - begun)
         except NotShown:
             raise
@@ -138,7 +138,7 @@ def steady_state(scenario: Scenario) -> SteadyState:
 
 
 def _found(search: Search, spent: float, seconds: float) -> SteadyState:
-    """What a search found, after others simulated ``spent`` [s] in vain."""
+    """The result of a search, after others simulated ``spent`` [s] in vain."""
     period = search.period
     settings, simulated = period.scenario.solver, spent + period.evaluations / period.frequency
     solver = {
