@@ -39,7 +39,7 @@ def study(count: int, settle: float, record: float) -> Study:
         "vary": dict.fromkeys(keys, spread),
         "sampling": {"method": "random", "count": count},
     }
-    return validated(Study, data, units_required=True)
+    return validated(Study, data)
 
 
 def timed(campaign: Campaign, workers: int) -> tuple[float, float]:

@@ -157,7 +157,7 @@ def design_of(x: np.ndarray, mesh: float = 0.6) -> ArrayDesign:
     data["hinges"]["between"] = [hinge(-v["position"], line), hinge(v["position"], stiffer)]
     data["offset"] = v.get("offset", 3.2e-3)
     data["mesh"] = mesh
-    return validated(ArrayDesign, data)
+    return validated(ArrayDesign, data, si=True)
 
 
 @cache

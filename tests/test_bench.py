@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.scenarios import in_si
 
 import microvib as mv
 from microvib.analysis.lines import lines_of_recording
@@ -26,12 +27,12 @@ def loads_of(bench: Bench, frequency: float, amplitude: float = 1.0) -> tuple[np
 
 
 def reading(frequency: float, channel: str = "Mz", **settings) -> float:
-    bench = Bench(**{**IDEAL, **settings})
+    bench = in_si(Bench, **{**IDEAL, **settings})
     return tone_amplitude(measure(bench, *loads_of(bench, frequency))[channel], bench.sample_rate, frequency)
 
 
 def test_an_ideal_bench_changes_nothing():
-    bench = Bench(**IDEAL)
+    bench = in_si(Bench, **IDEAL)
     loads, twist = loads_of(bench, 37.3)
     np.testing.assert_array_equal(measure(bench, loads, twist)["Fx"], loads[0, 16384::4][: bench.samples])
 
@@ -40,13 +41,13 @@ def test_an_ideal_bench_changes_nothing():
 def test_a_table_resonance_amplifies(f):
     r = f / 100.0
     expected = 1.0 / math.hypot(1 - r * r, 2 * 0.05 * r)
-    table = (Resonance(component="Mz", frequency=100.0, damping=0.05),)
+    table = (in_si(Resonance, component="Mz", frequency=100.0, damping=0.05),)
     assert reading(f, table=table) == pytest.approx(expected, rel=1e-4)
     assert reading(f, "Mx", table=table) == pytest.approx(1.0, rel=1e-6)
 
 
 def test_a_platform_takes_its_share_above_its_resonance():
-    platform = (Resonance(component="Fx", frequency=2.0, damping=0.1, share=0.03),)
+    platform = (in_si(Resonance, component="Fx", frequency=2.0, damping=0.1, share=0.03),)
     assert reading(100.0, "Fx", platform=platform) == pytest.approx(0.97, rel=1e-3)
     s = 2j * np.pi * 2.2
     w = 2 * np.pi * 2.0
@@ -57,13 +58,13 @@ def test_a_platform_takes_its_share_above_its_resonance():
 def test_high_pass_and_anti_aliasing_filter():
     assert reading(1.0, high_pass=1.0) == pytest.approx(math.sqrt(0.5), rel=2e-3)
     assert reading(200.0, filter_corner=200.0, filter_order=6) == pytest.approx(math.sqrt(0.5), rel=2e-3)
-    bench = Bench(**IDEAL, filter_corner=400.0, filter_order=8)
+    bench = in_si(Bench, **IDEAL, filter_corner=400.0, filter_order=8)
     out = measure(bench, *loads_of(bench, 1024.0 - 50.0))["Mz"]
     assert tone_amplitude(out, 1024.0, 50.0) < 2e-3  # would alias to 50 Hz
 
 
 def test_noise_floor_has_its_density():
-    bench = Bench(**IDEAL, torque_noise=1e-3, force_noise=2e-3, filter_corner=400.0)
+    bench = in_si(Bench, **IDEAL, torque_noise=1e-3, force_noise=2e-3, filter_corner=400.0)
     quiet = np.zeros_like(loads_of(bench, 1.0)[0])
     out = measure(bench, quiet, quiet[0], seed=3)
     from microvib.signals.spectrum import power_spectral_density
@@ -76,8 +77,8 @@ def test_noise_floor_has_its_density():
 
 
 def test_rope_sways_and_twists():
-    rope = Rope(length=4.0, mass=40.0, sway=1e-3, damping=0.0, torsional_stiffness=0.5)
-    bench = Bench(**(IDEAL | {"duration": 40.0}), rope=rope)
+    rope = in_si(Rope, length=4.0, mass=40.0, sway=1e-3, damping=0.0, torsional_stiffness=0.5)
+    bench = in_si(Bench, **(IDEAL | {"duration": 40.0}), rope=rope)
     quiet = np.zeros((6, math.ceil(bench.span * bench.analog_rate)))
     twist = np.linspace(0.0, 0.2, quiet.shape[1])
     out = measure(bench, quiet, twist)
@@ -87,13 +88,13 @@ def test_rope_sways_and_twists():
 
 
 def test_converter_rounds_clips_and_runs_at_its_own_clock():
-    bench = Bench(**IDEAL, bits=8, torque_range=1.28)
+    bench = in_si(Bench, **IDEAL, bits=8, torque_range=1.28)
     out = measure(bench, *loads_of(bench, 37.3, 0.7))["Mz"]
     assert np.allclose(out / 0.01, np.round(out / 0.01))
     loud = measure(bench, *loads_of(bench, 37.3, 2.0))
     assert loud["Mz"].max() == 1.28
     assert any("clipped" in note and "Mz" in note for note in loud.notes)
-    fast = Bench(**IDEAL, clock_error=1e-3)
+    fast = in_si(Bench, **IDEAL, clock_error=1e-3)
     out = measure(fast, *loads_of(fast, 37.3))["Mz"]
     t = np.arange(out.size) / (1024.0 * 1.001)
     np.testing.assert_allclose(out, np.cos(2 * np.pi * 37.3 * (4.0 + t)), atol=2e-6)
@@ -128,7 +129,7 @@ def test_what_goes_in_comes_out(tmp_path, measured, suffix):
 def test_cross_talk_is_taken_out_again():
     rng = np.random.default_rng(1)
     matrix = np.eye(6) + 0.03 * rng.normal(size=(6, 6))
-    bench = Bench(**IDEAL, cross_talk=tuple(map(tuple, matrix.tolist())))
+    bench = in_si(Bench, **IDEAL, cross_talk=tuple(map(tuple, matrix.tolist())))
     n = math.ceil(bench.span * bench.analog_rate)
     loads = rng.normal(size=(6, n))
     seen = measure(bench, loads, np.zeros(n))
@@ -196,7 +197,7 @@ def test_axes_and_offset_turn_the_frame():
     table = Recording(one, 1.0, units)
     turned = Preparation(axes=("y", "-x", "z")).apply(table)
     assert [turned[n][0] for n in COMPONENTS] == [2, -1, 3, 5, -4, 6]
-    moved = Preparation(offset=(0.0, 0.0, 2.0)).apply(table)
+    moved = in_si(Preparation, offset=(0.0, 0.0, 2.0)).apply(table)
     np.testing.assert_allclose(
         [moved[n][0] for n in COMPONENTS[3:]], np.array([4, 5, 6]) - np.cross([0, 0, 2], [1, 2, 3])
     )

@@ -57,7 +57,7 @@ EVERYTHING = (0.0, np.inf)
 
 def study(**keys) -> Study:
     data = {"scenario": "state-1", "set": SHORT, "vary": {"driver.microsteps": [8, 16]}, **keys}
-    return validated(Study, data, units_required=True)
+    return validated(Study, data)
 
 
 def spread(count: int = 6, **keys) -> Study:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.scenarios import in_si
 
 import microvib as mv
 from microvib.model.friction import Friction, SlipRing
@@ -57,12 +58,12 @@ def test_eq_5_and_7_friction(state_1):
 
 
 def test_eq_6_slip_ring():
-    ring = SlipRing(contact_pairs=320, contact_force=0.042, friction_factor=1.53, ring_radius=0.0265)
+    ring = in_si(SlipRing, contact_pairs=320, contact_force=0.042, friction_factor=1.53, ring_radius=0.0265)
     assert ring.torque == pytest.approx(0.54492, abs=1e-5)
 
 
 def test_friction_without_slip_ring_is_eq_5():
-    friction = Friction(coulomb=1.0, breakaway=1.0, stribeck_rate=1.0, viscous=2.0)
+    friction = in_si(Friction, coulomb=1.0, breakaway=1.0, stribeck_rate=1.0, viscous=2.0)
     assert friction.torque(3.0) == 7.0
 
 

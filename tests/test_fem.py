@@ -10,6 +10,7 @@ from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.results import read_table
 from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
+from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign
 from microvib.structures.fem.array_mesh import modal_model, solve_array, structure_of
 from microvib.structures.fem.coupling import Coupling, coupling, rotating_frequencies, size
@@ -35,7 +36,7 @@ def changed(design, **groups):
         for name in path:
             node = node[name]
         node[last] = value
-    return ArrayDesign.model_validate(data)
+    return validated(ArrayDesign, data, si=True)
 
 
 def test_table_1(reference):
@@ -135,7 +136,7 @@ def test_a_mechanism_is_named(design):
     for hinge in data["hinges"]["between"]:
         hinge["stiffness"]["about_y"] = hinge["stiffness"]["about_x"] = hinge["stiffness"]["along_z"] = 0.0
     with pytest.raises(StructureError, match=r"without stiffness.*panel 3 moves along z"):
-        solve_array(ArrayDesign.model_validate(data), 4)
+        solve_array(validated(ArrayDesign, data, si=True), 4)
 
 
 def test_a_wrong_unit_is_questioned(design):

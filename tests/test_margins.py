@@ -13,6 +13,7 @@ from microvib.analysis.limits import Judgement, Limit, judge, unsettled
 from microvib.analysis.stream import lines_of_stream
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.line_table import FAINT, LineTable, Rest
+from microvib.units import Si
 
 NOTHING = Rest(np.zeros(0), np.zeros(0))
 
@@ -104,7 +105,7 @@ def test_what_no_line_accounts_for_is_not_passed(table, scenario):
 
 
 def test_a_rate_that_changes_has_no_lines_to_judge(table, scenario):
-    changing = scenario.model_copy(update={"tracking": Tracking(profile=(Leg(rate=1e-3, ramp=100.0),))})
+    changing = scenario.model_copy(update={"tracking": Tracking(profile=(Leg(rate=Si(1e-3), ramp="100 s"),))})
     verdict = judge(only(table, "array_mode_1", status=FAINT, amplitude_n_m=0.0), Limit(10.0), changing)
     assert verdict.verdict == "not judged"
     assert "the rate changes within the record" in str(verdict)

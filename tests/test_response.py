@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.scenarios import in_si
 
 from microvib.errors import MicrovibError
 from microvib.io.recordings import load_preparation, read_prepared, write_recording
@@ -20,7 +21,7 @@ TONES = {14.505: 0.02, 53.3: 0.05, 373.1: 0.03, 1210.7: 0.01}
 
 
 def prepared(x: np.ndarray, **how) -> Recording:
-    return Preparation(**how).apply(Recording({"Mz": x}, RATE, {"Mz": "N*m"}, "made"))
+    return in_si(Preparation, **how).apply(Recording({"Mz": x}, RATE, {"Mz": "N*m"}, "made"))
 
 
 def test_a_boxcar_is_taken_out():
@@ -48,7 +49,7 @@ def test_means_over_another_interval():
 @pytest.mark.parametrize("kind", ["butterworth", "bessel"])
 def test_filters_have_their_corner_and_are_taken_out_with_their_phase(kind):
     chain = [{"kind": kind, "order": 6, "corner": 800.0}, {"kind": kind, "order": 1, "corner": 3.0, "passes": "high"}]
-    stages = Preparation(response=chain).response
+    stages = in_si(Preparation, response=chain).response
     at = response(stages, np.array([3.0, 800.0]), RATE)
     assert np.abs(at) == pytest.approx([math.sqrt(0.5)] * 2, rel=1e-3)
     if kind == "butterworth":
@@ -95,7 +96,7 @@ def test_where_little_is_left_nothing_is_blown_up():
 
 def test_the_virtual_bench_agrees():
     """Its amplifiers and its filter, told to the preparation, give back the loads."""
-    bench = Bench(duration=8.0, lead=4.0, high_pass=1.0, filter_corner=800.0, filter_order=8)
+    bench = in_si(Bench, duration=8.0, lead=4.0, high_pass=1.0, filter_corner=800.0, filter_order=8)
     t = np.arange(math.ceil(bench.span * bench.analog_rate)) / bench.analog_rate
     tones = {5.3: 0.02, 53.3: 0.05, 373.1: 0.03, 700.3: 0.01}
     loads = np.tile(sum(a * np.cos(2 * np.pi * f * t) for f, a in tones.items()), (6, 1))
@@ -104,7 +105,7 @@ def test_the_virtual_bench_agrees():
         {"kind": "butterworth", "order": 8, "corner": bench.filter_corner},
         {"kind": "butterworth", "order": 1, "corner": bench.high_pass, "passes": "high"},
     ]
-    found = Preparation(response=chain).apply(recording)
+    found = in_si(Preparation, response=chain).apply(recording)
     assert tone_amplitude(recording["Mz"], RATE, 700.3) < 0.96 * tones[700.3]
     for f, a in tones.items():
         assert tone_amplitude(found["Mz"], RATE, f) == pytest.approx(a, rel=4e-3)

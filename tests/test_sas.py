@@ -14,6 +14,7 @@ from microvib.errors import MicrovibError, OptionError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.results import read_table
 from microvib.io.scenario_file import dump_part, load_scenario
+from microvib.model.sentences import validated
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.structures.fem.assembly import assemble
 from microvib.structures.fem.described import kinds
@@ -55,7 +56,7 @@ def changed(design, **groups):
         for name in path:
             node = node[name]
         node[last] = value
-    return SimulatorDesign.model_validate(data)
+    return validated(SimulatorDesign, data, si=True)
 
 
 def rigid(design, **groups):

@@ -246,7 +246,7 @@ def test_any_text_gives_a_scenario_or_a_sentence(text):
 
 
 def load_scenario_text(text: str) -> mv.Scenario:
-    return scenario_from(parse_yaml(text, "text"), units_required=True)
+    return scenario_from(parse_yaml(text, "text"))
 
 
 @settings(max_examples=60, deadline=None)
@@ -283,7 +283,7 @@ def test_a_changed_copy_is_what_its_whole_data_give(state_1):
     changed = state_1.with_({"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": "1.3 Hz"})
     data = state_1.model_dump()
     data["motor"]["friction"]["viscous"], data["array"]["modes"][0]["frequency"] = 0.03, 1.3
-    assert changed == scenario_from(data)
+    assert changed == scenario_from(data, si=True)
     assert state_1.model_dump() == before
 
 

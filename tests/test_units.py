@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from support.scenarios import in_si
 
 from microvib import units
+from microvib.errors import ScenarioError
 from microvib.model.part import Part
-from microvib.units import Quantity, convert
+from microvib.units import Quantity, Si, convert
 
 
 class Sample(Part):
@@ -108,8 +109,8 @@ def test_bad_quantities_are_named(text, unit, complaint):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "nan kg*m^2", "-3 kg*m^2", True, None, [1.0], {}])
 def test_what_is_out_of_range_or_no_number_is_refused(value):
-    with pytest.raises(ValidationError, match="an inertia"):
-        Sample(inertia=value)
+    with pytest.raises(ScenarioError, match="an inertia"):
+        in_si(Sample, inertia=value)
 
 
 @given(st.floats(min_value=1e-12, max_value=1e12))
@@ -162,15 +163,15 @@ def test_parameters_of_all_kinds_are_tried():
 
 def test_numbers_of_any_size_and_kind():
     for number in (np.float32(2.5), np.int64(3)):
-        assert Sample(inertia=number).inertia == float(number)
-    with pytest.raises(ValidationError, match="a number of 5000 digits is not finite"):
-        Sample(inertia=10**5000)
+        assert in_si(Sample, inertia=number).inertia == float(number)
+    with pytest.raises(ScenarioError, match="a number of 5000 digits is not finite"):
+        in_si(Sample, inertia=10**5000)
 
 
-def test_numbers_need_a_unit_only_where_units_are_asked_for():
-    assert Sample(inertia=2.0).inertia == 2.0
-    with pytest.raises(ValidationError, match=r"needs a unit, such as '2\.0 kg\*cm\^2'"):
-        Sample.model_validate({"inertia": 2.0}, context={"units_required": True})
+def test_numbers_need_a_unit_or_to_be_said_to_be_in_si():
+    assert in_si(Sample, inertia=2.0) == Sample(inertia=Si(2.0)) == Sample(inertia="2 kg*m^2")
+    with pytest.raises(ScenarioError, match=r"inertia: 2\.0 needs a unit, such as '2\.0 kg\*cm\^2' \(an inertia\)"):
+        Sample(inertia=2.0)
 
 
 def test_common_units_are_to_the_last_bit_as_the_registry_has_them(monkeypatch):

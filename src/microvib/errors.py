@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import reprlib
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -49,6 +51,18 @@ class ChannelError(MicrovibError, KeyError):
 
 class OutputError(MicrovibError):
     """A result that could not be written; nothing was overwritten."""
+
+
+class LineError(MicrovibError, KeyError):
+    """A line that a table does not have: says which, and which there are."""
+
+    __str__ = Exception.__str__
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """The known name that a misspelt one is likely to stand for, as part of a sentence; empty where none is near."""
+    near = difflib.get_close_matches(name, list(known), 1, 0.7)
+    return f"did you mean {near[0]}? " if near else ""
 
 
 def shown(value: Any) -> str:

@@ -179,7 +179,7 @@ def _check_angles(given: float, wanted: float, unit: str, hertz: bool) -> None:
 
 
 class Si(float):
-    """A number that is known to be in SI, which needs no unit where text with a unit is expected."""
+    """A number that is said to be in SI, ``Si(0.001)``: it needs no unit where text with a unit is expected."""
 
 
 def quantity(key: str, text: str, unit: str, *, positive: bool = False) -> float:
@@ -237,8 +237,8 @@ class Quantity:
         return " and ".join(parts) or f"any finite number in {self.unit or 'no unit'}"
 
     def parse(self, value: Any, info: ValidationInfo) -> float:
-        """Value in SI from text with a unit, or from a number (only where units are not asked for)."""
-        number = self._number(value, bool(info.context and info.context.get("units_required")))
+        """Value in SI from text with a unit or an ``Si``, and from a bare number where the context says ``si``."""
+        number = self._number(value, bool(info.context and info.context.get("si")))
         if not math.isfinite(number):
             raise self._error(value, f"is not finite; allowed is {self.allowed}")
         too_low = (self.gt is not None and number <= self.gt) or (self.ge is not None and number < self.ge)
@@ -246,7 +246,7 @@ class Quantity:
             raise self._error(value, f"is not allowed; it must be {self.allowed}")
         return number
 
-    def _number(self, value: Any, units_required: bool) -> float:
+    def _number(self, value: Any, in_si: bool) -> float:
         if isinstance(value, str):
             try:
                 return convert(value, self.unit)
@@ -258,7 +258,7 @@ class Quantity:
             number = float(value)
         except OverflowError:
             return math.inf
-        if units_required and self.unit and not isinstance(value, Si) and math.isfinite(number):
+        if self.unit and not in_si and not isinstance(value, Si) and math.isfinite(number):
             raise self._error(value, f"needs a unit, such as '{shown(value)} {self.display or self.unit}'")
         return number
 

@@ -1,10 +1,15 @@
 """Scenarios that several tests and benchmarks simulate."""
 
 import math
+from typing import Any, TypeVar
 
 import numpy as np
 
 import microvib as mv
+from microvib.model.part import Part
+from microvib.model.sentences import validated
+
+P = TypeVar("P", bound=Part)
 
 ROUND = {
     "motor.friction.viscous": 0.0255,
@@ -20,6 +25,11 @@ ROUND = {
 def baseline() -> mv.Scenario:
     """State 1 with round values of what the paper does not give: figures of tests then do not move with an identification."""
     return mv.load_scenario("state-1").with_si(ROUND)
+
+
+def in_si(part: type[P], **parameters: Any) -> P:
+    """A part of numbers in SI, where its constructor asks for units."""
+    return validated(part, parameters, si=True)
 
 
 def random_scenario(seed: int) -> mv.Scenario:

@@ -79,7 +79,7 @@ def load_design(source: str, folder: Path = Path()) -> Design:
     )
     data = parse_yaml(text, source)
     kind: type[Design] = SimulatorDesign if isinstance(data, dict) and "frame" in data else ArrayDesign
-    return validated(kind, data, units_required=True, origin=source)
+    return validated(kind, data, origin=source)
 
 
 def _from_design(design: Design, name: str, count: int) -> ModalSource:

@@ -86,7 +86,7 @@ def load_preparation(path: Path | str) -> Preparation:
     """How to prepare recordings, from a YAML file; files that it names are relative to it. ScenarioError if it is wrong."""
     path = Path(path)
     data = parse_yaml(read_text(path, "preparation", ()), str(path))
-    preparation = validated(Preparation, data if data is not None else {}, units_required=True, origin=str(path))
+    preparation = validated(Preparation, data if data is not None else {}, origin=str(path))
     tables = [stage for stage in preparation.response if stage.file is not None]
     chain = tuple(_with_table(stage, path.parent) if stage in tables else stage for stage in preparation.response)
     background = None if preparation.background is None else str(path.parent / preparation.background)
@@ -108,7 +108,7 @@ def _with_table(stage: Stage, folder: Path) -> Stage:
                 f"{path}, row {number}: expected are numbers in the columns frequency_hz, magnitude and, if known, phase_deg"
             )
         rows.append(values)
-    return validated(Stage, {"kind": "table", "file": str(stage.file), "rows": rows}, origin=str(path))
+    return validated(Stage, {"kind": "table", "file": str(stage.file), "rows": rows}, si=True, origin=str(path))
 
 
 _RESPONSE_COLUMNS = (("frequency_hz", "nan"), ("magnitude", "nan"), ("phase_deg", "0"))

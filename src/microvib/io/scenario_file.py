@@ -70,8 +70,8 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
     if isinstance(data, dict):
         data = with_array(data, folder, name)
     if not changes or not isinstance(data, dict):
-        return scenario_from(data, units_required=True, origin=name)
-    before = scenario_from(data, units_required=True, origin=name) if "sources" in data else None
+        return scenario_from(data, origin=name)
+    before = scenario_from(data, origin=name) if "sources" in data else None
     other = any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes)
     if other:
         data["array"] = {}  # another array, not a changed one
@@ -80,9 +80,7 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
     data = with_array(data, Path(), name)
     if other and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
-    after = scenario_from(
-        {**data, "sources": data.get("sources") if "sources" in changes else {}}, units_required=True, origin=name
-    )
+    after = scenario_from({**data, "sources": data.get("sources") if "sources" in changes else {}}, origin=name)
     if before is None or "sources" in changes:
         return after
     kept = {key: text for key, text in before.sources.items() if not (other and key.split(".")[0] == "array")}
@@ -102,7 +100,7 @@ def load_bench(source: str | Path) -> Bench:
         text = (resources.files("microvib.catalog") / "benches" / f"{name}.yaml").read_text(encoding="utf-8")
     else:
         text = read_text(Path(source), "bench", bench_names())
-    return validated(Bench, parse_yaml(text, name), units_required=True, origin=name)
+    return validated(Bench, parse_yaml(text, name), origin=name)
 
 
 ARRAY_ORIGINS = ("from", "fem")

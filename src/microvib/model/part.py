@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 from pydantic.fields import FieldInfo
@@ -15,10 +15,31 @@ Six = tuple[float, float, float, float, float, float]
 """Fx Fy Fz and Mx My Mz of something."""
 
 
-class Part(BaseModel):
-    """A frozen set of parameters; values are SI floats, or text with a unit where they are given."""
+if TYPE_CHECKING:
+    _Base = BaseModel
+else:
+
+    class _Sentences(type(BaseModel)):
+        """Classes whose constructor takes and refuses what a file would, in the same sentences."""
+
+        def __call__(cls, **data: Any) -> Any:
+            from microvib.model.sentences import validated
+
+            return validated(cls, data)
+
+    class _Base(BaseModel, metaclass=_Sentences):
+        pass
+
+
+class Part(_Base):
+    """A frozen set of parameters; values are SI floats, given as text with a unit, or as ``Si`` numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __dir__(self) -> list[str]:
+        """Parameters and what is computed of them, without the machinery."""
+        own = [name for kind in type(self).__mro__ if kind.__module__.startswith("microvib") for name in vars(kind)]
+        return sorted({*type(self).model_fields, *(name for name in own if not name.startswith(("_", "model_")))})
 
     @classmethod
     @cache

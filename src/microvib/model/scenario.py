@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from microvib.errors import ScenarioError
+from microvib.errors import ScenarioError, meant
 from microvib.model.array import Array
 from microvib.model.driver import Driver
 from microvib.model.friction import Friction
@@ -98,16 +98,16 @@ class Scenario(Part):
         ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError, also
         for a bare number where a unit decides: ``with_si`` takes those.
         """
-        return self._changed({**(changes or {}), **groups}, units_required=True)
+        return self._changed({**(changes or {}), **groups}, si=False)
 
     def with_si(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
         """A changed copy, for programs that compute in SI: as ``with_``, but a bare number is in the SI unit of its key.
 
         ``scenario.with_si({"tracking.rate": 0.001})`` is 0.001 rad/s. Raises ScenarioError.
         """
-        return self._changed({**(changes or {}), **groups}, units_required=False)
+        return self._changed({**(changes or {}), **groups}, si=True)
 
-    def _changed(self, changes: dict[str, Any], units_required: bool) -> Scenario:
+    def _changed(self, changes: dict[str, Any], si: bool) -> Scenario:
         data: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
         data["sources"] = dict(self.sources)
         for key, value in changes.items():
@@ -115,23 +115,34 @@ class Scenario(Part):
             if isinstance(data.get(group), Part):  # what is not changed has been validated
                 data[group] = plain(data[group])
             set_key(data, key, plain(value))
-        return scenario_from({**data, "sources": {}}, units_required=units_required).with_sources(data["sources"])
+        return scenario_from({**data, "sources": {}}, si=si).with_sources(data["sources"])
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:
         """A copy with the sources of those keys that it has; the others are dropped."""
         return self.model_copy(update={"sources": {key: text for key, text in sources.items() if self._has(key)}})
 
-    def _has(self, key: str) -> bool:
-        """Whether a parameter, or a group of them, has this dotted key."""
+    def __getitem__(self, key: str) -> Any:
+        """A value in SI, or a group, by its dotted key: ``scenario["reducer.stiffness"]``. Raises ScenarioError."""
         node: Any = self
         for name in key.split("."):
-            if isinstance(node, Part) and name in type(node).model_fields:
-                node = getattr(node, name)
-            elif isinstance(node, tuple) and name in map(str, range(len(node))) and isinstance(node[0], Part):
-                node = node[int(name)]
-            else:
-                return False
+            listed = isinstance(node, tuple) and node and isinstance(node[0], Part)
+            known = [str(k) for k in range(len(node))] if listed else list(getattr(type(node), "model_fields", ()))
+            if name not in known:
+                near = meant(key, self._ipython_key_completions_())
+                raise ScenarioError(f"{key}: unknown key; {near}allowed here are {', '.join(known) or 'none'}")
+            node = node[int(name)] if listed else getattr(node, name)
+        return node
+
+    def _has(self, key: str) -> bool:
+        """Whether a parameter, or a group of them, has this dotted key."""
+        try:
+            self[key]
+        except ScenarioError:
+            return False
         return key.split(".")[0] not in _WORDS
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [key for key, _, _ in self.entries()]
 
     def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
         """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
@@ -198,6 +209,6 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
     return int(part)
 
 
-def scenario_from(data: Any, *, units_required: bool = False, origin: str = "") -> Scenario:
-    """Build a scenario from nested dicts; every problem found becomes a sentence of one ScenarioError."""
-    return validated(Scenario, data, units_required=units_required, origin=origin)
+def scenario_from(data: Any, *, si: bool = False, origin: str = "") -> Scenario:
+    """A scenario from nested dicts, as ``validated`` makes it."""
+    return validated(Scenario, data, si=si, origin=origin)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from microvib.errors import ScenarioError, shown
+from microvib.errors import ScenarioError, meant, shown
 from microvib.model.part import Part
 
 P = TypeVar("P", bound=Part)
@@ -15,8 +16,11 @@ MOST_SENTENCES = 8
 """Problems that are told, at most; of the others their number."""
 
 
-def validated(part: type[P], data: Any, *, units_required: bool = False, origin: str = "") -> P:
-    """A part from nested dicts; every problem found becomes a sentence of one ScenarioError."""
+def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -> P:
+    """A part from nested dicts; every problem found becomes a sentence of one ScenarioError.
+
+    Bare numbers are taken where no unit decides; with ``si`` everywhere, as SI.
+    """
     name = part.__name__.lower()
     if not isinstance(data, dict):
         first = next((key for key, field in part.model_fields.items() if _part_in(field.annotation)), "title")
@@ -24,7 +28,7 @@ def validated(part: type[P], data: Any, *, units_required: bool = False, origin:
             f"{origin or name}: a mapping of keys is wanted, such as '{first}:', not {type(data).__name__}"
         )
     try:
-        return part.model_validate(data, context={"units_required": units_required})
+        return part.model_validate(data, context={"si": si})
     except ValidationError as error:
         items = error.errors(include_url=False)
         # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
@@ -46,7 +50,9 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
     key = ".".join(where) or root.__name__.lower()
     kind, found, context = item["type"], item.get("input"), item.get("ctx", {})
     if kind == "extra_forbidden":
-        return f"{key}: unknown key; allowed here are {', '.join(_keys_at(root, where[:-1])) or 'none'}"
+        allowed = _keys_at(root, where[:-1])
+        known = [".".join([*where[:-1], name]) for name in allowed]
+        return f"{key}: unknown key; {_near(key, known, root)}allowed here are {', '.join(allowed) or 'none'}"
     if kind == "missing":
         return f"{key}: missing{_meaning(root, where)}"
     if kind == "quantity":
@@ -74,6 +80,22 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
         return f"{key}: has {length} {what}; at most {context['max_length']} are allowed{_meaning(root, where)}"
     message = item["msg"].replace("Input should", "it should")
     return f"{key}: {shown(found)} is not allowed; {message}"
+
+
+def _near(key: str, known: list[str], root: type[Part]) -> str:
+    """What an unknown key may stand for: a neighbour that is spelt like it, or a key of its name in another group."""
+    elsewhere = [name for name in _all_keys(root) if name.split(".")[-1] == key.split(".")[-1]]
+    return meant(key, known) or (f"did you mean {' or '.join(elsewhere)}? " if 0 < len(elsewhere) <= 3 else "")
+
+
+def _all_keys(part: type[Part], prefix: str = "") -> Iterator[str]:
+    for name, field in part.model_fields.items():
+        yield f"{prefix}{name}"
+        inner = _part_in(field.annotation)
+        if inner is not None:
+            yield from _all_keys(
+                inner, f"{prefix}{name}.0." if "tuple" in str(field.annotation) else f"{prefix}{name}."
+            )
 
 
 def _field_at(root: type[Part], where: list[str]) -> tuple[type[Part] | None, Any]:

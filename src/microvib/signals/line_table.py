@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from microvib.errors import LineError, meant
 from microvib.model.expected import ExpectedLine
 from microvib.units import pretty
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 DETECTION = 6.0
 """A line is seen when it stands this many times above the floor about it."""
 FAINT = "below the floor"
 """Status of a line that was looked for and not found."""
+
+
+_ROW = "{:16s} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}"
+_UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
+"""What the ends of a line's fields say of their units."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +112,7 @@ class LineTable:
         """Length of the record [s]."""
         return self.samples / self.sample_rate
 
-    def __iter__(self):  # type: ignore[no-untyped-def]
+    def __iter__(self) -> Iterator[Line]:
         return iter(self.lines)
 
     def __len__(self) -> int:
@@ -109,10 +122,53 @@ class LineTable:
         for line in self.lines:
             if line.line == name:
                 return line
-        raise KeyError(f"no line '{name}'; there are {', '.join(line.line for line in self.lines)}")
+        names = self._ipython_key_completions_()
+        raise LineError(
+            f"no line '{name}' in this table; {meant(str(name), names)}there are {', '.join(names) or 'none'}"
+        )
 
     def __str__(self) -> str:
         return self.text()
+
+    def __repr__(self) -> str:
+        return self._text(self.notable(), "(print shows them)")
+
+    def _repr_html_(self) -> str:
+        """The notable lines as a notebook shows them."""
+        head, *rows = self._cells(shown := self.notable())
+        kinds = ["th", *("td" for _ in rows)]
+        html = (
+            f"<tr>{''.join(f'<{kind}>{escape(cell)}</{kind}>' for cell in row)}</tr>"
+            for kind, row in zip(kinds, [head, *rows], strict=True)
+        )
+        return f"<table>{''.join(html)}</table>{self._left_out(shown, '(print shows them)')}"
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [line.line for line in self.lines]
+
+    def to_xarray(self) -> xr.Dataset:
+        """All figures over the dimension ``line``, each with its unit."""
+        import xarray as xr
+
+        columns = {f.name: np.array([getattr(x, f.name) for x in self.lines]) for f in fields(Line)}
+        names = columns.pop("line")
+        data = {
+            name: ("line", values, {"units": u} if (u := self._unit_of(name)) else {})
+            for name, values in columns.items()
+        }
+        found = {
+            key: value
+            for key in ("clock_ratio", "clock_ratio_uncertainty")
+            if (value := getattr(self, key)) is not None
+        }
+        return xr.Dataset(data, {"line": names}, {**found, "samples": self.samples, "sample_rate": self.sample_rate})
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """All figures, a row a line."""
+        return self.to_xarray().to_dataframe()
+
+    def _unit_of(self, column: str) -> str:
+        return next((self.unit if unit == "N*m" else unit for end, unit in _UNITS.items() if column.endswith(end)), "")
 
     def notable(self) -> tuple[Line, ...]:
         """Lines worth a row in a report: without those below the floor, those below a thousandth of the largest, and
@@ -127,19 +183,23 @@ class LineTable:
 
     def text(self, notable: bool = False) -> str:
         """The table as text, whole or only what is notable."""
-        shown = self.notable() if notable else self.lines
+        return self._text(self.notable() if notable else self.lines, "in lines.csv")
+
+    def _text(self, shown: Sequence[Line], where: str) -> str:
+        rows = [_ROW.format(*cells) for cells in self._cells(shown)]
+        return "\n".join([*rows, *filter(None, [self._left_out(shown, where)])])
+
+    def _cells(self, shown: Sequence[Line]) -> Iterator[Sequence[str]]:
+        """A head and a row for each line."""
         unit = pretty(self.unit)
-        rows = [
-            f"{'line':16s} {'expected Hz':>12s} {'Hz':>12s} {unit:>12s} {'bin Hz':>10s} {f'bin {unit}':>12s}  status"
-        ]
-        rows += [
-            f"{x.line:16s} {x.expected_hz:12.5f} {x.frequency_hz:12.5f} {x.amplitude_n_m:12.4e} {x.bin_frequency_hz:10.4f}"
-            f" {x.bin_amplitude_n_m:12.4e}  {x.status}"
-            for x in shown
-        ]
-        if len(shown) < len(self.lines):
-            rows.append(f"and {len(self.lines) - len(shown)} small ones in lines.csv")
-        return "\n".join(rows)
+        yield "line", "expected Hz", "Hz", unit, "bin Hz", f"bin {unit}", "status"
+        for x in shown:
+            figures = f"{x.amplitude_n_m:.4e}", f"{x.bin_frequency_hz:.4f}", f"{x.bin_amplitude_n_m:.4e}"
+            yield x.line, f"{x.expected_hz:.5f}", f"{x.frequency_hz:.5f}", *figures, x.status
+
+    def _left_out(self, shown: Sequence[Line], where: str) -> str:
+        left = len(self.lines) - len(shown)
+        return f"and {left} small ones {where}" if left else ""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.model.array import SLACK, Array, Mode
+from microvib.model.array import SLACK, Array
+from microvib.model.sentences import validated
 
 DIRECTIONS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Order of the six components: forces along, then torques about the axes of the interface frame."""
@@ -91,19 +92,16 @@ class ModalModel:
                 f" {self.inertia - self.J_h:.6g} kg*m^2, more than the inertia, {self.inertia:.6g} kg*m^2"
             )
         if not self.spatial:
-            modes = [
-                Mode(frequency=float(f), damping=float(xi), participation=float(H))
-                for f, xi, H in zip(self.frequency, self.damping, self.participation[self.axis], strict=True)
-            ]
-            return Array(inertia=self.inertia, modes=tuple(modes), drive_axis=self.drive_axis)
+            key, rows, coupling = "participation", self.participation[self.axis].tolist(), None
+        else:
+            key, rows, coupling = (
+                "interface_participation",
+                self.participation.T.tolist(),
+                self.mass[:, self.axis].tolist(),
+            )
         modes = [
-            Mode(frequency=float(f), damping=float(xi), interface_participation=tuple(float(v) for v in row))
-            for f, xi, row in zip(self.frequency, self.damping, self.participation.T, strict=True)
+            {"frequency": f, "damping": xi, key: row}
+            for f, xi, row in zip(self.frequency.tolist(), self.damping.tolist(), rows, strict=True)
         ]
-        coupling = tuple(float(v) for v in self.mass[:, self.axis])
-        return Array(
-            inertia=self.inertia,
-            modes=tuple(modes),
-            interface_inertia=coupling,
-            drive_axis=self.drive_axis,
-        )
+        whole = {"inertia": self.inertia, "modes": modes, "interface_inertia": coupling, "drive_axis": self.drive_axis}
+        return validated(Array, whole, si=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.io.results import read_table
+from microvib.model.sentences import validated
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import COUNTERWEIGHTS, CoilSpring, SimulatorDesign
 from microvib.structures.springs import (
@@ -210,7 +211,7 @@ def _set(design: SimulatorDesign, state: State, amplitude: float) -> Setting | N
     weight = design.counterweight.model_copy(update={"mass": mass, "radius": radius})
     words = {"title": _title(state), "source": f"Sized by microvib from: {design.title}. {design.source}"[:4000]}
     final = placed.model_copy(update={"counterweight": weight, **words})
-    return Setting(state, SimulatorDesign.model_validate(final.model_dump()), amplitude)
+    return Setting(state, validated(SimulatorDesign, final.model_dump(), si=True), amplitude)
 
 
 def _title(state: State) -> str:

@@ -134,7 +134,7 @@ def read_design(file: Path) -> Design:
     """Design of a study file; ScenarioError with one sentence per problem."""
     origin = str(file)
     data = parse_yaml(read_text(file, "study", ()), origin)
-    return design(validated(Study, data, units_required=True, origin=origin), file.parent, origin)
+    return design(validated(Study, data, origin=origin), file.parent, origin)
 
 
 def limit_of(study: Study, origin: str = "study") -> Limit | None:

@@ -61,7 +61,7 @@ class Manifest:
 
     def design(self, folder: Path) -> Design:
         """The design that it describes together with the other files of ``folder``."""
-        study = validated(Study, parse_yaml(read_text(folder / STUDY, "study", ()), STUDY), units_required=True)
+        study = validated(Study, parse_yaml(read_text(folder / STUDY, "study", ()), STUDY))
         base = load_scenario(folder / SCENARIO)
         levels = [Levels(**_frozen(x)) for x in self.entries["levels"]]
         # JSON knows no infinity: an open end is written as null.
