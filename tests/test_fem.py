@@ -155,7 +155,7 @@ def test_a_wrong_unit_is_questioned(design):
         ("yoke.leg.wall", "20 mm", "fills the tube"),
         ("hinges.root.0.position", "5 m", "beyond the panel"),
         ("panels.missing", "[7]", "no panel 7"),
-        ("panels.spann", "1 m", "panels.spann: unknown key; allowed here are count, span"),
+        ("panels.spann", "1 m", "panels.spann: unknown key; did you mean panels.span? allowed here are count, span"),
         ("hinges.between", "[]", "hinges.between: missing"),
     ],
 )  # fmt: skip
