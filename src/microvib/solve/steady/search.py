@@ -27,7 +27,6 @@ from functools import reduce
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import eig
 
 from microvib.model.record import PASSBAND
 from microvib.solve import kernel
@@ -214,6 +213,8 @@ class Search:
         slow ones, a deviation along all their right eigenvectors is therefore simulated, and the left eigenvectors, which see
         one direction each, read off what is left in every segment.
         """
+        from scipy.linalg import eig  # slow to import, and runs from rest need none of it
+
         values, left, right = eig(_product(derivatives), left=True)
         size = np.abs(values)
         slow = (size > SLOW) & (values.imag >= 0.0)
