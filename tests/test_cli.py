@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.commands import microvib
 from support.scenarios import baseline
 
 import microvib as mv
@@ -21,17 +22,12 @@ from microvib.io.results import RUN_FILES, write_folder
 SHORT = ["--set", "record.settle=1 s", "--set", "record.duration=4 s"]
 
 
-def microvib(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "microvib", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options)
-
-
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> tuple[Path, str]:
     """A short run of state 1 and what it printed."""
     where = tmp_path_factory.mktemp("runs")
     done = microvib("run", "state-1", *SHORT, "--set", "tracking.clock_ratio=0.994", "--out", "first", cwd=where)
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     return where / "first", done.stdout
 
 
@@ -91,13 +87,13 @@ def test_report_is_self_contained(finished):
 
 def test_written_scenario_runs_to_the_same_result(finished, tmp_path):
     done = microvib("run", str(finished[0] / "scenario.yaml"), "--out", str(tmp_path / "again"), cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert (tmp_path / "again" / "lines.csv").read_text() == (finished[0] / "lines.csv").read_text()
 
 
 def test_lines_only_gives_the_same_lines(finished, tmp_path):
     done = microvib("run", str(finished[0] / "scenario.yaml"), "--lines-only", "--out", "lean", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert sorted(p.name for p in (tmp_path / "lean").iterdir()) == ["lines.csv", "scenario.yaml", "summary.json"]
     assert (tmp_path / "lean" / "lines.csv").read_text() == (finished[0] / "lines.csv").read_text()
 
@@ -105,7 +101,7 @@ def test_lines_only_gives_the_same_lines(finished, tmp_path):
 def test_without_out_a_new_folder_is_found_each_time(tmp_path):
     for name in ("state-1", "state-1-2"):
         done = microvib("run", "state-1", *SHORT, "--lines-only", cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
+        assert done.exit_code == 0, done.stderr
         assert (tmp_path / name / "lines.csv").is_file()
 
 
@@ -128,7 +124,7 @@ def test_bad_input_is_one_sentence_and_a_status(arguments, sentence, tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "thesis.txt").write_text("ten years of work")
     done = microvib(*arguments, cwd=tmp_path)
-    assert done.returncode == 1
+    assert done.exit_code == 1
     assert sentence in done.stderr
     assert done.stderr.count("Error:") == 1
     assert "Traceback" not in done.stderr
@@ -138,11 +134,11 @@ def test_bad_input_is_one_sentence_and_a_status(arguments, sentence, tmp_path):
 
 def test_an_old_run_is_replaced_only_on_request(tmp_path):
     arguments = ["run", "state-1", *SHORT, "--lines-only", "--out", "run"]
-    assert microvib(*arguments, cwd=tmp_path).returncode == 0
+    assert microvib(*arguments, cwd=tmp_path).exit_code == 0
     again = microvib(*arguments, cwd=tmp_path)
-    assert again.returncode == 1
+    assert again.exit_code == 1
     assert "holds results already" in again.stderr
-    assert microvib(*arguments, "--overwrite", cwd=tmp_path).returncode == 0
+    assert microvib(*arguments, "--overwrite", cwd=tmp_path).exit_code == 0
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 
@@ -175,7 +171,7 @@ def test_a_folder_that_cannot_be_written_to(tmp_path):
 
 
 def test_new_show_scenarios_schema(tmp_path):
-    assert microvib("new", "drive.yaml", cwd=tmp_path).returncode == 0
+    assert microvib("new", "drive.yaml", cwd=tmp_path).exit_code == 0
     shown = microvib("show", "drive.yaml", cwd=tmp_path)
     assert "driving frequency f_d 53.3333 Hz" in shown.stdout
     assert "state-5" in microvib("scenarios", cwd=tmp_path).stdout
@@ -185,7 +181,7 @@ def test_new_show_scenarios_schema(tmp_path):
 def test_measured_analysed_and_never_overwritten(tmp_path):
     """The virtual bench writes a recording, the reader finds the lines that went in."""
     measured = microvib("measure", "state-1", *SHORT, "--bench", "force-table", "-o", "test.uff", cwd=tmp_path)
-    assert measured.returncode == 0, measured.stderr
+    assert measured.exit_code == 0, measured.stderr
     analysed = microvib(
         "analyse",
         "test.uff",
@@ -199,7 +195,7 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
         "seen",
         cwd=tmp_path,
     )
-    assert analysed.returncode == 0, analysed.stderr
+    assert analysed.exit_code == 0, analysed.stderr
     assert "step clock over nominal: 0.99399" in analysed.stdout
     assert "15 averages" in analysed.stdout
     assert rows(tmp_path / "seen")["drive_1"]["status"] == "ok"
@@ -207,7 +203,7 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
     assert sorted(p.name for p in (tmp_path / "seen").iterdir()) == names
     before = (tmp_path / "test.uff").read_bytes()
     again = microvib("measure", "state-1", *SHORT, "-o", "test.uff", cwd=tmp_path)
-    assert again.returncode == 1
+    assert again.exit_code == 1
     assert "exists already; nothing was written" in again.stderr
     assert (tmp_path / "test.uff").read_bytes() == before
 
@@ -229,7 +225,7 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
 )
 def test_bad_input_of_the_measurement_side(arguments, sentence, tmp_path):
     done = microvib(*arguments, cwd=tmp_path)
-    assert done.returncode == 1
+    assert done.exit_code == 1
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
@@ -251,7 +247,7 @@ def test_the_five_lines_of_a_notebook(motion_1):
 
 def test_modes_of_the_reference_array(tmp_path):
     done = microvib("modes", "reference-array", "--count", "4", "--out", "out", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert "90 % of the inertia about x is reached with 3 modes" in done.stdout
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"modes.csv", "modes.png", "report.html"}
     report = (tmp_path / "out" / "report.html").read_text().replace("<wbr>", "")
@@ -265,11 +261,11 @@ def test_modes_of_the_reference_array(tmp_path):
     ):
         assert words in report
     again = microvib("modes", "out/modes.csv", "--count", "3", "--out", "table", cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
+    assert again.exit_code == 0, again.stderr
     assert "Mx" in again.stdout
     assert {p.name for p in (tmp_path / "table").iterdir()} == {"modes.csv", "report.html"}
     full = microvib("modes", "reference-array", "--out", "out", cwd=tmp_path)
-    assert full.returncode == 1
+    assert full.exit_code == 1
     assert "(--overwrite)" in full.stderr
 
 
@@ -283,7 +279,7 @@ def test_modes_of_the_reference_array(tmp_path):
 )
 def test_a_wrong_source_of_modes(tmp_path, source, words):
     done = microvib("modes", source, cwd=tmp_path)
-    assert done.returncode == 1
+    assert done.exit_code == 1
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())
@@ -292,7 +288,7 @@ def test_a_wrong_source_of_modes(tmp_path, source, words):
 def test_a_steady_run_starts_in_its_steady_state(tmp_path):
     (tmp_path / "drive.yaml").write_text(mv.dump_scenario(baseline()))
     done = microvib("run", "drive.yaml", *SHORT, "--steady", "--out", "steady", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert "Steady state: repeats every 0.3 s (16 microsteps)" in done.stdout
     assert sorted(p.name for p in (tmp_path / "steady").iterdir()) == sorted(RUN_FILES)
     lines = rows(tmp_path / "steady")
@@ -304,7 +300,7 @@ def test_a_steady_run_starts_in_its_steady_state(tmp_path):
 def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
     uneven = ["--set", "reducer.transmission_error=[{order: 2, amplitude: 10 arcsec}]"]
     done = microvib("run", "state-1", *SHORT, *uneven, "--steady", "--lines-only", "--out", "lines", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert "No steady state: the transmission error repeats with the command only every 1600 microsteps" in done.stdout
     summary = json.loads((tmp_path / "lines" / "summary.json").read_text())
     assert summary["solver"]["steady"].startswith("not used: the transmission error")
@@ -313,7 +309,7 @@ def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
 
 def test_unusual_values_are_told_once_on_standard_error(tmp_path):
     done = microvib("show", "state-1", "--set", "array.modes.0.damping=50 %", cwd=tmp_path)
-    assert done.returncode == 0
+    assert done.exit_code == 0
     assert done.stderr.splitlines() == [
         "Note: state-1: array.modes.0.damping: 50 % is unusual; 0.01 % to 15 % is expected (modal damping ratio)"
     ]
