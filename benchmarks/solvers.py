@@ -29,7 +29,7 @@ CONVERGED = 8
 """Refinement of the run that the others are compared with."""
 PERIOD = 1.5
 """Records are multiples of this [s]: 80 microsteps and 5 full steps of state-1, whole numbers of samples."""
-ENOUGH, MOST_RUNS = 2.0, 20
+ENOUGH, MAX_RUNS = 2.0, 20
 """A run is repeated until it has taken this many seconds in all, or so many times."""
 NOT_INSTALLED = "not installed: pip install"
 
@@ -176,7 +176,7 @@ def _basilisk(scenario: mv.Scenario, span: float, interpreter: str | None) -> Ro
 def _best(run: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
     """Best wall time [s] of several runs, of one if that is long, and what the last of them returned."""
     walls: list[float] = []
-    while not walls or (sum(walls) < ENOUGH and len(walls) < MOST_RUNS):
+    while not walls or (sum(walls) < ENOUGH and len(walls) < MAX_RUNS):
         begun = time.perf_counter()
         result = run()
         walls.append(time.perf_counter() - begun)

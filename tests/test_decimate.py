@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microvib.model.record import PASSBAND
-from microvib.solve.sampling import LEAST_FACTOR as FACTOR
+from microvib.solve.sampling import MIN_FACTOR as FACTOR
 from microvib.solve.sampling import Decimator, half_length
 
 HALF = half_length(FACTOR)

@@ -134,7 +134,7 @@ def test_loops_and_depth_end(tmp_path):
 
 
 def test_many_objects_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(hdf5, "MOST_OBJECTS", 20)
+    monkeypatch.setattr(hdf5, "MAX_OBJECTS", 20)
     with h5py.File(tmp_path / "wide.mat", "w") as f:
         for k in range(15):
             f.create_group(f"g{k}/h")
@@ -176,7 +176,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path):
 
 def test_large_texts_are_not_read_all_at_once(tmp_path, monkeypatch):
     """Many elements of variable length may share one large text."""
-    monkeypatch.setattr(hdf5, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(hdf5, "MAX_BYTES", 100_000)
     with h5py.File(tmp_path / "texts.h5", "w") as f:
         f.create_dataset("line", data=["x" * 10_000] * 20, dtype=h5py.string_dtype())
     with pytest.raises(MicrovibError, match="unpacks to"), open_hdf5(tmp_path / "texts.h5") as root:
@@ -262,7 +262,7 @@ def test_matlab_files_that_say_more_than_they_hold(tmp_path, content, complaint)
 
 
 def test_a_packed_matlab_file_is_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("microvib.io.matlab.MOST_BYTES", 1_000_000)
+    monkeypatch.setattr("microvib.io.matlab.MAX_BYTES", 1_000_000)
     packed = zlib.compress(bytes(10_000_000))
     (tmp_path / "bomb.mat").write_bytes(_mat_5(struct.pack("<2I", 15, len(packed)) + packed))
     with pytest.raises(RecordingError, match=r"unpacks to more than 0\.001 GB"):

@@ -24,7 +24,7 @@ FULL_STEPS = 2.0
 """Full steps of the motor that are run again at least."""
 MOST = 16.0
 """Seconds that are run again at most."""
-MOST_REFINEMENT = 64
+MAX_REFINEMENT = 64
 """Of ``solver.refinement``."""
 SENSITIVE = 0.1
 """Part of an amplitude that is taken for the doubt of a motion which depends on details below the tolerance. What two runs differ
@@ -84,7 +84,7 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     """
     scenario, beginning = motion.scenario, motion.beginning
     own = scenario.solver.refinement
-    if beginning is None or 4 * own > MOST_REFINEMENT:
+    if beginning is None or 4 * own > MAX_REFINEMENT:
         return None
     duration = stretch(scenario)
     T_d = motion["T_d"][: round(duration * scenario.record.sample_rate)]

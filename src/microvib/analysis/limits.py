@@ -30,7 +30,7 @@ _SETTLED = 0.01
 """Part of the largest steady line from which what rings counts as settled."""
 _LIMITED = 3.0
 """Factor on the amplitude of a line whose fit ended at a limit."""
-_MOST_ORDERS = 5000
+_MAX_ORDERS = 5000
 
 
 @dataclass(frozen=True)
@@ -285,7 +285,7 @@ def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | Non
     if not f_d:
         return None
     fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
-    orders = min(math.ceil(2.0 * max(start, fastest) / f_d) + 20, _MOST_ORDERS)
+    orders = min(math.ceil(2.0 * max(start, fastest) / f_d) + 20, _MAX_ORDERS)
     near = [
         x.frequency
         for x in linear_lines(scenario, orders)

@@ -80,7 +80,7 @@ def report_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_form
 
 
-MOST_DOUBTS = 8
+MAX_DOUBTS = 8
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
 
 
@@ -102,10 +102,10 @@ def load(source: str, settings: tuple[str, ...]) -> Scenario:
 def say_doubts(scenario: Scenario, name: str) -> None:
     """Tell values that are allowed but unusual, on standard error."""
     found = scenario.doubts()
-    for text in found[:MOST_DOUBTS]:
+    for text in found[:MAX_DOUBTS]:
         click.echo(f"Note: {name}: {text}", err=True)
-    if len(found) > MOST_DOUBTS:
-        click.echo(f"Note: {name}: and {len(found) - MOST_DOUBTS} more unusual values", err=True)
+    if len(found) > MAX_DOUBTS:
+        click.echo(f"Note: {name}: and {len(found) - MAX_DOUBTS} more unusual values", err=True)
 
 
 def preparation(file: Path | None) -> Preparation | None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from microvib.io.delimited import read_delimited
-from microvib.io.hdf5 import MOST_BYTES, Dataset, open_hdf5
+from microvib.io.hdf5 import MAX_BYTES, Dataset, open_hdf5
 from microvib.io.matlab import read_matlab
 from microvib.io.measured import Column, Hints, Time, recording_of, stated_rates
 from microvib.io.structs import columns_of
@@ -137,7 +137,7 @@ def _read_tdms(path: Path, hints: Hints) -> Recording:
         nptdms.TdmsFile.open(stream) as file,
     ):  # a stream: no index file beside it is taken
         channels = [c for group in file.groups() for c in group.channels()]
-        if sum(len(c) for c in channels) > min(path.stat().st_size, MOST_BYTES // 8):
+        if sum(len(c) for c in channels) > min(path.stat().st_size, MAX_BYTES // 8):
             raise RecordingError(f"{path}: is broken or truncated; it says that it has more values than it can hold")
         numeric = [c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"]
         names = [c.name for c in numeric]

@@ -19,11 +19,11 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 
-MOST_BYTES = 2_000_000_000
+MAX_BYTES = 2_000_000_000
 """Bytes in memory of all that is read of one file."""
 LARGEST_CHUNK = 100_000_000
 """Bytes in memory of one chunk of a dataset."""
-MOST_OBJECTS = 10_000
+MAX_OBJECTS = 10_000
 """Groups, datasets and references that are opened of one file."""
 DEEPEST = 10
 """Groups within groups."""
@@ -64,14 +64,14 @@ class _File:
 
     def count_object(self) -> None:
         self.objects += 1
-        if self.objects > MOST_OBJECTS:
-            raise Hdf5Error(f"{self.title}: has more than {MOST_OBJECTS} groups and datasets; that many are not read")
+        if self.objects > MAX_OBJECTS:
+            raise Hdf5Error(f"{self.title}: has more than {MAX_OBJECTS} groups and datasets; that many are not read")
 
     def count_bytes(self, size: int) -> None:
         self.bytes += size
-        if self.bytes > MOST_BYTES:
+        if self.bytes > MAX_BYTES:
             raise Hdf5Error(
-                f"{self.title}: unpacks to {self.bytes / 1e9:.3g} GB; at most {MOST_BYTES / 1e9:g} GB of one file are read"
+                f"{self.title}: unpacks to {self.bytes / 1e9:.3g} GB; at most {MAX_BYTES / 1e9:g} GB of one file are read"
             )
 
 
@@ -131,8 +131,8 @@ class Group(_Object):
                 refused.append(f"{shown} is {kind}; a file is read only where it holds its data itself")
             elif not name or b"/" in name or name in (b".", b".."):
                 refused.append(f"{shown}: is not a name that an object can have")
-            elif len(found) >= MOST_OBJECTS:
-                refused.append(f"{self.where}: has more than {MOST_OBJECTS} members; that many are not read")
+            elif len(found) >= MAX_OBJECTS:
+                refused.append(f"{self.where}: has more than {MAX_OBJECTS} members; that many are not read")
             else:
                 found[name] = link.u
             return True if refused else None
@@ -232,7 +232,7 @@ class Dataset(_Object):
             return [_text(whole[()])]
         # Many texts of variable length may all be the same large one: no more at a time than memory holds of the largest.
         largest = Path(self.file.title).stat().st_size if kind.is_variable_str() else kind.get_size()
-        block = max(1, MOST_BYTES // (4 * max(largest, 1)))
+        block = max(1, MAX_BYTES // (4 * max(largest, 1)))
         found: list[str] = []
         for first in range(0, count, block):
             texts = [_text(x) for x in whole[first : first + block]]
@@ -246,8 +246,8 @@ class Dataset(_Object):
 
         if not self.refers:
             raise Hdf5Error(f"{self.where} does not hold references to objects")
-        if math.prod(self.shape) > MOST_OBJECTS:
-            raise Hdf5Error(f"{self.where}: has more than {MOST_OBJECTS} references; that many are not read")
+        if math.prod(self.shape) > MAX_OBJECTS:
+            raise Hdf5Error(f"{self.where}: has more than {MAX_OBJECTS} references; that many are not read")
         self._check_chunks()
         found: list[Group | Dataset | None] = []
         for k, reference in enumerate(np.ravel(h5py.Dataset(self.id)[...])):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.hdf5 import DEEPEST, MOST_BYTES, MOST_OBJECTS, Dataset, Group, open_hdf5
+from microvib.io.hdf5 import DEEPEST, MAX_BYTES, MAX_OBJECTS, Dataset, Group, open_hdf5
 
 _MATRIX, _COMPRESSED = 14, 15
 """Types of elements in a file of version 5."""
@@ -138,14 +138,14 @@ def _elements(path: Path) -> Iterator[tuple[bytes, str]]:
             if len(tag) < 8:
                 break
             kind, size = struct.unpack(f"{order}2I", tag)
-            data = stream.read(min(size, MOST_BYTES))
+            data = stream.read(min(size, MAX_BYTES))
             if len(data) < size:
                 raise MatlabError(f"{path}: is truncated")
             if kind == _COMPRESSED:
-                data = zlib.decompressobj().decompress(data, MOST_BYTES - unpacked + 1)
+                data = zlib.decompressobj().decompress(data, MAX_BYTES - unpacked + 1)
                 unpacked += len(data)
-                if unpacked > MOST_BYTES:
-                    raise MatlabError(f"{path}: unpacks to more than {MOST_BYTES / 1e9:g} GB; that much is not read")
+                if unpacked > MAX_BYTES:
+                    raise MatlabError(f"{path}: unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read")
                 kind, data = (struct.unpack(f"{order}I", data[:4])[0] if len(data) >= 8 else 0), data[8:]
             if kind == _MATRIX:
                 yield data, order
@@ -192,7 +192,7 @@ def _count(path: Path, data: bytes, order: str, parts: list[tuple[int, int]], si
         sizes.held += count
     elif kind == _TEXT or kind in _NUMBERS:
         sizes.bytes += 8 * count
-    if sizes.held > MOST_OBJECTS or sizes.bytes > MOST_BYTES:
+    if sizes.held > MAX_OBJECTS or sizes.bytes > MAX_BYTES:
         raise MatlabError(
-            f"{path}: has more than {MOST_OBJECTS} cells or unpacks to more than {MOST_BYTES / 1e9:g} GB; that much is not read"
+            f"{path}: has more than {MAX_OBJECTS} cells or unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read"
         )

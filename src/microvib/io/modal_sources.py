@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from microvib.errors import ScenarioError
-from microvib.io.modal_table import MOST_MODES, read_modes
+from microvib.io.modal_table import MAX_MODES, read_modes
 from microvib.io.scenario_file import catalog_text, read_text, reference_names
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from microvib.structures.deck import Import
     from microvib.structures.fem.modes import Modes
 
-__all__ = ["DEFAULT_MODES", "MOST_MODES", "ModalSource", "load_design", "modal_source"]
+__all__ = ["DEFAULT_MODES", "MAX_MODES", "ModalSource", "load_design", "modal_source"]
 
 DEFAULT_MODES = 10
 """Modes taken of finite elements where their number is not given."""

@@ -19,7 +19,7 @@ COLUMNS = (
     *PARTICIPATIONS, "drive_axis", "inertia_kg_m2", *COUPLINGS,
 )  # fmt: skip
 """Columns of ``modes.csv``; SI units."""
-MOST_MODES = 2000
+MAX_MODES = 2000
 
 
 def modes_csv(model: ModalModel) -> str:
@@ -52,8 +52,8 @@ def read_modes(path: Path | str, damping: float = 0.01) -> ModalModel:
         raise ModalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
     if not rows or "frequency_hz" not in rows[0]:
         raise ModalError(f"{path}: is no table of modes; a header with frequency_hz and a row for each mode is wanted")
-    if len(rows) > MOST_MODES:
-        raise ModalError(f"{path}: has {len(rows)} modes; at most {MOST_MODES} are read")
+    if len(rows) > MAX_MODES:
+        raise ModalError(f"{path}: has {len(rows)} modes; at most {MAX_MODES} are read")
     frequency = _column(path, rows, "frequency_hz")
     if np.any(frequency <= 0.0):
         k = int(np.argmax(frequency <= 0.0))

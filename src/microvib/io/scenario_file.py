@@ -152,13 +152,13 @@ def _imported(group: dict[str, Any], folder: Path, origin: str) -> tuple[ModalMo
 
 def _modes_of(group: dict[str, Any], key: str, folder: Path, origin: str) -> tuple[ModalModel, str]:
     """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
-    from microvib.io.modal_sources import DEFAULT_MODES, MOST_MODES, modal_source
+    from microvib.io.modal_sources import DEFAULT_MODES, MAX_MODES, modal_source
 
     name = str(group[key])
     if key == "from":
         model = modal_source(name, folder=folder).model
         return _damped(model.first(_count(group, model.frequency.size, origin)), group, origin), name
-    count = _count({"modes": DEFAULT_MODES, **group}, MOST_MODES, origin)
+    count = _count({"modes": DEFAULT_MODES, **group}, MAX_MODES, origin)
     model = modal_source(name, max(count, 1), folder).model
     return _damped(model.first(count), group, origin), f"finite elements of {name}, {count} modes"
 

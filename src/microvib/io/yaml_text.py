@@ -13,7 +13,7 @@ from microvib.errors import ScenarioError
 
 DEEPEST = 100
 """Levels of lists and mappings in each other, at most."""
-MOST_ENTRIES = 60_000
+MAX_ENTRIES = 60_000
 """Keys and values of a file, at most: twice what 2000 modes with six participations need, read in some 2 s."""
 
 
@@ -27,8 +27,8 @@ class _Bounded(Parser):
     def get_event(self) -> Any:
         event = super().get_event()
         self._entries += 1
-        if self._entries > MOST_ENTRIES:
-            raise ValueError(f"it has more than {MOST_ENTRIES} keys and values")
+        if self._entries > MAX_ENTRIES:
+            raise ValueError(f"it has more than {MAX_ENTRIES} keys and values")
         if isinstance(event, CollectionStartEvent):
             self._depth += 1
         elif isinstance(event, CollectionEndEvent):

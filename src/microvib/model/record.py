@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from microvib.model.part import Part
 from microvib.units import Quantity
 
-MOST_SAMPLES = 2_000_000_000
+MAX_SAMPLES = 2_000_000_000
 PASSBAND = 0.35
 """Edge of a record's flat band, as a fraction of its sample rate: samples are filtered so, and lines looked for up to there."""
 
@@ -32,9 +32,9 @@ class Record(Part):
             raise ValueError(
                 f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:g} samples; at least 8 are needed"
             )
-        if samples > MOST_SAMPLES:
+        if samples > MAX_SAMPLES:
             raise ValueError(
-                f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:.3g} samples; at most {MOST_SAMPLES:.0e}"
+                f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:.3g} samples; at most {MAX_SAMPLES:.0e}"
             )
         return self
 

@@ -12,7 +12,7 @@ from microvib.errors import ScenarioError, meant, shown
 from microvib.model.part import Part
 
 P = TypeVar("P", bound=Part)
-MOST_SENTENCES = 8
+MAX_SENTENCES = 8
 """Problems that are told, at most; of the others their number."""
 
 
@@ -34,10 +34,10 @@ def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -
         # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
         quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
         items = [item for item in items if item["type"] != "literal_error" or item["loc"][:-1] not in quantities]
-        lines = list(dict.fromkeys(_sentence(part, item) for item in items[: 10 * MOST_SENTENCES]))
-        if len(lines) > MOST_SENTENCES:
-            more = len(lines) if len(items) <= 10 * MOST_SENTENCES else len(items)
-            lines = [*lines[:MOST_SENTENCES], f"... and {more - MOST_SENTENCES} more"]
+        lines = list(dict.fromkeys(_sentence(part, item) for item in items[: 10 * MAX_SENTENCES]))
+        if len(lines) > MAX_SENTENCES:
+            more = len(lines) if len(items) <= 10 * MAX_SENTENCES else len(items)
+            lines = [*lines[:MAX_SENTENCES], f"... and {more - MAX_SENTENCES} more"]
         raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
 
 

@@ -56,7 +56,7 @@ def write_analysis(out: Path, a: Analysis, overwrite: bool, form: Form | None = 
     return tuple(files)
 
 
-_MOST_IN_FRONT = 8
+_MAX_FIRST_PAGE = 8
 
 
 def analysis_report(a: Analysis, form: Form | None = None) -> Document:
@@ -111,7 +111,7 @@ def _facts(a: Analysis) -> list[Fact]:
 
 def _largest(a: Analysis) -> list[Line]:
     seen = [line for line in a.table or () if line.status in ("ok", "decaying", "growing")]
-    return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MOST_IN_FRONT]
+    return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MAX_FIRST_PAGE]
 
 
 def _source(a: Analysis) -> list[tuple[str, str]]:

@@ -16,7 +16,7 @@ from microvib.reports.rendering import report_files
 from microvib.reports.typography import file_name
 from microvib.studies.compare import AGREES, COVERAGE, DIFFERS, ONLY_A, ONLY_B, UNJUDGED, Row, Side, rows_csv
 
-_MOST_IN_FRONT = 10
+_MAX_FIRST_PAGE = 10
 """Lines on the first page."""
 _NAMED = 4
 """Lines that a sentence names."""
@@ -118,7 +118,7 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
     """The report of a comparison: verdict line by line wherever the bins fall, spectra, the paper's nearest bins."""
     shown = worth_a_row(rows)
     told = [r for r in shown if math.isfinite(r.a.amplitude) or math.isfinite(r.b.amplitude)]
-    main = sorted((r for r in told if math.isfinite(r.error)), key=lambda r: -r.a.amplitude)[:_MOST_IN_FRONT]
+    main = sorted((r for r in told if math.isfinite(r.error)), key=lambda r: -r.a.amplitude)[:_MAX_FIRST_PAGE]
     pictures = _spectra(a, b)
     binned = [r for r in shown if math.isfinite(r.bin_error) and (r in main or not main)]
     notes = [(f"{mark}, prepared", note) for mark, s in (("A", a), ("B", b)) for note in s.notes]

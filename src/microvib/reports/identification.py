@@ -31,7 +31,7 @@ _LEANING = (
     "Relative change of an estimate for a relative change of a parameter that was not fitted, to first order: 2 means that"
     " 1 % moves it by 2 %. An error of such a parameter is in no interval."
 )
-_MOST_OFF, _MOST_LEANING = 12, 8
+_MAX_OFF, _MAX_LEANING = 12, 8
 _MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
 
 
@@ -75,8 +75,8 @@ def _off_text(fit: Fit) -> list[str]:
     if not off:
         return []
     rows = [f"{'off':28s} {'test':>12s} {'fitted':>12s} {'sigma':>8s}"]
-    rows += [f"{_name(fit, d):28s} {d.measured:12.6g} {d.fitted:12.6g} {d.sigma:+8.1f}" for d in off[:_MOST_OFF]]
-    return rows + ([f"and {len(off) - _MOST_OFF} more"] if len(off) > _MOST_OFF else [])
+    rows += [f"{_name(fit, d):28s} {d.measured:12.6g} {d.fitted:12.6g} {d.sigma:+8.1f}" for d in off[:_MAX_OFF]]
+    return rows + ([f"and {len(off) - _MAX_OFF} more"] if len(off) > _MAX_OFF else [])
 
 
 def _off(fit: Fit) -> list[Deviation]:
@@ -207,7 +207,7 @@ def _with_error(e: Estimate) -> str:
 
 
 def _off_table(fit: Fit) -> tuple[Table, ...]:
-    off = _off(fit)[:_MOST_OFF]
+    off = _off(fit)[:_MAX_OFF]
     if not off:
         return ()
     header = ["figure", "test [1]", "fitted [1]", "off [σ]"]
@@ -233,7 +233,7 @@ def _estimates(fit: Fit) -> Table:
 
 
 def _leanings(fit: Fit) -> Table:
-    return _matrix("not fitted", fit, ((one.key, one.shifts) for one in fit.leanings[:_MOST_LEANING]))
+    return _matrix("not fitted", fit, ((one.key, one.shifts) for one in fit.leanings[:_MAX_LEANING]))
 
 
 def _before_and_after(fit: Fit) -> Table:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 ENOUGH = 0.9
 """Cumulative fraction of effective inertia that practice asks for (paper, section 3.1)."""
 RATES = {"cruise": 0.06, "fast slew": 1.0}  # deg/s
-_MOST_PICTURED = 12
-_MOST_NODES = 4000
+_MAX_DRAWN = 12
+_MAX_NODES = 4000
 
 
 def mode_kinds(source: ModalSource) -> tuple[str, ...]:
@@ -124,7 +124,7 @@ def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | No
     if source.modes is not None:
         from microvib.reports.mode_shapes import draw_shapes
 
-        figure = draw_shapes(source.modes, mode_kinds(source), _MOST_PICTURED)
+        figure = draw_shapes(source.modes, mode_kinds(source), _MAX_DRAWN)
         files["modes.png"] = lambda path: figure.savefig(path, format="png", dpi=200)
     write_folder(out, files, overwrite)
     return tuple(files)
@@ -182,17 +182,17 @@ def _shapes(design: Design, modes: Modes) -> Block:
     found = kinds(design, modes)
     legend = "; ".join(f"{key} {meaning}" for key, meaning in meanings(design).items() if key in found)
     caption = f"Mode shapes: displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."
-    return drawn(draw_shapes(modes, found, min(_MOST_PICTURED, len(found))), "Mode shapes", caption)
+    return drawn(draw_shapes(modes, found, min(_MAX_DRAWN, len(found))), "Mode shapes", caption)
 
 
 def _motion(design: Design, modes: Modes) -> list[Section]:
     from microvib.reports.mode_shapes import animation
     from microvib.structures.fem.described import kinds
 
-    if len(modes.structure.xyz) > _MOST_NODES:
+    if len(modes.structure.xyz) > _MAX_NODES:
         return []
     found = kinds(design, modes)
-    moving = animation(modes, found, min(_MOST_PICTURED, len(found)))
+    moving = animation(modes, found, min(_MAX_DRAWN, len(found)))
     return [Section("In motion", (Live(str(moving)),))]
 
 

@@ -262,7 +262,7 @@ def _forbidden(plan: RatePlan) -> Table:
     return table(["microsteps [1]", "from [deg/s]", "to [deg/s]", "largest [mN m]", "line", "why"], rows)
 
 
-_LEAST_MET = 0.01
+_MIN_RELATIVE = 0.01
 """Part of the largest line at a resonance below which a report leaves a resonance to the file."""
 
 
@@ -271,7 +271,7 @@ def _met(plan: RatePlan) -> Table:
     rows = [
         [str(r.microsteps), _deg(r.rate), number(r.frequency), milli(r.amplitude), r.line, r.mode]
         for r in strongest(plan.resonances, 40)
-        if not r.amplitude < _LEAST_MET * top
+        if not r.amplitude < _MIN_RELATIVE * top
     ]
     return table(["microsteps [1]", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"], rows)
 

@@ -14,7 +14,7 @@ from microvib.errors import MicrovibError
 ROLES = ("prepared", "checked", "approved")
 """Who signs where nothing else is said."""
 _LONGEST = 80
-_MOST_ROLES = 6
+_MAX_ROLES = 6
 
 
 def today() -> str:
@@ -91,9 +91,9 @@ def _text(path: Path, key: str, value: Any) -> str:
 
 def _signatures(path: Path, value: Any) -> tuple[tuple[str, str], ...]:
     roles = value if isinstance(value, Mapping) else dict.fromkeys(value) if _is_list_of_texts(value) else {}
-    if not 1 <= len(roles) <= _MOST_ROLES:
+    if not 1 <= len(roles) <= _MAX_ROLES:
         raise MicrovibError(
-            f"{path}: signatures: '{_shown(value)}' is not allowed; 1 to {_MOST_ROLES} roles with names are, such as"
+            f"{path}: signatures: '{_shown(value)}' is not allowed; 1 to {_MAX_ROLES} roles with names are, such as"
             " {prepared: A. Engineer, approved: B. Head}"
         )
     return tuple(

@@ -10,7 +10,7 @@ from microvib.model.expected import ExpectedLine
 from microvib.signals.line_table import DETECTION
 from microvib.signals.tones import HannSpectrum, steady
 
-MOST_FOR_CLOCK = 12
+MAX_CLOCK_LINES = 12
 """Lines, the strongest, that the clock ratio is estimated from."""
 _PEAKS = 6
 """Peaks of a band that may be the line that is looked for there."""
@@ -92,5 +92,5 @@ def agreeing(clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum
     weight = np.cumsum(f[order])
     shift = float((d / f)[order][np.searchsorted(weight, 0.5 * weight[-1])])
     agree = np.abs(d - shift * f) * spectrum.duration < _AGREE + np.array(unsure)
-    strongest = sorted(np.flatnonzero(agree).tolist(), key=lambda i: -height[i])[:MOST_FOR_CLOCK]
+    strongest = sorted(np.flatnonzero(agree).tolist(), key=lambda i: -height[i])[:MAX_CLOCK_LINES]
     return [lines[i] for i in strongest], start + shift

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals.line_search import MOST_OTHERS
+from microvib.signals.line_search import MAX_OTHERS
 from microvib.signals.line_table import FAINT, Line, LineTable, Rest
 from microvib.signals.orders import Orders
 
@@ -82,7 +82,7 @@ def _others(series: np.ndarray, base: float, microsteps: int, named: set[int], o
     """Orders without a name, from a hundredth of the largest, the strongest first, as ``estimate_lines`` lists them."""
     amplitudes = np.abs(series)
     amplitudes[[0, *named]] = 0.0
-    strong = np.argsort(-amplitudes, kind="stable")[:MOST_OTHERS]
+    strong = np.argsort(-amplitudes, kind="stable")[:MAX_OTHERS]
     least = 0.01 * float(np.max(np.abs(series[1:]), initial=0.0))
     lines: list[Line] = []
     for k in (int(k) for k in strong if amplitudes[k] > least):

@@ -26,7 +26,7 @@ from microvib.signals.uncertainty import disturbed, uncertainties
 
 SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
-MOST_MODES = 300
+MAX_MODES = 300
 """Array modes that are fitted in one record: the work grows with the third power of their number."""
 _RANK = {"array mode": 1, "electrical": 2}
 _ROUNDS = 3
@@ -210,14 +210,14 @@ def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[E
 
 
 def _largest(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> tuple[list[ExpectedLine], dict[str, str]]:
-    """The array modes that are fitted, MOST_MODES at most, those in whose bands most stands; and the others with the reason."""
-    if len(modes) <= MOST_MODES:
+    """The array modes that are fitted, MAX_MODES at most, those in whose bands most stands; and the others with the reason."""
+    if len(modes) <= MAX_MODES:
         return list(modes), {}
     first = [max(int(line.low * spectrum.duration), 0) for line in modes]
     last = [int(line.high * spectrum.duration) + 2 for line in modes]
     stands = [float(spectrum.magnitude[a:b].max(initial=0.0)) for a, b in zip(first, last, strict=True)]
-    kept = set(np.argsort(stands)[-MOST_MODES:].tolist())
-    why = f"not looked for: of {len(modes)} array modes, the {MOST_MODES} largest are"
+    kept = set(np.argsort(stands)[-MAX_MODES:].tolist())
+    why = f"not looked for: of {len(modes)} array modes, the {MAX_MODES} largest are"
     return [line for k, line in enumerate(modes) if k in kept], {
         line.name: why for k, line in enumerate(modes) if k not in kept
     }

@@ -16,7 +16,7 @@ from microvib.signals.tone_kernel import REACH
 from microvib.signals.tones import falling, steady
 from microvib.signals.uncertainty import uncertainties
 
-MOST_OTHERS = 12
+MAX_OTHERS = 12
 LEAST = 0.01
 """Part of the largest line from which an unlisted one is fitted."""
 FALLS = 0.1
@@ -146,7 +146,7 @@ class _Search:
 
     def _fit_other(self, k: int) -> bool:
         """Fit an unlisted line about bin ``k``; False where it is none, or where there are enough."""
-        if not self.unlisted or self.others >= MOST_OTHERS:
+        if not self.unlisted or self.others >= MAX_OTHERS:
             return False
         at, height = self.joint.rest.peak(k / self.duration, k / self.duration, margin=0.0)
         order = self.orders.whole(at, 0.3 / self.duration) if self.orders else None

@@ -20,7 +20,7 @@ import numpy as np
 from microvib.model.scenario import Scenario
 from microvib.solve.kernel import filter_and_decimate
 
-LEAST_FACTOR = 4
+MIN_FACTOR = 4
 STEP_ORDERS = 100
 """Inner rate over driving frequency, at least."""
 FASTEST = 65_536.0
@@ -33,7 +33,7 @@ _BETA = 7.86  # Kaiser window, 80 dB
 def inner_factor(sample_rate: float, driving_frequency: float) -> int:
     """Inner intervals per sample, m."""
     wanted = min(STEP_ORDERS * driving_frequency, FASTEST)
-    return max(LEAST_FACTOR, math.ceil(wanted / sample_rate))
+    return max(MIN_FACTOR, math.ceil(wanted / sample_rate))
 
 
 def half_length(factor: int) -> int:
@@ -91,7 +91,7 @@ def taps(factor: int) -> np.ndarray:
 class Decimator:
     """Streaming filter over rows (time, channel); keeps what the next block needs."""
 
-    def __init__(self, factor: int = LEAST_FACTOR) -> None:
+    def __init__(self, factor: int = MIN_FACTOR) -> None:
         self._factor = factor
         self._taps = taps(factor)
         self._left = np.zeros((0, 0))

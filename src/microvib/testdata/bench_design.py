@@ -11,7 +11,7 @@ from microvib.units import Quantity
 
 OVERSAMPLING = 4
 """Rate of the analog stages over that of the converter."""
-MOST_SAMPLES = 20_000_000
+MAX_SAMPLES = 20_000_000
 
 Ratio = Annotated[float, Quantity("", "damping ratio", "zeta", ge=0, le=2, display="percent")]
 
@@ -88,10 +88,10 @@ class Bench(Part):
                 f"filter_corner: {self.filter_corner:g} Hz is not below half the sample rate, {0.5 * self.sample_rate:g} Hz;"
                 " it could not keep aliases out"
             )
-        if self.sample_rate * (self.lead + self.duration) * OVERSAMPLING > MOST_SAMPLES:
+        if self.sample_rate * (self.lead + self.duration) * OVERSAMPLING > MAX_SAMPLES:
             raise ValueError(
                 f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is too much; a recording has at most"
-                f" {MOST_SAMPLES // OVERSAMPLING} samples"
+                f" {MAX_SAMPLES // OVERSAMPLING} samples"
             )
         return self
 

@@ -15,7 +15,7 @@ from microvib.structures.deck import ORIGIN, Deck, Import, Point
 from microvib.structures.modal import ModalError
 from microvib.structures.modal_checks import check_clamped
 
-MOST_ROWS = 20_000
+MAX_ROWS = 20_000
 """Rows of a table; no modal analysis prints as many."""
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([-+]\d+)|[EeDd](\d+))?$")
 _TITLES: tuple[tuple[str, str], ...] = (
@@ -69,8 +69,8 @@ class _Tables:
 
     def add(self, name: str, row: list[float], title: str) -> None:
         tables = self.rows.setdefault(name, [[]])
-        if len(tables[-1]) > MOST_ROWS:
-            raise ModalError(f"{title}: a table has more than {MOST_ROWS} rows")
+        if len(tables[-1]) > MAX_ROWS:
+            raise ModalError(f"{title}: a table has more than {MAX_ROWS} rows")
         tables[-1].append(row)
 
     def last(self, name: str) -> np.ndarray | None:

@@ -15,7 +15,7 @@ from microvib.structures.modal import ModalError
 
 _EIGENVALUE = re.compile(r"\$EIGENVALUE\s*=\s*(\S+)\s+MODE\s*=\s*(\d+)")
 _FIELDS = ((18, 36), (36, 54), (54, 72))
-MOST_MODES = 2000
+MAX_MODES = 2000
 
 
 def read_punched(path: Path, options: Import) -> Deck:
@@ -64,6 +64,6 @@ def _forces(path: Path) -> tuple[dict[int, float], dict[int, dict[int, list[floa
             if not line.startswith("-CONT-"):
                 grid = int(line[:10])
             forces.setdefault(mode, {}).setdefault(grid, []).extend(values)
-            if len(forces) > MOST_MODES:
-                raise ModalError(f"{path}: has more than {MOST_MODES} modes")
+            if len(forces) > MAX_MODES:
+                raise ModalError(f"{path}: has more than {MAX_MODES} modes")
     return eigenvalue, forces

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 Band = tuple[float, float]
 LOW, BETWEEN = "#9ecae8", "#b0b0b0"
-MOST_KEYS = 12
-MOST_POINTS = 5000
+MAX_KEYS = 12
+MAX_POINTS = 5000
 """Points of a scatter plot; more would only hide each other."""
 
 
@@ -143,10 +143,10 @@ def tornados(found: Sequence[Tornado]) -> Figure:
     """Effect of every key on each line, the strongest on top."""
     from matplotlib.patches import Patch
 
-    keys = min(max(len(t.effects) for t in found), MOST_KEYS)
+    keys = min(max(len(t.effects) for t in found), MAX_KEYS)
     figure, axes = _panels(len(found), height=0.9 + 0.2 * keys, columns=2)
     for ax, item in zip(axes, found, strict=True):
-        shown = item.effects[:MOST_KEYS]
+        shown = item.effects[:MAX_KEYS]
         y = np.arange(len(shown))[::-1]
         for end, colour in (("low", LOW), ("high", figures.BLUE)):
             moved = np.array([1e3 * (getattr(e, end) - item.centre) for e in shown])
@@ -166,12 +166,12 @@ def scatters(results: Results, line: str, band: Band) -> Figure | None:
     """Amplitude of a line over every key that is a number."""
     design = results.campaign.design
     given: list[Uncertain | Levels] = [*design.uncertain, *design.levels]
-    keys = [x for x in given if _numeric(x)][:MOST_KEYS]
+    keys = [x for x in given if _numeric(x)][:MAX_KEYS]
     if not keys:
         return None
     y = 1e3 * amplitudes(results, line, band)
     shown = np.flatnonzero(np.isfinite(y))
-    shown = shown[:: max(shown.size // MOST_POINTS, 1)]
+    shown = shown[:: max(shown.size // MAX_POINTS, 1)]
     figure, axes = _panels(len(keys))
     for ax, item in zip(axes, keys, strict=True):
         scale = _per_display(item.unit, item.display)

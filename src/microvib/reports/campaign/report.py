@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 WORST = 5
 """Worst cases that are listed for each line."""
-MOST_LEVELS = 20
+MAX_LEVELS = 20
 """Levels, those with the largest lines, that are listed in a report; all of them are in statistics.csv."""
 
 
@@ -286,7 +286,7 @@ def _levels(s: Summary) -> Table:
     rows = [
         [short(r.level.text, 80), str(r.level.draws), milli(r.median.value), milli(r.p95.value), milli(r.p99.value),
          milli(r.largest), str(r.worst), *([above_limit(r)] if s.limit is not None else [])]
-        for r in s.by_level[:MOST_LEVELS]
+        for r in s.by_level[:MAX_LEVELS]
     ]  # fmt: skip
     more = len(s.by_level) - len(rows)
     rest = f" {more} more are in `statistics.csv`." if more > 0 else ""

@@ -14,7 +14,7 @@ from microvib.io.results import rows_csv, write_folder
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.writing import write_file
 from microvib.reports.campaign.report import (
-    MOST_LEVELS,
+    MAX_LEVELS,
     Summary,
     above_limit,
     campaign_report,
@@ -34,7 +34,7 @@ from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.studies.campaign.slurm import job_state
 from microvib.studies.campaign.statistics import ANY, Estimate, LineStatistics
 
-MOST_REASONS = 10
+MAX_REASONS = 10
 
 
 def state_text(campaign: Campaign, reasons: bool = False) -> str:
@@ -59,7 +59,7 @@ def state_text(campaign: Campaign, reasons: bool = False) -> str:
     if queued:
         lines.append(f"Slurm: {queued}")
     if reasons:
-        lines += [f"  {count} x {kind} (case {examples[kind]})" for kind, count in why.most_common(MOST_REASONS)]
+        lines += [f"  {count} x {kind} (case {examples[kind]})" for kind, count in why.most_common(MAX_REASONS)]
     return "\n".join(lines)
 
 
@@ -84,8 +84,8 @@ def report_text(s: Summary) -> str:
             "Each line at the level at which it is largest. The largest line level by level, the highest first:",
             "",
         ]
-        lines += [_level_text(r) for r in s.by_level[:MOST_LEVELS]]
-        lines += [f"and {len(s.by_level) - MOST_LEVELS} more in statistics.csv"] * (len(s.by_level) > MOST_LEVELS)
+        lines += [_level_text(r) for r in s.by_level[:MAX_LEVELS]]
+        lines += [f"and {len(s.by_level) - MAX_LEVELS} more in statistics.csv"] * (len(s.by_level) > MAX_LEVELS)
     if s.any_level is not None and s.limit is not None:
         e = s.any_level.exceedance
         lines += ["", f"Above {1e3 * s.limit:g} mN m at one level or more: {s.any_level.above} of {s.any_level.draws} draws,"

@@ -13,7 +13,7 @@ from microvib.signals.line_table import Line, LineTable
 from microvib.signals.spectrum import tone
 from microvib.solve.motion import Motion
 
-_MOST_LINES = 3
+_MAX_LINES = 3
 _TINY = 1e-9
 """Part of a line's largest contribution below which a phase says nothing."""
 
@@ -47,7 +47,7 @@ def main_lines(lines: LineTable) -> list[Line]:
     """The first driving line and the largest others, by frequency."""
     found = [x for x in lines.notable() if math.isfinite(x.amplitude_n_m)]
     found.sort(key=lambda x: (x.line != "drive_1", -x.amplitude_n_m))
-    return sorted(found[:_MOST_LINES], key=lambda x: x.frequency_hz)
+    return sorted(found[:_MAX_LINES], key=lambda x: x.frequency_hz)
 
 
 def _budget(motion: Motion, lines: list[Line]) -> Table:

@@ -26,7 +26,7 @@ TOGETHER = 32
 """Cases that are simulated together; bounds the memory of a worker."""
 FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
 """What is kept of every line."""
-LEAST_TIME = 60.0
+MIN_TIME = 60.0
 """Time [s] that any case may take, beside what it simulates."""
 STARTING = 120.0
 """Time [s] on top for the cases that are computed together, the first of which may have to wait for the compiler."""
@@ -205,7 +205,7 @@ def _end() -> None:
 def _allowed(work: Work, scenario: Scenario) -> float:
     """Time [s] that a case may take."""
     record = scenario.record
-    return LEAST_TIME + record.settle + record.duration if work.time_limit is None else work.time_limit
+    return MIN_TIME + record.settle + record.duration if work.time_limit is None else work.time_limit
 
 
 def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) -> list[_Result]:

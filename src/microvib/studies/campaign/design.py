@@ -20,7 +20,7 @@ from microvib.model.sentences import validated
 from microvib.studies.campaign.study_file import Correlation, Study
 from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, keys_of, variation
 
-MOST_CASES = 10_000_000
+MAX_CASES = 10_000_000
 CHECKED = (0.001, 0.999)
 """Quantiles of a distribution at which the scenario is tried when the campaign is made."""
 ENDS = (0.05, 0.95)
@@ -164,8 +164,8 @@ def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design
     if both:
         raise ScenarioError(f"{origin}: {min(both)} stands in vary and in cases; one place is wanted")
     total = len(combinations) * math.prod(len(x.values) for x in levels) * _points(study, len(uncertain))
-    if total > MOST_CASES:
-        raise ScenarioError(f"{origin}: makes {total:.3g} cases; at most {MOST_CASES:.0e} are computed")
+    if total > MAX_CASES:
+        raise ScenarioError(f"{origin}: makes {total:.3g} cases; at most {MAX_CASES:.0e} are computed")
     _try(base, parts, origin)
     return Design(study, base, combinations, levels, uncertain, _sample(study, uncertain, origin))
 

@@ -13,7 +13,7 @@ from microvib.studies.campaign.statistics import CONFIDENCE, Estimate, amplitude
 
 RESAMPLES = 200
 """Of the bootstrap."""
-LEAST_CASES = 4
+MIN_CASES = 4
 """Draws per parameter below which no regression is made."""
 
 
@@ -108,7 +108,7 @@ def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
     X = np.tile(spread / np.where(scale > 0.0, scale, 1.0), (table.shape[0], 1))
     target = centred.ravel()
     good = np.isfinite(target)
-    if good.reshape(table.shape).any(axis=0).sum() < LEAST_CASES * (d + 1):  # a draw seen at many levels is one draw
+    if good.reshape(table.shape).any(axis=0).sum() < MIN_CASES * (d + 1):  # a draw seen at many levels is one draw
         return None
     slopes, *_ = np.linalg.lstsq(X[good], target[good], rcond=None)
     total = float(np.sum(target[good] ** 2))

@@ -15,7 +15,7 @@ from microvib.errors import ScenarioError, shown
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, convert
 
-MOST_LEVELS = 1_000_000
+MAX_LEVELS = 1_000_000
 ARRAY = ("array.from", "array.fem")
 """Keys whose levels are arrays, read when the campaign is made."""
 
@@ -267,8 +267,8 @@ def _grid(key: str, r: _Reader) -> Levels:
     first, last = r.number("from"), r.number("to")
     count: Any = r.spec.get("count")
     spacing = r.spec.get("spacing", "linear")
-    right = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST_LEVELS
-    r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MOST_LEVELS} is wanted")
+    right = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_LEVELS
+    r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MAX_LEVELS} is wanted")
     r.check(spacing in ("linear", "logarithmic"), f"spacing: {spacing!r} is not allowed; write linear or logarithmic")
     if spacing == "linear":
         values = np.linspace(first, last, count)

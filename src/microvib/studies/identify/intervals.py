@@ -21,7 +21,7 @@ ROUGH = 1e-3
 """How well the cost is made small at a point of a profile, relatively."""
 AHEAD, SETTLED = 3, 0.02
 """Steps with the optimum's slopes towards a point of the profile; how far they may have left to go, relatively, to be there."""
-MOST_POINTS = 10
+MAX_POINTS = 10
 """Points of a profile to one side, at most."""
 
 
@@ -103,7 +103,7 @@ class _Side:
 
     def _crossing(self) -> tuple[float, bool]:
         """The least distance known at which the profile is as high as Z, by secants outwards from where it is lower."""
-        for _ in range(MOST_POINTS):
+        for _ in range(MAX_POINTS):
             t = self._next(lambda h: h < Z * (1.0 + CLOSE))
             if t is None:
                 break

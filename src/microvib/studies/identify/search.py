@@ -23,7 +23,7 @@ CLOSE = 1e-5
 """Relative change of the cost below which a local fit is at its end."""
 AGAIN, FULL = 12, 60
 """Steps of a local fit: from beside an optimum, and to the end."""
-AT_ONCE, MOST_FINISHES = 2, 8
+AT_ONCE, MAX_FITS = 2, 8
 """Local fits before it is asked whether the evidence is explained, whatever the number of cores; and at most, of a round."""
 PART = 32
 """Points of the global look from one word of progress to the next."""
@@ -134,7 +134,7 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
     points = [problem.tuned(x) for x in (*_sobol(problem, starts, seed), *also)]
     parts = [points[k : k + PART] for k in range(0, len(points), PART)]
     costs = [cost(r) for part in parts for r in problem.residuals(part)]
-    most = min(finishes, AT_ONCE) if problem.along() else max(finishes, MOST_FINISHES)
+    most = min(finishes, AT_ONCE) if problem.along() else max(finishes, MAX_FITS)
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
     problem.enters("local")
     optima: list[Optimum] = []

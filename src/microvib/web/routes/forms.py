@@ -37,7 +37,7 @@ TITLES = {
     "record": "Record",
     "solver": "Solver",
 }
-MOST_MODES = 100
+MAX_MODES = 100
 LONG = 2000
 """Characters of changes, and 20 for each, from which a worker reads them: here they would take a tenth of a second."""
 NAME = "scenario"
@@ -208,10 +208,8 @@ def scenario(spec: Spec) -> Scenario:
 
 def _bounded(loaded: Scenario) -> Scenario:
     n = len(loaded.array.modes)
-    if n > MOST_MODES:
-        raise ScenarioError(
-            f"array.modes: has {n} modes; the page takes at most {MOST_MODES}, `microvib run` takes all"
-        )
+    if n > MAX_MODES:
+        raise ScenarioError(f"array.modes: has {n} modes; the page takes at most {MAX_MODES}, `microvib run` takes all")
     return loaded
 
 

@@ -39,7 +39,7 @@ FAULT = "the server met a fault of its own; its log says more"
 _STRANGER = "open the address that microvib serve printed last: it carries the token that is needed here"
 _SAFE = ("GET", "HEAD", "OPTIONS")
 _RECORDINGS = "/api/recordings"
-_MOST_STRINGS = 10_000
+_MAX_STRINGS = 10_000
 _STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 
 
@@ -99,7 +99,7 @@ class Guard:
         body = await receive.whole()
         if b"\0" in body:  # or UTF-16, in which structure could be hidden
             await reply.say(422, "the request is no JSON in UTF-8")
-        elif len(_STRINGS.sub(b"", body, count=_MOST_STRINGS)) > self._limits.structure:
+        elif len(_STRINGS.sub(b"", body, count=_MAX_STRINGS)) > self._limits.structure:
             await reply.say(
                 413,
                 f"the request holds too many values: beside texts at most {self._limits.structure / 1e3:g} kB are taken",

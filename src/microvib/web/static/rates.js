@@ -11,7 +11,7 @@ import { LIMIT, style } from "./styles.js";
 import { table } from "./tables.js";
 
 const FAINTEST = 1e-3;
-const MOST_ROWS = 40;
+const MAX_ROWS = 40;
 const PANEL = 250; // height of one diagram
 const NAME = 14; // and of a name in it, in pixels
 const deg = (rate) => (180 / Math.PI) * rate;
@@ -261,7 +261,7 @@ function drawLargest(place, plan, counts) {
 }
 
 function resonances({ resonances: rows }) {
-  const strongest = [...rows].sort((a, b) => (b.amplitude ?? Infinity) - (a.amplitude ?? Infinity)).slice(0, MOST_ROWS);
+  const strongest = [...rows].sort((a, b) => (b.amplitude ?? Infinity) - (a.amplitude ?? Infinity)).slice(0, MAX_ROWS);
   return table(
     [
       { key: "line", title: "line" },
