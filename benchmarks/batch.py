@@ -28,7 +28,7 @@ from microvib.solve import vector as lanes
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.command import Command
 from microvib.solve.pack import no_samples, pack
-from microvib.solve.sampling import window
+from microvib.solve.sampling import sample_intervals
 
 TOP = 1400.0
 """Highest line looked for [Hz]."""
@@ -144,14 +144,14 @@ def _timed_loop(call: Callable[[], Any]) -> tuple[Any, float]:
 
 def _bare(scenario: mv.Scenario) -> float:
     """Processor time of the kernel alone over the same span [s]; at once, so that it ends no step for our sake."""
-    packed, end = pack(scenario), window(scenario).end
+    packed, end = pack(scenario), sample_intervals(scenario).end
     microsteps = Command(scenario).microsteps(0.0, end)
     return _timed(lambda: packed.advance(end, no_samples(packed.channels)._replace(width=0.0), *microsteps))[0]
 
 
 def _attempts(scenario: mv.Scenario) -> int:
     """Attempts at a step, those that were refused or looked for an event included."""
-    packed, end = pack(scenario), window(scenario).end
+    packed, end = pack(scenario), sample_intervals(scenario).end
     silent = no_samples(packed.channels)._replace(width=0.0)
     packed.advance(end, silent, *Command(scenario).microsteps(0.0, end))
     return int(packed.state.counters[[kernel.STEPS, kernel.REJECTED, kernel.EVENT_STEPS]].sum())

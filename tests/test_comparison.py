@@ -68,8 +68,8 @@ def test_the_first_page_says_which_lines_agree():
     a, b = (Side(name, "table", {}) for name in ("/home/me/secret/a.csv", "b.csv"))
     document = comparison_report(a, b, ROWS)
     assert document.facts[0].value == "1 of 2"
-    assert any(isinstance(x, Text) and x.text.startswith(verdict_sentence(ROWS)) for x in document.front)
-    main = next(x for x in document.front if isinstance(x, Table) and x.columns[0].title == "line")
+    assert any(isinstance(x, Text) and x.text.startswith(verdict_sentence(ROWS)) for x in document.first_page)
+    main = next(x for x in document.first_page if isinstance(x, Table) and x.columns[0].title == "line")
     verdicts = {r.cells[0]: (r.cells[-1], r.mark) for r in main.rows}
     assert verdicts["drive_1"] == ("agrees", "pass")
     assert verdicts["drive_2"] == ("differs", "off")

@@ -140,7 +140,7 @@ def test_a_line_without_amplitude_is_named_not_passed(lines_1, motion_1, undrawn
     table_ = replace(lines_1, lines=(lines_1["full_step_1"], unknown))
     judged = judge(table_, LIMIT)
     assert [x.line for x in judged.unknown] == ["drive_2"]
-    notes = [b.text for b in run_report(motion_1, table_, limit=LIMIT).front if isinstance(b, Text)]
+    notes = [b.text for b in run_report(motion_1, table_, limit=LIMIT).first_page if isinstance(b, Text)]
     assert "Not judged: drive_2 (not resolved: x)." in notes[0]
 
 
@@ -151,7 +151,7 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
     judged, seen = judge(lines_1, LIMIT, motion_1.scenario), set()
     assert document.facts[0].status == "fail"
     assert document.facts[0].value.startswith(f"FAIL: {judged.above} of ")
-    simulated, main = tables(document.front)
+    simulated, main = tables(document.first_page)
     assert [row.cells[0] for row in simulated.rows][:4] == ["Drive", "Array", "Motion", "Record"]
     assert simulated.rows[-1].cells[0] == "Invariants"
     assert simulated.rows[-1].cells[1].startswith("all hold")
@@ -166,13 +166,13 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
         known = {"pass": ("pass", "pass"), "fail": ("FAIL", "fail"), "not judged": ("not judged", "")}
         assert (verdict, row.mark) == known[judged.of(lines_1[name]).verdict]
     assert {"pass", "FAIL"} <= seen
-    assert sum(isinstance(b, Figure) for b in document.front) == 1
+    assert sum(isinstance(b, Figure) for b in document.first_page) == 1
     assert document.sections[0].new_page
 
 
 def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1, undrawn):
     document = run_report(motion_1, lines_1)
-    _, main = tables(document.front)
+    _, main = tables(document.first_page)
     assert [c.title for c in main.columns] == ["line", "frequency", "amplitude", "what it is"]
     assert {row.mark for row in main.rows} == {""}
     assert not any(fact.status for fact in document.facts)
@@ -335,7 +335,7 @@ def test_a_long_title_leaves_the_first_page_one_page(motion_1, lines_1):
 
 
 def test_a_study_is_built_in_a_few_lines():
-    made = study("Kind", "Title", "Subtitle", front=[Text("x")], sections=[], form=Form(command="microvib x"))
+    made = study("Kind", "Title", "Subtitle", first_page=[Text("x")], sections=[], form=Form(command="microvib x"))
     assert [s.title for s in made.sections] == ["Versions, and how to reproduce"]
     assert sorted(report_files(made, Form(pdf=True))) == ["report.html", "report.pdf"]
     assert list(report_files(made, None)) == ["report.html"]
@@ -472,5 +472,5 @@ def test_other_commands_write_a_pdf_of_the_same_look(tmp_path):
 def test_unusual_values_stand_on_the_first_page(motion_1, lines_1):
     doubtful = replace(motion_1, scenario=motion_1.scenario.with_({"array.modes.0.damping": "50 %"}))
     for motion, there in ((doubtful, True), (motion_1, False)):
-        notes = " ".join(b.text for b in run_report(motion, lines_1).front if isinstance(b, Text))
+        notes = " ".join(b.text for b in run_report(motion, lines_1).first_page if isinstance(b, Text))
         assert ("array.modes.0.damping: 50 % is unusual; 0.01 % to 15 % is expected" in notes) == there

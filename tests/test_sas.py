@@ -23,7 +23,7 @@ from microvib.structures.simulator_design import SimulatorDesign
 from microvib.structures.springs import allowable_stress, coil_rate, coil_stress, spring_energy, wahl_factor
 from microvib.studies.sas import (
     SizingError,
-    State,
+    TargetState,
     paper_states,
     parts_of,
     response,
@@ -34,7 +34,7 @@ from microvib.studies.sas import (
 )  # fmt: skip
 from microvib.studies.sizing import parse_state, read_states
 
-TARGET = State("target", 1.19, 8.18)
+TARGET = TargetState("target", 1.19, 8.18)
 TWO_DEGREES = math.radians(2.0)
 
 
@@ -223,7 +223,7 @@ def test_what_stands_for_the_array():
 
 def test_a_state_of_its_own_springs(design):
     """States that no stock spring reaches together have their own."""
-    sizing = size(State("slow", 0.66, 8.18), [State("fast", 3.2, 8.18)], design, TWO_DEGREES)
+    sizing = size(TargetState("slow", 0.66, 8.18), [TargetState("fast", 3.2, 8.18)], design, TWO_DEGREES)
     assert not sizing.one_spring
     assert [s.design.frequency for s in sizing.settings] == pytest.approx([0.66, 3.2], rel=1e-3)
 
@@ -254,14 +254,14 @@ def test_tolerances_against_monte_carlo(sizing):
 )
 def test_out_of_reach_says_what_binds(design, state, words):
     with pytest.raises(SizingError, match=words) as error:
-        size(State("target", *state), [], design, TWO_DEGREES)
+        size(TargetState("target", *state), [], design, TWO_DEGREES)
     assert "allowed are" in str(error.value)
 
 
 def test_between_the_counterweights(design):
     gap = changed(design, adjustment__masses=(0.5, 10.0), adjustment__radius_min=0.6)
     with pytest.raises(SizingError, match=r"adjustment\.masses"):
-        size(State("target", 1.19, 12.0), [], gap, TWO_DEGREES)
+        size(TargetState("target", 1.19, 12.0), [], gap, TWO_DEGREES)
 
 
 def test_an_amplitude_too_large(design):
@@ -288,7 +288,7 @@ def test_a_description_that_does_not_fit(design, change, words):
 
 
 def test_options_as_sentences(tmp_path):
-    assert parse_state("1.19 Hz:15.69 kg*m^2", "a") == parse_state("1.19:15.69", "a") == State("a", 1.19, 15.69)
+    assert parse_state("1.19 Hz:15.69 kg*m^2", "a") == parse_state("1.19:15.69", "a") == TargetState("a", 1.19, 15.69)
     for text in ("-1", "nan", "0", "2 s", "x"):
         with pytest.raises(OptionError, match="state: "):
             parse_state(f"1.19:{text}", "a")

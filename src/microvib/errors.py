@@ -59,7 +59,7 @@ class LineError(MicrovibError, KeyError):
     __str__ = Exception.__str__
 
 
-def meant(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The known name that a misspelt one is likely to stand for, as part of a sentence; empty where none is near."""
     near = difflib.get_close_matches(name, list(known), 1, 0.7)
     return f"did you mean {near[0]}? " if near else ""

@@ -92,7 +92,7 @@ def _steady_sentence(result: RunResult) -> str:
 
 def _print_lines(loaded: Scenario, table: LineTable) -> None:
     from microvib.analysis.limits import unsettled
-    from microvib.studies.paper import compare_with_paper, paper_state, standing
+    from microvib.studies.paper import compare_with_paper, comparison_worth, paper_state
 
     echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
     echo(table.text(notable=True))
@@ -102,7 +102,7 @@ def _print_lines(loaded: Scenario, table: LineTable) -> None:
         echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
     rows = compare_with_paper(loaded, table)
     if rows:
-        echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {standing(loaded)}:\n")
+        echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(loaded)}:\n")
         echo(
             f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
             f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from microvib.errors import ScenarioError, meant
+from microvib.errors import ScenarioError, did_you_mean
 from microvib.model.array import Array
 from microvib.model.driver import Driver
 from microvib.model.friction import Friction
@@ -128,7 +128,7 @@ class Scenario(Part):
             listed = isinstance(node, tuple) and node and isinstance(node[0], Part)
             known = [str(k) for k in range(len(node))] if listed else list(getattr(type(node), "model_fields", ()))
             if name not in known:
-                near = meant(key, self._ipython_key_completions_())
+                near = did_you_mean(key, self._ipython_key_completions_())
                 raise ScenarioError(f"{key}: unknown key; {near}allowed here are {', '.join(known) or 'none'}")
             node = node[int(name)] if listed else getattr(node, name)
         return node

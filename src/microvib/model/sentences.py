@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from microvib.errors import ScenarioError, meant, shown
+from microvib.errors import ScenarioError, did_you_mean, shown
 from microvib.model.part import Part
 
 P = TypeVar("P", bound=Part)
@@ -85,7 +85,7 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
 def _near(key: str, known: list[str], root: type[Part]) -> str:
     """What an unknown key may stand for: a neighbour that is spelt like it, or a key of its name in another group."""
     elsewhere = [name for name in _all_keys(root) if name.split(".")[-1] == key.split(".")[-1]]
-    return meant(key, known) or (f"did you mean {' or '.join(elsewhere)}? " if 0 < len(elsewhere) <= 3 else "")
+    return did_you_mean(key, known) or (f"did you mean {' or '.join(elsewhere)}? " if 0 < len(elsewhere) <= 3 else "")
 
 
 def _all_keys(part: type[Part], prefix: str = "") -> Iterator[str]:

@@ -78,7 +78,7 @@ def analysis_report(a: Analysis, form: Form | None = None) -> Document:
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
         "Lines with uncertainties and spectra of a " + ("torque." if a.unit == "N m" else "force."),
         facts=_facts(a),
-        front=(pairs(_source(a)), *_main_lines(a), spectrum),
+        first_page=(pairs(_source(a)), *_main_lines(a), spectrum),
         sections=(
             *lines,
             Section("Power spectral density", (density,), new_page=not lines),

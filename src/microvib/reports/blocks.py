@@ -25,7 +25,7 @@ def study(
     title: str,
     subtitle: str,
     *,
-    front: Sequence[Block],
+    first_page: Sequence[Block],
     sections: Sequence[Section],
     form: Form | None,
     facts: Sequence[Fact] = (),
@@ -42,7 +42,7 @@ def study(
     hashes = [(f"{name} SHA-256", sha256(dump_part(part).encode()).hexdigest()) for name, part in named.items()]
     last = Section("Versions, and how to reproduce", (*blocks, pairs([*package_versions().items(), *hashes])))
     foot = made_by(package_versions()["microvib"], scenario)
-    return Document(kind, title, subtitle, tuple(facts), tuple(front), (*sections, last), foot, form.title_block)
+    return Document(kind, title, subtitle, tuple(facts), tuple(first_page), (*sections, last), foot, form.title_block)
 
 
 def made_by(version: str, scenario: Scenario | None = None) -> str:

@@ -122,9 +122,9 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
     pictures = _spectra(a, b)
     binned = [r for r in shown if math.isfinite(r.bin_error) and (r in main or not main)]
     notes = [(f"{mark}, prepared", note) for mark, s in (("A", a), ("B", b)) for note in s.notes]
-    front: list[Block] = [pairs((("A", _side(a)), ("B", _side(b)), *notes, ("Clock", clock_sentence(a, b))))]
-    front += [Text(f"{verdict_sentence(told or shown)} {_WORTH}")]
-    front += [_line_table([r for r in told if r in main])] if main else []
+    first_page: list[Block] = [pairs((("A", _side(a)), ("B", _side(b)), *notes, ("Clock", clock_sentence(a, b))))]
+    first_page += [Text(f"{verdict_sentence(told or shown)} {_WORTH}")]
+    first_page += [_line_table([r for r in told if r in main])] if main else []
     sections = [Section("All lines", (_line_table(told),), new_page=True)] if len(main) < len(told) else []
     sections += [Section("Nearest bins (as Tables 5 and 6)", _bin_blocks(binned))] if binned else []
     return study(
@@ -132,7 +132,7 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
         "Comparison of disturbance lines",
         f"B against A: {file_name(b.name)} ({b.kind}) against {file_name(a.name)} ({a.kind}).",
         facts=_facts(told, shown),
-        front=[*front, *pictures],
+        first_page=[*first_page, *pictures],
         sections=sections,
         form=form,
         parts={f"{mark}, scenario": s.scenario for mark, s in (("A", a), ("B", b)) if s.scenario is not None},

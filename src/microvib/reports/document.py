@@ -106,13 +106,13 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """A whole report. ``front`` with facts and title block makes its first page; ``made`` is the line at the foot of every page."""
+    """A whole report. ``first_page`` follows facts and title block there; ``made`` is the line at the foot of every page."""
 
     kind: str
     title: str
     subtitle: str
     facts: tuple[Fact, ...]
-    front: tuple[Block, ...]
+    first_page: tuple[Block, ...]
     sections: tuple[Section, ...]
     made: str
     title_block: TitleBlock = field(default_factory=TitleBlock)

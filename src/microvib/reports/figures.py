@@ -130,7 +130,7 @@ def reach(lines: Iterable[Line], least: float = 200.0) -> float:
     return max([least, *(1.08 * x.frequency_hz for x in lines)])
 
 
-def draw_front(motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None) -> Figure:
+def draw_first_page(motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None) -> Figure:
     """The picture of a report's first page: spectrum with named lines and limit, and the time history below it."""
     figure, axes = plain_sheet(5.5, 2, 1)
     spectrum_ax, history_ax = axes[:, 0]

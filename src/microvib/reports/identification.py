@@ -167,7 +167,7 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
         f"Identification: {fit.scenario.title or 'drive'}",
         f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
         facts=[_explained(fit), *(_estimated(e) for e in fit.estimates[:3])],
-        front=(
+        first_page=(
             Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit),
             Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit),
         ),

@@ -133,11 +133,11 @@ def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | No
 def modes_report(source: ModalSource, form: Form | None = None) -> Document:
     """The report on the modes of one source."""
     model, design = source.model, source.design
-    front: list[Block] = [table(*table_1(source)), Text(enough_sentence(model))]
-    front += [Text(f"To be checked: {' '.join(model.notes)}")] if model.notes else []
+    first_page: list[Block] = [table(*table_1(source)), Text(enough_sentence(model))]
+    first_page += [Text(f"To be checked: {' '.join(model.notes)}")] if model.notes else []
     sections: list[Section] = []
     if source.modes is not None and design is not None:
-        front.append(_shapes(design, source.modes))
+        first_page.append(_shapes(design, source.modes))
         sections = [
             *_motion(design, source.modes),
             _convergence(source),
@@ -154,7 +154,7 @@ def modes_report(source: ModalSource, form: Form | None = None) -> Document:
         f"{file_name(source.name)}: {model.frequency.size} modes with the interface clamped,"
         f" drive axis {model.drive_axis} (as Table 1).",
         facts=_facts(model),
-        front=front,
+        first_page=first_page,
         sections=sections,
         form=form,
         parts={} if design is None else {"description": design},

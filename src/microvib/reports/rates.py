@@ -208,7 +208,7 @@ def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, fo
         f"Rate plan: {plan.scenario.title or 'drive'}",
         _how(plan),
         facts=_facts(plan),
-        front=(_best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), over_rate),
+        first_page=(_best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), over_rate),
         sections=(Section("Campbell diagram", (diagram,), new_page=True), *bands, *met, *_not_solved(plan)),
         form=form,
         scenario=plan.scenario,

@@ -39,7 +39,7 @@ def html(document: Document) -> str:
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"address": address, "inline": _inline, "symbols": _symbols, "key": _key}
     style = Markup(_template("style.css"))
-    beside = not any(_is_wide(block) for block in document.front if isinstance(block, Table))
+    beside = not any(_is_wide(block) for block in document.first_page if isinstance(block, Table))
     template = environment.from_string(_template("report.html"))
     return template.render(style=style, beside=beside, policy=_policy(), **_data(document))
 
@@ -92,7 +92,7 @@ def _data(document: Document) -> dict[str, Any]:
     return {
         **asdict(document),
         "title_block": block,
-        "front": [_block(b) for b in document.front],
+        "first_page": [_block(b) for b in document.first_page],
         "sections": sections,
     }
 

@@ -207,7 +207,7 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
         "Solar array simulator, sized",
         f"Torsion mode {target.state.frequency:.4g} Hz with {target.state.inertia:.4g} kg m² about the drive axis.",
         facts=_facts(result),
-        front=(settings, *springs),
+        first_page=(settings, *springs),
         sections=(
             Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
             Section("Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))),

@@ -27,7 +27,7 @@ def typeset(document: Document) -> Document:
         title=in_print(document.title),
         subtitle=in_print(document.subtitle),
         facts=tuple(replace(f, value=in_print(f.value), label=in_print(f.label)) for f in document.facts),
-        front=tuple(map(_block, document.front)),
+        first_page=tuple(map(_block, document.first_page)),
         sections=tuple(map(_section, document.sections)),
     )
 

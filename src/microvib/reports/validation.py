@@ -9,7 +9,7 @@ from microvib.io.results import write_folder
 from microvib.reports.blocks import number, overlaid, study
 from microvib.reports.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
 from microvib.reports.rendering import report_files
-from microvib.studies.validate import Check, State, checks_csv
+from microvib.studies.validate import Check, SimulatedState, checks_csv
 
 _LEAD = (
     "Calibrated rows were fitted to the test's lines of state 1 and are no evidence. Predicted rows were not fitted to anything."
@@ -41,7 +41,7 @@ def summary(checks: list[Check]) -> str:
 
 
 def write_validation(
-    out: Path, checks: list[Check], states: dict[int, State], overwrite: bool, form: Form | None = None
+    out: Path, checks: list[Check], states: dict[int, SimulatedState], overwrite: bool, form: Form | None = None
 ) -> tuple[str, ...]:
     """``validation.csv`` and the report; names of the files."""
     files: dict[str, Any] = {"validation.csv": checks_csv(checks)}
@@ -56,7 +56,7 @@ _COMPARISONS = (
 )
 
 
-def validation_report(checks: list[Check], states: dict[int, State], form: Form | None = None) -> Document:
+def validation_report(checks: list[Check], states: dict[int, SimulatedState], form: Form | None = None) -> Document:
     """The report of the validation: every claim with its verdict, and the spectra of the states."""
     first, second = (_overlay(title, [(k, states[k]) for k in of]) for title, of in _COMPARISONS)
     return study(
@@ -64,7 +64,7 @@ def validation_report(checks: list[Check], states: dict[int, State], form: Form 
         "Validation against the paper",
         "The claims of Appl. Sci. 2021, 11, 9076 on its test states 1 to 5, beside what the catalog's scenarios give.",
         facts=[_held(status, checks) for status in dict.fromkeys(c.status for c in checks)],
-        front=(Text(_LEAD), *_failing(checks), first),
+        first_page=(Text(_LEAD), *_failing(checks), first),
         sections=(
             Section("All claims", (_claims(checks),), new_page=True),
             Section("States of other inertia", (second,)),
@@ -109,6 +109,6 @@ def _mark(c: Check) -> Mark:
     return "pass" if c.holds else "fail"
 
 
-def _overlay(title: str, of: list[tuple[int, State]]) -> Figure:
+def _overlay(title: str, of: list[tuple[int, SimulatedState]]) -> Figure:
     sides = [(f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in of]
     return overlaid(sides, title)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from microvib.errors import LineError, meant
+from microvib.errors import LineError, did_you_mean
 from microvib.model.expected import ExpectedLine
 from microvib.units import pretty
 
@@ -124,7 +124,7 @@ class LineTable:
                 return line
         names = self._ipython_key_completions_()
         raise LineError(
-            f"no line '{name}' in this table; {meant(str(name), names)}there are {', '.join(names) or 'none'}"
+            f"no line '{name}' in this table; {did_you_mean(str(name), names)}there are {', '.join(names) or 'none'}"
         )
 
     def __str__(self) -> str:

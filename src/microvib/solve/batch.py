@@ -14,7 +14,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel, stepper
 from microvib.solve.command import Command
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import Window, half_length, taps, window
+from microvib.solve.sampling import SampleIntervals, half_length, sample_intervals, taps
 from microvib.solve.simulate import stopped
 from microvib.solve.vector import WIDTH
 
@@ -79,7 +79,7 @@ def _kind(scenario: Scenario) -> _Kind:
 class _Slot:
     """A scenario in its lane."""
 
-    def __init__(self, index: int, scenario: Scenario, intervals: Window) -> None:
+    def __init__(self, index: int, scenario: Scenario, intervals: SampleIntervals) -> None:
         self.index, self.scenario, self.intervals = index, scenario, intervals
         self.packed: Packed = pack(scenario)
         self.command = Command(scenario)
@@ -107,10 +107,10 @@ class _Queue:
 
     def __init__(self, kind: _Kind, scenarios: dict[int, Scenario]) -> None:
         self.scenarios = scenarios
-        self.windows = {k: window(scenario) for k, scenario in scenarios.items()}
+        self.intervals = {k: sample_intervals(scenario) for k, scenario in scenarios.items()}
         self.slots: list[_Slot | None] = [None] * WIDTH
         self.results: dict[int, Torque | SimulationError] = {}
-        factor = max(w.factor for w in self.windows.values())
+        factor = max(w.factor for w in self.intervals.values())
         samples = max(scenario.record.samples for scenario in scenarios.values())
         self.group = stepper.drive_group(
             *kind,
@@ -160,7 +160,7 @@ class _Queue:
 
     def _load(self, lane: int, index: int) -> _Slot:
         """Load a scenario into a lane, at rest."""
-        slot = _Slot(index, self.scenarios[index], self.windows[index])
+        slot = _Slot(index, self.scenarios[index], self.intervals[index])
         c, state, record = self.group, slot.packed.state, slot.scenario.record
         stepper.load_drive(c, lane, slot.packed.drive)
         c.state[:, lane] = np.concatenate([state.y, state.stick, state.clock])

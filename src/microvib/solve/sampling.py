@@ -42,7 +42,7 @@ def half_length(factor: int) -> int:
 
 
 @dataclass(frozen=True)
-class Window:
+class SampleIntervals:
     """The kernel's intervals from which the samples of a record are made."""
 
     factor: int
@@ -61,7 +61,7 @@ class Window:
         return self.first + self.rows * self.width
 
 
-def window(scenario: Scenario, start: float = 0.0) -> Window:
+def sample_intervals(scenario: Scenario, start: float = 0.0) -> SampleIntervals:
     """Intervals for the record of ``scenario``, as many before its first sample as there are since ``start`` [s]."""
     record = scenario.record
     fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
@@ -72,7 +72,7 @@ def window(scenario: Scenario, start: float = 0.0) -> Window:
     first = record.settle - (lead + 0.5) * width
     if first < start:
         lead, first = lead - 1, first + width
-    return Window(factor, width, first, half - lead, lead + 1 + (record.samples - 1) * factor + half)
+    return SampleIntervals(factor, width, first, half - lead, lead + 1 + (record.samples - 1) * factor + half)
 
 
 @lru_cache(maxsize=8)

@@ -16,7 +16,7 @@ from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.motion import Beginning, Invariants, Motion
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import Decimator, window
+from microvib.solve.sampling import Decimator, sample_intervals
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 1.0
@@ -109,7 +109,7 @@ class Run:
         begun = clock_time.perf_counter()
         record, packed = self.scenario.record, self._packed
         t = start = float(packed.state.clock[kernel.NOW])
-        intervals = window(self.scenario, start)
+        intervals = sample_intervals(self.scenario, start)
         self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
         before, momentum_before = packed.snapshot(), packed.momentum
         n_chan = packed.channels

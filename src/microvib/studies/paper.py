@@ -39,7 +39,7 @@ def paper_state(scenario: Scenario) -> int | None:
     return int(match.group(1)) if match else None
 
 
-def standing(scenario: Scenario) -> str:
+def comparison_worth(scenario: Scenario) -> str:
     """What a comparison with the test is worth: whether parameters were identified from it, are assumed, or changed since."""
     texts = {scenario.source_of(key) for key, _, _ in scenario.entries()}
     if any(text == "set by the user" for text in texts):

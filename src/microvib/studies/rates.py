@@ -45,7 +45,7 @@ class RateLine:
 
 
 @dataclass(frozen=True)
-class Case:
+class RateCase:
     """Lines at one rate [rad/s] and microstep count.
 
     Where there is no steady state, ``reason`` says why and the lines are those of the run in time, or none if it fails.
@@ -94,7 +94,7 @@ class RatePlan:
     """What a plan found; cases by microstep count and rate."""
 
     scenario: Scenario
-    cases: tuple[Case, ...]
+    cases: tuple[RateCase, ...]
     modes: tuple[CoupledMode, ...]
     resonances: tuple[Resonance, ...]
     forbidden: tuple[Forbidden, ...]
@@ -104,7 +104,7 @@ class RatePlan:
     keep_away: float = 0.0
     """Part of a resonance's rate that the best rate must be away from it, such as 0.05."""
 
-    def of(self, microsteps: int) -> list[Case]:
+    def of(self, microsteps: int) -> list[RateCase]:
         """Cases of one microstep count, by rate."""
         return [case for case in self.cases if case.microsteps == microsteps]
 
@@ -113,15 +113,15 @@ class RatePlan:
         """Microstep counts, as planned."""
         return tuple(dict.fromkeys(case.microsteps for case in self.cases))
 
-    def best(self, microsteps: int | None = None) -> tuple[Case, float] | None:
+    def best(self, microsteps: int | None = None) -> tuple[RateCase, float] | None:
         """Case whose largest line is smallest, with that amplitude [N m], of those that are allowed; None where none is."""
         return self._smallest(case for case in self._solved(microsteps) if self.is_allowed(case))
 
-    def least(self, microsteps: int | None = None) -> tuple[Case, float] | None:
+    def least(self, microsteps: int | None = None) -> tuple[RateCase, float] | None:
         """The same of all cases, whether allowed or not; None where all failed."""
         return self._smallest(self._solved(microsteps))
 
-    def is_allowed(self, case: Case) -> bool:
+    def is_allowed(self, case: RateCase) -> bool:
         """Whether a case has lines, none of them above the limit, and is far enough from every resonance."""
         near = self.nearest(case)
         top = _top(case, self.band)
@@ -129,20 +129,20 @@ class RatePlan:
             near is None or near[1] >= self.keep_away
         )  # fmt: skip
 
-    def nearest(self, case: Case) -> tuple[Resonance, float] | None:
+    def nearest(self, case: RateCase) -> tuple[Resonance, float] | None:
         """The resonance nearest to a case, and how far its rate is away from it, over the resonance's."""
         found = [(r, abs(case.rate / r.rate - 1.0)) for r in self.resonances if r.microsteps == case.microsteps]
         return min(found, key=lambda item: item[1], default=None)
 
-    def is_at_end(self, case: Case) -> bool:
+    def is_at_end(self, case: RateCase) -> bool:
         """Whether a case lies at the end of the range that was planned, beyond which nothing is known."""
         rates = [x.rate for x in self.of(case.microsteps)]
         return case.rate in (min(rates), max(rates))
 
-    def _solved(self, microsteps: int | None) -> list[Case]:
+    def _solved(self, microsteps: int | None) -> list[RateCase]:
         return [case for case in self.cases if case.lines and microsteps in (None, case.microsteps)]
 
-    def _smallest(self, cases: Iterable[Case]) -> tuple[Case, float] | None:
+    def _smallest(self, cases: Iterable[RateCase]) -> tuple[RateCase, float] | None:
         found = [(case, _top(case, self.band)) for case in cases]
         return min(found, key=lambda item: item[1], default=None)
 
@@ -152,7 +152,7 @@ class RatePlan:
         return max(found, default=math.nan)
 
 
-def _top(case: Case, band: tuple[float, float]) -> float:
+def _top(case: RateCase, band: tuple[float, float]) -> float:
     line = case.largest(band)
     return line.amplitude if line is not None else 0.0
 
@@ -204,13 +204,13 @@ def at_rate(scenario: Scenario, rate: float, microsteps: int) -> Scenario:
     return scenario.with_si({"tracking": tracking, "driver.microsteps": microsteps})
 
 
-def full_case(scenario: Scenario, rate: float, microsteps: int) -> Case:
+def full_case(scenario: Scenario, rate: float, microsteps: int) -> RateCase:
     """One case with the full model."""
     changed = at_rate(scenario, rate, microsteps)
     try:
         result = steady(changed, harmonics=HARMONICS)
     except SimulationError as why:  # loss of synchronism, for one
-        return Case(rate, microsteps, (), str(why))
+        return RateCase(rate, microsteps, (), str(why))
     f_d = changed.driving_frequency or math.nan
     seen = [x for x in result.lines if x.kind != "array mode" and x.status != FAINT and x.amplitude_n_m > 0.0]
     top = max((x.amplitude_n_m for x in seen), default=0.0)
@@ -219,14 +219,14 @@ def full_case(scenario: Scenario, rate: float, microsteps: int) -> Case:
         for x in seen
         if x.amplitude_n_m >= LEAST * top
     )
-    return Case(rate, microsteps, lines, result.fallback)
+    return RateCase(rate, microsteps, lines, result.fallback)
 
 
-def linear_case(scenario: Scenario, rate: float, microsteps: int) -> Case:
+def linear_case(scenario: Scenario, rate: float, microsteps: int) -> RateCase:
     """One case with the linearised drive."""
     found = linear_lines(at_rate(scenario, rate, microsteps), HARMONICS)
     lines = (RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
-    return Case(rate, microsteps, tuple(lines))
+    return RateCase(rate, microsteps, tuple(lines))
 
 
 def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float, int]]:
@@ -250,15 +250,15 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
 @contextmanager
 def _solver(
     scenario: Scenario, linear: bool, progress: Progress | None
-) -> Iterator[Callable[[Iterable[tuple[float, int]]], list[Case]]]:
+) -> Iterator[Callable[[Iterable[tuple[float, int]]], list[RateCase]]]:
     """A function that solves cases (rate, microsteps) on all cores; in what order does not matter."""
     one = linear_case if linear else full_case
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     done = total = 0
 
-    def solve(wanted: Iterable[tuple[float, int]]) -> list[Case]:
+    def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
         nonlocal done, total
-        futures: list[Future[Case]] = [pool.submit(one, scenario, rate, n) for rate, n in wanted]
+        futures: list[Future[RateCase]] = [pool.submit(one, scenario, rate, n) for rate, n in wanted]
         total += len(futures)
         for _ in as_completed(futures):
             done += 1
@@ -300,7 +300,7 @@ def _near(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
     return [meeting.rate * float(s) for s in np.unique(np.linspace(1.0, clamped / mode.frequency, 3))]
 
 
-def _strongest(meeting: Resonance, cases: Sequence[Case]) -> Resonance | None:
+def _strongest(meeting: Resonance, cases: Sequence[RateCase]) -> Resonance | None:
     """The meeting at that of its rates at which its line is largest; None where the line is too small to be one."""
     found = [(line, case) for case in cases for line in case.lines if line.line == meeting.line]
     if not found:
@@ -312,14 +312,14 @@ def _strongest(meeting: Resonance, cases: Sequence[Case]) -> Resonance | None:
 
 
 def _forbidden(
-    row: Sequence[Case],
+    row: Sequence[RateCase],
     limit: float,
     band: tuple[float, float],
-    solve: Callable[[Iterable[tuple[float, int]]], list[Case]],
+    solve: Callable[[Iterable[tuple[float, int]]], list[RateCase]],
 ) -> list[Forbidden]:
     """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
 
-    def state(case: Case) -> str:
+    def state(case: RateCase) -> str:
         if not case.lines:
             return "failed"
         line = case.largest(band)

@@ -37,7 +37,7 @@ class SizingError(MicrovibError):
 
 
 @dataclass(frozen=True)
-class State:
+class TargetState:
     """What a simulator is to stand for: torsional frequency [Hz] and whole inertia about the drive axis [kg m^2]."""
 
     name: str
@@ -49,7 +49,7 @@ class State:
 class Setting:
     """A simulator set to a state, and what its springs bear at an amplitude."""
 
-    state: State
+    state: TargetState
     design: SimulatorDesign
     amplitude: float
     """Largest angle between frame and plate [rad]."""
@@ -138,21 +138,22 @@ def stock_springs() -> tuple[CoilSpring, ...]:
     )
 
 
-def paper_states() -> tuple[State, ...]:
+def paper_states() -> tuple[TargetState, ...]:
     """The five states of Table 2."""
     rows = read_table("table2_states")
     return tuple(
-        State(f"state {row['state']}", float(row["mode_frequency_hz"]), float(row["inertia_kg_m2"])) for row in rows
+        TargetState(f"state {row['state']}", float(row["mode_frequency_hz"]), float(row["inertia_kg_m2"]))
+        for row in rows
     )
 
 
-def state_of_array(model: ModalModel, name: str) -> State:
+def state_of_array(model: ModalModel, name: str) -> TargetState:
     """What a simulator is to stand for an array: the frequency of its dominant torsion mode, and its inertia."""
     dominant = int(np.argmax(model.effective[model.axis]))
-    return State(name, float(model.frequency[dominant]), model.inertia)
+    return TargetState(name, float(model.frequency[dominant]), model.inertia)
 
 
-def size(target: State, states: Sequence[State], base: SimulatorDesign, amplitude: float) -> Sizing:
+def size(target: TargetState, states: Sequence[TargetState], base: SimulatorDesign, amplitude: float) -> Sizing:
     """``base`` with springs, preload, arm and counterweights for ``target`` and ``states``; ``amplitude`` [rad].
 
     One spring for all where a stock spring reaches all, that whose arms stay farthest from the ends of their range. Raises
@@ -184,18 +185,20 @@ def _on_scale(length: float) -> float:
 def _bears(design: SimulatorDesign, amplitude: float) -> bool:
     """Whether the springs fit between slider and rail and bear their largest stretch at the longest arm."""
     fits = design.hook_end + design.adjustment.screw <= design.frame.rail
-    longest = Setting(State("", 0.0, 0.0), design.model_copy(update={"arm": design.adjustment.arm_max}), amplitude)
+    longest = Setting(
+        TargetState("", 0.0, 0.0), design.model_copy(update={"arm": design.adjustment.arm_max}), amplitude
+    )
     return fits and longest.stress <= longest.allowable
 
 
-def _best(state: State, usable: Sequence[SimulatorDesign], amplitude: float) -> Setting:
+def _best(state: TargetState, usable: Sequence[SimulatorDesign], amplitude: float) -> Setting:
     found = [s for design in usable if (s := _set(design, state, amplitude)) is not None]
     if not found:
         raise SizingError(_state_sentence(state, usable))
     return max(found, key=lambda s: s.margin)
 
 
-def _set(design: SimulatorDesign, state: State, amplitude: float) -> Setting | None:
+def _set(design: SimulatorDesign, state: TargetState, amplitude: float) -> Setting | None:
     """The design set to a state, or None where that is out of its reach."""
     arm = arm_for(design, state)
     a = design.adjustment
@@ -214,11 +217,11 @@ def _set(design: SimulatorDesign, state: State, amplitude: float) -> Setting | N
     return Setting(state, validated(SimulatorDesign, final.model_dump(), si=True), amplitude)
 
 
-def _title(state: State) -> str:
+def _title(state: TargetState) -> str:
     return f"Solar array simulator set to {state.frequency:.4g} Hz, {state.inertia:.4g} kg m²"
 
 
-def arm_for(design: SimulatorDesign, state: State) -> float:
+def arm_for(design: SimulatorDesign, state: TargetState) -> float:
     """Arm l [m] that gives a state's frequency, with the sliders on the shaft at that arm, too; 0 where no arm is short enough."""
     W2 = (2.0 * math.pi * state.frequency) ** 2
     with_arm = SPRINGS / 2 * (design.plate.slider_mass + design.spring.mass)
@@ -228,7 +231,7 @@ def arm_for(design: SimulatorDesign, state: State) -> float:
     return math.sqrt(max(square, 0.0))
 
 
-def radius_for(design: SimulatorDesign, state: State, mass: float) -> float:
+def radius_for(design: SimulatorDesign, state: TargetState, mass: float) -> float:
     """Radius [m] at which counterweights of ``mass`` [kg] give a state's inertia; 0 where the frame alone has more."""
     needed = (state.inertia - _with_weights(design, mass, 0.0)) / COUNTERWEIGHTS
     return math.sqrt(max(needed, 0.0) / (mass + design.frame.weight_seat_mass))
@@ -254,7 +257,7 @@ def _amplitude_sentence(base: SimulatorDesign, amplitude: float) -> str:
     )
 
 
-def _state_sentence(state: State, usable: Sequence[SimulatorDesign]) -> str:
+def _state_sentence(state: TargetState, usable: Sequence[SimulatorDesign]) -> str:
     """Which limit keeps a state out of reach: inertia first, then frequency."""
     a, what = usable[0].adjustment, f"{state.name}: "
     arms = [min(max(arm_for(design, state), a.arm_min), a.arm_max) for design in usable]
@@ -284,7 +287,7 @@ def _state_sentence(state: State, usable: Sequence[SimulatorDesign]) -> str:
     )
 
 
-def _frequency_at(design: SimulatorDesign, state: State, arm: float) -> float:
+def _frequency_at(design: SimulatorDesign, state: TargetState, arm: float) -> float:
     placed = design.model_copy(update={"arm": arm})
     return math.sqrt(placed.stiffness / max(state.inertia - placed.J_h, 1e-9)) / (2.0 * math.pi)
 

@@ -13,7 +13,7 @@ from microvib.errors import MicrovibError, OptionError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
-from microvib.studies.sas import Sizing, State, paper_states, size, state_of_array
+from microvib.studies.sas import Sizing, TargetState, paper_states, size, state_of_array
 from microvib.units import quantity
 
 _MODES_OF_ARRAY = 20
@@ -46,7 +46,7 @@ def sized(
         target = state_of_array(model, str(array))
     else:
         J = _positive("inertia", str(inertia), "kg*m^2")
-        target = State("target", _positive("frequency", str(frequency), "Hz"), J)
+        target = TargetState("target", _positive("frequency", str(frequency), "Hz"), J)
     given = [parse_state(text, f"state {k}") for k, text in enumerate(states, 1)]
     further = given or (read_states(file) if file is not None else paper_states())
     angle = math.radians(quantity("amplitude", amplitude, "deg", positive=True))
@@ -54,15 +54,15 @@ def sized(
     return Sized(size(target, further, _simulator(design), angle), turning, model)
 
 
-def parse_state(text: str, name: str) -> State:
+def parse_state(text: str, name: str) -> TargetState:
     """A state from ``FREQUENCY:INERTIA``."""
     frequency, colon, inertia = text.partition(":")
     if not colon:
         raise OptionError("state", f"'{text}' is not a state; write frequency and inertia, such as 1.19:8.18")
-    return State(name, _positive("state", frequency, "Hz"), _positive("state", inertia, "kg*m^2"))
+    return TargetState(name, _positive("state", frequency, "Hz"), _positive("state", inertia, "kg*m^2"))
 
 
-def read_states(path: Path) -> list[State]:
+def read_states(path: Path) -> list[TargetState]:
     """States from a table with the columns ``mode_frequency_hz`` and ``inertia_kg_m2``, and ``state`` for their names."""
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
@@ -76,12 +76,12 @@ def read_states(path: Path) -> list[State]:
     return [_state_of_row(path, k, row) for k, row in enumerate(rows, 1)]
 
 
-def _state_of_row(path: Path, k: int, row: dict[str, str]) -> State:
+def _state_of_row(path: Path, k: int, row: dict[str, str]) -> TargetState:
     try:
         frequency, inertia = (_positive(name, row[name] or "", unit) for name, unit in _COLUMNS.items())
     except OptionError as error:
         raise ScenarioError(f"{path}, row {k + 1}: {error}") from None
-    return State(f"state {row.get('state') or k}", frequency, inertia)
+    return TargetState(f"state {row.get('state') or k}", frequency, inertia)
 
 
 def _positive(key: str, text: str, unit: str) -> float:

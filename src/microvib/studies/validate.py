@@ -50,14 +50,14 @@ class Check:
 
 
 @dataclass(frozen=True)
-class State:
+class SimulatedState:
     """One of the paper's test states, simulated."""
 
     motion: Motion
     table: LineTable
 
 
-def validate(progress: Progress | None = None) -> tuple[list[Check], dict[int, State]]:
+def validate(progress: Progress | None = None) -> tuple[list[Check], dict[int, SimulatedState]]:
     """All checks, and the states' motions that they come from."""
     tell = progress or (lambda text: None)
     states = {}
@@ -80,9 +80,9 @@ def validate(progress: Progress | None = None) -> tuple[list[Check], dict[int, S
     return checks, states
 
 
-def _state(scenario: Scenario) -> State:
+def _state(scenario: Scenario) -> SimulatedState:
     motion = simulate(scenario, channels=("T_d",))
-    return State(motion, lines(motion))
+    return SimulatedState(motion, lines(motion))
 
 
 def _with_finer_steps(scenario: Scenario) -> Scenario:
@@ -111,7 +111,7 @@ def _near(item: str, source: str, paper: float, test: float, ours: float, bar: f
     return Check(item, source, paper, test, ours, 100 * error, f"within {100 * bar:g} %", abs(error) <= bar, status)
 
 
-def _tables(state: State) -> Iterable[Check]:
+def _tables(state: SimulatedState) -> Iterable[Check]:
     rows = compare_with_paper(state.motion.scenario, state.table)
     resolution = state.motion.sample_rate / state.table.samples
     names = {name: ours for ours, name in PAPER_LINES.items()}
@@ -126,11 +126,11 @@ def _tables(state: State) -> Iterable[Check]:
         yield _near(item, "Table 6", row.paper_n_m, row.test_n_m, row.ours_n_m, AMPLITUDE_BAR, CALIBRATED)
 
 
-def _amplitude(state: State, line: str) -> float:
+def _amplitude(state: SimulatedState, line: str) -> float:
     return float(state.table[line].bin_amplitude_n_m)
 
 
-def _frequency_statements(states: dict[int, State]) -> Iterable[Check]:
+def _frequency_statements(states: dict[int, SimulatedState]) -> Iterable[Check]:
     for line in ("drive_1", "drive_2", "drive_3"):
         amplitudes = [_amplitude(states[k], line) for k in (1, 2, 3)]
         spread = max(amplitudes) - min(amplitudes)
@@ -142,19 +142,19 @@ def _frequency_statements(states: dict[int, State]) -> Iterable[Check]:
         yield _grows("array_mode_1", states, first, second, "text to Figure 11", "grows with the mode's frequency")
 
 
-def _inertia_statements(states: dict[int, State]) -> Iterable[Check]:
+def _inertia_statements(states: dict[int, SimulatedState]) -> Iterable[Check]:
     for line in PAPER_LINES.values():
         for first, second in ((1, 4), (4, 5)):
             yield _grows(line, states, first, second, "text to Figure 12", "grows with inertia")
 
 
-def _grows(line: str, states: dict[int, State], first: int, second: int, source: str, what: str) -> Check:
+def _grows(line: str, states: dict[int, SimulatedState], first: int, second: int, source: str, what: str) -> Check:
     ratio = _amplitude(states[second], line) / _amplitude(states[first], line)
     item = f"{line} {what}: state {second} over state {first} [1]"
     return Check(item, source, math.nan, math.nan, ratio, math.nan, "greater than 1", ratio > 1.0, PREDICTED)
 
 
-def _peaks(state: State, from_start: float) -> Iterable[Check]:
+def _peaks(state: SimulatedState, from_start: float) -> Iterable[Check]:
     bar = "within a factor of 2"
     steady = float(np.abs(state.motion["T_d"]).max())
     for item, ours in (("in the record", steady), ("from switch-on", from_start)):
@@ -163,7 +163,7 @@ def _peaks(state: State, from_start: float) -> Iterable[Check]:
         yield Check(name, "text to Figure 9", math.nan, PEAK, ours, 100 * (ours / PEAK - 1.0), bar, holds, PREDICTED)
 
 
-def _unlisted_line(state: State) -> Check:
+def _unlisted_line(state: SimulatedState) -> Check:
     line = state.table["full_step_1"]
     name = f"line at the full-step rate, {line.frequency_hz:.4g} Hz, which the paper does not list [N m]"
     holds = line.status == "ok" and line.amplitude_n_m > state.table["array_mode_1"].amplitude_n_m
@@ -180,7 +180,7 @@ def _unlisted_line(state: State) -> Check:
     )
 
 
-def _numerics(states: dict[int, State], finer: State) -> Iterable[Check]:
+def _numerics(states: dict[int, SimulatedState], finer: SimulatedState) -> Iterable[Check]:
     change = max(abs(_amplitude(finer, x) / _amplitude(states[1], x) - 1.0) for x in PAPER_LINES.values())
     yield Check(
         "largest change of a line when steps are halved, state 1 [1]", "convergence", math.nan, math.nan, change, math.nan,

@@ -178,7 +178,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
     lines: list[Block] = [_lines(s)] if s.rows else []
     lines += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
     by_level = s.rows and s.several  # then the first page has the levels, and the lines the next one
-    front: list[Block] = [_levels(s)] if by_level else lines
+    first_page: list[Block] = [_levels(s)] if by_level else lines
     sections = [
         *([Section("Lines", tuple(lines), new_page=True)] if by_level else []),
         Section("Worst cases", tuple(_worst(s)), new_page=True),
@@ -193,7 +193,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
     subtitle = f"{found[DONE]} of {campaign.design.cases} cases of {base.title or campaign.design.study.scenario}"
     title = campaign.design.study.title or f"Campaign {campaign.folder.name}"
     return study(
-        "Campaign", title, subtitle, facts=_facts(s), front=front, sections=sections, form=form, scenario=base
+        "Campaign", title, subtitle, facts=_facts(s), first_page=first_page, sections=sections, form=form, scenario=base
     )  # fmt: skip
 
 

@@ -65,7 +65,7 @@ def _largest(lines: LineTable) -> list[Line]:
     return sorted(seen, key=lambda x: -x.amplitude_n_m)
 
 
-def front(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
+def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
     """What was simulated, the main lines, what they do not say by themselves, and the picture."""
     return (
         pairs(_simulated(motion)),
@@ -184,4 +184,4 @@ def _picture(motion: Motion, lines: LineTable, judged: Judgement | None) -> Figu
     )
     alt = "Spectrum of the disturbance torque with named lines, and time history"
     highest = figures.reach(_shown(lines, judged))
-    return drawn(figures.draw_front(motion, lines, highest, judged), alt, caption)
+    return drawn(figures.draw_first_page(motion, lines, highest, judged), alt, caption)

@@ -15,11 +15,11 @@ from microvib.reports.blocks import count, drawn, figure, made_by, milli
 from microvib.reports.document import Block, Code, Document, Form, Section, Text, pairs, table
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
 from microvib.reports.run.budget import budget_section
-from microvib.reports.run.first_page import facts, front, judged_cells, marks, what
+from microvib.reports.run.first_page import facts, first_page, judged_cells, marks, what
 from microvib.reports.run.trust import trust_section
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.solve.motion import Motion
-from microvib.studies.paper import compare_with_paper, standing
+from microvib.studies.paper import compare_with_paper, comparison_worth
 
 _NOT_SHOWN = ("wall_s", "times_real_time", KEY)
 """What of the solver's account differs from run to run, or is told in words."""
@@ -42,7 +42,7 @@ def run_report(
         title=scenario.title or "microvib run",
         subtitle=f"Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis ({axis}).",
         facts=facts(motion, lines, judged),
-        front=front(motion, lines, judged),
+        first_page=first_page(motion, lines, judged),
         sections=(
             _all_lines(lines, judged),
             *_beside_the_paper(scenario, lines),
@@ -106,7 +106,7 @@ def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
     ]  # fmt: skip
     header = ["line", "test [Hz]", "paper [Hz]", "this run [Hz]", "test [mN m]", "paper [mN m]", "this run [mN m]",
               "paper over test [%]", "this run over test [%]"]  # fmt: skip
-    text = f"All in the paper's own form, nearest bin of a rectangular window; {standing(scenario)}."
+    text = f"All in the paper's own form, nearest bin of a rectangular window; {comparison_worth(scenario)}."
     caption = (
         "Test and paper: Appl. Sci. 2021, 11, 9076, Tables 5 and 6 (paper: its simulation). The last columns are differences of"
         " amplitude."

@@ -11,7 +11,7 @@ A calibration is not a prediction: parameters that are fitted to some lines say 
 from microvib.studies.identify.fit import MODEL_ERROR, Fit, identify
 from microvib.studies.identify.goodness import Deviation, Goodness
 from microvib.studies.identify.keys import FitKey, parse_fit
-from microvib.studies.identify.problem import Progress, Trust
+from microvib.studies.identify.problem import FitProgress, Trust
 from microvib.studies.identify.verdict import Estimate, Leaning
 
 __all__ = [
@@ -20,9 +20,9 @@ __all__ = [
     "Estimate",
     "Fit",
     "FitKey",
+    "FitProgress",
     "Goodness",
     "Leaning",
-    "Progress",
     "Trust",
     "identify",
     "parse_fit",

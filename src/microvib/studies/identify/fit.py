@@ -15,12 +15,12 @@ from microvib.studies.identify.figures import cost
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.intervals import Interval, profiles
 from microvib.studies.identify.keys import FitKey
-from microvib.studies.identify.problem import Problem, Progress, Trust
+from microvib.studies.identify.problem import FitProgress, Problem, Trust
 from microvib.studies.identify.search import Local, Optimum, confirm, local_at, material, search
 from microvib.studies.identify.verdict import (
     SETTLE,
-    Case,
     Estimate,
+    Findings,
     Leaning,
     correlations,
     estimates,
@@ -74,7 +74,7 @@ def identify(
     finishes: int = 3,
     model_error: float = MODEL_ERROR,
     common_error: float = 0.0,
-    progress: Progress | None = None,
+    progress: FitProgress | None = None,
 ) -> Fit:
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
 
@@ -175,8 +175,8 @@ class _Found:
             self.best = Optimum(x, r, cost(r))
         problem, best = self.problem, self.best
         local = self.local or local_at(problem, best)
-        case = Case(problem, best, local, self.intervals, self.leanings, self.converged, self.rival)
-        found = estimates(case)
+        findings = Findings(problem, best, local, self.intervals, self.leanings, self.converged, self.rival)
+        found = estimates(findings)
         names = [one.name for one, _ in problem.tests]
         sources = dict(scenario.sources) | {e.key: source(e, ", ".join(names)) for e in found}
         before, after = problem.simulated([{}, problem.changes(best.x)])
@@ -184,7 +184,7 @@ class _Found:
         tests = [one for one, _ in problem.tests]
         fit = goodness(problem, best.r)
         return Fit(
-            found, correlations(local), _sensitivities(case),
+            found, correlations(local), _sensitivities(findings),
             tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
             scenario.with_si(problem.changes(best.x)).with_sources(sources), fit.chi_square, problem.figures,
             problem.simulations, seed, interrupted, fit, deviations(problem, best.x), self.leanings, self.converged, notes,
@@ -199,11 +199,11 @@ def source(e: Estimate, names: str) -> str:
     return f"identified from {names}: {e.estimate:.6g} ± {e.standard_error:.2g} {e.unit}".rstrip()
 
 
-def _sensitivities(case: Case) -> dict[str, tuple[float, ...]]:
-    problem = case.problem
-    values = [float(v) for v in problem.changes(case.best.x).values()]  # type: ignore[arg-type]
+def _sensitivities(findings: Findings) -> dict[str, tuple[float, ...]]:
+    problem = findings.problem
+    values = [float(v) for v in problem.changes(findings.best.x).values()]  # type: ignore[arg-type]
     scale = np.array([v / key.slope(v) for key, v in zip(problem.keys, values, strict=True)])
-    rows = case.local.J[: problem.figures] * problem.weights[:, None] * scale[None, :]
+    rows = findings.local.J[: problem.figures] * problem.weights[:, None] * scale[None, :]
     several = len(problem.tests) > 1
     names = [f"{o.line} {o.form}" + (f" [{problem.tests[k][0].name}]" if several else "") for k, o in problem.observed]
     return {name: tuple(row) for name, row in zip(names, rows, strict=True)}

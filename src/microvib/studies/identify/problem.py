@@ -28,7 +28,7 @@ Done = TypeVar("Done")
 PRIOR = 0.1
 """Weight of the wish to stay near the start, per width of a range: it decides only where the evidence says nothing."""
 
-Progress = Callable[[str, int, float, dict[str, float]], None]
+FitProgress = Callable[[str, int, float, dict[str, float]], None]
 """stage, simulations so far, cost of the best, its parameters"""
 
 
@@ -45,7 +45,7 @@ class Trust:
 class Ledger:
     """Count of simulations and the best so far, through all that is done to a problem."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: FitProgress) -> None:
         self.stage, self.simulations, self.stopped = "global", 0, False
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
         self._cost, self._progress, self._lock = math.inf, progress, Lock()
@@ -69,7 +69,7 @@ class Problem:
         evidence: Sequence[tuple[Evidence, dict[str, object]]],
         keys: Sequence[FitKey],
         trust: Trust,
-        progress: Progress | None = None,
+        progress: FitProgress | None = None,
         ledger: Ledger | None = None,
     ) -> None:
         self.scenario, self.evidence, self.keys, self.trust = scenario, evidence, list(keys), trust

@@ -56,7 +56,7 @@ class Leaning:
 
 
 @dataclass(frozen=True)
-class Case:
+class Findings:
     """All that verdicts are made from."""
 
     problem: Problem
@@ -70,52 +70,54 @@ class Case:
     """Another optimum, elsewhere, that explains the evidence as well."""
 
 
-def estimates(case: Case) -> tuple[Estimate, ...]:
+def estimates(findings: Findings) -> tuple[Estimate, ...]:
     """Each parameter with its interval and verdict."""
-    return tuple(_estimate(case, k) for k in range(len(case.problem.keys)))
+    return tuple(_estimate(findings, k) for k in range(len(findings.problem.keys)))
 
 
-def _estimate(case: Case, k: int) -> Estimate:
-    key, x = case.problem.keys[k], float(case.best.x[k])
+def _estimate(findings: Findings, k: int) -> Estimate:
+    key, x = findings.problem.keys[k], float(findings.best.x[k])
     value = key.value(x)
-    good, verdict = _verdict(case, k)
+    good, verdict = _verdict(findings, k)
     if key.along:
         verdict += "; fitted along, for no fit with the scenario's value explained the evidence"
-    if case.intervals is None:
+    if findings.intervals is None:
         return Estimate(key.key, key.unit, value, math.nan, key.low, key.high, good, verdict)
-    i = case.intervals[k]
+    i = findings.intervals[k]
     interval = key.value(i.low), key.value(i.high)
-    error = (interval[1] - interval[0]) / (2.0 * Z) if i.profiled else key.slope(value) * float(case.local.spread[k])
+    error = (
+        (interval[1] - interval[0]) / (2.0 * Z) if i.profiled else key.slope(value) * float(findings.local.spread[k])
+    )
     return Estimate(key.key, key.unit, value, error, key.low, key.high, good, verdict, interval, i.profiled)
 
 
-def _verdict(case: Case, k: int) -> tuple[bool, str]:
-    key, x = case.problem.keys[k], float(case.best.x[k])
-    fit = goodness(case.problem, case.best.r)
+def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
+    key, x = findings.problem.keys[k], float(findings.best.x[k])
+    fit = goodness(findings.problem, findings.best.r)
     if not fit.explained:
         return False, "not identifiable: the model does not explain the data"
-    if not case.converged or case.intervals is None:
+    if not findings.converged or findings.intervals is None:
         return False, "not identifiable: the search has not come to its end"
     if not key.interior(x):
         return False, "not identifiable: at the end of its range"
-    if case.rival is not None and not _same(case, case.rival.x[k], k):
-        return False, f"not identifiable: {key.value(float(case.rival.x[k])):.4g} explains the data as well"
-    return _width(case, k, fit)
+    if findings.rival is not None and not _same(findings, findings.rival.x[k], k):
+        return False, f"not identifiable: {key.value(float(findings.rival.x[k])):.4g} explains the data as well"
+    return _width(findings, k, fit)
 
 
-def _width(case: Case, k: int, fit: Goodness) -> tuple[bool, str]:
-    assert case.intervals is not None
-    key, interval = case.problem.keys[k], case.intervals[k]
-    value = key.value(float(case.best.x[k]))
+def _width(findings: Findings, k: int, fit: Goodness) -> tuple[bool, str]:
+    assert findings.intervals is not None
+    key, interval = findings.problem.keys[k], findings.intervals[k]
+    value = key.value(float(findings.best.x[k]))
     half = 0.5 * (key.value(interval.high) - key.value(interval.low))
     if interval.open_low or interval.open_high or half > Z * WIDE * abs(value):
-        partner = _partner(case.local, k)
+        partner = _partner(findings.local, k)
         if partner is not None:
-            return False, f"not identifiable apart from {case.problem.keys[partner].key}"
+            return False, f"not identifiable apart from {findings.problem.keys[partner].key}"
         return False, "not identifiable: the evidence hardly changes with it"
-    late = next((one.shifts[k] for one in case.leanings if one.key == SETTLE), 0.0)
+    late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE), 0.0)
     if abs(late) * ASSUMED_TIME * abs(value) > half:
-        settle = case.problem.scenario.record.settle
+        settle = findings.problem.scenario.record.settle
         return False, (
             f"not identifiable without the settling time: 1 s more than the {settle:g} s assumed moves it by"
             f" {100.0 * late / settle:+.2g} %"
@@ -123,10 +125,10 @@ def _width(case: Case, k: int, fit: Goodness) -> tuple[bool, str]:
     return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
 
 
-def _same(case: Case, x: float, k: int) -> bool:
+def _same(findings: Findings, x: float, k: int) -> bool:
     """Whether a coordinate lies within its parameter's interval, or next to it."""
-    assert case.intervals is not None
-    i = case.intervals[k]
+    assert findings.intervals is not None
+    i = findings.intervals[k]
     margin = 0.5 * (i.high - i.low)
     return bool(i.low - margin <= x <= i.high + margin)
 

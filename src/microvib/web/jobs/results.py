@@ -15,7 +15,7 @@ from microvib.studies.analyse import Analysis
 from microvib.studies.compare import Row, Side
 from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
-from microvib.studies.paper import compare_with_paper, standing
+from microvib.studies.paper import compare_with_paper, comparison_worth
 from microvib.studies.rates import RatePlan
 from microvib.web.jobs.series import outline
 from microvib.web.routes.forms import values_of
@@ -37,7 +37,7 @@ def run_answer(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict
         "invariants": summed["invariants"],
         "solver": summed["solver"],
         "paper": [asdict(row) for row in compare_with_paper(scenario, table)],
-        "standing": standing(scenario),
+        "standing": comparison_worth(scenario),
         "drivetrain": _drivetrain(motion),
         "modes": summed["natural_frequencies"],
         "channels": _channels(motion),
