@@ -283,7 +283,7 @@ def test_an_amplitude_too_large(design):
     ],
 )
 def test_a_description_that_does_not_fit(design, change, words):
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ScenarioError, match=words):
         changed(design, **change)
 
 

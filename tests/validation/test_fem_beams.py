@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from support.scenarios import in_si
 
-from microvib.structures.array_design import Tube, Yoke
+from microvib.structures.array_design import Yoke
 from microvib.structures.fem.array_mesh import tube_section
 from microvib.structures.fem.assembly import assemble
 from microvib.structures.fem.eigen import lowest_modes
@@ -140,8 +141,9 @@ def test_rigid_body_mass_of_a_beam_is_exact():
 
 def test_the_section_of_a_tube():
     """A thin square tube: A = 4 b t, I = 2/3 b^3 t, J = b^3 t with b of the mid-line."""
-    yoke = Yoke(length=1, half_width_drive=0.1, half_width_panel=0.2, leg=Tube(width=0.03, height=0.03, wall=1e-4),
-                crossbar=Tube(width=0.03, height=0.03, wall=1e-4), modulus=E, poisson=0.33, density=RHO)  # fmt: skip
+    tube = {"width": 0.03, "height": 0.03, "wall": 1e-4}
+    yoke = in_si(Yoke, length=1, half_width_drive=0.1, half_width_panel=0.2, leg=tube,
+                crossbar=tube, modulus=E, poisson=0.33, density=RHO)  # fmt: skip
     s = tube_section(yoke.leg, yoke)
     b, t = 0.03 - 1e-4, 1e-4
     assert (s.A, s.I_yy, s.I_zz, s.J) == pytest.approx(

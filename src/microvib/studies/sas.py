@@ -25,6 +25,7 @@ from microvib.structures.springs import (
     torsion_frequency,
     torsion_stiffness,
 )
+from microvib.units import Si
 
 SLACK_RESERVE = 1.5
 """Preload over the largest move of a spring: none goes slack up to that multiple of the amplitude."""
@@ -127,12 +128,12 @@ def stock_springs() -> tuple[CoilSpring, ...]:
     return tuple(
         CoilSpring(
             name=row["name"],
-            rate=float(row["rate_n_m"]),
-            wire=float(row["wire_mm"]) * 1e-3,
-            coil=float(row["coil_mm"]) * 1e-3,
+            rate=Si(row["rate_n_m"]),
+            wire=Si(float(row["wire_mm"]) * 1e-3),
+            coil=Si(float(row["coil_mm"]) * 1e-3),
             coils=float(row["coils"]),
-            free_length=float(row["free_length_mm"]) * 1e-3,
-            initial_tension=float(row["initial_tension_n"]),
+            free_length=Si(float(row["free_length_mm"]) * 1e-3),
+            initial_tension=Si(row["initial_tension_n"]),
         )
         for row in read_table("stock_springs")
     )
