@@ -205,7 +205,7 @@ def test_status_of_catalog_parameters():
     )
     assert by_key["microsteps"] == ("set by the user", "")
     assert by_key["stiffness"][0] == "identified"
-    assert by_key["stiffness"][1].startswith("5053 ± 330 N m/rad [")
+    assert by_key["stiffness"][1].startswith("5053 ± 210 N m/rad [")
     assert by_key["damping"] == ("assumed", "1 % of critical for the hub on the reducer")
     assert by_key["torque_constant"][0] == "paper"
     number = by_key["torque_constant"][1].strip("[]")
