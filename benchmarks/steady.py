@@ -1,4 +1,4 @@
-"""The steady solver against the run in time: speed and lines, on states 1-5 and on random parameter sets.
+"""The steady solver against time integration: speed and lines, on states 1-5 and on random parameter sets.
 
 ``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500]``
 
@@ -49,7 +49,7 @@ def main() -> None:
         return
     steady_state(mv.load_scenario("state-1"))  # compiles, or loads what was compiled
     mv.simulate(mv.load_scenario("state-1"))
-    print("settled: the run in time settles until its slowest mode has rung down to 1e-6; its lines are the reference")
+    print("settled: time integration settles until its slowest mode has rung down to 1e-6; its lines are the reference")
     print(
         f"{'case':10s} {'deg/s':>7s} {'n':>3s} {'periods':>8s} {'steady ms':>10s} {'30+16 s':>8s} {'to 1 %':>8s}"
         f" {'deviation':>10s}  line"

@@ -152,7 +152,7 @@ def test_catalog_benches_are_sound():
         ("table: [{component: Mx, frequency: 9 kHz, damping: 0.1}]", "table.0.frequency: 9000 Hz is not below"),
         ("gain: 2", "gain: unknown key"),
         ("duration: 1e9 s", "too much"),
-        ("[1, 2]", "a mapping of keys is wanted"),
+        ("[1, 2]", "a mapping of keys is expected"),
     ],
 )
 def test_bad_benches_are_named(tmp_path, text, words):

@@ -272,7 +272,7 @@ def test_modes_of_the_reference_array(tmp_path):
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("reference-arry", "is no source of modes; allowed are reference-array, reference-sas, a description"),
+        ("reference-arry", "is not a source of modes; allowed are reference-array, reference-sas, a description"),
         ("none.yaml", "no such file"),
         ("none.csv", "cannot be read"),
     ],

@@ -239,7 +239,7 @@ def test_a_scenario_takes_finite_elements(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"array.fem": "reference-arry"}, "is no source of modes; allowed are reference-array"),
+        ({"array.fem": "reference-arry"}, "is not a source of modes; allowed are reference-array"),
         ({"array.fem": "none.yaml"}, "none.yaml: there is no such file"),
         ({"array.fem": "reference-array", "array.modes": -1}, "array.modes: -1 is not allowed"),
         ({"array.fem": "reference-array", "array.from": "x.csv"}, "does not go with array.fem"),

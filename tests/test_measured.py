@@ -263,7 +263,7 @@ def test_netcdf_conventions(tmp_path):
     found = read(tmp_path, write, "test.nc")
     assert np.flatnonzero(np.isnan(found["Mz"])).tolist() == [5]
     assert "channel Mz: 1 of 2048 samples are not numbers" in found.notes
-    with pytest.raises(RecordingError, match="has 1 samples that are no numbers"):
+    with pytest.raises(RecordingError, match="has 1 samples that are not numbers"):
         check(found, "Mz")
 
 

@@ -63,7 +63,7 @@ def test_a_scenario_takes_its_array_from_a_table(tmp_path, spatial):
     ("change", "words"),
     [
         (("frequency_hz", "0"), "row 2: frequency_hz is 0"),
-        (("frequency_hz", "x"), "row 2: frequency_hz 'x' is no number"),
+        (("frequency_hz", "x"), "row 2: frequency_hz 'x' is not a number"),
         (("participation_mz", "nan"), "finite"),
     ],
 )  # fmt: skip

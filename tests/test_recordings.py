@@ -113,7 +113,7 @@ def test_trim_detrend_decimate():
     [
         (
             lambda x: np.where(np.arange(x.size) == 7, np.nan, x),
-            "has 1 samples that are no numbers, the first at 0.001709 s",
+            "has 1 samples that are not numbers, the first at 0.001709 s",
         ),
         (lambda x: np.clip(x, -0.3, 0.3), "is clipped"),
         (lambda x: np.concatenate([x[:1000], np.full(50, x[1000]), x[1050:]]), "repeats one value for"),

@@ -436,9 +436,9 @@ def test_bad_input_is_one_sentence(arguments, complaint, folder, tmp_path, monke
     ("name", "complaint"),
     [
         ("scenario.yaml", "was changed since the run"),
-        ("summary.json", "is no summary of a run"),
-        ("lines.csv", "is no table of lines"),
-        ("motion.nc", "is no motion of a run"),
+        ("summary.json", "is not a summary of a run"),
+        ("lines.csv", "is not a table of lines"),
+        ("motion.nc", "is not a motion of a run"),
     ],
 )
 def test_a_damaged_folder_is_one_sentence(name, complaint, folder, tmp_path):

@@ -344,9 +344,9 @@ def test_no_path_of_a_page_is_opened(client, key, path):
         ("a: &a [1, 2]\nb: [*a, *a]", "anchors and aliases"),
         ("[" * 5000, "is not YAML"),
         ("motor: {current: 1 A", "line 1"),
-        ("- 1\n- 2", "a mapping of keys is wanted"),
+        ("- 1\n- 2", "a mapping of keys is expected"),
         ("\x00", "is not YAML"),
-        ("", "a mapping of keys is wanted"),
+        ("", "a mapping of keys is expected"),
         ("1: 2", ""),
         ("motor: !!set {a, b}", "tags"),
         (f"array: {{inertia: {'9' * 5000}}}", ""),
@@ -435,7 +435,7 @@ def test_a_parameter_is_identified_from_the_page(client, loaded):
     start_at = {**SHORT, "motor.friction.viscous": "0.02 N*m*s/rad"}
     asked = {"recordings": [loaded["id"]], "scenario": {"base": "state-1", "changes": start_at}, "starts": 2}
     wrong = client.post("/api/identifications", json={**asked, "fit": ["motor.colour"]}).json()["id"]
-    assert wait(client, wrong)["error"].startswith("fit motor.colour: is no key of the scenario")
+    assert wait(client, wrong)["error"].startswith("fit motor.colour: is not a key of the scenario")
     id = client.post(
         "/api/identifications", json={**asked, "fit": ["motor.friction.viscous=0.01 N*m*s/rad:0.03 N*m*s/rad"]}
     ).json()["id"]
@@ -798,7 +798,7 @@ def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
     ("arguments", "words"),
     [
         (["--host", "0.0.0.0"], "(--allow-remote)"),
-        (["--host", "no.such.host.invalid"], "is no address of this machine"),
+        (["--host", "no.such.host.invalid"], "is not an address of this machine"),
     ],
 )
 def test_addresses_that_are_refused(arguments, words):

@@ -1,4 +1,4 @@
-"""The steady state found directly: the same lines as the run in time after it has settled, or a reason why not."""
+"""The steady state found directly: the same lines as time integration after it has settled, or a reason why not."""
 
 import math
 
@@ -54,7 +54,7 @@ def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"driver.beats": 6, "driver.microsteps": 5},  # a quarter turn is no whole number of microsteps
+        {"driver.beats": 6, "driver.microsteps": 5},  # a quarter turn is not a whole number of microsteps
         {"driver.microsteps": 1},
         {"driver.integral_gain": 0.0, "driver.supply_voltage": 8.0},
         {"reducer.stiffness": "rigid"},

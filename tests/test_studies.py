@@ -205,7 +205,7 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("reducer.stifness", "is no key of the scenario; allowed are motor.current"),
+        ("reducer.stifness", "is not a key of the scenario; allowed are motor.current"),
         ("driver.microsteps", "not a number"),
         ("reducer.stiffness=9000:3000", "needs a unit|below HIGH"),
         ("reducer.stiffness=9000 N*m/rad:3000 N*m/rad", "LOW must be below HIGH"),
@@ -223,10 +223,10 @@ def test_bad_fit_keys_are_one_sentence(start, text, complaint):
 
 
 def test_bad_evidence_is_one_sentence(start, tmp_path):
-    with pytest.raises(MicrovibError, match="is no evidence; wanted is a recording"):
+    with pytest.raises(MicrovibError, match="is not evidence; expected a recording"):
         read_evidence("nothing.xyz", start)
     (tmp_path / "lines.csv").write_text("line,amplitude_n_m\ndrive_1,many\n")
-    with pytest.raises(MicrovibError, match="row 2: amplitude_n_m 'many' is no number"):
+    with pytest.raises(MicrovibError, match="row 2: amplitude_n_m 'many' is not a number"):
         read_evidence(str(tmp_path / "lines.csv"), start)
 
 
@@ -289,7 +289,7 @@ def test_a_recording_and_a_table_need_a_drive_that_names_the_lines(recording, tm
     ("content", "complaint"),
     [
         (b"line,frequency_hz,amplitude_n_m\ndrive_1,14.5,inf\n", "row 2: amplitude_n_m is inf; a finite number"),
-        (b"line,frequency_hz,amplitude_n_m\ndrive_1,fast,0.05\n", "row 2: frequency_hz 'fast' is no number"),
+        (b"line,frequency_hz,amplitude_n_m\ndrive_1,fast,0.05\n", "row 2: frequency_hz 'fast' is not a number"),
         (
             b"line,frequency_hz,amplitude_n_m\n" + 200 * b"drive_1,14.5,0.05\n" + b"\xb5",
             "cannot be read: is not a table as text",

@@ -147,7 +147,7 @@ def _factor(plain: str, written: str, unit: str) -> float:
         raise ValueError(
             f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is expected"
         ) from error
-    except Exception as error:  # pint raises many kinds, down to tokenizer errors, for text that is no unit
+    except Exception as error:  # pint raises many kinds, down to tokenizer errors, for text that is not a unit
         raise ValueError(f"has an unknown unit, '{written}'; write it such as '{unit or 'percent'}'") from error
     if nothing != 0.0:  # decibels, degrees Celsius
         raise ValueError(f"has a unit that does not start at zero, '{written}'; write it such as '{unit or 'percent'}'")

@@ -97,7 +97,7 @@ def test_interface_point_not_in_the_model(deck, tmp_path, frame, write_f06):
 def test_frame_not_in_the_model(deck):
     with pytest.raises(ModalError, match="frame: rectangular coordinate system 4 is not in the file; it has none"):
         modal_model(deck, options(frame=4))
-    with pytest.raises(ModalError, match="is no direction"):
+    with pytest.raises(ModalError, match="is not a direction"):
         modal_model(deck, options(drive_axis=[0, 0, 0]))
 
 
@@ -142,10 +142,10 @@ def test_a_little_too_much_by_rounding_is_mended(frame):
 def test_wrong_kinds_of_files(tmp_path, frame, write_op2, write_f06, write_ansys):
     text = write_f06(tmp_path / "a.f06", frame(), count=3)
     binary = write_op2(tmp_path / "a.op2", frame(), count=3)
-    refused(text.rename(tmp_path / "b.op2"), "is no OP2")
+    refused(text.rename(tmp_path / "b.op2"), "is not an OP2 file")
     refused(binary.rename(tmp_path / "b.f06"), "no table of real eigenvalues")
     (tmp_path / "c.op4").write_text("no matrices here\n")
-    refused(tmp_path / "c.op4", "broken or truncated|is no OP4|holds no matrices")
+    refused(tmp_path / "c.op4", "broken or truncated|is not an OP4 file|holds no matrices")
     (tmp_path / "d.op2").write_bytes(b"")
     refused(tmp_path / "d.op2", "is empty")
     refused(tmp_path / "none.op2", "cannot be read")
@@ -260,7 +260,7 @@ def test_craig_bampton_that_is_none(tmp_path, frame, craig_bampton):
     refused(write("d.op4", full @ full.T, M), "are a boundary beside mass-normalised modes", given)
     refused(write("e.op4", K, M), "has no geometry; give the interface as the id", options("mm-t-s", [0, 0, 0]))
     op4.write(str(tmp_path / "f.op4"), {"bxx": K}, binary=True)
-    refused(tmp_path / "f.op4", "holds BXX; wanted are KAA and MAA", given)
+    refused(tmp_path / "f.op4", "holds BXX; expected KAA and MAA", given)
 
 
 def genuine(name):

@@ -15,13 +15,13 @@ def slowest(scenario: mv.Scenario) -> float:
 
 
 def settled_motion(scenario: mv.Scenario) -> mv.Motion:
-    """The run in time after the slowest mode has rung down to 1e-6, recorded long enough to tell the lines apart."""
+    """Time integration after the slowest mode has rung down to 1e-6, recorded long enough to tell the lines apart."""
     long = scenario.with_si({"record.settle": max(60.0, math.log(1e6) * slowest(scenario)), "record.duration": 64.0})
     return mv.simulate(long, channels=("T_d",))
 
 
 def worst_deviation(state: SteadyState, motion: mv.Motion) -> tuple[float, str]:
-    """Largest relative deviation of an amplitude from the run in time, of lines of at least LEAST, and its line."""
+    """Largest relative deviation of an amplitude from time integration, of lines of at least LEAST, and its line."""
     steady, in_time = mv.lines(state), mv.lines(motion)
     top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0.0)
     worst, name = 0.0, ""

@@ -145,7 +145,7 @@ class Judgement:
 
 
 def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> Judgement:
-    """Every line of the table within the band, also those that a report leaves out for being small, and what is no line of it.
+    """Every line of the table within the band, also those that a report leaves out for being small, and what is not a line of it.
 
     The ``scenario`` of the table says what may be above the passband and how long a start rings; without it, nothing above the
     passband is judged.

@@ -1,4 +1,4 @@
-"""The steady state of a scenario and its lines; where there is none, the run in time."""
+"""The steady state of a scenario and its lines; where there is none, time integration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from microvib.solve.steady.state import SteadyState, steady_state
 
 @dataclass(frozen=True)
 class Steady:
-    """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from the run in time."""
+    """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from time integration."""
 
     lines: LineTable
     source: SteadyState | Motion

@@ -77,7 +77,7 @@ def recording_of(
 ) -> Recording:
     """Recording of the columns of one rate and length, the longest; RecordingError for what is missing or contradictory.
 
-    Columns of another rate are left out, and named in a note. ``mixed`` says that the file may hold vectors that are no channels.
+    Columns of another rate are left out, and named in a note. ``mixed`` says that the file may hold vectors that are not channels.
     """
     said = list(notes)
     rated: list[tuple[Column, float]] = []

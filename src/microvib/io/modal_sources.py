@@ -45,7 +45,7 @@ def modal_source(
 ) -> ModalSource:
     """Modal model of ``source``: a catalog name, or a file relative to ``folder`` whose ending says what it is.
 
-    ``count`` is how many modes are wanted; of a table without it, all. ``options`` say how results of a finite-element program
+    ``count`` is how many modes are needed; of a table without it, all. ``options`` say how results of a finite-element program
     are meant. Raises a sentence where there is none.
     """
     ending = Path(source).suffix.lower()
@@ -64,7 +64,7 @@ def modal_source(
         model = read_modal_model(folder / source, options)
         return ModalSource(source, model if count is None else model.first(count))
     raise ScenarioError(
-        f"{source}: is no source of modes; allowed are {', '.join(reference_names())}, a description of an array or a"
+        f"{source}: is not a source of modes; allowed are {', '.join(reference_names())}, a description of an array or a"
         f" simulator ({', '.join(DESCRIPTIONS)}), a table of modes ({', '.join(TABLES)})"
         f" and results of Nastran or Ansys ({', '.join(RESULTS)})"
     )

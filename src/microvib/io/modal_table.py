@@ -51,7 +51,9 @@ def read_modes(path: Path | str, damping: float = 0.01) -> ModalModel:
     except (OSError, UnicodeDecodeError) as error:
         raise ModalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
     if not rows or "frequency_hz" not in rows[0]:
-        raise ModalError(f"{path}: is no table of modes; a header with frequency_hz and a row for each mode is wanted")
+        raise ModalError(
+            f"{path}: is not a table of modes; a header with frequency_hz and a row for each mode is expected"
+        )
     if len(rows) > MAX_MODES:
         raise ModalError(f"{path}: has {len(rows)} modes; at most {MAX_MODES} are read")
     frequency = _column(path, rows, "frequency_hz")
@@ -96,7 +98,7 @@ def _inertia(path: Path, rows: list[dict[str, str]], effective: np.ndarray) -> f
         k = int(np.argmax(effective))
         if fraction[k] > 0.0:
             return float(effective[k] / fraction[k])
-    raise ModalError(f"{path}: does not say the inertia about the drive axis; a column inertia_kg_m2 is wanted")
+    raise ModalError(f"{path}: does not say the inertia about the drive axis; a column inertia_kg_m2 is expected")
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> np.ndarray:
@@ -105,8 +107,8 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> np.ndarray:
         try:
             value = float(row[name])
         except (TypeError, ValueError, KeyError):
-            raise ModalError(f"{path}, row {number}: {name} '{row.get(name)}' is no number") from None
+            raise ModalError(f"{path}, row {number}: {name} '{row.get(name)}' is not a number") from None
         if not math.isfinite(value):
-            raise ModalError(f"{path}, row {number}: {name} is {value}; a finite number is wanted")
+            raise ModalError(f"{path}, row {number}: {name} is {value}; a finite number is expected")
         values.append(value)
     return np.array(values)

@@ -53,7 +53,7 @@ def _summary(path: Path) -> dict[str, Any]:
         needed = {key: data[key] for key in ("scenario_sha256", "solver", "versions", "record")}
         return {**data, **needed, "invariants": Invariants(**known), "limit": _limit(data.get("limit"))}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise MicrovibError(f"{path}: is no summary of a run of this version") from None
+        raise MicrovibError(f"{path}: is not a summary of a run of this version") from None
 
 
 def _limit(data: dict[str, float | None] | None) -> tuple[float, float, float] | None:
@@ -72,7 +72,7 @@ def _channels(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
             channels = {name: np.asarray(f[name]) for name in (*CHANNELS, *MODAL) if name in f}
             return np.asarray(f["time"]), channels
     except (OSError, KeyError):
-        raise MicrovibError(f"{path}: is no motion of a run") from None
+        raise MicrovibError(f"{path}: is not a motion of a run") from None
 
 
 def _table(path: Path, summary: dict[str, Any]) -> LineTable:
@@ -92,4 +92,4 @@ def _table(path: Path, summary: dict[str, Any]) -> LineTable:
             own_error=summary.get("own_error", 0.0),
         )  # fmt: skip
     except (OSError, ValueError, TypeError, KeyError):
-        raise MicrovibError(f"{path}: is no table of lines of a run") from None
+        raise MicrovibError(f"{path}: is not a table of lines of a run") from None

@@ -134,7 +134,7 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     array = _plain(model.array(), None)
     given = data.get("sources") or {}
     if not isinstance(given, dict):
-        raise ScenarioError(f"{origin}: sources: {given!r} is not allowed; keys are wanted here: text to text")
+        raise ScenarioError(f"{origin}: sources: {given!r} is not allowed; keys are expected here: text to text")
     sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {"array": source}
     if model.notes:
         sources["array.inertia"] = " ".join([f"{source}.", *model.notes])  # once, not at each mode
@@ -167,7 +167,7 @@ def _count(group: dict[str, Any], available: int, origin: str) -> int:
     count = group.get("modes", available)
     if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= available:
         raise ScenarioError(
-            f"{origin}: array.modes: {count!r} is not allowed; a whole number from 0 to {available} is wanted"
+            f"{origin}: array.modes: {count!r} is not allowed; a whole number from 0 to {available} is expected"
         )
     return count
 
@@ -182,7 +182,7 @@ def _damped(model: ModalModel, group: dict[str, Any], origin: str) -> ModalModel
         xi = math.nan
     if not 0.0 <= xi <= 0.99:
         raise ScenarioError(
-            f"{origin}: array.damping: {given!r} is not allowed; a damping ratio from 0 to 99 percent is wanted"
+            f"{origin}: array.damping: {given!r} is not allowed; a damping ratio from 0 to 99 percent is expected"
         )
     return replace(model, damping=np.full(model.frequency.size, xi))
 
@@ -198,9 +198,9 @@ def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | N
     try:
         size = path.stat().st_size
         if path.is_dir():
-            raise ScenarioError(f"{path}: is a folder; a {kind} file or one of {names} is wanted")
+            raise ScenarioError(f"{path}: is a folder; a {kind} file or one of {names} is expected")
         if not path.is_file():
-            raise ScenarioError(f"{path}: is no regular file")
+            raise ScenarioError(f"{path}: is not a regular file")
         if size > LARGEST_FILE:
             raise ScenarioError(
                 f"{path}: has {size / 1e6:.1f} MB; a {kind} file has at most {LARGEST_FILE / 1e6:.0f} MB"

@@ -51,7 +51,7 @@ class Scenario(Part):
         self._check_current()
         for key in self.sources:
             if not self._has(key):
-                raise ValueError(f"sources: '{key}' is no key of this scenario")
+                raise ValueError(f"sources: '{key}' is not a key of this scenario")
         return self
 
     def _check_current(self) -> None:
@@ -205,7 +205,7 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
         return part
     if not part.isdigit() or int(part) >= len(node):
         allowed = f"0 to {len(node) - 1}" if node else "none, the list is empty"
-        raise ScenarioError(f"{key}: '{part}' is no index of {'.'.join(walked)}; allowed is {allowed}")
+        raise ScenarioError(f"{key}: '{part}' is not an index of {'.'.join(walked)}; allowed is {allowed}")
     return int(part)
 
 

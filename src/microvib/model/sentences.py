@@ -25,7 +25,7 @@ def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -
     if not isinstance(data, dict):
         first = next((key for key, field in part.model_fields.items() if _part_in(field.annotation)), "title")
         raise ScenarioError(
-            f"{origin or name}: a mapping of keys is wanted, such as '{first}:', not {type(data).__name__}"
+            f"{origin or name}: a mapping of keys is expected, such as '{first}:', not {type(data).__name__}"
         )
     try:
         return part.model_validate(data, context={"si": si})
@@ -69,11 +69,11 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
     if kind == "literal_error":
         return f"{key}: {shown(found)} is not allowed; write {context.get('expected')}{_meaning(root, where)}"
     if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
-        return f"{key}: {shown(found)} is not allowed; a whole number{_range(root, where)} is wanted{_meaning(root, where)}"
+        return f"{key}: {shown(found)} is not allowed; a whole number{_range(root, where)} is expected{_meaning(root, where)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{key}: {shown(found)} is not allowed; keys are wanted here: {', '.join(_keys_at(root, where)) or 'text to text'}"
+        return f"{key}: {shown(found)} is not allowed; keys are expected here: {', '.join(_keys_at(root, where)) or 'text to text'}"
     if kind == "tuple_type":
-        return f"{key}: {shown(found)} is not allowed; a list is wanted{_meaning(root, where)}"
+        return f"{key}: {shown(found)} is not allowed; a list is expected{_meaning(root, where)}"
     if kind in ("too_long", "string_too_long"):
         what = "characters" if kind.startswith("string") else "entries"
         length = context.get("actual_length") or len(found)

@@ -69,7 +69,7 @@ def best_text(plan: RatePlan) -> str:
     near = plan.nearest(case)
     away = f"; {near[0].line} on {near[0].mode} is {_away(near[1])} away" if near else ""
     end = "; it lies at the end of the range, beyond which there may be better" if plan.is_at_end(case) else ""
-    in_time = "; not a steady state but the run in time" if case.reason else ""
+    in_time = "; not a steady state but time integration" if case.reason else ""
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m{away}{in_time}{end}."
     return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
 
@@ -187,7 +187,7 @@ def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, fo
     over_rate = drawn(
         largest,
         "Largest line over rate",
-        "Largest line over rate. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but the run in time.",
+        "Largest line over rate. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but time integration.",
     )
     diagram = drawn(
         campbell, "Campbell diagram", "Dashed: modes as seen through the drive. Rings: where a line meets one."

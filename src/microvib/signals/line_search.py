@@ -25,7 +25,7 @@ _ATTEMPTS = 60
 _TOGETHER = 8
 """Array modes that are looked for at once."""
 _ALIKE = 0.7
-"""Bins from another tone at which a further one is no line, but that other's change within the record."""
+"""Bins from another tone at which a further one is not a line, but that other's change within the record."""
 _MISFIT = 0.3
 """Part of a decaying tone that its misfit may have: with friction, a mode does not ring down exactly exponentially."""
 

@@ -73,9 +73,7 @@ def _sentence(kind: str, where: tuple[int | str, ...], found: Any) -> str:
     if kind == "extra_forbidden":
         return f"{key}: unknown key; allowed for an import are {', '.join(Import.model_fields)}"
     meaning = Import.model_fields[key].description
-    return (
-        f"{key}: missing; wanted is {meaning}" if kind == "missing" else f"{key}: {found!r} is not allowed; {meaning}"
-    )
+    return f"{key}: missing; expected {meaning}" if kind == "missing" else f"{key}: {found!r} is not allowed; {meaning}"
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ class Deck:
         if self.participation.shape != (6, s) or self.mass.shape != (6, 6):
             raise ModalError(
                 f"{self.title}: has {s} modes, but participations {self.participation.shape} and mass {self.mass.shape}; six"
-                " directions of each mode and a 6 x 6 mass are wanted"
+                " directions of each mode and a 6 x 6 mass are expected"
             )
 
 
@@ -178,7 +176,7 @@ def _with_z_along(direction: np.ndarray, title: str) -> np.ndarray:
     """Frame with z along ``direction`` and x as near as may be to the first of x, y that is not close to it."""
     if not np.all(np.isfinite(direction)) or not np.any(direction):
         raise ModalError(
-            f"{title}: drive_axis: {direction.tolist()} is no direction; three components, not all 0, are wanted"
+            f"{title}: drive_axis: {direction.tolist()} is not a direction; three components, not all 0, are expected"
         )
     z = direction / np.linalg.norm(direction)
     near = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]

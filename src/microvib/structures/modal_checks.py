@@ -56,7 +56,7 @@ def check_clamped(frequency: np.ndarray, title: str) -> None:
     what = "free" if rigid >= 6 else "not held in all directions, or has a mechanism or a loose part"
     raise ModalError(
         f"{title}: {rigid} of {frequency.size} modes are rigid-body modes (up to {frequency[rigid - 1]:.3g} Hz): the model is"
-        f" {what}; modes with the interface point clamped (SPC in all six directions) are wanted"
+        f" {what}; modes with the interface point clamped (SPC in all six directions) are expected"
     )
 
 

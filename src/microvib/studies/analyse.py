@@ -97,7 +97,7 @@ def _source(
         return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
     if path.is_dir():
         if not (path / "motion.nc").is_file():
-            raise MicrovibError(f"{path}: is no run folder with a motion; it has no motion.nc")
+            raise MicrovibError(f"{path}: is not a run folder with a motion; it has no motion.nc")
         if (path / "scenario.yaml").is_file():
             guide = load_scenario(path / "scenario.yaml")
         recording = read_recording(path / "motion.nc")
@@ -108,7 +108,7 @@ def _source(
         return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
     if path.suffix.lower() not in READERS:
         raise MicrovibError(
-            f"{source}: cannot be analysed; wanted is a scenario, a run folder or a recording ({', '.join(READERS)})"
+            f"{source}: cannot be analysed; expected a scenario, a run folder or a recording ({', '.join(READERS)})"
         )
     if channel.startswith("F") or not _about_the_axis(channel, guide):
         prepared = read_prepared(path, preparation)

@@ -186,7 +186,7 @@ def _side(
         x, rate = recording[channel], recording.sample_rate
         return Side(source, "recording", _figures(table), ratio, x, rate, notes=recording.notes)
     raise MicrovibError(
-        f"{source}: cannot be compared; wanted is a scenario, a run folder, a recording ({', '.join(READERS)}),"
+        f"{source}: cannot be compared; expected a scenario, a run folder, a recording ({', '.join(READERS)}),"
         f" a table of lines (.csv) or one of {', '.join(PAPER)}"
     )
 
@@ -202,7 +202,7 @@ def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Pro
 
 def _folder(path: Path) -> Side:
     if not (path / "lines.csv").is_file():
-        raise MicrovibError(f"{path}: is no run folder; it has no lines.csv")
+        raise MicrovibError(f"{path}: is not a run folder; it has no lines.csv")
     torque, rate = None, math.nan
     if (path / "motion.nc").is_file():
         recording = read_recording(path / "motion.nc")

@@ -104,7 +104,7 @@ def read_evidence(
         found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, recording.duration))
         return Evidence(source, found, table.clock_ratio, recording.duration, recording.sample_rate, recording.notes)
     raise MicrovibError(
-        f"{source}: is no evidence; wanted is a recording ({', '.join(READERS)}), a table of lines (.csv) or '{PAPER_TABLE}'"
+        f"{source}: is not evidence; expected a recording ({', '.join(READERS)}), a table of lines (.csv) or '{PAPER_TABLE}'"
     )
 
 
@@ -226,7 +226,7 @@ def _figure(where: str, row: dict[str, str | None], column: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise MicrovibError(f"{where}: {column} '{text[:60]}' is no number") from None
+        raise MicrovibError(f"{where}: {column} '{text[:60]}' is not a number") from None
     if not math.isfinite(value):
         raise MicrovibError(f"{where}: {column} is {text[:60]}; a finite number is expected")
     return value

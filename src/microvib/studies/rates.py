@@ -48,7 +48,7 @@ class RateLine:
 class RateCase:
     """Lines at one rate [rad/s] and microstep count.
 
-    Where there is no steady state, ``reason`` says why and the lines are those of the run in time, or none if it fails.
+    Where there is no steady state, ``reason`` says why and the lines are those of time integration, or none if it fails.
     """
 
     rate: float

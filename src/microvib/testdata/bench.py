@@ -27,7 +27,7 @@ def measure(bench: Bench, loads: np.ndarray, twist: np.ndarray, drive_axis: str 
     """
     if loads.shape != (6, twist.size) or twist.size < bench.span * bench.analog_rate - 1:
         raise RecordingError(
-            f"bench: loads of shape (6, {math.ceil(bench.span * bench.analog_rate)}) are wanted, not {loads.shape}"
+            f"bench: loads of shape (6, {math.ceil(bench.span * bench.analog_rate)}) are expected, not {loads.shape}"
         )
     rng = np.random.default_rng(seed)
     x = loads + _rope(bench, twist, drive_axis, rng)

@@ -102,7 +102,7 @@ class Bench(Part):
 
     @property
     def analog_rate(self) -> float:
-        """Rate [Hz] at which the loads are wanted and the analog stages are computed."""
+        """Rate [Hz] at which the loads are needed and the analog stages are computed."""
         return OVERSAMPLING * self.sample_rate
 
     @property

@@ -135,7 +135,7 @@ def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:
         R[row, "xyz".index(letter)] = -1.0 if axis.strip().startswith("-") else 1.0
     if abs(np.linalg.det(R) - 1.0) > 1e-9:
         raise RecordingError(
-            f"{recording.title}: axes: {', '.join(axes)} is no right-handed frame; name each axis once, with signs to suit"
+            f"{recording.title}: axes: {', '.join(axes)} is not a right-handed frame; name each axis once, with signs to suit"
         )
     six = _six(recording)
     return _with_six(recording, np.vstack([R @ six[:3], R @ six[3:]]), f"axes {', '.join(axes)}")

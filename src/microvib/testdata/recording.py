@@ -154,7 +154,7 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     bad = np.flatnonzero(~np.isfinite(x))
     if bad.size:
         raise RecordingError(
-            f"{where} has {bad.size} samples that are no numbers, the first at {bad[0] / recording.sample_rate:.4g} s"
+            f"{where} has {bad.size} samples that are not numbers, the first at {bad[0] / recording.sample_rate:.4g} s"
         )
     largest = float(np.max(np.abs(x)))
     if largest > LARGEST_LOAD:

@@ -114,7 +114,7 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
     for name, x in loads.items():
         if not np.all(np.isfinite(x)):
             raise RecordingError(
-                f"{recording.title}: channel {name} has samples that are no numbers; its response cannot be taken out"
+                f"{recording.title}: channel {name} has samples that are not numbers; its response cannot be taken out"
             )
     room = min(n - 1, max(n // 8, 64))
     f = np.fft.rfftfreq(n + 2 * room, 1.0 / recording.sample_rate)

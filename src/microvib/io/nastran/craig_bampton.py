@@ -30,7 +30,7 @@ def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str
     op4 = library("op4")
     present, sizes, _, _ = op4.dir(str(path), verbose=False)
     if not present:
-        raise ModalError(f"{path}: is no OP4, or has no matrices")
+        raise ModalError(f"{path}: is not an OP4 file, or has no matrices")
     wanted = [name for name in names if name in present]
     if not wanted:
         return {}
@@ -60,7 +60,7 @@ def read_op4(path: Path, options: Import) -> Deck:
     stiffness = "k" + mass[1:] if mass else None
     if shapes is None or rigid is None or stiffness not in present or mass is None:
         raise ModalError(
-            f"{path}: holds {', '.join(present[:12]).upper() or 'no matrices'}; wanted are KAA and MAA (or KXX and MXX, KAAX and"
+            f"{path}: holds {', '.join(present[:12]).upper() or 'no matrices'}; expected KAA and MAA (or KXX and MXX, KAAX and"
             f" MAAX) of a Craig-Bampton model, or mode shapes ({', '.join(SHAPES).upper()}) with MGG, KGG and the six rigid-body"
             f" motions ({', '.join(RIGID).upper()})"
         )
@@ -157,7 +157,9 @@ def _fixed(
     if not inner.any():
         raise ModalError(f"{path}: has a boundary, but no modes")
     if np.abs(K[np.ix_(boundary, inner)]).max() > 1e-3 * np.abs(K_qq).max():
-        raise ModalError(f"{path}: stiffness couples boundary and modes: this is no model with fixed-interface modes")
+        raise ModalError(
+            f"{path}: stiffness couples boundary and modes: this is not a model with fixed-interface modes"
+        )
     try:
         eigenvalue, phi = eigh(K_qq, M_qq)
     except LinAlgError:
@@ -175,7 +177,7 @@ def _check_free(path: Path, stiffness: np.ndarray, mass: np.ndarray, first: floa
     frequency = float(np.sqrt(max(held, 0.0))) / (2.0 * np.pi)
     if frequency > GROUNDED * first:
         raise ModalError(
-            f"{path}: the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g} Hz; 0 Hz is wanted)"
+            f"{path}: the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g} Hz; 0 Hz is expected)"
         )
 
 
@@ -189,7 +191,7 @@ def read_dmig(path: Path, options: Import) -> Deck:
     found = bulk.rddmig(str(path), square=True)
     pair = next((p for p in PAIRS if all(name in found for name in p)), None)
     if pair is None:
-        raise ModalError(f"{path}: has the DMIG entries {', '.join(found).upper()}; wanted are KAAX and MAAX")
+        raise ModalError(f"{path}: has the DMIG entries {', '.join(found).upper()}; expected KAAX and MAAX")
     stiffness = found[pair[0]]
     index = stiffness.index.union(found[pair[1]].index)
     K, M = (found[name].reindex(index=index, columns=index, fill_value=0.0).to_numpy(dtype=float) for name in pair)

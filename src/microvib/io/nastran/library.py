@@ -23,7 +23,7 @@ def library(name: str) -> Any:
 
 
 def lines_of(path: Path) -> Iterator[str]:
-    """Lines of a text file; one without end, as in a file that is no text, comes in pieces."""
+    """Lines of a text file; one without end, as in a file that is not text, comes in pieces."""
     with path.open(encoding="latin-1") as stream:
         yield from iter(lambda: stream.readline(LONGEST_LINE), "")
 

@@ -72,7 +72,7 @@ def _read(path: Path) -> _Results:
     with path.open("rb") as stream:
         word = _WORDS.get(stream.read(4))
     if word is None:
-        raise ModalError(f"{path}: is no OP2; such a file starts with a record of 4 or 8 bytes")
+        raise ModalError(f"{path}: is not an OP2 file; such a file starts with a record of 4 or 8 bytes")
     with library("op2").OP2(str(path)) as file:
         wanted = _wanted(path, file)
         data: dict[str, Any] = file.rdparampost(get_mats=wanted or False, get_dr_tables=False)
@@ -92,7 +92,7 @@ def _wanted(path: Path, file: Any) -> list[str]:
     if not any(name.startswith("LAMA") for name in names):
         raise ModalError(
             f"{path}: has no table of eigenvalues (LAMA); it holds {', '.join(sorted(names)[:12]) or 'nothing'}; a run of SOL 103"
-            " with PARAM,POST,-1 is wanted"
+            " with PARAM,POST,-1 is expected"
         )
     wanted = [n for n in names if n.lower() in MASS_MATRICES or n.startswith(("MPFACS", "RBMASS"))]
     for name in wanted:
@@ -181,7 +181,7 @@ def _from_forces(path: Path, results: _Results, forces: Vectors, options: Import
 
 
 def _check_held(path: Path, forces: Vectors, options: Import) -> None:
-    """Nothing but the interface point may hold the model; where it is no grid, all clamped grids are the interface."""
+    """Nothing but the interface point may hold the model; where it is not a grid, all clamped grids are the interface."""
     ids, size = np.array([i for i, _ in forces.rows]), np.abs(forces.values).max(axis=1)
     if not isinstance(options.interface, int) or options.interface not in ids:
         return  # several clamped grids are the interface together
@@ -189,7 +189,7 @@ def _check_held(path: Path, forces: Vectors, options: Import) -> None:
     if others:
         raise ModalError(
             f"{path}: grid {others[0]} is held, too ({len(others)} grids beside {options.interface}); modes with nothing but the"
-            " interface clamped are wanted, and where that is several grids, its coordinates"
+            " interface clamped are expected, and where that is several grids, its coordinates"
         )
 
 
@@ -234,7 +234,7 @@ def _shapes(path: Path, results: _Results) -> np.ndarray:
     if missing or shapes.values.shape[1] != results.frequency.size:
         raise ModalError(
             f"{path}: has eigenvectors of {shapes.values.shape[1]} of {results.frequency.size} modes, without {missing} of"
-            f" {len(index)} degrees of freedom; DISPLACEMENT(PLOT)=ALL is wanted"
+            f" {len(index)} degrees of freedom; DISPLACEMENT(PLOT)=ALL is expected"
         )
     values = np.zeros((len(index), shapes.values.shape[1]))
     values[places[places >= 0]] = shapes.values[places >= 0]
@@ -259,7 +259,7 @@ def _check_still(path: Path, phi: np.ndarray, results: _Results, grid: int) -> N
         k = int(moves.argmax())
         raise ModalError(
             f"{path}: interface: grid {grid} moves in mode {k + 1} by {moves[k]:.2g} of the largest motion; modes with the"
-            " interface point clamped are wanted"
+            " interface point clamped are expected"
         )
 
 
@@ -269,5 +269,5 @@ def _mass_matrix(path: Path, results: _Results, options: Import) -> Any:
     other = path.parent / options.mass
     found = matrices(other, MASS_MATRICES)
     if not found:
-        raise ModalError(f"{other}: has no mass matrix; wanted is one of {', '.join(MASS_MATRICES).upper()}")
+        raise ModalError(f"{other}: has no mass matrix; expected one of {', '.join(MASS_MATRICES).upper()}")
     return next(iter(found.values()))

@@ -45,7 +45,7 @@ _WIDTHS = {
 _WITHIN = (
     "MODE", "NO.", "REFERENCE", "DEGREESOFFREEDOM", "MO", "(FOR", "TOTAL", "T1", "CUMULATIVE", "TRANSLATIONALMASS",
 )  # fmt: skip
-"""How lines within a table start that are no rows of it, without spaces."""
+"""How lines within a table start that are not rows of it, without spaces."""
 
 
 def number(text: str) -> float:
@@ -102,7 +102,7 @@ def read_listing(path: Path, options: Import) -> Deck:
         )
     frequency, generalised = eigenvalues[:, 4], eigenvalues[:, 5]
     if np.any(generalised <= 0.0):
-        raise ModalError(f"{path}: has generalised masses that are not greater than 0: these are no natural modes")
+        raise ModalError(f"{path}: has generalised masses that are not greater than 0: these are not natural modes")
     check_clamped(frequency, str(path))
     free = _matrix(tables.last("free"))
     weight = _weight(tables)
@@ -173,7 +173,9 @@ def _ansys(path: Path, tables: _Tables) -> Deck:
     columns = [tables.last(f"ansys-{name}") for name in _ANSYS]
     if any(c is None for c in columns):
         missing = [name for name, c in zip(_ANSYS, columns, strict=True) if c is None]
-        raise ModalError(f"{path}: has no participation factors in direction {', '.join(missing)}; all six are wanted")
+        raise ModalError(
+            f"{path}: has no participation factors in direction {', '.join(missing)}; all six are expected"
+        )
     tables_of = [c for c in columns if c is not None]
     if len({c.shape for c in tables_of}) != 1 or tables_of[0].shape[1] < 7:
         raise ModalError(f"{path}: its tables of participation factors differ in length; is the listing whole?")

@@ -28,7 +28,7 @@ def read_punched(path: Path, options: Import) -> Deck:
     points = sorted({grid for mode in forces.values() for grid, values in mode.items() if any(values)})
     if len(points) != 1:
         raise ModalError(
-            f"{path}: has forces of constraint on {len(points)} grids; one, the interface point, is wanted"
+            f"{path}: has forces of constraint on {len(points)} grids; one, the interface point, is expected"
         )
     if options.mass is None:
         raise ModalError(f"{path}: has no rigid-body mass; give the F06 of the run (mass: FILE.f06)")

@@ -49,7 +49,7 @@ class Segments:
     """The map of a period (``microvib.solve.steady.period``), cut into parts that are computed at the same time."""
 
     def __init__(self, period: PeriodMap, rows: int) -> None:
-        """``rows`` intervals of each microstep are averaged where samples are wanted."""
+        """``rows`` intervals of each microstep are averaged where samples are needed."""
         self.period, self.rows = period, rows
         self.part = math.gcd(period.microsteps, max(period.microsteps // 16, 1))
         units = period.microsteps // self.part

@@ -154,7 +154,7 @@ def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design
     levels = tuple(x for x in parts if isinstance(x, Levels))
     uncertain = tuple(x for x in parts if isinstance(x, Uncertain))
     if not parts and not study.cases:
-        raise ScenarioError(f"{origin}: vary: missing; at least one key to vary, or cases, is wanted")
+        raise ScenarioError(f"{origin}: vary: missing; at least one key to vary, or cases, is expected")
     combinations = tuple(_checked(base, item, f"{origin}: cases.{k}") for k, item in enumerate(study.cases)) or ({},)
     named = [key for part in parts for key in part.keys or (part.key,)]
     twice = {key for key in named if named.count(key) > 1}
@@ -162,7 +162,7 @@ def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design
         raise ScenarioError(f"{origin}: {min(twice)} stands in vary twice; one place is expected")
     both = {key for item in combinations for pattern in item for key in keys_of(base, pattern)} & set(named)
     if both:
-        raise ScenarioError(f"{origin}: {min(both)} stands in vary and in cases; one place is wanted")
+        raise ScenarioError(f"{origin}: {min(both)} stands in vary and in cases; one place is expected")
     total = len(combinations) * math.prod(len(x.values) for x in levels) * _points(study, len(uncertain))
     if total > MAX_CASES:
         raise ScenarioError(f"{origin}: makes {total:.3g} cases; at most {MAX_CASES:.0e} are computed")
@@ -180,7 +180,7 @@ def _variation(base: Scenario, key: str, spec: Any, folder: Path, origin: str) -
     if key not in ARRAY:
         return variation(base, key, spec, origin)
     if not isinstance(spec, list) or not spec:
-        raise ScenarioError(f"{origin}: vary.{key}: {spec!r} is not allowed; a list of files or names is wanted")
+        raise ScenarioError(f"{origin}: vary.{key}: {spec!r} is not allowed; a list of files or names is expected")
     from microvib.io.scenario_file import with_array
 
     arrays = []
@@ -312,6 +312,6 @@ def _matrix(correlations: Sequence[Correlation], keys: list[str], origin: str) -
                 raise ScenarioError(f"{origin}: correlations: {key} has no distribution; allowed are {', '.join(keys)}")
         a, b = (keys.index(key) for key in item.keys)
         if a == b:
-            raise ScenarioError(f"{origin}: correlations: {item.keys[0]} is named twice; two keys are wanted")
+            raise ScenarioError(f"{origin}: correlations: {item.keys[0]} is named twice; two keys are expected")
         R[a, b] = R[b, a] = item.coefficient
     return R

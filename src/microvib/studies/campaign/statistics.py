@@ -61,7 +61,7 @@ class LineStatistics:
     p95: Estimate
     p99: Estimate
     largest: float
-    """Of all cases of the level, also those that are no independent draws."""
+    """Of all cases of the level, also those that are not independent draws."""
     worst: int
     """Number of the case with the largest amplitude."""
     above: int | None
@@ -252,7 +252,7 @@ def draws_needed(q: float) -> int:
 def quantile(x: np.ndarray, q: float) -> Estimate:
     """Quantile of ``x`` (n,) with the interval between order statistics that covers it, whatever the distribution.
 
-    NONE where the draws are too few to bound it: an extreme of the sample is no percentile.
+    NONE where the draws are too few to bound it: an extreme of the sample is not a percentile.
     """
     from scipy.stats import binom
 

@@ -160,7 +160,7 @@ def _matching(found: _Entries, pattern: str, where: str) -> tuple[str, ...]:
     if keys:
         return keys
     near = [name for name in found if name.split(".")[0] == steps[0]] or list(found)
-    raise ScenarioError(f"{where}: is no key of the scenario; allowed are {', '.join(near)}")
+    raise ScenarioError(f"{where}: is not a key of the scenario; allowed are {', '.join(near)}")
 
 
 def keys_of(scenario: Scenario, pattern: str) -> tuple[str, ...]:
@@ -182,7 +182,7 @@ def _of_one_key(key: str, value: Any, spec: Any, quantity: Quantity | None, wher
     if not isinstance(spec, dict):
         raise ScenarioError(f"{where}: {spec!r} is not allowed; write a list of values, a grid or a distribution")
     if quantity is None:
-        raise ScenarioError(f"{where}: is no physical quantity; write a list of its values, such as [{value}]")
+        raise ScenarioError(f"{where}: is not a physical quantity; write a list of its values, such as [{value}]")
     reader = _Reader(where, spec, quantity, value)
     if "distribution" in spec:
         return _distribution(key, reader)
@@ -191,7 +191,7 @@ def _of_one_key(key: str, value: Any, spec: Any, quantity: Quantity | None, wher
 
 def _listed(key: str, values: list[Any], quantity: Quantity | None, where: str) -> Levels:
     if not values:
-        raise ScenarioError(f"{where}: the list is empty; at least one value is wanted")
+        raise ScenarioError(f"{where}: the list is empty; at least one value is expected")
     read = tuple(_level(item, quantity, f"{where}.{k}") for k, item in enumerate(values))
     unit = quantity.unit if quantity else ""
     display = (quantity.display or quantity.unit) if quantity else ""
@@ -199,7 +199,7 @@ def _listed(key: str, values: list[Any], quantity: Quantity | None, where: str) 
 
 
 def _level(item: Any, quantity: Quantity | None, where: str) -> Any:
-    """A value of a list in SI; what is no number (a word such as ``rigid``) is left to the scenario's own check."""
+    """A value of a list in SI; what is not a number (a word such as ``rigid``) is left to the scenario's own check."""
     if quantity is None or not isinstance(item, (str, int, float)) or isinstance(item, bool):
         return item
     if isinstance(item, str) and not any(c.isdigit() for c in item):
@@ -215,7 +215,7 @@ def number(item: Any, quantity: Quantity, where: str) -> float:
         except ValueError as error:
             raise ScenarioError(f"{where}: {item!r} {error} ({quantity.meaning})") from None
     if isinstance(item, bool) or not isinstance(item, (int, float)) or not math.isfinite(item):
-        raise ScenarioError(f"{where}: {item!r} is no quantity ({quantity.meaning})")
+        raise ScenarioError(f"{where}: {item!r} is not a quantity ({quantity.meaning})")
     if quantity.unit:
         raise ScenarioError(f"{where}: {item} needs a unit, such as '{item} {quantity.display or quantity.unit}'")
     return float(item)
@@ -268,7 +268,7 @@ def _grid(key: str, r: _Reader) -> Levels:
     count: Any = r.spec.get("count")
     spacing = r.spec.get("spacing", "linear")
     right = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_LEVELS
-    r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MAX_LEVELS} is wanted")
+    r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MAX_LEVELS} is expected")
     r.check(spacing in ("linear", "logarithmic"), f"spacing: {spacing!r} is not allowed; write linear or logarithmic")
     if spacing == "linear":
         values = np.linspace(first, last, count)

@@ -98,7 +98,7 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     key = key.strip()
     entries = {name: (value, quantity) for name, value, quantity in scenario.entries()}
     if key not in entries:
-        raise OptionError("fit", f"is no key of the scenario; allowed are {', '.join(fittable(scenario))}", key)
+        raise OptionError("fit", f"is not a key of the scenario; allowed are {', '.join(fittable(scenario))}", key)
     value, quantity = entries[key]
     if quantity is None or not isinstance(value, float):
         raise OptionError("fit", f"is {value!r}, not a number; start it from a number, {key}=...", key, remedy="set")
@@ -131,7 +131,7 @@ def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:
 
 
 def _refuse_what_is_known(scenario: Scenario, key: str, value: float) -> None:
-    """Refuse what the recording itself gives, and what is no property of the drive."""
+    """Refuse what the recording itself gives, and what is not a property of the drive."""
     if key in _SETTINGS:
         raise OptionError("fit", "is the recording's own and is not fitted", key)
     if key.startswith("solver."):

@@ -244,7 +244,7 @@ def _tried(spec: Spec) -> tuple[Scenario | None, list[dict[str, Any]]]:
 
 
 def _written(spec: Spec) -> dict[str, str]:
-    """What a file says of the form's keys, where it is no scenario."""
+    """What a file says of the form's keys, where it is not a scenario."""
     try:
         data = _data(spec)
     except MicrovibError:

@@ -60,7 +60,7 @@ def _done(desk: Desk, id: str) -> Job:
 def finished_run(desk: Desk, id: str) -> Job:
     """A run that is done; Refused where there is none of this id."""
     if _job(desk, id).kind != "run":
-        raise Refused(404, "this computation is no run")
+        raise Refused(404, "this computation is not a run")
     return _done(desk, id)
 
 

@@ -154,6 +154,6 @@ def start_sas(want: SasOf, desk: At) -> Started:
         wanted = {"inertia": f"{array.inertia!r} kg*m^2", "frequency": f"{array.modes[0].frequency!r} Hz"}
     for key, value in wanted.items():
         if not value:
-            raise Refused(422, f"{key}: missing; inertia and frequency of the array are wanted", key)
+            raise Refused(422, f"{key}: missing; inertia and frequency of the array are expected", key)
     options = {**wanted, "states": want.states, "amplitude": want.amplitude, "rate": want.rate}
     return started(desk, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options)

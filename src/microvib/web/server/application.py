@@ -93,7 +93,7 @@ def _say_fault(request: Request, error: Any) -> JSONResponse:
 def _say_invalid(request: Request, error: Any) -> JSONResponse:
     first = error.errors()[0]
     if first["type"] == "json_invalid":
-        return _answer(422, "the request is no JSON")
+        return _answer(422, "the request is not JSON")
     key = ".".join(str(part) for part in first["loc"][1:]) or None
     message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
     return _answer(422, f"{key or 'the request'}: {message}", key)

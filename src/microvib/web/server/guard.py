@@ -98,7 +98,7 @@ class Guard:
         """Have a request answered whose body is all here and simple: while it is parsed, all others wait."""
         body = await receive.whole()
         if b"\0" in body:  # or UTF-16, in which structure could be hidden
-            await reply.say(422, "the request is no JSON in UTF-8")
+            await reply.say(422, "the request is not JSON in UTF-8")
         elif len(_STRINGS.sub(b"", body, count=_MAX_STRINGS)) > self._limits.structure:
             await reply.say(
                 413,
@@ -118,7 +118,7 @@ class Guard:
 
 
 def _let_stay(scope: Scope) -> None:
-    """Tell the connection that its client is no stranger."""
+    """Tell the connection that its client is not a stranger."""
     connection = scope.get("state", {}).get("connection")
     if connection is not None:
         connection.owned()

@@ -77,7 +77,7 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError as error:
-        raise OptionError("host", f"is no address of this machine ({error.strerror})", host) from None
+        raise OptionError("host", f"is not an address of this machine ({error.strerror})", host) from None
     if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
         raise OptionError(
             "host", "others could reach the server there; allow that if it is meant", host, remedy="allow_remote"
