@@ -6,7 +6,7 @@ python examples/states.py [states.png]
 import sys
 
 import microvib as mv
-from microvib.reports.figures import COLOURS, new_figure
+from microvib.reports.sheets import COLOURS, new_figure
 
 GROUPS = {
     "Figure 11: states 1-3, frequency 1.19, 1.39, 1.59 Hz at 8.18 kg m²": (1, 2, 3),

@@ -107,7 +107,7 @@ def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
 
 
 def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
-    monkeypatch.setattr("microvib.reports.figures.svg", lambda drawing: "<svg/>")
+    monkeypatch.setattr("microvib.reports.sheets.svg", lambda drawing: "<svg/>")
     _, _, estimate = off
     out = tmp_path / "run"
     (tmp_path / "set.yaml").write_text(mv.dump_scenario(random_scenario(OFF)), encoding="utf-8")

@@ -66,7 +66,7 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def undrawn(monkeypatch):
     """For what is asked of words and figures alone: pictures are left out, for they take the time."""
-    monkeypatch.setattr("microvib.reports.figures.svg", lambda drawing: "<svg/>")
+    monkeypatch.setattr("microvib.reports.sheets.svg", lambda drawing: "<svg/>")
 
 
 def pages(content: bytes) -> list[str]:

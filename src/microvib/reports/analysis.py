@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.io.results import columns_csv, lines_csv, write_folder
-from microvib.reports import figures
+from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, figure, milli, number, study
 from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
 from microvib.reports.rendering import report_files
@@ -90,7 +90,7 @@ def analysis_report(a: Analysis, form: Form | None = None) -> Document:
 
 
 def _drawn(height: float, draw: Callable[[Any], None], alt: str, made: object) -> Figure:
-    drawing, axes = figures.sheet(height)
+    drawing, axes = sheets.sheet(height)
     draw(axes[0, 0])
     text = str(made)
     return drawn(drawing, alt, text[:1].upper() + text[1:] + ".")

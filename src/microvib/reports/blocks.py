@@ -13,7 +13,7 @@ from microvib.io.results import package_versions, scenario_hash
 from microvib.io.scenario_file import dump_part
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
-from microvib.reports import figures
+from microvib.reports import figures, sheets
 from microvib.reports.document import Block, Code, Document, Fact, Figure, Form, Section, Text, pairs
 
 if TYPE_CHECKING:
@@ -53,12 +53,12 @@ def made_by(version: str, scenario: Scenario | None = None) -> str:
 
 def drawn(drawing: Drawing, alt: str, caption: str = "", turned: bool = False) -> Figure:
     """A figure of Matplotlib as a block."""
-    return Figure(figures.svg(drawing), alt, caption, turned)
+    return Figure(sheets.svg(drawing), alt, caption, turned)
 
 
 def overlaid(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figure:
     """Spectra of several torques in one picture: the low end as curves, lines to 200 Hz as stems beside each other."""
-    drawing, axes = figures.plain_sheet(3.5, 1, 2)
+    drawing, axes = sheets.plain_sheet(3.5, 1, 2)
     axes[0, 0].get_gridspec().set_width_ratios((1.0, 1.6))
     drawing.subplots_adjust()  # moves the axes
     figures.draw_overlay(axes[0, 0], sides, 5.0)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from microvib.analysis.lines import lines as estimate
 from microvib.analysis.lines import spectrum
 from microvib.model.linear import coupled_modes
+from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall
 from microvib.solve.motion import Motion
@@ -19,98 +18,8 @@ from microvib.solve.motion import Motion
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.text import Text
 
     from microvib.analysis.limits import Judgement
-
-# Okabe and Ito's colours, which colour-blind people can tell apart.
-BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
-COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, "#56B4E9", GREY)
-
-
-def new_figure(
-    width: float, height: float, rows: int = 1, columns: int = 1, layout: Literal["constrained"] | None = "constrained"
-) -> tuple[Figure, Any]:
-    """Figure and axes in the project's style, without a global plotting state; without a ``layout`` its margins are to be set."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), dpi=110, layout=layout)
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for ax in axes.flat:
-        ax.grid(True, color="#dddddd", linewidth=0.6)
-        ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
-    return figure, axes
-
-
-PAGE = 7.0
-"""Width of a figure in a report [inch], as wide as its page."""
-
-
-def sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
-    """Figure and axes for a report, ``height`` in inches."""
-    return new_figure(PAGE, height, rows, columns)
-
-
-_LEFT, _RIGHT, _BOTTOM, _TOP, _ACROSS, _DOWN = 0.62, 0.1, 0.43, 0.27, 0.66, 0.74
-"""Margins of a plain sheet, and room between its axes [inch]."""
-
-
-def plain_sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
-    """A sheet for axes with short tick labels: its margins are fixed, where finding them takes a third of a drawing's time."""
-    figure, axes = new_figure(PAGE, height, rows, columns, layout=None)
-    wide = (PAGE - _LEFT - _RIGHT - (columns - 1) * _ACROSS) / columns
-    high = (height - _BOTTOM - _TOP - (rows - 1) * _DOWN) / rows
-    figure.subplots_adjust(
-        _LEFT / PAGE, _BOTTOM / height, 1.0 - _RIGHT / PAGE, 1.0 - _TOP / height, _ACROSS / wide, _DOWN / high
-    )
-    return figure, axes
-
-
-def svg(figure: Figure) -> str:
-    """A figure of a report as SVG, the same text each time; letters are outlines, so that no font is needed."""
-    import matplotlib
-
-    _with_fallback(figure)
-    for ax in figure.axes:
-        ax.tick_params(labelsize=7.5)
-        for text, size in ((ax.xaxis.label, 8), (ax.yaxis.label, 8), (ax.title, 8.5)):
-            text.set_fontsize(min(size, text.get_fontsize()))
-    stream = io.StringIO()
-    with (
-        matplotlib.rc_context({"svg.hashsalt": "microvib", "svg.fonttype": "path"}),
-        warnings.catch_warnings(
-            action="ignore", category=UserWarning
-        ),  # of characters without a font: the report tells it
-    ):
-        figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return stream.getvalue()
-
-
-def _with_fallback(figure: Figure) -> None:
-    """Give texts with characters that the package's font lacks the fonts of the system that have them."""
-    from microvib.reports.fonts import fallback_for
-
-    for text in _written(figure):
-        families = fallback_for([text.get_text()]).families
-        if families:
-            text.set_fontfamily([*text.get_fontfamily(), *families])
-
-
-def _written(figure: Figure) -> Iterable[Text]:
-    """Texts of a figure that are words; figures at ticks need no other font, and asking for them takes long."""
-    from matplotlib.ticker import FixedFormatter
-
-    yield from figure.texts
-    for legend in (*figure.legends, *(legend for ax in figure.axes if (legend := ax.get_legend()))):
-        yield from legend.get_texts()
-    for ax in figure.axes:
-        yield from (ax.title, ax.xaxis.label, ax.yaxis.label, *ax.texts)
-        for axis in (ax.xaxis, ax.yaxis):
-            if isinstance(axis.get_major_formatter(), FixedFormatter):
-                yield from axis.get_ticklabels()
 
 
 def plot(motion: Motion, table: LineTable | None = None) -> Figure:
@@ -145,7 +54,7 @@ def draw_history(ax: Axes, motion: Motion) -> None:
     """Disturbance torque over the record (as Figure 9b, drive axis), peaks kept when points are merged."""
     t, low, high = envelope(motion.time, 1e3 * motion["T_d"])
     ax.fill_between(t, low, high, color=BLUE, linewidth=0.4, edgecolor=BLUE)
-    ax.set(xlabel="time [s]", ylabel="disturbance torque $T_d$ [mN m]", title="Time history about the drive axis")
+    ax.set(xlabel="time [s]", ylabel="disturbance torque [mN m]", title="Time history about the drive axis")
     ax.margins(x=0)
 
 
@@ -161,13 +70,16 @@ def draw_stretch(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     """A few microsteps at the start of the record, with the time that the shaft sticks shaded."""
     n = _stretch(motion, microsteps)
     t = (motion.time[:n] - motion.time[0]) * 1e3
-    ax.plot(t, 1e3 * motion["T_d"][:n], color=BLUE, linewidth=1.4, label="$T_d$")
-    if "stuck_output" in motion.channels:
-        _shade_stuck(ax, t, motion["stuck_output"][:n])
-    ax.set(xlabel="time in the record [ms]", ylabel="$T_d$ [mN m]", title=f"{microsteps:g} microsteps")
+    ax.plot(t, 1e3 * motion["T_d"][:n], color=BLUE, linewidth=1.4)
+    ax.set(
+        xlabel="time in the record [ms]",
+        ylabel="torque [mN m]",
+        title=f"Disturbance torque through {microsteps:g} microsteps",
+    )
     ax.margins(x=0)
     _headroom(ax, 0.2)
-    ax.legend(loc="upper right", fontsize=8, ncols=2)
+    if "stuck_output" in motion.channels and _shade_stuck(ax, t, motion["stuck_output"][:n]):
+        ax.legend(loc="upper right", fontsize=8)
 
 
 def _stretch(motion: Motion, microsteps: float) -> int:
@@ -176,12 +88,14 @@ def _stretch(motion: Motion, microsteps: float) -> int:
     return int(np.clip(span * motion.sample_rate, 8, motion.time.size))
 
 
-def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> None:
-    if np.any(stuck > 0.5):
-        top = ax.get_xaxis_transform()
+def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> bool:
+    """Shade the time that the shaft sticks; whether it does."""
+    where, top = stuck > 0.5, ax.get_xaxis_transform()
+    if np.any(where):
         ax.fill_between(
-            t, 0, 1, where=stuck > 0.5, transform=top, color="#bbbbbb", alpha=0.45, linewidth=0, label="shaft sticks"
+            t, 0, 1, where=where, transform=top, color="#bbbbbb", alpha=0.45, linewidth=0, label="shaft sticks"
         )
+    return bool(np.any(where))
 
 
 def draw_spectrum(
@@ -309,7 +223,7 @@ def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
 
 def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     """Torques through a few microsteps, less their means: which torque goes where."""
-    names = {"T_d": "$T_d$ on spacecraft", "T_g": "$T_g$ gear", "T_f": "$T_f$ friction", "T_l": "$T_l$ array"}
+    names = {"T_d": "on the spacecraft", "T_g": "gear", "T_f": "friction", "T_l": "array"}
     curves = {label: motion[name] - motion[name].mean() for name, label in names.items()}
     _draw_curves(ax, motion, curves, microsteps)
     ax.set(ylabel="torque less its mean [mN m]", title="At the output")
@@ -318,7 +232,7 @@ def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
 def draw_motor_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     """Torques at the rotor through a few microsteps."""
     gear = motion["T_g"] / motion.scenario.reducer.ratio
-    curves = {"$T_e$ motor": motion["T_e"], "$T_{f,m}$ friction": motion["T_f_m"], "$T_g/h$ gear": gear}
+    curves = {"motor": motion["T_e"], "friction": motion["T_f_m"], "gear over ratio": gear}
     _draw_curves(ax, motion, curves, microsteps)
     ax.set(ylabel="torque [mN m]", title="At the rotor")
 

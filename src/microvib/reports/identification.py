@@ -10,7 +10,7 @@ from typing import Any
 
 from microvib.io.results import package_versions, to_json, write_folder
 from microvib.io.scenario_file import dump_scenario
-from microvib.reports import figures
+from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, figure, percent, plain, signed, study, with_error
 from microvib.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table
 from microvib.reports.rendering import report_files
@@ -263,7 +263,7 @@ def _is_torque(figure_name: str) -> bool:
 
 def _before_and_after_picture(fit: Fit) -> Figure:
     amplitudes = [f for f in _figures(fit) if _is_torque(f[0])][:12]
-    drawing, axes = figures.sheet(3.4)
+    drawing, axes = sheets.sheet(3.4)
     test, before, after = ([float(f[k]) for f in amplitudes] for k in (1, 2, 3))
     groups = {"test": test, "before": before, "after": after}
     figures.draw_pairs(axes[0, 0], [f[0].removesuffix(" amplitude") for f in amplitudes], groups)

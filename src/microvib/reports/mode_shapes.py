@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.reports.figures import GREY, sheet
+from microvib.reports.sheets import GREY, sheet
 from microvib.structures.fem.structure import Beams, Shells, Structure
 
 if TYPE_CHECKING:

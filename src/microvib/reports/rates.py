@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.io.results import rows_csv, write_folder
-from microvib.reports import figures
+from microvib.reports import sheets
 from microvib.reports.blocks import count, drawn, given, milli, number, plain, study, torque
 from microvib.reports.document import Document, Fact, Form, Section, Table, Text, table
 from microvib.reports.rendering import report_files
@@ -287,7 +287,7 @@ def draw_campbell(plan: RatePlan) -> Figure:
 
     columns = min(len(plan.counts), 2)
     rows = math.ceil(len(plan.counts) / columns)
-    figure, axes = figures.sheet((2.9 if columns == 2 else 3.9) * rows, rows, columns)
+    figure, axes = sheets.sheet((2.9 if columns == 2 else 3.9) * rows, rows, columns)
     top = max((1e3 * x.amplitude for case in plan.cases for x in case.lines), default=1.0)
     norm = LogNorm(FAINTEST * top, top)
     for ax, n in zip(axes.flat, plan.counts, strict=False):
@@ -314,7 +314,7 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
     rates = [math.degrees(case.rate) for case in plan.of(n)]
     ax.set_xlim(min(rates), max(rates))
     for mode in plan.modes:
-        ax.axhline(mode.frequency, color=figures.GREY, linestyle="--", linewidth=0.9)
+        ax.axhline(mode.frequency, color=sheets.GREY, linestyle="--", linewidth=0.9)
         ax.annotate(
             f"{mode.name} {mode.frequency:.3g} Hz", (1.0, mode.frequency), xycoords=("axes fraction", "data"),
             xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=6.5, color="#333333",
@@ -325,7 +325,7 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
         [math.degrees(r.rate) for r in met],
         [r.frequency for r in met],
         "o",
-        color=figures.RED,
+        color=sheets.RED,
         fillstyle="none",
         markersize=7,
         zorder=6,
@@ -336,7 +336,7 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
 
 def draw_largest(plan: RatePlan) -> Figure:
     """Largest line over rate, with the limit and what it forbids; one panel for each microstep count."""
-    figure, axes = figures.sheet(min(0.6 + 2.0 * len(plan.counts), 7.6), len(plan.counts))
+    figure, axes = sheets.sheet(min(0.6 + 2.0 * len(plan.counts), 7.6), len(plan.counts))
     tops = [1e3 * line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
     low, high = (0.5 * min(tops), 3.0 * max(tops)) if tops else (1e-3, 1e3)
     limit = None if plan.limit is None else 1e3 * plan.limit
@@ -344,11 +344,11 @@ def draw_largest(plan: RatePlan) -> Figure:
         cases = plan.of(n)
         rate = [math.degrees(case.rate) for case in cases]
         top = [1e3 * line.amplitude if (line := case.largest(plan.band)) else math.nan for case in cases]
-        ax.semilogy(rate, top, color=figures.BLUE, linewidth=1.0, marker=".", markersize=3)
+        ax.semilogy(rate, top, color=sheets.BLUE, linewidth=1.0, marker=".", markersize=3)
         ax.set_ylim(low if limit is None else min(low, 0.5 * limit), high if limit is None else max(high, 2.0 * limit))
         for case in cases:
             if case.reason:
-                ax.axvline(math.degrees(case.rate), color=figures.GREY, linewidth=0.8, linestyle=":")
+                ax.axvline(math.degrees(case.rate), color=sheets.GREY, linewidth=0.8, linestyle=":")
         if limit is not None:
             ax.axhline(limit, color="black", linewidth=1.2, linestyle="--", label=f"limit {limit:.4g} mN m")
             ax.legend(loc="upper right", fontsize=7.5)
@@ -356,7 +356,7 @@ def draw_largest(plan: RatePlan) -> Figure:
             if b.microsteps == n:
                 hatch = None if b.why == ABOVE else "///"
                 ax.axvspan(
-                    math.degrees(b.low), math.degrees(b.high), color=figures.RED, alpha=0.15, linewidth=0, hatch=hatch
+                    math.degrees(b.low), math.degrees(b.high), color=sheets.RED, alpha=0.15, linewidth=0, hatch=hatch
                 )
         ax.set(ylabel="largest line [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
         ax.set_xlim(min(rate), max(rate))

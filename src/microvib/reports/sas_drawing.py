@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.reports.figures import BLUE, GREEN, GREY, ORANGE, RED
+from microvib.reports.sheets import BLUE, GREEN, GREY, ORANGE, RED
 from microvib.studies.sas import Setting
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.reports import figures
+from microvib.reports import sheets
 from microvib.studies.campaign.effects import Indices, Tornado
 from microvib.studies.campaign.results import Results
 from microvib.studies.campaign.statistics import (
@@ -35,15 +35,15 @@ MAX_POINTS = 5000
 
 def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     """Median, 95 % and 99 % point and largest amplitude of each line."""
-    figure, axes = figures.sheet(1.3 + 0.27 * len(rows))
+    figure, axes = sheets.sheet(1.3 + 0.27 * len(rows))
     ax, y = axes[0, 0], np.arange(len(rows))[::-1]
     median, p95 = (1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95"))
     if np.isfinite(p95).any():
         ax.barh(y, p95 - median, left=median, height=0.5, color=LOW, label="median to 95 % point")
-    ax.plot(median, y, "|", color=figures.BLUE, markersize=13, markeredgewidth=2.2, label="median")
+    ax.plot(median, y, "|", color=sheets.BLUE, markersize=13, markeredgewidth=2.2, label="median")
     p99 = 1e3 * np.array([r.p99.value for r in rows])
     if np.isfinite(p99).any():
-        ax.plot(p99, y, "d", color=figures.RED, markersize=5, label="99 % point")
+        ax.plot(p99, y, "d", color=sheets.RED, markersize=5, label="99 % point")
     ax.plot([1e3 * r.largest for r in rows], y, "x", color="#333333", markersize=5, label="largest")
     _limit(ax, limit)
     ax.set_yticks(y, [_name(r) for r in rows])
@@ -63,7 +63,7 @@ def _name(row: LineStatistics) -> str:
 
 def _limit(ax: Axes, limit: float | None) -> None:
     if limit is not None:
-        ax.axvline(1e3 * limit, color=figures.RED, linestyle="-.", linewidth=1.4, label=f"limit {1e3 * limit:g} mN m")
+        ax.axvline(1e3 * limit, color=sheets.RED, linestyle="-.", linewidth=1.4, label=f"limit {1e3 * limit:g} mN m")
 
 
 def _plain_decades(axis: Any) -> None:
@@ -89,7 +89,7 @@ def histograms(results: Results, lines: Sequence[str], limit: float | None, band
     for ax, line in zip(axes, lines, strict=True):
         x = amplitudes(results, line, band)[counted]
         x = 1e3 * x[np.isfinite(x)]
-        ax.hist(x, bins=_bins(x), color=figures.BLUE, edgecolor="white", linewidth=0.4)
+        ax.hist(x, bins=_bins(x), color=sheets.BLUE, edgecolor="white", linewidth=0.4)
         for q, style in ((0.5, "-"), (0.95, "--"), (0.99, ":")):
             if x.size >= draws_needed(q):
                 point = float(np.quantile(x, q))
@@ -108,13 +108,13 @@ def _bins(x: np.ndarray) -> int:
 def _limit_in_milli(ax: Axes, limit: float | None, x: np.ndarray) -> None:
     """The limit, where it is not so far away that the picture would shrink."""
     if limit is not None and 1e3 * limit < 3.0 * float(x.max(initial=0.0)):
-        ax.axvline(1e3 * limit, color=figures.RED, linestyle="-.", linewidth=1.4, label="limit")
+        ax.axvline(1e3 * limit, color=sheets.RED, linestyle="-.", linewidth=1.4, label="limit")
 
 
 def _panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, list[Any]]:
     """Small panels across the page, each of ``height`` inches."""
     rows, columns = math.ceil(count / columns), min(count, columns)
-    figure, axes = figures.sheet(height * rows, rows, columns)
+    figure, axes = sheets.sheet(height * rows, rows, columns)
     for ax in list(axes.flat)[count:]:
         ax.set_visible(False)
     return figure, list(axes.flat)[:count]
@@ -123,12 +123,12 @@ def _panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, 
 def exceedances(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
     """Part of the draws of one level in which a line is larger than an amplitude."""
     counted = _of_level(results, level)
-    figure, axes = figures.sheet(3.4)
+    figure, axes = sheets.sheet(3.4)
     ax = axes[0, 0]
     styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
     for k, line in enumerate(lines):
         x, part = exceedance(amplitudes(results, line, band)[counted])
-        colour = figures.COLOURS[k % len(figures.COLOURS)]
+        colour = sheets.COLOURS[k % len(sheets.COLOURS)]
         ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
     _limit(ax, limit)
     ax.set(yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="part of the draws above it")
@@ -148,7 +148,7 @@ def tornados(found: Sequence[Tornado]) -> Figure:
     for ax, item in zip(axes, found, strict=True):
         shown = item.effects[:MAX_KEYS]
         y = np.arange(len(shown))[::-1]
-        for end, colour in (("low", LOW), ("high", figures.BLUE)):
+        for end, colour in (("low", LOW), ("high", sheets.BLUE)):
             moved = np.array([1e3 * (getattr(e, end) - item.centre) for e in shown])
             colours = [BETWEEN if e.levels else colour for e in shown]
             ax.barh(y, moved, left=1e3 * item.centre, height=0.6, color=colours)
@@ -156,7 +156,7 @@ def tornados(found: Sequence[Tornado]) -> Figure:
         ax.set_yticks(y, [e.key for e in shown], fontsize=6.5)
         explained = f" (R² {item.explained:.2f})" if math.isfinite(item.explained) else ""
         ax.set(title=f"{item.line}{explained}", xlabel="amplitude, 0-to-peak [mN m]")
-    texts = {"at its low end": LOW, "at its high end": figures.BLUE, "between its levels": BETWEEN}
+    texts = {"at its low end": LOW, "at its high end": sheets.BLUE, "between its levels": BETWEEN}
     handles = [Patch(color=colour, label=text) for text, colour in texts.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
     return figure
@@ -176,7 +176,7 @@ def scatters(results: Results, line: str, band: Band) -> Figure | None:
     for ax, item in zip(axes, keys, strict=True):
         scale = _per_display(item.unit, item.display)
         x = results.scalar(item.key)[shown] * scale
-        ax.plot(x, y[shown], ".", color=figures.BLUE, markersize=3, alpha=0.6)
+        ax.plot(x, y[shown], ".", color=sheets.BLUE, markersize=3, alpha=0.6)
         unit = f" [{pretty(item.display)}]" if item.display else ""
         ax.set(xlabel=f"{item.key}{unit}", ylabel=f"{line} [mN m]")
         ax.xaxis.label.set_fontsize(6.5)
@@ -202,7 +202,7 @@ def sobol_bars(found: Sequence[Indices]) -> Figure:
         order = np.argsort([-t.value for t in item.total])
         y = np.arange(order.size)[::-1]
         for estimates, shift, colour, label in (
-            (item.first, 0.18, LOW, "first order"), (item.total, -0.18, figures.BLUE, "total"),
+            (item.first, 0.18, LOW, "first order"), (item.total, -0.18, sheets.BLUE, "total"),
         ):  # fmt: skip
             chosen = [estimates[k] for k in order]
             value = np.array([e.value for e in chosen])
@@ -243,7 +243,7 @@ def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band
             [1e3 * float(end(g)) if np.isfinite(g).any() else math.nan for g in groups]
             for end in (np.nanmin, np.nanmax)
         )
-        colour = figures.COLOURS[k % len(figures.COLOURS)]
+        colour = sheets.COLOURS[k % len(sheets.COLOURS)]
         ax.plot(x, median, marker="os^Dv*"[k % 6], markersize=4, color=colour, linewidth=1.2, label=line)
         ax.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
     if not numeric or len(x) <= 8:

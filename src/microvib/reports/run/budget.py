@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from microvib.reports import figures
+from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn
 from microvib.reports.document import Section, Table, Text, table
 from microvib.signals.line_table import Line, LineTable
@@ -35,10 +35,13 @@ def budget_section(motion: Motion, lines: LineTable) -> Section:
         "What the housing feels of each torque. The contributions add up to the disturbance torque, line by line as phasors:"
         " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a cosine at the first sample."
     )
-    drawing, axes = figures.plain_sheet(2.9, 1, 2)
+    drawing, axes = sheets.plain_sheet(2.9, 1, 2)
     figures.draw_torques(axes[0, 0], motion)
     figures.draw_motor_torques(axes[0, 1], motion)
-    caption = "Left, torques at the output less their means; right, torques at the rotor."
+    caption = (
+        "Left, torques at the output less their means: T_d on the spacecraft, T_g of the gear, T_f of friction, T_l of the array."
+        " Right, torques at the rotor: T_e of the motor, T_f,m of friction, T_g/h of the gear."
+    )
     picture = drawn(drawing, "Torques at output and rotor through a few microsteps", caption)
     return Section("Torque budget", (Text(text), _budget(motion, main_lines(lines)), picture))
 

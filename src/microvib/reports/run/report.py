@@ -10,7 +10,7 @@ from microvib.analysis.limits import Judgement, Limit, judge
 from microvib.io.results import package_versions, scenario_hash
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.reports import figures
+from microvib.reports import figures, sheets
 from microvib.reports.blocks import count, drawn, figure, made_by, milli
 from microvib.reports.document import Block, Code, Document, Form, Section, Text, pairs, table
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
@@ -115,16 +115,16 @@ def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
 
 
 def _array_modes(motion: Motion, lines: LineTable) -> Section:
-    zoom, axes = figures.plain_sheet(2.6)
+    zoom, axes = sheets.plain_sheet(2.6)
     figures.draw_array_zoom(axes[0, 0], motion, lines)
     caption = "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped frequency."
     return Section("About the array's modes", (drawn(zoom, "Amplitude spectrum about the array's modes", caption),))
 
 
 def _microsteps(motion: Motion) -> Section:
-    drawing, axes = figures.plain_sheet(2.4)
+    drawing, axes = sheets.plain_sheet(2.4)
     figures.draw_stretch(axes[0, 0], motion)
-    caption = "The first microsteps of the record. Grey: the output shaft sticks, its rate is exactly zero."
+    caption = "T_d through the first microsteps of the record. Grey: the output shaft sticks, its rate is exactly zero."
     return Section("Through the microsteps", (drawn(drawing, "Disturbance torque through a few microsteps", caption),))
 
 

@@ -214,10 +214,10 @@ def rates_answer(plan: RatePlan) -> dict[str, Any]:
 
 def sas_answer(result: Any) -> dict[str, Any]:
     """A sizing's table, text, figures and drawing."""
-    from microvib.reports.figures import svg
     from microvib.reports.rendering import address
     from microvib.reports.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows
     from microvib.reports.sas_drawing import draw_simulator
+    from microvib.reports.sheets import svg
 
     sizing = result.sizing
     data = sas_data(result)

@@ -1,0 +1,128 @@
+"""Figures in the project's style, as wide as a report's page, and their way to SVG."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterable
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+# Okabe and Ito's colours, which colour-blind people can tell apart.
+BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
+COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, "#56B4E9", GREY)
+
+PAGE = 7.0
+"""Width of a figure in a report [inch], as wide as its page."""
+_LEFT, _RIGHT, _BOTTOM, _TOP, _ACROSS, _DOWN = 0.62, 0.1, 0.43, 0.27, 0.66, 0.74
+"""Margins of a plain sheet, and room between its axes [inch]."""
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, layout: Literal["constrained"] | None = "constrained"
+) -> tuple[Figure, Any]:
+    """Figure and axes in the project's style, without a global plotting state; without a ``layout`` its margins are to be set."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=110, layout=layout)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax in axes.flat:
+        ax.grid(True, color="#dddddd", linewidth=0.6)
+        ax.set_axisbelow(True)
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """Figure and axes for a report, ``height`` in inches."""
+    return new_figure(PAGE, height, rows, columns)
+
+
+def plain_sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """A sheet for axes with short tick labels: its margins are fixed, where finding them takes a third of a drawing's time."""
+    figure, axes = new_figure(PAGE, height, rows, columns, layout=None)
+    wide = (PAGE - _LEFT - _RIGHT - (columns - 1) * _ACROSS) / columns
+    high = (height - _BOTTOM - _TOP - (rows - 1) * _DOWN) / rows
+    figure.subplots_adjust(
+        _LEFT / PAGE, _BOTTOM / height, 1.0 - _RIGHT / PAGE, 1.0 - _TOP / height, _ACROSS / wide, _DOWN / high
+    )
+    return figure, axes
+
+
+def svg(figure: Figure) -> str:
+    """A figure of a report as SVG, the same text each time; letters are outlines, so that no font is needed."""
+    import matplotlib
+
+    _with_fallback(figure)
+    for ax in figure.axes:
+        _set_texts(ax)
+    stream = io.StringIO()
+    with (
+        matplotlib.rc_context({"svg.hashsalt": "microvib", "svg.fonttype": "path"}),
+        warnings.catch_warnings(
+            action="ignore", category=UserWarning
+        ),  # of characters without a font: the report tells it
+    ):
+        figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return stream.getvalue()
+
+
+def _set_texts(ax: Axes) -> None:
+    """Sizes for print. A title keeps to its place, and powers of ten need no formulas: finding either takes as long as drawing."""
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    ax.tick_params(labelsize=7.5)
+    for label in (ax.xaxis.label, ax.yaxis.label):
+        label.set_fontsize(min(8, label.get_fontsize()))
+    ax.set_title(ax.get_title(), y=1.0, fontsize=min(8.5, ax.title.get_fontsize()))
+    for axis in (ax.xaxis, ax.yaxis):
+        if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
+            axis.set_major_formatter(_powers_of_ten()())
+            axis.set_minor_formatter(_powers_of_ten()())
+
+
+@cache
+def _powers_of_ten() -> type:
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    class PowersOfTen(LogFormatterSciNotation):
+        """Matplotlib's labels of a logarithmic axis in plain characters."""
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            power = re.fullmatch(r"\$\\mathdefault\{(.*?10)\^\{(.*)\}\}\$", text := super().__call__(x, pos))
+            return text if power is None else power[1].replace(r"\times", "×") + power[2].translate(_RAISED)
+
+    return PowersOfTen
+
+
+def _with_fallback(figure: Figure) -> None:
+    """Give texts with characters that the package's font lacks the fonts of the system that have them."""
+    from microvib.reports.fonts import fallback_for
+
+    for text in _written(figure):
+        families = fallback_for([text.get_text()]).families
+        if families:
+            text.set_fontfamily([*text.get_fontfamily(), *families])
+
+
+def _written(figure: Figure) -> Iterable[Text]:
+    """Texts of a figure that are words; figures at ticks need no other font, and asking for them takes long."""
+    from matplotlib.ticker import FixedFormatter
+
+    yield from figure.texts
+    for legend in (*figure.legends, *(legend for ax in figure.axes if (legend := ax.get_legend()))):
+        yield from legend.get_texts()
+    for ax in figure.axes:
+        yield from (ax.title, ax.xaxis.label, ax.yaxis.label, *ax.texts)
+        for axis in (ax.xaxis, ax.yaxis):
+            if isinstance(axis.get_major_formatter(), FixedFormatter):
+                yield from axis.get_ticklabels()
