@@ -12,8 +12,9 @@ from microvib.io.results import read_table
 from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
 from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign
-from microvib.structures.fem.array_mesh import modal_model, solve_array, structure_of
+from microvib.structures.fem.array_mesh import structure_of
 from microvib.structures.fem.coupling import Coupling, coupling, rotating_frequencies, size
+from microvib.structures.fem.described import modal_model, solved
 from microvib.structures.fem.modes import kinds, solve
 from microvib.structures.fem.structure import Link, Lump, Mesh, Spring, StructureError
 
@@ -25,7 +26,7 @@ def design():
 
 @pytest.fixture(scope="module")
 def reference(design):
-    return solve_array(design, 14)
+    return solved(design, 14)
 
 
 def changed(design, **groups):
@@ -87,7 +88,7 @@ def test_all_modes_together_carry_the_whole_mass(design):
 
 
 def test_a_missing_panel(design, reference):
-    without = solve_array(changed(design, panels__missing=(3,)), 3)
+    without = solved(changed(design, panels__missing=(3,)), 3)
     assert without.mass[3, 3] < 0.7 * reference.mass[3, 3]
     assert without.frequency[0] > 1.5 * reference.frequency[0]
 
@@ -95,7 +96,7 @@ def test_a_missing_panel(design, reference):
 def test_compliance_of_the_shaft_softens(design, reference):
     torsion = 4e3
     soft = {"along_x": 1e8, "along_y": 1e8, "along_z": 1e8, "about_x": torsion, "about_y": 1e8, "about_z": 1e8}
-    modes = solve_array(changed(design, shaft=soft), 6)
+    modes = solved(changed(design, shaft=soft), 6)
     k = 2
     series = 1.0 / (
         1.0 / (reference.participation[3, k] ** 2 * (2 * np.pi * reference.frequency[k]) ** 2) + 1.0 / torsion
@@ -128,7 +129,7 @@ def test_masses_and_damping(design):
 )  # fmt: skip
 def test_a_model_that_does_not_hang_together(design, change, words):
     with pytest.raises(StructureError, match=words):
-        solve_array(changed(design, **change), 3)
+        solved(changed(design, **change), 3)
 
 
 def test_a_mechanism_is_named(design):
@@ -136,7 +137,7 @@ def test_a_mechanism_is_named(design):
     for hinge in data["hinges"]["between"]:
         hinge["stiffness"]["about_y"] = hinge["stiffness"]["about_x"] = hinge["stiffness"]["along_z"] = 0.0
     with pytest.raises(StructureError, match=r"without stiffness.*panel 3 moves along z"):
-        solve_array(validated(ArrayDesign, data, si=True), 4)
+        solved(validated(ArrayDesign, data, si=True), 4)
 
 
 def test_a_wrong_unit_is_questioned(design):

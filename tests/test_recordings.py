@@ -145,11 +145,11 @@ def test_units_of_another_kind_are_refused():
 
 
 def test_time_axes():
-    assert regular_rate(np.round(T, 9), "made")[0] == 4096.0
+    assert regular_rate(np.round(T, 9))[0] == 4096.0
     with pytest.raises(RecordingError, match="about 3 samples are missing, the first at"):
-        regular_rate(np.delete(T, [100, 101, 102]), "made")
+        regular_rate(np.delete(T, [100, 101, 102]))
     with pytest.raises(RecordingError, match="wanders"):
-        regular_rate(T + 1e-4 * np.sin(7 * T), "made")
+        regular_rate(T + 1e-4 * np.sin(7 * T))
 
 
 @pytest.mark.parametrize(("name", "content"), [("a.uff", b"no uff"), ("a.mat", b"MATLAB 5.0 broken"), ("a.tdms", b"TDSm?"), ("a.nc", b"\x89HDF"), ("a.csv", b"Mz\n1\n2\n"), ("a.wav", b"RIFF")])  # fmt: skip

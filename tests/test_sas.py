@@ -17,8 +17,8 @@ from microvib.io.scenario_file import dump_part, load_scenario
 from microvib.model.sentences import validated
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.structures.fem.assembly import assemble
-from microvib.structures.fem.described import kinds
-from microvib.structures.fem.simulator_mesh import solve, structure_of
+from microvib.structures.fem.described import kinds, solved
+from microvib.structures.fem.simulator_mesh import structure_of
 from microvib.structures.simulator_design import SimulatorDesign
 from microvib.structures.springs import allowable_stress, coil_rate, coil_stress, spring_energy, wahl_factor
 from microvib.studies.sas import (
@@ -119,18 +119,18 @@ def test_stiffness_with_tension_is_that_of_the_stretched_springs(design):
 
 
 def test_inertia_by_hand_is_that_of_the_elements(design):
-    assert solve(design, 4).mass[5, 5] == pytest.approx(design.inertia, rel=1e-12)
+    assert solved(design, 4).mass[5, 5] == pytest.approx(design.inertia, rel=1e-12)
     heavier = changed(design, counterweight__mass=3.0)
     w = design.counterweight
     assert heavier.inertia - design.inertia == pytest.approx(4 * (w.radius**2 + w.diameter**2 / 8))
     bare = changed(design, arm=0.2)
-    assert solve(bare, 4).mass[5, 5] == pytest.approx(bare.inertia, rel=1e-12)
+    assert solved(bare, 4).mass[5, 5] == pytest.approx(bare.inertia, rel=1e-12)
 
 
 @pytest.mark.parametrize("hook", [0.0, 0.015])
 def test_rigid_parts_give_eq_24(design, hook):
     stiff = rigid(design, plate__hook=hook)
-    modes = solve(stiff, 2)
+    modes = solved(stiff, 2)
     assert modes.frequency[0] == pytest.approx(stiff.frequency, rel=1e-5)
     assert modes.participation[5, 0] ** 2 == pytest.approx(stiff.moving_inertia, rel=1e-5)
     if hook == 0.0:
@@ -158,11 +158,11 @@ def test_the_rope_adds_its_twist(design):
     rope = {"length": 2.0, "tension": 300.0, "axial": 2000.0, "twist": twist}
     with_rope = changed(with_rope, rope=rope)
     expected = math.sqrt((with_rope.stiffness + twist) / with_rope.moving_inertia) / (2 * math.pi)
-    assert solve(with_rope, 2).frequency[0] == pytest.approx(expected, rel=1e-5)
+    assert solved(with_rope, 2).frequency[0] == pytest.approx(expected, rel=1e-5)
 
 
 def test_table_4(design):
-    modes = solve(design, 6)
+    modes = solved(design, 6)
     assert modes.frequency[0] == pytest.approx(1.187, rel=0.02)
     assert modes.mass[5, 5] == pytest.approx(8.46, rel=0.02)
     paper = [float(row["finite_element_hz"]) for row in read_table("table4_sas_modes")]
@@ -173,7 +173,7 @@ def test_table_4(design):
 
 
 def test_a_finer_mesh_changes_little(design):
-    coarse, fine = (solve(changed(design, mesh=m), 4).frequency for m in (0.1, 0.05))
+    coarse, fine = (solved(changed(design, mesh=m), 4).frequency for m in (0.1, 0.05))
     np.testing.assert_allclose(coarse, fine, rtol=1e-4)
 
 

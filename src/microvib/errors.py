@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -63,6 +64,18 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The known name that a misspelt one is likely to stand for, as part of a sentence; empty where none is near."""
     near = difflib.get_close_matches(name, list(known), 1, 0.7)
     return f"did you mean {near[0]}? " if near else ""
+
+
+@contextmanager
+def error_context(where: object) -> Iterator[None]:
+    """Errors raised within begin, line by line, with the file or key that they are about, unless they name it already."""
+    try:
+        yield
+    except MicrovibError as error:
+        start = f"{where}: "
+        lines = str(error).splitlines()
+        error.args = ("\n".join(line if line.startswith(start) else start + line for line in lines),)
+        raise
 
 
 def shown(value: Any) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from microvib.io.nastran import read_modal_model
-from microvib.io.nastran.vectors import read_vectors
+from microvib.io.nastran.op2 import read_vectors
 from microvib.structures.deck import Deck, import_options, modal_model
 from microvib.structures.modal import ModalError
 
@@ -22,7 +22,7 @@ def options(units="SI", interface=INTERFACE, drive_axis="y", **more):
 @pytest.fixture
 def deck(frame):
     f, P, M = frame().about((0, 0, 0))
-    return Deck("deck", f[:9], P[:, :9], M, grids={INTERFACE: np.array(HOME), 7: np.zeros(3)})
+    return Deck(f[:9], P[:, :9], M, grids={INTERFACE: np.array(HOME), 7: np.zeros(3)})
 
 
 def refused(path, words, given=None):
@@ -122,9 +122,7 @@ def test_what_is_doubtful_is_said(deck):
     still = replace(deck, mass=np.diag(np.diag(deck.mass)), participation=0.1 * deck.participation)
     still.participation[4] = 1e-6
     said(modal_model(still, options(interface=[0, 0, 0])), "No mode moves about the drive axis")
-    flat = Deck(
-        "flat", deck.frequency[:5], 0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5], np.diag([0, 0, 20.0, 5.0, 5.0, 0])
-    )
+    flat = Deck(deck.frequency[:5], 0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5], np.diag([0, 0, 20.0, 5.0, 5.0, 0]))
     said(modal_model(flat, options(interface=[0, 0, 0])), "no mass in Fx, Fy, Mz")
     uneven = replace(deck, mass=deck.mass + np.diag([9.0, 0, 0, 0, 0, 0]))
     said(modal_model(uneven, options(interface=[0, 0, 0])), "mass differs by direction")
@@ -133,7 +131,7 @@ def test_what_is_doubtful_is_said(deck):
 
 def test_a_little_too_much_by_rounding_is_mended(frame):
     f, P, M = frame().about(HOME)
-    whole = Deck("deck", f, P, P @ P.T * (1 - 2e-7), reference=HOME)
+    whole = Deck(f, P, P @ P.T * (1 - 2e-7), reference=HOME)
     model = modal_model(whole, options(interface=list(HOME)))
     said(model, "rounding")
     assert model.array().J_h >= 0.0
@@ -212,7 +210,7 @@ def test_punch_that_breaks_off(tmp_path, frame, write_f06):
     refused(tmp_path / "a.pch", "has 1 modes, but participations .3, 1.", options(interface=list(HOME), mass="run.f06"))
     refused(tmp_path / "a.pch", "give the F06 of the run")
     refused(tmp_path / "a.pch", "forces of constraint are on grid 1001, not on 7", options(interface=7, mass="run.f06"))
-    refused(tmp_path / "a.pch", "no such file", options(mass="none.f06"))
+    refused(tmp_path / "a.pch", "No such file", options(mass="none.f06"))
 
 
 def test_listing_without_what_is_needed(tmp_path, frame, write_f06, write_ansys):
@@ -281,7 +279,7 @@ def test_vectors_of_a_real_file_are_those_that_the_library_reads():
     op2 = pytest.importorskip("pyyeti.nastran.op2")
     path = genuine("nas2cam_extseout/full.op2")
     with op2.OP2(str(path)) as file:
-        ours = read_vectors(path, file, "OUGV1", "<4")
+        ours = read_vectors(file, "OUGV1", "<4")
         theirs = file.rdop2oug("OUGV1")
     assert ours.rows == [tuple(row) for row in theirs.index]
     np.testing.assert_array_equal(ours.values, theirs.to_numpy())

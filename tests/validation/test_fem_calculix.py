@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from microvib.io.modal_sources import load_design
-from microvib.structures.fem.array_mesh import solve_array, structure_of, tube_section
+from microvib.structures.fem.array_mesh import structure_of, tube_section
+from microvib.structures.fem.described import solved
 from microvib.structures.fem.modes import kinds
 from microvib.structures.fem.structure import Link, Shells, Spring
 
@@ -211,7 +212,7 @@ def test_the_reference_array_in_calculix(tmp_path):
         env={"OMP_NUM_THREADS": "1", "PATH": "/usr/bin:/bin"},
     )
     f, effective, total = results(tmp_path / "array.dat")
-    modes = solve_array(design, 12)
+    modes = solved(design, 12)
     print("\nmode kind  microvib  CalculiX  difference %   effective inertia")
     for k, kind in enumerate(kinds(modes)[:10]):
         print(f"{k + 1:4d} {kind:4s} {modes.frequency[k]:9.4f} {f[k]:9.4f} {100 * (modes.frequency[k] / f[k] - 1):+8.2f}"

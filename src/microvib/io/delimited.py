@@ -52,14 +52,14 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     """Recording of a text file; RecordingError says which row or column is wrong, or what the preparation must add."""
     text = _text(path)
     lines = [line for line in text.splitlines() if line.strip()]
-    form, first, width = _layout(path, lines)
+    form, first, width = _layout(lines)
     top = [line.lstrip("#%").strip(" ") for line in lines[:first]]
     names, units, headed = _header(top, form, width)
     body = [line.rstrip(form.separator) for line in lines[first:] if not line.startswith("#")]
     last = body[-1] if not text.endswith(("\n", "\r")) else None
-    data = _values(path, body, form, width, names)
+    data = _values(body, form, width, names)
     notes = []
-    if last is not None and _doubtful(path, [form.split(line)[-1] for line in body[-2000:]]):
+    if last is not None and _doubtful([form.split(line)[-1] for line in body[-2000:]]):
         data = data[:-1]
         notes.append("the last row has no end of line and may be cut off: it was left out")
     elif last is not None:
@@ -68,12 +68,12 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     columns = [Column(name, data[:, k], units[k], rates) for k, name in enumerate(names)]
     if not headed and hints.time is None and not rates and hints.sample_rate is None:
         raise RecordingError(
-            f"{path}: has no header; its columns are called {names[0]} to {names[-1]}; add to the preparation file what"
+            f"has no header; its columns are called {names[0]} to {names[-1]}; add to the preparation file what"
             f" they are, such as time: {names[0]}, units: {{{in_yaml(names[0])}: s, {in_yaml(names[-1])}: N*m}}, channels: {{Mz:"
             f" {in_yaml(names[-1])}}}; without a time axis, sample_rate: 4096 Hz",
             remedy="prepare",
         )
-    return recording_of(path, columns, hints, notes)
+    return recording_of(columns, hints, notes)
 
 
 def _text(path: Path) -> str:
@@ -81,14 +81,14 @@ def _text(path: Path) -> str:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16")
     if b"\0" in data[:4096]:
-        raise RecordingError(f"{path}: is not text")
+        raise RecordingError("is not text")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("cp1252", "replace")  # as older test software writes its units
 
 
-def _layout(path: Path, lines: Sequence[str]) -> tuple[_Form, int, int]:
+def _layout(lines: Sequence[str]) -> tuple[_Form, int, int]:
     """Form of the rows, the first of them, and how many numbers each has; from where rows of equal length come."""
     for separator, decimal in _FORMS:
         form = _Form(separator, decimal)
@@ -97,7 +97,7 @@ def _layout(path: Path, lines: Sequence[str]) -> tuple[_Form, int, int]:
             if counts[first] and len(set(counts[first : first + FEWEST_ROWS])) == 1:
                 return form, first, counts[first]
     raise RecordingError(
-        f"{path}: has no {FEWEST_ROWS} rows of numbers below each other in its first {LONGEST_TOP} lines; expected are rows of"
+        f"has no {FEWEST_ROWS} rows of numbers below each other in its first {LONGEST_TOP} lines; expected are rows of"
         " equal length, separated by commas, semicolons, tabs or blanks, times in seconds and not as dates"
     )
 
@@ -130,7 +130,7 @@ def _header(top: Sequence[str], form: _Form, width: int) -> tuple[list[str], lis
     return [n or none[k] for k, (n, _) in enumerate(found)], [u for _, u in found], True
 
 
-def _values(path: Path, body: list[str], form: _Form, width: int, names: Sequence[str]) -> np.ndarray:
+def _values(body: list[str], form: _Form, width: int, names: Sequence[str]) -> np.ndarray:
     """The numbers, (rows, columns); RecordingError names the first row that is cut off or has anything else."""
     clean = [line.replace('"', "").replace(",", ".") if form.decimal == "," else line.replace('"', "") for line in body]
     try:
@@ -145,17 +145,15 @@ def _values(path: Path, body: list[str], form: _Form, width: int, names: Sequenc
         if len(fields) != width:
             what = "; the file is truncated" if last and len(fields) < width else ""
             raise RecordingError(
-                f"{path}: row {k + 1} of its numbers has {len(fields)} of {width} columns: {line[:60]!r}{what}"
+                f"row {k + 1} of its numbers has {len(fields)} of {width} columns: {line[:60]!r}{what}"
             )
         for name, field in zip(names, fields, strict=True):
             if not form.numbers(field):
-                raise RecordingError(
-                    f"{path}: row {k + 1} of its numbers, {name}: {field.strip()[:40]!r} is not a number"
-                )
-    raise RecordingError(f"{path}: has rows that are not {width} numbers")
+                raise RecordingError(f"row {k + 1} of its numbers, {name}: {field.strip()[:40]!r} is not a number")
+    raise RecordingError(f"has rows that are not {width} numbers")
 
 
-def _doubtful(path: Path, texts: Sequence[str]) -> bool:
+def _doubtful(texts: Sequence[str]) -> bool:
     """Whether the last of these numbers, which no end of line follows, may have lost digits; RecordingError where it has.
 
     Numbers with the same count of decimals show it; with others, one that is shorter than all but a hundredth of them.
@@ -173,7 +171,7 @@ def _doubtful(path: Path, texts: Sequence[str]) -> bool:
         cut = True
     if cut:
         raise RecordingError(
-            f"{path}: is truncated; its last number, {whole[-1]!r}, has fewer digits than the others and no end of line"
+            f"is truncated; its last number, {whole[-1]!r}, has fewer digits than the others and no end of line"
         )
     return not any(decimals)
 

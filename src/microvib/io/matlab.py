@@ -98,16 +98,16 @@ def _check_4(path: Path) -> None:
         while at < size:
             head = stream.read(20)
             if len(head) < 20:
-                raise MatlabError(f"{path}: is truncated, or not a MATLAB file")
+                raise MatlabError("is truncated, or not a MATLAB file")
             order = "<" if struct.unpack("<i", head[:4])[0] in range(5000) else ">"
             kind, rows, columns, imaginary, name = struct.unpack(f"{order}5i", head)
             item = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(kind // 10 % 10)
             if item is None or not 0 <= kind < 5000 or min(rows, columns, name) < 0 or imaginary not in (0, 1):
-                raise MatlabError(f"{path}: is broken, or not a MATLAB file")
+                raise MatlabError("is broken, or not a MATLAB file")
             at += 20 + name + rows * columns * item * (1 + imaginary)
             stream.seek(at)
         if at > size:
-            raise MatlabError(f"{path}: is truncated; its last matrix has {rows} x {columns} values")
+            raise MatlabError(f"is truncated; its last matrix has {rows} x {columns} values")
 
 
 @dataclass
@@ -120,9 +120,9 @@ def _check_5(path: Path) -> None:
     """MatlabError where a file of version 5 unpacks to too much, is nested too deep, cut off, or has a name twice."""
     sizes, names = _Sizes(), set()
     for element, order in _elements(path):
-        name = _walk(path, element, order, sizes)
+        name = _walk(element, order, sizes)
         if name in names:
-            raise MatlabError(f"{path}: has the variable {name} twice; keep one of them")
+            raise MatlabError(f"has the variable {name} twice; keep one of them")
         names.add(name)
 
 
@@ -133,32 +133,32 @@ def _elements(path: Path) -> Iterator[tuple[bytes, str]]:
         head = stream.read(128)
         order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
         if order is None:
-            raise MatlabError(f"{path}: is broken or truncated, or not a MATLAB file")
+            raise MatlabError("is broken or truncated, or not a MATLAB file")
         while tag := stream.read(8):
             if len(tag) < 8:
                 break
             kind, size = struct.unpack(f"{order}2I", tag)
             data = stream.read(min(size, MAX_BYTES))
             if len(data) < size:
-                raise MatlabError(f"{path}: is truncated")
+                raise MatlabError("is truncated")
             if kind == _COMPRESSED:
                 data = zlib.decompressobj().decompress(data, MAX_BYTES - unpacked + 1)
                 unpacked += len(data)
                 if unpacked > MAX_BYTES:
-                    raise MatlabError(f"{path}: unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read")
+                    raise MatlabError(f"unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read")
                 kind, data = (struct.unpack(f"{order}I", data[:4])[0] if len(data) >= 8 else 0), data[8:]
             if kind == _MATRIX:
                 yield data, order
 
 
-def _walk(path: Path, data: bytes, order: str, sizes: _Sizes) -> str:
+def _walk(data: bytes, order: str, sizes: _Sizes) -> str:
     """Name of a matrix, after a look at the sizes of all that it holds."""
     found = None
     waiting = [(0, len(data), 1)]
     while waiting:
         at, end, depth = waiting.pop()
         if depth > DEEPEST:
-            raise MatlabError(f"{path}: has cells nested more than {DEEPEST} deep; so deep is not read")
+            raise MatlabError(f"has cells nested more than {DEEPEST} deep; so deep is not read")
         parts: list[tuple[int, int]] = []
         while at + 8 <= end:
             kind, size = struct.unpack_from(f"{order}2I", data, at)
@@ -166,18 +166,18 @@ def _walk(path: Path, data: bytes, order: str, sizes: _Sizes) -> str:
             if kind >> 16:  # a small element: its size and its bytes in the tag
                 kind, size, body, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
             if body + size > end:
-                raise MatlabError(f"{path}: is broken or truncated; a part of it is longer than the whole")
+                raise MatlabError("is broken or truncated; a part of it is longer than the whole")
             if kind == _MATRIX:
                 waiting.append((body, body + size, depth + 1))
             parts.append((body, size))
             at = after
-        _count(path, data, order, parts, sizes)
+        _count(data, order, parts, sizes)
         if found is None:
             found = data[parts[2][0] : sum(parts[2])].decode("latin-1") if len(parts) > 2 else ""
     return found or ""
 
 
-def _count(path: Path, data: bytes, order: str, parts: list[tuple[int, int]], sizes: _Sizes) -> None:
+def _count(data: bytes, order: str, parts: list[tuple[int, int]], sizes: _Sizes) -> None:
     """Add what an array of these parts (flags, dimensions, name, ...) takes when it is unpacked."""
     if len(parts) < 2:
         return
@@ -187,12 +187,12 @@ def _count(path: Path, data: bytes, order: str, parts: list[tuple[int, int]], si
     for n in struct.unpack_from(f"{order}{size // 4}i", data, at):
         count *= n
         if n < 0:
-            raise MatlabError(f"{path}: is broken; an array of it has {n} rows")
+            raise MatlabError(f"is broken; an array of it has {n} rows")
     if kind in _HOLDERS:
         sizes.held += count
     elif kind == _TEXT or kind in _NUMBERS:
         sizes.bytes += 8 * count
     if sizes.held > MAX_OBJECTS or sizes.bytes > MAX_BYTES:
         raise MatlabError(
-            f"{path}: has more than {MAX_OBJECTS} cells or unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read"
+            f"has more than {MAX_OBJECTS} cells or unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read"
         )

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -37,25 +36,15 @@ class Hints:
 
 
 @dataclass(frozen=True)
-class Time:
-    """A time axis."""
-
-    name: str
-    values: np.ndarray
-    """(n,) in its unit."""
-    unit: str = ""
-
-
-@dataclass(frozen=True)
 class Column:
-    """One column of numbers, (n,), with all that its file says of it."""
+    """One column of numbers, (n,), with all that its file says of it; a time axis is one, too."""
 
     name: str
     values: np.ndarray
     unit: str = ""
     rates: Mapping[str, float] = field(default_factory=dict)
     """Sample rates [Hz], each by who says so."""
-    time: Time | None = None
+    time: Column | None = None
     start: float | None = None
     """Time of the first sample [s], where the file says that and no time axis."""
 
@@ -72,9 +61,7 @@ def stated_rates(scalars: Mapping[str, float]) -> dict[str, float]:
     return found
 
 
-def recording_of(
-    path: Path, columns: Iterable[Column], hints: Hints, notes: Sequence[str] = (), mixed: bool = False
-) -> Recording:
+def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] = (), mixed: bool = False) -> Recording:
     """Recording of the columns of one rate and length, the longest; RecordingError for what is missing or contradictory.
 
     Columns of another rate are left out, and named in a note. ``mixed`` says that the file may hold vectors that are not channels.
@@ -82,55 +69,49 @@ def recording_of(
     said = list(notes)
     rated: list[tuple[Column, float]] = []
     known: dict[tuple[object, ...], float] = {}
-    named = _with_time(path, list(columns), hints)
+    named = _with_time(list(columns), hints)
     if not named:
-        raise RecordingError(f"{path}: has no channels")
+        raise RecordingError("has no channels")
     for column in named:
         key = (id(column.time), *column.rates.items())
         if key not in known:
-            known[key] = _rate(path, column, hints, said)
+            known[key] = _rate(column, hints, said)
         rated.append((column, known[key]))
     size, rate = max((column.values.size, rate) for column, rate in rated)
     kept = [column for column, own in rated if own == rate and column.values.size == size]
     if not mixed and any(own == rate and column.values.size != size for column, own in rated):
         sizes = {column.name: column.values.size for column, own in rated if own == rate}
-        raise RecordingError(f"{path}: its channels differ in length: {sizes}")
-    _check_alike(path, rated, kept, rate, said)
+        raise RecordingError(f"its channels differ in length: {sizes}")
+    _check_alike(rated, kept, rate, said)
     starts = [c.start for c in kept if c.start is not None]
     if starts and max(starts) - min(starts) > 0.01 / rate:
         raise RecordingError(
-            f"{path}: its channels start at different times, {min(starts):g} to {max(starts):g} s; they must be cut to one time"
+            f"its channels start at different times, {min(starts):g} to {max(starts):g} s; they must be cut to one time"
         )
     for column in kept:
         bad = int(np.count_nonzero(~np.isfinite(column.values)))
         if bad:
             said.append(f"channel {column.name}: {bad} of {size} samples are not numbers")
     units = {c.name: c.unit.strip().strip("[]").strip() for c in kept}
-    return Recording(
-        {c.name: c.values for c in kept}, rate, units, str(path), tuple(dict.fromkeys(n for n in said if n))
-    )
+    return Recording({c.name: c.values for c in kept}, rate, units, notes=tuple(dict.fromkeys(n for n in said if n)))
 
 
-def _check_alike(
-    path: Path, rated: list[tuple[Column, float]], kept: list[Column], rate: float, said: list[str]
-) -> None:
+def _check_alike(rated: list[tuple[Column, float]], kept: list[Column], rate: float, said: list[str]) -> None:
     """RecordingError for a name that is there twice; columns of another rate or length are named as left out."""
     names = [column.name for column in kept]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise RecordingError(f"{path}: channel {twice} is there twice; give the two different names")
+        raise RecordingError(f"channel {twice} is there twice; give the two different names")
     others = [column for column, own in rated if not any(column is k for k in kept)]
     if others:
         listed = ", ".join(f"{c.name} ({c.values.size})" for c in others[:8]) + (" ..." if len(others) > 8 else "")
         said.append(f"left out, not of {kept[0].values.size} samples at {rate:g} Hz: {listed}")
 
 
-def _with_time(path: Path, columns: list[Column], hints: Hints) -> list[Column]:
+def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
     """The columns that are not time axes, each with the time axis that is meant for it."""
     if hints.time is not None and hints.time not in [c.name for c in columns]:
-        raise RecordingError(
-            f"{path}: time: there is no column '{hints.time}'; there are {', '.join(c.name for c in columns)}"
-        )
+        raise RecordingError(f"time: there is no column '{hints.time}'; there are {', '.join(c.name for c in columns)}")
     axes = [c for c in columns if (c.name == hints.time if hints.time is not None else is_time(c.name))]
     found = []
     for column in columns:
@@ -139,29 +120,27 @@ def _with_time(path: Path, columns: list[Column], hints: Hints) -> list[Column]:
         fitting = [a for a in axes if a.values.size == column.values.size]
         rates = dict(column.rates)
         for axis in fitting[1:]:  # a second axis is a second statement
-            rates |= _rate_of_axis(path, Time(axis.name, axis.values, axis.unit), hints, [])
+            rates |= _rate_of_axis(axis, hints, [])
         if column.time is None and fitting:
-            column = replace(column, time=Time(fitting[0].name, fitting[0].values, fitting[0].unit), rates=rates)
+            column = replace(column, time=fitting[0], rates=rates)
         found.append(column)
     return found
 
 
-def _rate(path: Path, column: Column, hints: Hints, said: list[str]) -> float:
+def _rate(column: Column, hints: Hints, said: list[str]) -> float:
     """Sample rate on which all statements agree; the preparation's settles which one is right."""
     stated = dict(column.rates)
     for name, value in stated.items():
         if not 0.0 < value < math.inf:
-            raise RecordingError(
-                f"{path}: {name} gives a sample rate of {value:g} Hz; it must be greater than 0 Hz and finite"
-            )
+            raise RecordingError(f"{name} gives a sample rate of {value:g} Hz; it must be greater than 0 Hz and finite")
     if column.time is not None:
-        stated |= _rate_of_axis(path, column.time, hints, said)
+        stated |= _rate_of_axis(column.time, hints, said)
     given = hints.sample_rate
     if not stated and given is None:
         raise RecordingError(
-            f"{path}: has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate in Hz: add to the"
+            f"has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate in Hz: add to the"
             " preparation file sample_rate: 4096 Hz, with your rate, or time: with the name of the column"
-            f" that is the time axis; there are {_some([column.name])}",
+            f" that is the time axis; there are {column.name}",
             remedy="prepare",
         )
     if not stated:
@@ -171,13 +150,13 @@ def _rate(path: Path, column: Column, hints: Hints, said: list[str]) -> float:
     listed = ", ".join(f"{value:.6g} Hz by {name}" for name, value in stated.items())
     if given is not None:
         if all(abs(value / given - 1.0) > SAME_RATE for value in values):
-            raise RecordingError(f"{path}: has a sample rate of {listed}, but the preparation says {given:g} Hz")
+            raise RecordingError(f"has a sample rate of {listed}, but the preparation says {given:g} Hz")
         if not agreed:
             said.append(f"sample rate {given:g} Hz as the preparation says; the file says {listed}")
         return given
     if not agreed:
         raise RecordingError(
-            f"{path}: contradicts itself, its sample rate is {listed}; add the right one to the preparation file,"
+            f"contradicts itself, its sample rate is {listed}; add the right one to the preparation file,"
             f" such as sample_rate: {values[0]:.6g} Hz",
             remedy="prepare",
         )
@@ -186,22 +165,18 @@ def _rate(path: Path, column: Column, hints: Hints, said: list[str]) -> float:
     return rate
 
 
-def _rate_of_axis(path: Path, time: Time, hints: Hints, said: list[str]) -> dict[str, float]:
+def _rate_of_axis(time: Column, hints: Hints, said: list[str]) -> dict[str, float]:
     unit = hints.units.get(time.name, time.unit).strip().strip("[]()").split(" since ")[0].strip()
     try:
         seconds = convert(f"1 {unit}", "s") if unit else 1.0
     except ValueError:
         raise RecordingError(
-            f"{path}: its time axis {time.name} is in '{unit}', which is not a unit of time; add the right one to the"
+            f"its time axis {time.name} is in '{unit}', which is not a unit of time; add the right one to the"
             f" preparation file, such as units: {{{in_yaml(time.name)}: s}}",
             remedy="prepare",
         ) from None
-    rate, note = regular_rate(np.asarray(time.values, dtype=float) * seconds, str(path))
+    rate, note = regular_rate(np.asarray(time.values, dtype=float) * seconds)
     said.append(note)
     if not unit:
         said.append(f"time axis {time.name} has no unit and is read in seconds")
     return {f"the time axis {time.name}": rate}
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:12]) + (" ..." if len(names) > 12 else "")

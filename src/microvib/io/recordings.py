@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import csv
 import math
-import stat
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OutputError, ScenarioError
-from microvib.io.formats import READERS, library
+from microvib.errors import OutputError, ScenarioError
+from microvib.io.files import check_file, library, reading
+from microvib.io.formats import READERS
 from microvib.io.measured import Hints
 from microvib.io.scenario_file import read_text
 from microvib.io.writing import write_file
@@ -48,30 +48,12 @@ def read_recording(path: Path | str, sample_rate: float | None = None) -> Record
 
 def _read(path: Path, hints: Hints) -> Recording:
     """Channels in the units of the file."""
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise RecordingError(f"{path}: '{path.suffix}' is not known; recordings are read from {', '.join(READERS)}")
-    try:
-        facts = path.stat()
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if not stat.S_ISREG(facts.st_mode):
-        raise RecordingError(f"{path}: is not a file")
-    if facts.st_size > LARGEST:
-        raise RecordingError(
-            f"{path}: has {facts.st_size / 1e9:.1f} GB; recordings of at most {LARGEST / 1e9:g} GB are read"
-        )
-    try:
-        with np.errstate(all="ignore"):  # what a broken file holds is checked where it is looked at
-            return reader(path, hints)
-    except MicrovibError as error:
-        raise RecordingError(str(error), remedy=error.remedy) from None
-    except MemoryError:
-        raise RecordingError(f"{path}: needs more memory than there is") from None
-    except Exception as error:  # the libraries raise whatever they meet in a broken file
-        raise RecordingError(
-            f"{path}: is broken or truncated, or not of its kind ({type(error).__name__}: {str(error)[:300]})"
-        ) from None
+    with reading(path, RecordingError), np.errstate(all="ignore"):  # numbers are checked where they are looked at
+        reader = READERS.get(path.suffix.lower())
+        if reader is None:
+            raise RecordingError(f"'{path.suffix}' is not known; recordings are read from {', '.join(READERS)}")
+        check_file(path, LARGEST)
+        return replace(reader(path, hints), title=str(path))
 
 
 @dataclass(frozen=True)
@@ -150,7 +132,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 
 
 def _write_uff(recording: Recording, path: Path) -> None:
-    pyuff = library("pyuff", "pyuff")
+    pyuff = library("pyuff", "pyuff", "test-data")
     t = np.arange(recording.samples) / recording.sample_rate
     for name, x in recording.channels.items():
         data = {
@@ -171,11 +153,13 @@ def _write_uff(recording: Recording, path: Path) -> None:
 
 
 def _write_mat(recording: Recording, path: Path) -> None:
+    from scipy.io import savemat
+
     units = {name: unit for name, unit in recording.units.items() if unit}
     data = {"fs": recording.sample_rate, "units": units} | {
         name: np.asarray(x) for name, x in recording.channels.items()
     }
-    library("scipy.io", "scipy").savemat(path, data, oned_as="column")
+    savemat(path, data, oned_as="column")
 
 
 def _write_csv(recording: Recording, path: Path) -> None:

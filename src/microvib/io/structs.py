@@ -8,23 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.measured import Column, Time, stated_rates
+from microvib.io.measured import Column, stated_rates
 from microvib.testdata.channels import is_time
 
 _VALUES = ("values", "value", "data", "samples", "signal", "signals", "y", "ydata")
 _NAMES = ("names", "name", "labels", "label", "channels", "channelnames", "channelname", "signalname", "signalnames")
 _UNITS = ("units", "unit", "unitstring", "eu", "engunits", "yunit", "yunits")
 _LOOSE = (
-    "header",
-    "info",
-    "properties",
-    "quantity",
-    "functionrecord",
-    "abscissa",
-    "ordinate",
-    "unittransformation",
-    "meta",
-)
+    "header", "info", "properties", "quantity", "functionrecord", "abscissa", "ordinate", "unittransformation", "meta",
+)  # fmt: skip
 """Fields whose content belongs to the struct that they stand in."""
 _DEEPEST = 6
 
@@ -85,13 +77,13 @@ def _joined(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _scope(
-    name: str, fields: Mapping[str, Any], rates: Mapping[str, float], time: Time | None, depth: int
+    name: str, fields: Mapping[str, Any], rates: Mapping[str, float], time: Column | None, depth: int
 ) -> Iterator[Column]:
     """Channels of one struct; what it says of rate and time holds for those within, too."""
     at = f"{name}." if name else ""
     numbers = {k: np.asarray(v, dtype=float) for k, v in map(_stacked, fields.items()) if v is not None}
     rates = {**rates, **stated_rates({at + k: float(v) for k, v in numbers.items() if v.size == 1})}
-    axes = [Time(at + k, v) for k, v in numbers.items() if v.ndim == 1 and v.size > 1 and is_time(k)]
+    axes = [Column(at + k, v) for k, v in numbers.items() if v.ndim == 1 and v.size > 1 and is_time(k)]
     if name and axes:
         time = axes[0]
     names, units = _texts(_of(fields, _NAMES)), _of(fields, _UNITS)
@@ -126,7 +118,7 @@ def _stacked(item: tuple[str, Any]) -> tuple[str, np.ndarray | None]:
 
 
 def _below(
-    at: str, fields: Mapping[str, Any], rates: Mapping[str, float], time: Time | None, depth: int
+    at: str, fields: Mapping[str, Any], rates: Mapping[str, float], time: Column | None, depth: int
 ) -> Iterator[Column]:
     for key, value in fields.items():
         several = value if isinstance(value, list) else [value]
@@ -137,7 +129,7 @@ def _below(
 
 
 def _matrix(
-    name: str, values: np.ndarray, names: list[str], units: list[str], rates: Mapping[str, float], time: Time | None
+    name: str, values: np.ndarray, names: list[str], units: list[str], rates: Mapping[str, float], time: Column | None
 ) -> Iterator[Column]:
     """Columns of a matrix of samples, its longer axis being time; time itself may be one of them."""
     rows = values if values.shape[0] >= values.shape[1] else values.T
@@ -147,11 +139,11 @@ def _matrix(
     given = units if len(units) == rows.shape[1] else units * rows.shape[1] if len(units) == 1 else [""] * rows.shape[1]
     axis = next((k for k, text in enumerate(named) if is_time(text)), None)
     if axis is not None:
-        time = Time(named[axis], rows[:, axis], given[axis])
+        time = Column(named[axis], rows[:, axis], given[axis])
     for k, text in enumerate(named):
         if k != axis:
             yield Column(text, rows[:, k], given[k], rates, _fitting(time, rows[:, k]))
 
 
-def _fitting(time: Time | None, values: np.ndarray) -> Time | None:
+def _fitting(time: Column | None, values: np.ndarray) -> Column | None:
     return time if time is not None and time.values.size == values.size else None

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from microvib.model.part import Part
 from microvib.units import Quantity
-
-Length = Annotated[float, Quantity("m", "length", gt=0, le=100.0)]
 
 
 class Panels(Part):
@@ -147,6 +146,14 @@ class Damping(Part):
     modes: tuple[Annotated[float, Quantity("", "damping ratio", ge=0, le=0.99, display="percent")], ...] = Field(
         default=(), description="damping ratios of the first modes, instead of the rule"
     )
+
+    def of(self, frequency: np.ndarray) -> np.ndarray:
+        """Damping ratios of modes at ``frequency`` [Hz], (s,)."""
+        Omega = 2.0 * np.pi * frequency
+        xi = self.ratio + self.mass / (2.0 * Omega) + self.stiffness * Omega / 2.0
+        given = self.modes[: xi.size]
+        xi[: len(given)] = given
+        return np.minimum(xi, 0.99)
 
 
 class ArrayDesign(Part):

@@ -80,7 +80,6 @@ def _sentence(kind: str, where: tuple[int | str, ...], found: Any) -> str:
 class Deck:
     """What a file says of the clamped modes, in the deck's units and basic frame."""
 
-    title: str
     frequency: np.ndarray
     """Hz, (s,)."""
     participation: np.ndarray
@@ -101,18 +100,19 @@ class Deck:
         s = self.frequency.size
         if self.participation.shape != (6, s) or self.mass.shape != (6, 6):
             raise ModalError(
-                f"{self.title}: has {s} modes, but participations {self.participation.shape} and mass {self.mass.shape}; six"
+                f"has {s} modes, but participations {self.participation.shape} and mass {self.mass.shape}; six"
                 " directions of each mode and a 6 x 6 mass are expected"
             )
 
 
-def modal_model(deck: Deck, options: Import) -> ModalModel:
+def modal_model(deck: Deck, options: Import, title: str = "deck") -> ModalModel:
     """Modes at the interface point, in the interface frame, in SI; ModalError says what is wrong with the deck."""
-    check_deck(deck.frequency, deck.mass, deck.title)
-    shift, turn, axis = _shift(deck, options), _axes(deck, options), _axis(options)
+    check_deck(deck.frequency, deck.mass)
+    shift, turn = _shift(deck, options), _axes(deck, options)
+    axis = options.drive_axis if isinstance(options.drive_axis, str) else "z"
     if not deck.signed and not (np.allclose(shift, 0.0) and np.allclose(turn, np.eye(3))):
         raise ModalError(
-            f"{deck.title}: gives magnitudes of effective mass only, which cannot be moved from {_words(deck.reference)} or"
+            f"gives magnitudes of effective mass only, which cannot be moved from {_words(deck.reference)} or"
             " turned; ask for participation factors, MEFFMASS(ALL), or give this point and an axis of the basic frame"
         )
     motion = moved(shift) @ np.kron(np.eye(2), turn.T)
@@ -125,10 +125,10 @@ def modal_model(deck: Deck, options: Import) -> ModalModel:
     order = np.argsort(deck.frequency, kind="stable")
     notes = (*deck.notes, _frame_note(deck, options))
     xi = np.full(order.size, options.damping)
-    model = ModalModel(deck.frequency[order], xi, participation[:, order], mass, axis, deck.title, notes)
+    model = ModalModel(deck.frequency[order], xi, participation[:, order], mass, axis, title, notes)
     count = order.size if options.modes is None else options.modes
     if count > order.size:
-        raise ModalError(f"{deck.title}: has {order.size} modes; {count} are asked for")
+        raise ModalError(f"has {order.size} modes; {count} are asked for")
     return with_findings(check_mass(model).first(count), options.units)
 
 
@@ -136,9 +136,7 @@ def _shift(deck: Deck, options: Import) -> np.ndarray:
     """Vector from the interface point to the reference point, (3,)."""
     if options.interface == deck.reference:
         return np.zeros(3)
-    here, there = _position(deck, options.interface, "interface"), _position(deck, deck.reference, "reference")
-    shift: np.ndarray = there - here
-    return shift
+    return np.asarray(_position(deck, deck.reference, "reference") - _position(deck, options.interface, "interface"))
 
 
 def _position(deck: Deck, point: int | Point, role: str) -> np.ndarray:
@@ -148,11 +146,11 @@ def _position(deck: Deck, point: int | Point, role: str) -> np.ndarray:
         return deck.grids[point]
     if deck.grids:
         raise ModalError(
-            f"{deck.title}: {role}: grid {point} is not in the model, which has {len(deck.grids)} grids from"
+            f"{role}: grid {point} is not in the model, which has {len(deck.grids)} grids from"
             f" {min(deck.grids)} to {max(deck.grids)}"
         )
     raise ModalError(
-        f"{deck.title}: {role}: the file does not say where grid {point} is; its participations refer to"
+        f"{role}: the file does not say where grid {point} is; its participations refer to"
         f" {_words(deck.reference)}; give coordinates, or have them computed about that grid"
     )
 
@@ -163,30 +161,24 @@ def _axes(deck: Deck, options: Import) -> np.ndarray:
     if options.frame:
         if options.frame not in deck.frames:
             known = ", ".join(str(k) for k in sorted(deck.frames)) or "none"
-            raise ModalError(
-                f"{deck.title}: frame: rectangular coordinate system {options.frame} is not in the file; it has {known}"
-            )
+            raise ModalError(f"frame: rectangular coordinate system {options.frame} is not in the file; it has {known}")
         turn = np.array(deck.frames[options.frame]).T
     if isinstance(options.drive_axis, str):
         return turn
-    return np.array(_with_z_along(np.array(options.drive_axis), deck.title) @ turn)
+    return np.array(_with_z_along(np.array(options.drive_axis)) @ turn)
 
 
-def _with_z_along(direction: np.ndarray, title: str) -> np.ndarray:
+def _with_z_along(direction: np.ndarray) -> np.ndarray:
     """Frame with z along ``direction`` and x as near as may be to the first of x, y that is not close to it."""
     if not np.all(np.isfinite(direction)) or not np.any(direction):
         raise ModalError(
-            f"{title}: drive_axis: {direction.tolist()} is not a direction; three components, not all 0, are expected"
+            f"drive_axis: {direction.tolist()} is not a direction; three components, not all 0, are expected"
         )
     z = direction / np.linalg.norm(direction)
     near = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
     x = near - (near @ z) * z
     x /= np.linalg.norm(x)
     return np.array([x, np.cross(z, x), z])
-
-
-def _axis(options: Import) -> str:
-    return options.drive_axis if isinstance(options.drive_axis, str) else "z"
 
 
 def moved(shift: np.ndarray) -> np.ndarray:

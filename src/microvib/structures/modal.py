@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,11 @@ DIRECTIONS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 class ModalError(MicrovibError):
     """A modal model that cannot be right, or cannot be used; says why."""
+
+
+def natural_frequency(eigenvalue: Any) -> Any:
+    """Natural frequency [Hz] of each square of an angular frequency [rad^2/s^2]; zero where rounding made it negative."""
+    return np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
 
 
 @dataclass(frozen=True)
@@ -79,10 +85,12 @@ class ModalModel:
 
     def first(self, count: int) -> ModalModel:
         """The same with its first ``count`` modes."""
-        return ModalModel(
-            self.frequency[:count], self.damping[:count], self.participation[:, :count], self.mass, self.drive_axis,
-            self.title, self.notes,
-        )  # fmt: skip
+        return replace(
+            self,
+            frequency=self.frequency[:count],
+            damping=self.damping[:count],
+            participation=self.participation[:, :count],
+        )
 
     def array(self) -> Array:
         """The array of a scenario; ModalError where the modes hold more inertia than there is."""
@@ -91,14 +99,11 @@ class ModalModel:
                 f"{self.title}: effective inertias about {self.drive_axis} add up to"
                 f" {self.inertia - self.J_h:.6g} kg*m^2, more than the inertia, {self.inertia:.6g} kg*m^2"
             )
-        if not self.spatial:
-            key, rows, coupling = "participation", self.participation[self.axis].tolist(), None
+        if self.spatial:
+            key, rows = "interface_participation", self.participation.T.tolist()
         else:
-            key, rows, coupling = (
-                "interface_participation",
-                self.participation.T.tolist(),
-                self.mass[:, self.axis].tolist(),
-            )
+            key, rows = "participation", self.participation[self.axis].tolist()
+        coupling = self.mass[:, self.axis].tolist() if self.spatial else None
         modes = [
             {"frequency": f, "damping": xi, key: row}
             for f, xi, row in zip(self.frequency.tolist(), self.damping.tolist(), rows, strict=True)

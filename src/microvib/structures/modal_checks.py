@@ -21,31 +21,31 @@ MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (0.01, 100.0)
 """Plausible masses of arrays [kg], highest frequency of use [Hz], and radii of gyration [m]."""
 
 
-def check_deck(frequency: np.ndarray, mass: np.ndarray, title: str) -> None:
+def check_deck(frequency: np.ndarray, mass: np.ndarray) -> None:
     """ModalError for a free body, a mechanism, or a mass matrix that is none."""
     if not frequency.size:
-        raise ModalError(f"{title}: has no modes")
+        raise ModalError("has no modes")
     if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(mass))):
-        raise ModalError(f"{title}: holds values that are not finite numbers")
-    check_clamped(frequency, title)
+        raise ModalError("holds values that are not finite numbers")
+    check_clamped(frequency)
     diagonal = np.diag(mass)
     if np.any(diagonal < 0.0):
         k = int(np.argmin(diagonal))
-        raise ModalError(f"{title}: rigid-body mass in {DIRECTIONS[k]} is {diagonal[k]:.4g}; it must not be negative")
+        raise ModalError(f"rigid-body mass in {DIRECTIONS[k]} is {diagonal[k]:.4g}; it must not be negative")
     size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     unit = mass / np.outer(size, size)
     if np.abs(unit - unit.T).max() > TABLE:
         i, j = np.unravel_index(int(np.abs(unit - unit.T).argmax()), (6, 6))
         raise ModalError(
-            f"{title}: rigid-body mass matrix is not symmetric: {DIRECTIONS[i]}-{DIRECTIONS[j]} is {mass[i, j]:.4g} one way"
+            f"rigid-body mass matrix is not symmetric: {DIRECTIONS[i]}-{DIRECTIONS[j]} is {mass[i, j]:.4g} one way"
             f" and {mass[j, i]:.4g} the other"
         )
     least = float(np.linalg.eigvalsh(unit + unit.T).min() / 2.0)
     if least < -TABLE:
-        raise ModalError(f"{title}: rigid-body mass matrix has a negative eigenvalue ({least:.2g} of its diagonal)")
+        raise ModalError(f"rigid-body mass matrix has a negative eigenvalue ({least:.2g} of its diagonal)")
 
 
-def check_clamped(frequency: np.ndarray, title: str) -> None:
+def check_clamped(frequency: np.ndarray) -> None:
     """ModalError where there are rigid-body modes; the frequencies need no order."""
     frequency = np.sort(frequency)
     rigid = int((frequency < RIGID).sum())
@@ -55,7 +55,7 @@ def check_clamped(frequency: np.ndarray, title: str) -> None:
         return
     what = "free" if rigid >= 6 else "not held in all directions, or has a mechanism or a loose part"
     raise ModalError(
-        f"{title}: {rigid} of {frequency.size} modes are rigid-body modes (up to {frequency[rigid - 1]:.3g} Hz): the model is"
+        f"{rigid} of {frequency.size} modes are rigid-body modes (up to {frequency[rigid - 1]:.3g} Hz): the model is"
         f" {what}; modes with the interface point clamped (SPC in all six directions) are expected"
     )
 
@@ -67,7 +67,7 @@ def check_mass(model: ModalModel) -> ModalModel:
     """
     if model.inertia <= 0.0:
         raise ModalError(
-            f"{model.title}: has no moment of inertia about the drive axis ({model.drive_axis}); is the drive axis right?"
+            f"has no moment of inertia about the drive axis ({model.drive_axis}); is the drive axis right?"
         )
     size = np.sqrt(np.where(np.diag(model.mass) > 0.0, np.diag(model.mass), 1.0))
     rest = (model.mass - model.participation @ model.participation.T) / np.outer(size, size)
@@ -77,7 +77,7 @@ def check_mass(model: ModalModel) -> ModalModel:
         k = int(share.argmax())
         most = f", {100.0 * share[k]:.4g} % of it in {DIRECTIONS[k]}" if share[k] > 1.0 else ""
         raise ModalError(
-            f"{model.title}: the modes hold more than the mass of the rigid body{most}: mass, participation, reference point or"
+            f"the modes hold more than the mass of the rigid body{most}: mass, participation, reference point or"
             " normalisation do not belong together"
         )
     if over <= SLACK:

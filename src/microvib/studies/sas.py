@@ -85,9 +85,9 @@ class Setting:
     @cached_property
     def finite_elements(self) -> tuple[float, float]:
         """Torsional frequency [Hz] and inertia [kg m^2] of the meshed simulator."""
-        from microvib.structures.fem.simulator_mesh import solve
+        from microvib.structures.fem.described import solved
 
-        modes = solve(self.design, 4)
+        modes = solved(self.design, 4)
         torsion = int(np.argmax(np.abs(modes.participation[5])))
         return float(modes.frequency[torsion]), float(modes.mass[5, 5])
 

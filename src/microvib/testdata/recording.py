@@ -201,34 +201,34 @@ def _longest_run(flags: np.ndarray) -> int:
     return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
 
 
-def regular_rate(t: np.ndarray, where: str) -> tuple[float, str]:
+def regular_rate(t: np.ndarray) -> tuple[float, str]:
     """Sample rate [Hz] of a time axis, and a note; RecordingError where samples are missing or their spacing wanders.
 
     A time axis that is written with few digits gives a rate that is off by millionths; where it is that close to a whole
     number of hertz, that number is meant.
     """
     if t.size < 8 or not np.all(np.isfinite(t)):
-        raise RecordingError(f"{where}: a time axis of at least 8 finite values is expected")
+        raise RecordingError("a time axis of at least 8 finite values is expected")
     steps = np.diff(t)
     typical = float(np.median(steps))
     if typical <= 0.0 and t[-1] > t[0] and np.all(steps >= 0.0):
         raise RecordingError(
-            f"{where}: its time axis has too few digits to tell the samples apart; write more digits, or leave the axis out and add"
+            "its time axis has too few digits to tell the samples apart; write more digits, or leave the axis out and add"
             " sample_rate to the preparation file",
             remedy="prepare",
         )
     if typical <= 0.0 or np.any(steps < -0.5 * typical):
-        raise RecordingError(f"{where}: its time axis does not increase throughout")
+        raise RecordingError("its time axis does not increase throughout")
     gaps = np.flatnonzero(steps > 1.5 * typical)
     if gaps.size:
         missing = round(float((steps[gaps] / typical - 1).sum()))
-        raise RecordingError(f"{where}: about {missing} samples are missing, the first at {t[gaps[0]]:.6g} s")
+        raise RecordingError(f"about {missing} samples are missing, the first at {t[gaps[0]]:.6g} s")
     mean = float((t[-1] - t[0]) / (t.size - 1))
     digits = 10.0 ** (math.floor(math.log10(max(abs(float(t[-1])), 1e-12))) - 5)  # six digits at the end of the axis
     wander = float(np.max(np.abs(t - t[0] - mean * np.arange(t.size))))
     if wander > max(0.05 * mean, digits):
         raise RecordingError(
-            f"{where}: the spacing of its samples wanders by {wander:.3g} s; resample it at a constant rate first"
+            f"the spacing of its samples wanders by {wander:.3g} s; resample it at a constant rate first"
         )
     return snapped_rate(1.0 / mean)
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.nastran.library import library, lines_of, located, rigid_motion
+from microvib.io.nastran.library import lines_of, located, pyyeti, rigid_motion
 from microvib.io.nastran.punched import read_punched
 from microvib.structures.deck import ORIGIN, Deck, Import, Point
-from microvib.structures.modal import ModalError
+from microvib.structures.modal import ModalError, natural_frequency
 
 LARGEST_MATRIX = 1_000_000_000
 """Bytes of the largest matrix that is read into memory in full."""
@@ -25,12 +25,10 @@ GROUNDED = 0.1
 
 def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str, Any]:
     """Those of the named matrices that an OP4 file (binary or text) has, by lower-case name; large ones sparse, unless ``full``."""
-    if not path.is_file():
-        raise ModalError(f"{path}: cannot be read: no such file")
-    op4 = library("op4")
+    op4 = pyyeti("op4")
     present, sizes, _, _ = op4.dir(str(path), verbose=False)
     if not present:
-        raise ModalError(f"{path}: is not an OP4 file, or has no matrices")
+        raise ModalError("is not an OP4 file, or has no matrices")
     wanted = [name for name in names if name in present]
     if not wanted:
         return {}
@@ -40,16 +38,14 @@ def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str
         if name in wanted and 8 * abs(rows) * abs(columns) > LARGEST_MATRIX
     ]
     if large and full:
-        raise ModalError(
-            f"{path}: {', '.join(large)} is too large; at most {LARGEST_MATRIX / 1e9:g} GB are read into memory"
-        )
+        raise ModalError(f"{', '.join(large)} is too large; at most {LARGEST_MATRIX / 1e9:g} GB are read into memory")
     found = op4.read(str(path), wanted, sparse=bool(large))
     return {name: found[name] for name in wanted}
 
 
 def read_op4(path: Path, options: Import) -> Deck:
     """A Craig-Bampton model (KAA and MAA, or KXX and MXX of EXTSEOUT), or mode shapes with mass and rigid-body motions."""
-    present = library("op4").dir(str(path), verbose=False)[0]
+    present = pyyeti("op4").dir(str(path), verbose=False)[0]
     for pair in PAIRS:
         if all(name in present for name in pair):
             found = matrices(path, pair, full=True)
@@ -60,36 +56,35 @@ def read_op4(path: Path, options: Import) -> Deck:
     stiffness = "k" + mass[1:] if mass else None
     if shapes is None or rigid is None or stiffness not in present or mass is None:
         raise ModalError(
-            f"{path}: holds {', '.join(present[:12]).upper() or 'no matrices'}; expected KAA and MAA (or KXX and MXX, KAAX and"
+            f"holds {', '.join(present[:12]).upper() or 'no matrices'}; expected KAA and MAA (or KXX and MXX, KAAX and"
             f" MAAX) of a Craig-Bampton model, or mode shapes ({', '.join(SHAPES).upper()}) with MGG, KGG and the six rigid-body"
             f" motions ({', '.join(RIGID).upper()})"
         )
     found = matrices(path, (shapes, rigid, mass, str(stiffness)))
-    return _from_full(path, found[shapes], found[rigid], found[mass], found[str(stiffness)], options)
+    return _from_full(found[shapes], found[rigid], found[mass], found[str(stiffness)], options)
 
 
-def _from_full(path: Path, phi: Any, R: Any, M: Any, K: Any, options: Import) -> Deck:
+def _from_full(phi: Any, R: Any, M: Any, K: Any, options: Import) -> Deck:
     """Modes from shapes, rigid-body motions about ``options.reference``, mass and stiffness of one set."""
     phi, R = (x.toarray() if hasattr(x, "toarray") else np.asarray(x) for x in (phi, R))
     n = phi.shape[0]
     if R.shape != (n, 6) or M.shape != (n, n) or K.shape != (n, n):
         raise ModalError(
-            f"{path}: shapes {phi.shape}, rigid-body motions {R.shape}, mass {M.shape}, stiffness {K.shape} do not fit"
+            f"shapes {phi.shape}, rigid-body motions {R.shape}, mass {M.shape}, stiffness {K.shape} do not fit"
         )
-    phi = normalised(path, phi, M)[0]
+    phi = normalised(phi, M)[0]
     eigenvalue = np.einsum("ij,ij->j", phi, K @ phi)
-    frequency = np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
-    return Deck(str(path), frequency, R.T @ (M @ phi), R.T @ (M @ R), options.reference)
+    return Deck(natural_frequency(eigenvalue), R.T @ (M @ phi), R.T @ (M @ R), options.reference)
 
 
-def normalised(path: Path, phi: np.ndarray, M: Any) -> tuple[np.ndarray, np.ndarray, float]:
+def normalised(phi: np.ndarray, M: Any) -> tuple[np.ndarray, np.ndarray, float]:
     """Mass-normalised shapes (n, s), the roots of their generalised masses (s,), and what is off the diagonal of phi^T M phi."""
     own = np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
     phi = phi / own
     off = float(np.abs(phi.T @ (M @ phi) - np.eye(own.size)).max())
     if not off < ORTHOGONAL:
         raise ModalError(
-            f"{path}: mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it is another model's, or in other"
+            f"mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it is another model's, or in other"
             " units"
         )
     return phi, own, off
@@ -99,33 +94,31 @@ def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
     """OP4 with the geometry of EXTSEOUT beside it, or with a boundary of one point, the interface."""
     for name in (path.with_suffix(".asm"), path.with_suffix(".pch")):
         if name.is_file():
-            uset, _, boundary = library("bulk").asm2uset(str(name))
-            return _with_geometry(path, K, M, uset, boundary)
+            uset, _, boundary = pyyeti("bulk").asm2uset(str(name))
+            return _with_geometry(K, M, uset, boundary)
     if not isinstance(options.interface, int):
         raise ModalError(
-            f"{path}: has no geometry; give the interface as the id of the boundary grid, or put the .asm or .pch file of"
+            "has no geometry; give the interface as the id of the boundary grid, or put the .asm or .pch file of"
             " EXTSEOUT beside it"
         )
-    boundary = _boundary_of_six(path, K, M)
+    boundary = _boundary_of_six(K, M)
     said = "The boundary is taken to be the interface point, in axes of the basic frame."
-    return _fixed(path, K, M, boundary, np.eye(6), options.interface, {}, (said,))
+    return _fixed(K, M, boundary, np.eye(6), options.interface, {}, (said,))
 
 
-def _with_geometry(path: Path, K: Any, M: Any, uset: Any, boundary: np.ndarray) -> Deck:
+def _with_geometry(K: Any, M: Any, uset: Any, boundary: np.ndarray) -> Deck:
     if K.shape != (len(uset), len(uset)):
-        raise ModalError(
-            f"{path}: stiffness is {K.shape}, but the geometry beside it has {len(uset)} degrees of freedom"
-        )
+        raise ModalError(f"stiffness is {K.shape}, but the geometry beside it has {len(uset)} degrees of freedom")
     points = uset[boundary]
-    return _tied(path, K, M, boundary, rigid_motion(points), located(points))
+    return _tied(K, M, boundary, rigid_motion(points), located(points))
 
 
-def _tied(path: Path, K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, grids: dict[int, np.ndarray]) -> Deck:
+def _tied(K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, grids: dict[int, np.ndarray]) -> Deck:
     said = () if len(grids) == 1 else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
-    return _fixed(path, K, M, boundary, R, ORIGIN, grids, said)
+    return _fixed(K, M, boundary, R, ORIGIN, grids, said)
 
 
-def _boundary_of_six(path: Path, K: np.ndarray, M: np.ndarray) -> np.ndarray:
+def _boundary_of_six(K: np.ndarray, M: np.ndarray) -> np.ndarray:
     """First or last six degrees of freedom, whichever leaves uncoupled modes of unit mass."""
     n = len(K)
     for boundary in (np.arange(n) < 6, np.arange(n) >= n - 6):
@@ -133,7 +126,7 @@ def _boundary_of_six(path: Path, K: np.ndarray, M: np.ndarray) -> np.ndarray:
         if n > 6 and _diagonal(modal) and _diagonal(unit) and np.allclose(np.diag(unit), 1.0, rtol=1e-3):
             return boundary
     raise ModalError(
-        f"{path}: neither the first nor the last six of {n} degrees of freedom are a boundary beside mass-normalised modes; put"
+        f"neither the first nor the last six of {n} degrees of freedom are a boundary beside mass-normalised modes; put"
         " the .asm or .pch file of EXTSEOUT beside it"
     )
 
@@ -143,7 +136,7 @@ def _diagonal(A: np.ndarray) -> bool:
 
 
 def _fixed(
-    path: Path, K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, reference: int | Point,
+    K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, reference: int | Point,
     grids: dict[int, np.ndarray], notes: tuple[str, ...],
 ) -> Deck:  # fmt: skip
     """Fixed-interface modes and participation M_bq of a Craig-Bampton model; ``R`` (b, 6) moves its boundary rigidly."""
@@ -151,33 +144,31 @@ def _fixed(
 
     for name, A in (("stiffness", K), ("mass", M)):
         if np.abs(A - A.T).max() > 1e-6 * np.abs(A).max():
-            raise ModalError(f"{path}: its {name} matrix is not symmetric")
+            raise ModalError(f"its {name} matrix is not symmetric")
     inner = ~boundary
     K_qq, M_qq, M_bq = K[np.ix_(inner, inner)], M[np.ix_(inner, inner)], M[np.ix_(boundary, inner)]
     if not inner.any():
-        raise ModalError(f"{path}: has a boundary, but no modes")
+        raise ModalError("has a boundary, but no modes")
     if np.abs(K[np.ix_(boundary, inner)]).max() > 1e-3 * np.abs(K_qq).max():
-        raise ModalError(
-            f"{path}: stiffness couples boundary and modes: this is not a model with fixed-interface modes"
-        )
+        raise ModalError("stiffness couples boundary and modes: this is not a model with fixed-interface modes")
     try:
         eigenvalue, phi = eigh(K_qq, M_qq)
     except LinAlgError:
-        raise ModalError(f"{path}: its modal mass matrix is not positive definite") from None
-    frequency = np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
+        raise ModalError("its modal mass matrix is not positive definite") from None
+    frequency = natural_frequency(eigenvalue)
     mass = R.T @ M[np.ix_(boundary, boundary)] @ R
-    _check_free(path, R.T @ K[np.ix_(boundary, boundary)] @ R, mass, float(frequency[0]))
-    return Deck(str(path), frequency, R.T @ M_bq @ phi, mass, reference, grids, notes=notes)
+    _check_free(R.T @ K[np.ix_(boundary, boundary)] @ R, mass, float(frequency[0]))
+    return Deck(frequency, R.T @ M_bq @ phi, mass, reference, grids, notes=notes)
 
 
-def _check_free(path: Path, stiffness: np.ndarray, mass: np.ndarray, first: float) -> None:
+def _check_free(stiffness: np.ndarray, mass: np.ndarray, first: float) -> None:
     """Moved rigidly at its boundary, nothing may hold the model elsewhere."""
     size = np.sqrt(np.maximum(np.diag(mass), 1e-300))
     held = np.linalg.eigvalsh(stiffness / np.outer(size, size)).max()
-    frequency = float(np.sqrt(max(held, 0.0))) / (2.0 * np.pi)
+    frequency = float(natural_frequency(held))
     if frequency > GROUNDED * first:
         raise ModalError(
-            f"{path}: the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g} Hz; 0 Hz is expected)"
+            f"the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g} Hz; 0 Hz is expected)"
         )
 
 
@@ -186,12 +177,12 @@ def read_dmig(path: Path, options: Import) -> Deck:
     if not any(line.startswith("DMIG") for line in lines_of(path)):
         return read_punched(path, options)
     if path.stat().st_size > LARGEST_MATRIX:
-        raise ModalError(f"{path}: DMIG entries of at most {LARGEST_MATRIX / 1e9:g} GB are read; use OP4")
-    bulk = library("bulk")
+        raise ModalError(f"DMIG entries of at most {LARGEST_MATRIX / 1e9:g} GB are read; use OP4")
+    bulk = pyyeti("bulk")
     found = bulk.rddmig(str(path), square=True)
     pair = next((p for p in PAIRS if all(name in found for name in p)), None)
     if pair is None:
-        raise ModalError(f"{path}: has the DMIG entries {', '.join(found).upper()}; expected KAAX and MAAX")
+        raise ModalError(f"has the DMIG entries {', '.join(found).upper()}; expected KAAX and MAAX")
     stiffness = found[pair[0]]
     index = stiffness.index.union(found[pair[1]].index)
     K, M = (found[name].reindex(index=index, columns=index, fill_value=0.0).to_numpy(dtype=float) for name in pair)
@@ -199,7 +190,7 @@ def read_dmig(path: Path, options: Import) -> Deck:
     boundary = index.get_level_values(1).to_numpy() > 0
     missing = index[boundary].difference(uset.index)
     if len(missing):
-        raise ModalError(f"{path}: has no GRID entry of boundary grid {missing[0][0]}")
+        raise ModalError(f"has no GRID entry of boundary grid {missing[0][0]}")
     whole = uset.loc[sorted({i for i, _ in index[boundary]})]
     rigid = rigid_motion(whole)[whole.index.get_indexer(index[boundary])]
-    return _tied(path, K, M, boundary, rigid, located(whole))
+    return _tied(K, M, boundary, rigid, located(whole))

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from microvib.structures.modal import ModalError
+from microvib.io.files import library
 
 LONGEST_LINE = 1000
 
 
-def library(name: str) -> Any:
-    """A module of pyyeti; ModalError where the package is missing."""
-    try:
-        return import_module(f"pyyeti.nastran.{name}")
-    except ImportError:
-        raise ModalError("pyyeti is not installed; pip install 'microvib[fem]'") from None
+def pyyeti(name: str) -> Any:
+    """A module of pyyeti's Nastran part; MicrovibError where the package is missing."""
+    return library(f"pyyeti.nastran.{name}", "pyyeti", "fem")
 
 
 def lines_of(path: Path) -> Iterator[str]:
@@ -36,5 +32,5 @@ def located(uset: Any) -> dict[int, np.ndarray]:
 
 def rigid_motion(uset: Any) -> np.ndarray:
     """Six rigid-body motions about the origin of the basic frame, in the output coordinate systems of the grids, (n, 6)."""
-    motion: np.ndarray = library("n2p").rbgeom_uset(uset)
+    motion: np.ndarray = pyyeti("n2p").rbgeom_uset(uset)
     return motion

@@ -27,15 +27,13 @@ class Masses:
     """A grid id; 0 is the origin of the basic frame."""
 
 
-def rigid_mass(
-    title: str, masses: Masses, grids: Mapping[int, np.ndarray], wtmass: float
-) -> tuple[np.ndarray, tuple[str, ...]]:
+def rigid_mass(masses: Masses, grids: Mapping[int, np.ndarray], wtmass: float) -> tuple[np.ndarray, tuple[str, ...]]:
     """Mass matrix about the reference point with what is to be said of it; the whole model's where it is known."""
     whole, free = _about_reference(masses, grids, wtmass), masses.free
     if whole is None:
         if free is None:
             raise ModalError(
-                f"{title}: has no rigid-body mass about the reference point; add PARAM,GRDPNT,0 or MEFFMASS(ALL)=YES to the deck"
+                "has no rigid-body mass about the reference point; add PARAM,GRDPNT,0 or MEFFMASS(ALL)=YES to the deck"
             )
         return free, ("Rigid-body mass is that of the free degrees of freedom: mass on clamped points is missing.",)
     if free is None:

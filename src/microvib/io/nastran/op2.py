@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from microvib.io.files import check_file, reading
 from microvib.io.nastran.craig_bampton import LARGEST_MATRIX, MASS_MATRICES, matrices, normalised
-from microvib.io.nastran.library import library, located, rigid_motion
+from microvib.io.nastran.library import located, pyyeti, rigid_motion
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight
-from microvib.io.nastran.vectors import Vectors, places_of, read_vectors
-from microvib.structures.deck import Deck, Import
+from microvib.structures.deck import ORIGIN, Deck, Import, Point
 from microvib.structures.modal import ModalError
 from microvib.structures.modal_checks import check_clamped
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """Grid point results of the modes: (id, direction) of the rows, direction 0 for scalar points, and values (n, s)."""
+
+    rows: list[tuple[int, int]]
+    values: np.ndarray
+
 
 STILL = 1e-3
 """Relative; how much a clamped point may move in a mode (results come in single precision)."""
@@ -25,19 +35,19 @@ def read_op2(path: Path, options: Import) -> Deck:
     """Modes of an OP2 file of PARAM,POST,-1: from MEFFMASS(PLOT), from a mass matrix, or from the forces of constraint."""
     results = _read(path)
     if results.factors is not None:
-        return _from_factors(path, results, options)
+        return _from_factors(results, options)
     if results.uset is None:
-        raise ModalError(f"{path}: has no geometry (GEOM1, BGPDT, EQEXIN); add PARAM,POST,-1 to the deck")
-    matrix = _mass_matrix(path, results, options)
+        raise ModalError("has no geometry (GEOM1, BGPDT, EQEXIN); add PARAM,POST,-1 to the deck")
+    matrix = _mass_matrix(results, options)
     if matrix is not None:
-        return _from_shapes(path, results, matrix, options)
+        return _from_shapes(results, matrix, options)
     if results.forces is not None:
-        return _from_forces(path, results, results.forces, options)
+        return _from_forces(results, results.forces, options)
     found = (
         "no eigenvectors" if results.shapes is None else "eigenvectors, but no mass matrix and no forces of constraint"
     )
     raise ModalError(
-        f"{path}: has {found}; ask for SPCFORCES(PLOT)=ALL with PARAM,GRDPNT,0, or MEFFMASS(PLOT), or give the mass matrix MGG"
+        f"has {found}; ask for SPCFORCES(PLOT)=ALL with PARAM,GRDPNT,0, or MEFFMASS(PLOT), or give the mass matrix MGG"
         " as OP4 beside it (mass: FILE.op4)"
     )
 
@@ -55,11 +65,17 @@ class _Results:
     matrix: Any = None
     factors: np.ndarray | None = None
     masses: Masses = field(default_factory=Masses)
-    frames: dict[int, np.ndarray] | None = None
+    frames: dict[int, np.ndarray] = field(default_factory=dict)
 
     @property
     def grids(self) -> dict[int, np.ndarray]:
         return {} if self.uset is None else located(self.uset)
+
+    def deck(
+        self, participation: np.ndarray, mass: np.ndarray, notes: Sequence[str], about: int | Point = ORIGIN
+    ) -> Deck:
+        """The deck with ``participation`` (6, s) and rigid-body ``mass`` (6, 6) ``about`` a point."""
+        return Deck(self.frequency, participation, mass, about, self.grids, self.frames, notes=tuple(notes))
 
 
 _VECTORS = {"forces": ("OQG",), "shapes": ("OUG", "OPHIG"), "basic": ("BOUG", "BOPHIG")}
@@ -72,9 +88,9 @@ def _read(path: Path) -> _Results:
     with path.open("rb") as stream:
         word = _WORDS.get(stream.read(4))
     if word is None:
-        raise ModalError(f"{path}: is not an OP2 file; such a file starts with a record of 4 or 8 bytes")
-    with library("op2").OP2(str(path)) as file:
-        wanted = _wanted(path, file)
+        raise ModalError("is not an OP2 file; such a file starts with a record of 4 or 8 bytes")
+    with pyyeti("op2").OP2(str(path)) as file:
+        wanted = _wanted(file)
         data: dict[str, Any] = file.rdparampost(get_mats=wanted or False, get_dr_tables=False)
         if data.get("ogpwg"):
             file.set_position("OGPWG")
@@ -82,36 +98,67 @@ def _read(path: Path) -> _Results:
             data["gpwg_grid"] = int(file.rdop2record("int")[2])
         for kind, starts in _VECTORS.items():
             name = next((n for start in starts for n in file.dbdct if n.upper().startswith(start)), None)
-            data[kind] = None if name is None else read_vectors(path, file, name, word)
-    return _results(path, data)
+            data[kind] = None if name is None else read_vectors(file, name, word)
+    return _results(data)
 
 
-def _wanted(path: Path, file: Any) -> list[str]:
+def read_vectors(file: Any, name: str, word: str) -> Vectors | None:
+    """Real eigenvectors or forces of constraint; None where the block holds other results.
+
+    ``file`` is the library's open file, ``word`` the byte order and bytes of its words, such as <4.
+    """
+    row = np.dtype([("key", f"{word[0]}i{word[1]}", 2), ("value", f"{word[0]}f{word[1]}", 6)])
+    file.set_position(name)
+    file.rdop2nt()
+    columns: list[np.ndarray] = []
+    keys: np.ndarray = np.empty((0, 2), dtype=int)
+    while (ident := file.rdop2record("int")) is not None:
+        data = file.rdop2record("bytes")
+        if ident[0] // 10 != 2 or ident[9] != 8 or len(data) % row.itemsize:
+            return None  # no real modes, or a wide format
+        table = np.frombuffer(data, row)
+        if columns and not np.array_equal(table["key"], keys):
+            raise ModalError(f"{name} has other points in mode {len(columns) + 1} than before")
+        keys = table["key"]
+        columns.append(table["value"])
+    if not columns:
+        return None
+    grid = np.repeat(keys[:, 1] == 1, 6)
+    direction = np.tile(np.arange(1, 7), len(keys))
+    kept = grid | (direction == 1)
+    ids = np.repeat(keys[:, 0] // 10, 6)
+    rows = [(int(i), int(d)) for i, d in zip(ids[kept], np.where(grid, direction, 0)[kept], strict=True)]
+    return Vectors(rows, np.array([c.ravel()[kept] for c in columns], dtype=float).T)
+
+
+def places_of(uset: Any, vectors: Vectors) -> np.ndarray:
+    """Rows of the table of degrees of freedom where the rows of the results are; -1 where they are not."""
+    order = {(int(i), int(d)): k for k, (i, d) in enumerate(uset.index)}
+    return np.array([order.get(row, -1) for row in vectors.rows])
+
+
+def _wanted(file: Any) -> list[str]:
     """Names of the matrices to read, where they are not too large."""
     names = {name.upper() for name in file.dbdct}
     if not any(name.startswith("LAMA") for name in names):
         raise ModalError(
-            f"{path}: has no table of eigenvalues (LAMA); it holds {', '.join(sorted(names)[:12]) or 'nothing'}; a run of SOL 103"
+            f"has no table of eigenvalues (LAMA); it holds {', '.join(sorted(names)[:12]) or 'nothing'}; a run of SOL 103"
             " with PARAM,POST,-1 is expected"
         )
     wanted = [n for n in names if n.lower() in MASS_MATRICES or n.startswith(("MPFACS", "RBMASS"))]
     for name in wanted:
         rows, columns = file.dbdct[name][-1].size
         if 8 * rows * columns > LARGEST_MATRIX:
-            raise ModalError(
-                f"{path}: {name} is {rows} x {columns}, too large; give it as OP4, or use SPCFORCES(PLOT)=ALL"
-            )
+            raise ModalError(f"{name} is {rows} x {columns}, too large; give it as OP4, or use SPCFORCES(PLOT)=ALL")
     return wanted
 
 
-def _results(path: Path, data: dict[str, Any]) -> _Results:
+def _results(data: dict[str, Any]) -> _Results:
     lama = np.asarray(_named(data, "lama"), dtype=float)
     if lama.ndim != 2 or not lama.size or np.any(lama[:, 5] <= 0.0):
-        raise ModalError(
-            f"{path}: its table of eigenvalues (LAMA) is empty, or has generalised masses not greater than 0"
-        )
+        raise ModalError("its table of eigenvalues (LAMA) is empty, or has generalised masses not greater than 0")
     forces, shapes, basic = (data[kind] for kind in _VECTORS)
-    check_clamped(lama[:, 4], str(path))
+    check_clamped(lama[:, 4])
     systems = {int(k): np.asarray(v, dtype=float) for k, v in (data.get("cstm2") or {}).items() if k > 0}
     free, weight = _named(data, "rbmass"), data.get("ogpwg")
     return _Results(
@@ -133,54 +180,44 @@ def _named(data: dict[str, Any], *starts: str) -> Any:
     return None
 
 
-def _masses(results: _Results, options: Import, path: Path) -> Masses:
+def _masses(results: _Results, options: Import) -> Masses:
     """The masses of the file, or the weight of the whole model from a listing beside it."""
     own = results.masses
     if options.mass is None or options.mass.lower().endswith(".op4"):
-        return Masses(own.free, options.reference, own.whole, own.whole_grid)
-    return Masses(own.free, options.reference, *listed_weight(path.parent / options.mass))
+        return replace(own, reference=options.reference)
+    return Masses(own.free, options.reference, *listed_weight(Path(options.mass)))
 
 
-def _from_factors(path: Path, results: _Results, options: Import) -> Deck:
+def _from_factors(results: _Results, options: Import) -> Deck:
     factors = np.asarray(results.factors, dtype=float)
     factors = factors if factors.shape[0] == 6 else factors.T
     if factors.shape != (6, results.frequency.size):
-        raise ModalError(
-            f"{path}: MPFACS is {factors.shape}, which is not six directions by {results.frequency.size} modes"
-        )
-    mass, notes = rigid_mass(str(path), _masses(results, options, path), results.grids, options.wtmass)
+        raise ModalError(f"MPFACS is {factors.shape}, which is not six directions by {results.frequency.size} modes")
+    mass, notes = rigid_mass(_masses(results, options), results.grids, options.wtmass)
     where = "the origin of the basic frame" if options.reference == (0.0, 0.0, 0.0) else f"{options.reference}"
-    return Deck(
-        str(path), results.frequency, factors * np.sqrt(results.generalised), mass, options.reference, results.grids,
-        results.frames or {}, notes=(f"Participation factors of MEFFMASS, declared to refer to {where}.", *notes),
-    )  # fmt: skip
+    said = f"Participation factors of MEFFMASS, declared to refer to {where}."
+    return results.deck(factors * np.sqrt(results.generalised), mass, (said, *notes), options.reference)
 
 
-def _from_forces(path: Path, results: _Results, forces: Vectors, options: Import) -> Deck:
+def _from_forces(results: _Results, forces: Vectors, options: Import) -> Deck:
     """Rigid-body sum of the forces of constraint is -lambda times the participation, for any mass matrix (Eq. 13)."""
     if forces.values.shape[1] != results.frequency.size:
-        raise ModalError(
-            f"{path}: has forces of constraint for {forces.values.shape[1]} of {results.frequency.size} modes"
-        )
+        raise ModalError(f"has forces of constraint for {forces.values.shape[1]} of {results.frequency.size} modes")
     held = results.uset[results.uset.index.get_level_values(0).isin([i for i, _ in forces.rows])]
     rows = places_of(held, forces)
     if np.any(rows < 0):
-        raise ModalError(f"{path}: has forces of constraint on points that are not in its geometry")
-    _check_held(path, forces, options)
+        raise ModalError("has forces of constraint on points that are not in its geometry")
+    _check_held(forces, options)
     eigenvalue = (2.0 * np.pi * results.frequency) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         P = -(rigid_motion(held)[rows].T @ forces.values) / (eigenvalue * np.sqrt(results.generalised))
-    masses = _masses(results, options, path)
-    mass, notes = rigid_mass(
-        str(path), Masses(None, whole=masses.whole, whole_grid=masses.whole_grid), results.grids, options.wtmass
-    )
+    masses = replace(_masses(results, options), free=None, reference=ORIGIN)
+    mass, notes = rigid_mass(masses, results.grids, options.wtmass)
     said = "Participations are the forces of constraint of each mode over its eigenvalue."
-    return Deck(
-        str(path), results.frequency, P, mass, grids=results.grids, frames=results.frames or {}, notes=(said, *notes)
-    )
+    return results.deck(P, mass, (said, *notes))
 
 
-def _check_held(path: Path, forces: Vectors, options: Import) -> None:
+def _check_held(forces: Vectors, options: Import) -> None:
     """Nothing but the interface point may hold the model; where it is not a grid, all clamped grids are the interface."""
     ids, size = np.array([i for i, _ in forces.rows]), np.abs(forces.values).max(axis=1)
     if not isinstance(options.interface, int) or options.interface not in ids:
@@ -188,28 +225,23 @@ def _check_held(path: Path, forces: Vectors, options: Import) -> None:
     others = sorted(set(ids[(ids != options.interface) & (size > STILL * size.max())].tolist()))
     if others:
         raise ModalError(
-            f"{path}: grid {others[0]} is held, too ({len(others)} grids beside {options.interface}); modes with nothing but the"
+            f"grid {others[0]} is held, too ({len(others)} grids beside {options.interface}); modes with nothing but the"
             " interface clamped are expected, and where that is several grids, its coordinates"
         )
 
 
-def _from_shapes(path: Path, results: _Results, matrix: Any, options: Import) -> Deck:
-    phi, R = _shapes(path, results), rigid_motion(results.uset)
+def _from_shapes(results: _Results, matrix: Any, options: Import) -> Deck:
+    phi, R = _shapes(results), rigid_motion(results.uset)
     if matrix.shape != (R.shape[0], R.shape[0]):
-        raise ModalError(
-            f"{path}: mass matrix is {matrix.shape}, but the model has {R.shape[0]} degrees of freedom (G-set)"
-        )
+        raise ModalError(f"mass matrix is {matrix.shape}, but the model has {R.shape[0]} degrees of freedom (G-set)")
     if isinstance(options.interface, int):
-        _check_still(path, phi, results, options.interface)
-    phi, own, off = normalised(path, phi, matrix)
+        _check_still(phi, results, options.interface)
+    phi, own, off = normalised(phi, matrix)
     notes = [f"Participations are phi^T M R of the G-set; eigenvectors are orthogonal in M to {off:.1g}."]
     if np.abs(own - 1.0).max() > 1e-3:
         notes.append("The eigenvectors were not mass-normalised; they have been.")
     mass = R.T @ (matrix @ R)
-    return Deck(
-        str(path), results.frequency, R.T @ (matrix @ phi), mass,
-        grids=results.grids, frames=results.frames or {}, notes=(*notes, *_against_weight(mass, results, options)),
-    )  # fmt: skip
+    return results.deck(R.T @ (matrix @ phi), mass, (*notes, *_against_weight(mass, results, options)))
 
 
 def _against_weight(mass: np.ndarray, results: _Results, options: Import) -> list[str]:
@@ -224,16 +256,16 @@ def _against_weight(mass: np.ndarray, results: _Results, options: Import) -> lis
     ]
 
 
-def _shapes(path: Path, results: _Results) -> np.ndarray:
+def _shapes(results: _Results) -> np.ndarray:
     """Eigenvectors of the G-set in the output coordinate systems of its grids, (n, s)."""
     shapes, index = results.shapes, results.uset.index
     if shapes is None:
-        raise ModalError(f"{path}: has no eigenvectors (OUG); add DISPLACEMENT(PLOT)=ALL to its case control")
+        raise ModalError("has no eigenvectors (OUG); add DISPLACEMENT(PLOT)=ALL to its case control")
     places = places_of(results.uset, shapes)
     missing = len(index) - np.unique(places[places >= 0]).size
     if missing or shapes.values.shape[1] != results.frequency.size:
         raise ModalError(
-            f"{path}: has eigenvectors of {shapes.values.shape[1]} of {results.frequency.size} modes, without {missing} of"
+            f"has eigenvectors of {shapes.values.shape[1]} of {results.frequency.size} modes, without {missing} of"
             f" {len(index)} degrees of freedom; DISPLACEMENT(PLOT)=ALL is expected"
         )
     values = np.zeros((len(index), shapes.values.shape[1]))
@@ -241,14 +273,13 @@ def _shapes(path: Path, results: _Results) -> np.ndarray:
     if not results.shapes_basic:
         return values
     turns = rigid_motion(results.uset)
-    starts = np.flatnonzero(results.uset.index.get_level_values(1) == 1)
-    for k in starts:
+    for k in np.flatnonzero(index.get_level_values(1) == 1):
         turn = turns[k : k + 3, :3]  # from the basic frame to the grid's own
         values[k : k + 3], values[k + 3 : k + 6] = turn @ values[k : k + 3], turn @ values[k + 3 : k + 6]
     return values
 
 
-def _check_still(path: Path, phi: np.ndarray, results: _Results, grid: int) -> None:
+def _check_still(phi: np.ndarray, results: _Results, grid: int) -> None:
     if grid not in results.grids:
         return  # said where the interface point is looked for
     places = np.array(list(results.grids.values()))
@@ -258,16 +289,18 @@ def _check_still(path: Path, phi: np.ndarray, results: _Results, grid: int) -> N
     if moves.max() > STILL:
         k = int(moves.argmax())
         raise ModalError(
-            f"{path}: interface: grid {grid} moves in mode {k + 1} by {moves[k]:.2g} of the largest motion; modes with the"
+            f"interface: grid {grid} moves in mode {k + 1} by {moves[k]:.2g} of the largest motion; modes with the"
             " interface point clamped are expected"
         )
 
 
-def _mass_matrix(path: Path, results: _Results, options: Import) -> Any:
+def _mass_matrix(results: _Results, options: Import) -> Any:
     if options.mass is None or not options.mass.lower().endswith(".op4"):
         return results.matrix
-    other = path.parent / options.mass
-    found = matrices(other, MASS_MATRICES)
-    if not found:
-        raise ModalError(f"{other}: has no mass matrix; expected one of {', '.join(MASS_MATRICES).upper()}")
+    other = Path(options.mass)
+    with reading(other, ModalError):
+        check_file(other)
+        found = matrices(other, MASS_MATRICES)
+        if not found:
+            raise ModalError(f"has no mass matrix; expected one of {', '.join(MASS_MATRICES).upper()}")
     return next(iter(found.values()))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from microvib.io.files import check_file, reading
 from microvib.io.nastran.library import lines_of
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.structures.deck import ORIGIN, Deck, Import, Point
@@ -67,10 +67,10 @@ class _Tables:
     def start(self, name: str) -> None:
         self.rows.setdefault(name, []).append([])
 
-    def add(self, name: str, row: list[float], title: str) -> None:
+    def add(self, name: str, row: list[float]) -> None:
         tables = self.rows.setdefault(name, [[]])
         if len(tables[-1]) > MAX_ROWS:
-            raise ModalError(f"{title}: a table has more than {MAX_ROWS} rows")
+            raise ModalError(f"a table has more than {MAX_ROWS} rows")
         tables[-1].append(row)
 
     def last(self, name: str) -> np.ndarray | None:
@@ -94,66 +94,62 @@ def read_listing(path: Path, options: Import) -> Deck:
     """Modes of a listing: of Nastran's MEFFMASS(ALL) tables, or of Ansys' participation factors."""
     tables = _tables(path)
     if tables.count("ansys-X"):
-        return _ansys(path, tables)
+        return _ansys(tables)
     eigenvalues = tables.last("eigenvalues")
     if eigenvalues is None:
-        raise ModalError(
-            f"{path}: has no table of real eigenvalues, nor participation factors of Ansys: is it a run of modes?"
-        )
+        raise ModalError("has no table of real eigenvalues, nor participation factors of Ansys: is it a run of modes?")
     frequency, generalised = eigenvalues[:, 4], eigenvalues[:, 5]
     if np.any(generalised <= 0.0):
-        raise ModalError(f"{path}: has generalised masses that are not greater than 0: these are not natural modes")
-    check_clamped(frequency, str(path))
+        raise ModalError("has generalised masses that are not greater than 0: these are not natural modes")
+    check_clamped(frequency)
     free = _matrix(tables.last("free"))
     weight = _weight(tables)
-    mass, notes = rigid_mass(str(path), Masses(free, tables.reference, weight, tables.weight_grid), {}, options.wtmass)
-    participation, signed, said = _participation(path, tables, eigenvalues, mass if free is None else free)
+    mass, notes = rigid_mass(Masses(free, tables.reference, weight, tables.weight_grid), {}, options.wtmass)
+    participation, signed, said = _participation(tables, eigenvalues, mass if free is None else free)
     repeated = tables.count("eigenvalues")
     more = [f"Of {repeated} tables of eigenvalues the last was taken."] if repeated > 1 else []
-    return Deck(str(path), frequency, participation, mass, tables.reference, signed=signed, notes=(said, *notes, *more))
+    return Deck(frequency, participation, mass, tables.reference, signed=signed, notes=(said, *notes, *more))
 
 
 def listed_weight(path: Path) -> tuple[np.ndarray, int]:
     """Mass matrix of the grid point weight generator in a listing, and the grid to which it refers (0: the origin)."""
-    if not path.is_file():
-        raise ModalError(f"{path}: cannot be read: no such file")
-    tables = _tables(path)
-    weight = _weight(tables)
-    if weight is None:
-        raise ModalError(f"{path}: has no output of the grid point weight generator; add PARAM,GRDPNT,0 to the deck")
+    with reading(path, ModalError):
+        check_file(path)
+        tables = _tables(path)
+        weight = _weight(tables)
+        if weight is None:
+            raise ModalError("has no output of the grid point weight generator; add PARAM,GRDPNT,0 to the deck")
     return weight, tables.weight_grid
 
 
-def _participation(
-    path: Path, tables: _Tables, eigenvalues: np.ndarray, free: np.ndarray
-) -> tuple[np.ndarray, bool, str]:
+def _participation(tables: _Tables, eigenvalues: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, bool, str]:
     """Participation (6, s), whether its signs are known, and the sentence that says where it is from."""
     generalised = eigenvalues[:, 5]
     factors = tables.last("factors")
     if factors is not None:
-        values = _matched(path, factors, eigenvalues, "participation factors")
+        values = _matched(factors, eigenvalues, "participation factors")
         return values.T * np.sqrt(generalised), True, "Participation factors as printed (seven digits)."
     effective = tables.last("effective")
     magnitudes = "magnitudes only, so that only the motion about the drive axis is kept."
     if effective is not None:
-        values = _matched(path, effective, eigenvalues, "effective masses")
+        values = _matched(effective, eigenvalues, "effective masses")
         return np.sqrt(np.maximum(values.T, 0.0)), False, f"Effective masses as printed: {magnitudes}"
     fractions = (
         [t for t in tables.rows.get("fractions-T", []) if t],
         [t for t in tables.rows.get("fractions-R", []) if t],
     )
     if not all(fractions):
-        raise ModalError(f"{path}: has no participation factors and no effective masses; ask for MEFFMASS(ALL)=YES")
-    parts = [_matched(path, np.array(t[-1]), eigenvalues, "effective mass fractions")[:, ::2] for t in fractions]
+        raise ModalError("has no participation factors and no effective masses; ask for MEFFMASS(ALL)=YES")
+    parts = [_matched(np.array(t[-1]), eigenvalues, "effective mass fractions")[:, ::2] for t in fractions]
     values = np.hstack(parts).T * np.diag(free)[:, None]
     return np.sqrt(np.maximum(values, 0.0)), False, f"Effective mass fractions as printed: {magnitudes}"
 
 
-def _matched(path: Path, table: np.ndarray, eigenvalues: np.ndarray, what: str) -> np.ndarray:
+def _matched(table: np.ndarray, eigenvalues: np.ndarray, what: str) -> np.ndarray:
     """Six columns of a table of modes; it must be of the same modes as the table of eigenvalues."""
     if len(table) != len(eigenvalues) or not np.allclose(table[:, 1], eigenvalues[:, 4], rtol=1e-4, atol=1e-9):
         raise ModalError(
-            f"{path}: has {len(eigenvalues)} eigenvalues and {len(table)} rows of {what} that do not belong to each other; is the"
+            f"has {len(eigenvalues)} eigenvalues and {len(table)} rows of {what} that do not belong to each other; is the"
             " listing whole, and of one case?"
         )
     return table[:, 2:8]
@@ -169,34 +165,26 @@ def _matrix(rows: np.ndarray | None) -> np.ndarray | None:
     return rows[:6] if rows is not None and rows.shape[0] >= 6 and rows.shape[1] == 6 else None
 
 
-def _ansys(path: Path, tables: _Tables) -> Deck:
+def _ansys(tables: _Tables) -> Deck:
     columns = [tables.last(f"ansys-{name}") for name in _ANSYS]
     if any(c is None for c in columns):
         missing = [name for name, c in zip(_ANSYS, columns, strict=True) if c is None]
-        raise ModalError(
-            f"{path}: has no participation factors in direction {', '.join(missing)}; all six are expected"
-        )
+        raise ModalError(f"has no participation factors in direction {', '.join(missing)}; all six are expected")
     tables_of = [c for c in columns if c is not None]
     if len({c.shape for c in tables_of}) != 1 or tables_of[0].shape[1] < 7:
-        raise ModalError(f"{path}: its tables of participation factors differ in length; is the listing whole?")
+        raise ModalError("its tables of participation factors differ in length; is the listing whole?")
     blocks = tables.last("ansys-mass"), tables.last("ansys-inertia")
     if blocks[0] is None or blocks[1] is None or blocks[0].shape != (3, 6) or blocks[1].shape != (3, 3):
-        raise ModalError(f"{path}: has no rigid-body mass matrix about the origin (precise mass summary)")
+        raise ModalError("has no rigid-body mass matrix about the origin (precise mass summary)")
     mass = np.block([[blocks[0][:, :3], blocks[0][:, 3:]], [blocks[0][:, 3:].T, blocks[1]]])
     participation = np.array([np.copysign(np.sqrt(np.maximum(c[:, 5], 0.0)), c[:, 3]) for c in tables_of])
     said = "Ansys' participation factors about the global origin, as printed (five to six digits)."
-    return Deck(str(path), tables_of[0][:, 1], participation, mass, notes=(said,))
+    return Deck(tables_of[0][:, 1], participation, mass, notes=(said,))
 
 
 def _tables(path: Path) -> _Tables:
-    tables = _Tables()
-    _scan(lines_of(path), tables, str(path))
-    return tables
-
-
-def _scan(lines: Iterable[str], tables: _Tables, title: str) -> None:
-    name = ""
-    for line in lines:
+    tables, name = _Tables(), ""
+    for line in lines_of(path):
         if not name and not _MAYBE.search(line):
             continue
         squeezed = line.replace(" ", "").strip().upper()
@@ -206,7 +194,8 @@ def _scan(lines: Iterable[str], tables: _Tables, title: str) -> None:
             if name not in _COUNTED:  # the others go on over pages that repeat their title
                 tables.start(name)
         elif name:
-            name = _within(line, squeezed, name, tables, title)
+            name = _within(line, squeezed, name, tables)
+    return tables
 
 
 def _title(squeezed: str) -> str:
@@ -219,7 +208,7 @@ def _title(squeezed: str) -> str:
     return ""
 
 
-def _within(line: str, squeezed: str, name: str, tables: _Tables, title: str) -> str:
+def _within(line: str, squeezed: str, name: str, tables: _Tables) -> str:
     """Takes one line under a title; gives the name of the table that the next line belongs to, '' after its end."""
     if name in ("fractions", "fractions-T", "fractions-R") and squeezed.startswith("(FOR"):
         return "fractions-T" if "TRANSLATIONAL" in squeezed else "fractions-R"
@@ -235,7 +224,7 @@ def _within(line: str, squeezed: str, name: str, tables: _Tables, title: str) ->
     if len(row) in _WIDTHS.get(name, (8,)):
         if name in _COUNTED and tables.ends_before(name, row[0]):
             tables.start(name)
-        tables.add(name, row, title)
+        tables.add(name, row)
     return name
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from microvib.io.nastran.library import lines_of
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight, number
 from microvib.structures.deck import Deck, Import
-from microvib.structures.modal import ModalError
+from microvib.structures.modal import ModalError, natural_frequency
 
 _EIGENVALUE = re.compile(r"\$EIGENVALUE\s*=\s*(\S+)\s+MODE\s*=\s*(\d+)")
 _FIELDS = ((18, 36), (36, 54), (54, 72))
@@ -20,38 +21,35 @@ MAX_MODES = 2000
 
 def read_punched(path: Path, options: Import) -> Deck:
     """Modes from punched forces of constraint at one grid; the rigid-body mass comes from a listing (``options.mass``)."""
-    eigenvalue, forces = _forces(path)
+    eigenvalue, forces = _forces(lines_of(path))
     if not forces:
         raise ModalError(
-            f"{path}: has neither DMIG entries (EXTSEOUT(DMIGPCH)) nor forces of constraint of modes (SPCFORCES(PUNCH)=ALL)"
+            "has neither DMIG entries (EXTSEOUT(DMIGPCH)) nor forces of constraint of modes (SPCFORCES(PUNCH)=ALL)"
         )
     points = sorted({grid for mode in forces.values() for grid, values in mode.items() if any(values)})
     if len(points) != 1:
-        raise ModalError(
-            f"{path}: has forces of constraint on {len(points)} grids; one, the interface point, is expected"
-        )
+        raise ModalError(f"has forces of constraint on {len(points)} grids; one, the interface point, is expected")
     if options.mass is None:
-        raise ModalError(f"{path}: has no rigid-body mass; give the F06 of the run (mass: FILE.f06)")
+        raise ModalError("has no rigid-body mass; give the F06 of the run (mass: FILE.f06)")
     if isinstance(options.interface, int) and options.interface != points[0]:
-        raise ModalError(f"{path}: interface: forces of constraint are on grid {points[0]}, not on {options.interface}")
+        raise ModalError(f"interface: forces of constraint are on grid {points[0]}, not on {options.interface}")
     modes = sorted(forces)
     values = np.array([forces[k].get(points[0], [0.0] * 6) for k in modes]).T
     eigen = np.array([eigenvalue[k] for k in modes])
-    masses = Masses(None, options.interface, *listed_weight(path.parent / options.mass))
-    mass, notes = rigid_mass(str(path), masses, {}, options.wtmass)
+    masses = Masses(None, options.interface, *listed_weight(Path(options.mass)))
+    mass, notes = rigid_mass(masses, {}, options.wtmass)
     said = "Participations are forces of constraint over eigenvalues, modes taken as mass-normalised, in axes of the basic frame."
-    frequency = np.sqrt(np.maximum(eigen, 0.0)) / (2.0 * np.pi)
     return Deck(
-        str(path), frequency, -values / np.maximum(eigen, 1e-300), mass, options.interface, notes=(said, *notes)
+        natural_frequency(eigen), -values / np.maximum(eigen, 1e-300), mass, options.interface, notes=(said, *notes)
     )
 
 
-def _forces(path: Path) -> tuple[dict[int, float], dict[int, dict[int, list[float]]]]:
+def _forces(lines: Iterable[str]) -> tuple[dict[int, float], dict[int, dict[int, list[float]]]]:
     """Eigenvalue of each mode, and its forces of constraint by grid."""
     eigenvalue: dict[int, float] = {}
     forces: dict[int, dict[int, list[float]]] = {}
     wanted, mode, grid = False, 0, 0
-    for line in lines_of(path):
+    for line in lines:
         if line.startswith("$"):
             found = _EIGENVALUE.match(line)
             if found:
@@ -65,5 +63,5 @@ def _forces(path: Path) -> tuple[dict[int, float], dict[int, dict[int, list[floa
                 grid = int(line[:10])
             forces.setdefault(mode, {}).setdefault(grid, []).extend(values)
             if len(forces) > MAX_MODES:
-                raise ModalError(f"{path}: has more than {MAX_MODES} modes")
+                raise ModalError(f"has more than {MAX_MODES} modes")
     return eigenvalue, forces

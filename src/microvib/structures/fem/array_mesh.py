@@ -1,20 +1,18 @@
-"""Mesh of an array description, and its modal model."""
+"""Mesh of an array description."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from pyfe3d.shellprop_utils import laminated_plate
 
 from microvib.structures.array_design import ArrayDesign, Hinge, Sandwich, Tube, Yoke
-from microvib.structures.fem.modes import Modes, solve
+from microvib.structures.fem.modes import Modes
 from microvib.structures.fem.structure import Link, Lump, Mesh, Section, Spring, Structure, StructureError
-from microvib.structures.modal import ModalModel
-from microvib.structures.simulator_design import Material, SimulatorDesign
+from microvib.structures.simulator_design import Material
 
 LARGEST = 2_000_000
 """Degrees of freedom of the largest mesh that is tried."""
@@ -25,19 +23,17 @@ def structure_of(design: ArrayDesign) -> Structure:
     """Mesh of a description; StructureError where it would be too large or cannot be made."""
     check_size(6.0 * design.panels.count * design.panels.span * design.panels.chord / design.mesh**2, design.mesh)
     mesh = Mesh()
-    interface = int(mesh.add((0.0, 0.0, 0.0))[0])
-    drive = interface
+    drive = interface = mesh.node(0.0, 0.0, 0.0)
     if design.shaft is not None:
-        drive = int(mesh.add((0.0, 0.0, 0.0))[0])
+        drive = mesh.node(0.0, 0.0, 0.0)
         mesh.parts.append(Spring("drive shaft", (interface, drive), design.shaft.values))
     seats = _yoke(mesh, design, drive)
-    panels = {}
-    for k in range(1, design.panels.count + 1):
-        if k not in design.panels.missing:
-            panels[k] = _panel(mesh, design, k)
-    _root_hinges(mesh, design, seats, panels.get(1))
-    for k in range(1, design.panels.count):
-        if k in panels and k + 1 in panels:
+    there = [k for k in range(1, design.panels.count + 1) if k not in design.panels.missing]
+    panels = {k: _panel(mesh, design, k) for k in there}
+    if 1 in panels:
+        _root_hinges(mesh, design, seats, panels[1])
+    for k in there:
+        if k + 1 in panels:
             _hinge_line(mesh, design, k, panels[k], panels[k + 1])
     _masses(mesh, design, list(panels.values()))
     return mesh.structure(interface, design.title or "array")
@@ -53,9 +49,12 @@ def check_size(dof: float, size: float) -> None:
 
 def laminate_of(sandwich: Sandwich) -> Any:
     """The library's laminate: plies of both faces, mirrored about the core, shear stiffness from equilibrium."""
-    plies = [(p.angle, p.thickness, p.density, _ply(p)) for p in sandwich.face]
-    core = sandwich.core
-    middle = (0.0, core.thickness, core.density, _core(core.shear_xz, core.shear_yz))
+    plies = [
+        (p.angle, p.thickness, p.density, (p.modulus_1, p.modulus_2, p.poisson, *[p.shear_modulus] * 3))
+        for p in sandwich.face
+    ]
+    core, E = sandwich.core, _HONEYCOMB_MODULUS
+    middle = (0.0, core.thickness, core.density, (E, E, 0.0, E / 2.0, core.shear_xz, core.shear_yz))
     stack = [*plies, middle, *reversed(plies)]
     laminate = laminated_plate(
         [math.degrees(angle) for angle, *_ in stack],
@@ -65,14 +64,6 @@ def laminate_of(sandwich: Sandwich) -> Any:
     )
     laminate.intrho += sandwich.nonstructural_mass
     return laminate
-
-
-def _ply(ply: Any) -> tuple[float, ...]:
-    return (ply.modulus_1, ply.modulus_2, ply.poisson, ply.shear_modulus, ply.shear_modulus, ply.shear_modulus)
-
-
-def _core(shear_xz: float, shear_yz: float) -> tuple[float, ...]:
-    return (_HONEYCOMB_MODULUS, _HONEYCOMB_MODULUS, 0.0, _HONEYCOMB_MODULUS / 2.0, shear_xz, shear_yz)
 
 
 def tube_section(tube: Tube, material: Yoke | Material) -> Section:
@@ -95,10 +86,10 @@ def _yoke(mesh: Mesh, design: ArrayDesign, drive: int) -> dict[float, int]:
     yoke = design.yoke
     ends = yoke.half_width_panel
     places = sorted({-ends, ends, *(hinge.position for hinge in design.hinges.root)})
-    bar = {y: int(mesh.add((yoke.length, y, 0.0))[0]) for y in places}
+    bar = {y: mesh.node(yoke.length, y, 0.0) for y in places}
     leg, crossbar = tube_section(yoke.leg, yoke), tube_section(yoke.crossbar, yoke)
     if yoke.half_width_drive > 0.0:
-        feet = [int(mesh.add((0.0, side * yoke.half_width_drive, 0.0))[0]) for side in (-1.0, 1.0)]
+        feet = [mesh.node(0.0, side * yoke.half_width_drive, 0.0) for side in (-1.0, 1.0)]
         mesh.parts.append(Link("yoke fitting", drive, np.array(feet)))
     else:
         feet = [drive, drive]
@@ -110,6 +101,7 @@ def _yoke(mesh: Mesh, design: ArrayDesign, drive: int) -> dict[float, int]:
 
 
 Panel = tuple[np.ndarray, np.ndarray]
+Point = tuple[float, float, float]
 
 
 def _panel(mesh: Mesh, design: ArrayDesign, number: int) -> Panel:
@@ -136,13 +128,11 @@ def grid_lines(breaks: list[float], size: float) -> np.ndarray:
     return np.append(np.concatenate(pieces), fixed[-1])
 
 
-def _root_hinges(mesh: Mesh, design: ArrayDesign, seats: dict[float, int], first: Panel | None) -> None:
-    for hinge in design.hinges.root if first is not None else ():
-        seat = seats[hinge.position]
-        x = design.yoke.length
-        assert first is not None
+def _root_hinges(mesh: Mesh, design: ArrayDesign, seats: dict[float, int], first: Panel) -> None:
+    x = design.yoke.length
+    for hinge in design.hinges.root:
         node = _footprint(mesh, "root hinge", first, hinge, (x, hinge.position, 0.0), x, x + hinge.footprint)
-        mesh.parts.append(Spring("root hinge", (seat, node), hinge.stiffness.values))
+        mesh.parts.append(Spring("root hinge", (seats[hinge.position], node), hinge.stiffness.values))
 
 
 def _hinge_line(mesh: Mesh, design: ArrayDesign, number: int, before: Panel, after: Panel) -> None:
@@ -158,12 +148,12 @@ def _hinge_line(mesh: Mesh, design: ArrayDesign, number: int, before: Panel, aft
         mesh.parts.append(Spring(name, (a, b), hinge.stiffness.values))
 
 
-def _footprint(mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Any, start: float, end: float) -> int:
+def _footprint(mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Point, start: float, end: float) -> int:
     """A node at ``place``, rigidly linked to the panel's nodes in the hinge's footprint."""
     index, xyz = panel
     half = hinge.footprint / 2.0 + 1e-6
     inside = (xyz[:, 0] > start - 1e-6) & (xyz[:, 0] < end + 1e-6) & (np.abs(xyz[:, 1] - hinge.position) < half)
-    node = int(mesh.add(place)[0])
+    node = mesh.node(*place)
     mesh.parts.append(Link(name, node, index[inside]))
     return node
 
@@ -179,40 +169,10 @@ def _masses(mesh: Mesh, design: ArrayDesign, panels: list[Panel]) -> None:
         mesh.parts.append(Lump(f"mass {k + 1}", int(index[nearest]), item.mass))
 
 
-def damping_of(design: ArrayDesign | SimulatorDesign, frequency: np.ndarray) -> np.ndarray:
-    """Damping ratios of modes at ``frequency`` [Hz], (s,)."""
-    Omega = 2.0 * np.pi * frequency
-    rule = design.damping
-    xi = rule.ratio + rule.mass / (2.0 * Omega) + rule.stiffness * Omega / 2.0
-    given = rule.modes[: xi.size]
-    xi[: len(given)] = given
-    return np.minimum(xi, 0.99)
-
-
-@lru_cache(maxsize=8)
-def solve_array(design: ArrayDesign, count: int) -> Modes:
-    """Lowest ``count`` modes of a description; kept in memory."""
-    return solve(structure_of(design), count)
-
-
-def modal_model(design: ArrayDesign, count: int) -> ModalModel:
-    """Modal model of a description, with the questions that its numbers raise."""
-    modes = solve_array(design, count)
-    xi = damping_of(design, modes.frequency)
-    notes = questions(design, modes)
-    return ModalModel(
-        modes.frequency, xi, modes.participation, modes.mass, design.drive_axis, design.title or "array", notes
-    )
-
-
 def questions(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:
     """What looks like a wrong unit, as questions."""
-    notes = []
     areal, first = design.sandwich.areal_mass, float(modes.frequency[0])
-    if not 0.5 <= areal <= 50.0:
-        notes.append(f"The panels weigh {areal:.4g} kg/m²; solar panels weigh 0.5 to 50. Is a unit wrong?")
-    if not 0.02 <= first <= 50.0:
-        notes.append(
-            f"The first mode is at {first:.4g} Hz; deployed arrays have it between 0.02 and 50. Is a unit wrong?"
-        )
-    return tuple(notes)
+    weight = f"The panels weigh {areal:.4g} kg/m²; solar panels weigh 0.5 to 50. Is a unit wrong?"
+    mode = f"The first mode is at {first:.4g} Hz; deployed arrays have it between 0.02 and 50. Is a unit wrong?"
+    doubtful = {weight: not 0.5 <= areal <= 50.0, mode: not 0.02 <= first <= 50.0}
+    return tuple(text for text, doubt in doubtful.items() if doubt)

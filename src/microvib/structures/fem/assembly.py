@@ -51,50 +51,45 @@ def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 
 def _sum(structure: Structure) -> tuple[Any, Any]:
-    K, M = _Triplets(structure.dof), _Triplets(structure.dof)
+    K: list[Entries] = []
+    M: list[Entries] = []
     for part in structure.parts:
         if isinstance(part, (Shells, Beams)):
             stiffness, mass, which = element_matrices(part, structure.xyz)
-            K.add(part.nodes, stiffness, which)
-            M.add(part.nodes, mass, which)
+            K.append(_entries(part.nodes, stiffness, which))
+            M.append(_entries(part.nodes, mass, which))
         elif isinstance(part, Spring):
             k = np.diag(part.stiffness)
-            K.add(np.array([part.nodes]), np.block([[k, -k], [-k, k]])[None])
+            K.append(_entries(np.array([part.nodes]), np.block([[k, -k], [-k, k]])[None]))
         elif isinstance(part, Lump):
-            M.add(np.array([[part.node]]), np.diag([part.mass] * 3 + list(part.inertia))[None])
-    return K.matrix(), M.matrix()
+            M.append(_entries(np.array([[part.node]]), np.diag([part.mass] * 3 + list(part.inertia))[None]))
+    return _matrix(K, structure.dof), _matrix(M, structure.dof)
 
 
-class _Triplets:
-    """Entries of a sparse matrix, collected group by group."""
+Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Rows, columns and values of a sparse matrix, (n,) each."""
 
-    def __init__(self, size: int) -> None:
-        self.size = size
-        self.rows: list[np.ndarray] = [np.zeros(0, np.int32)]
-        self.columns: list[np.ndarray] = [np.zeros(0, np.int32)]
-        self.values: list[np.ndarray] = [np.zeros(0)]
 
-    def add(self, nodes: np.ndarray, matrices: np.ndarray, which: Any = slice(None)) -> None:
-        """Elements with ``nodes`` (n, c); ``which`` (n,) of the dense ``matrices`` (d, 6 c, 6 c) each one has."""
-        dof = (6 * nodes[:, :, None] + np.arange(6)).reshape(len(nodes), -1).astype(np.int32)
-        diagonal = np.sqrt(np.abs(np.einsum("eii->ei", matrices)))
-        scale = diagonal[:, :, None] * diagonal[:, None, :]
-        # Rounding would couple bending and motion in the plane of flat panels, and multiply the fill of the factor.
-        rows, columns = np.nonzero(np.any(np.abs(matrices) > ROUNDING * scale, axis=0))
-        self.rows.append(dof[:, rows].ravel())
-        self.columns.append(dof[:, columns].ravel())
-        self.values.append(matrices[:, rows, columns][which].ravel())
+def _entries(nodes: np.ndarray, matrices: np.ndarray, which: Any = slice(None)) -> Entries:
+    """Entries of elements with ``nodes`` (n, c); ``which`` (n,) of the dense ``matrices`` (d, 6 c, 6 c) each one has."""
+    dof = (6 * nodes[:, :, None] + np.arange(6)).reshape(len(nodes), -1).astype(np.int32)
+    diagonal = np.sqrt(np.abs(np.einsum("eii->ei", matrices)))
+    scale = diagonal[:, :, None] * diagonal[:, None, :]
+    # Rounding would couple bending and motion in the plane of flat panels, and multiply the fill of the factor.
+    rows, columns = np.nonzero(np.any(np.abs(matrices) > ROUNDING * scale, axis=0))
+    return dof[:, rows].ravel(), dof[:, columns].ravel(), matrices[:, rows, columns][which].ravel()
 
-    def matrix(self) -> Any:
-        entries = (np.concatenate(self.rows), np.concatenate(self.columns))
-        return sp.coo_array((np.concatenate(self.values), entries), shape=(self.size, self.size)).tocsc()
+
+def _matrix(groups: list[Entries], size: int) -> Any:
+    if not groups:
+        return sp.csc_array((size, size))
+    rows, columns, values = (np.concatenate(parts) for parts in zip(*groups, strict=True))
+    return sp.coo_array((values, (rows, columns)), shape=(size, size)).tocsc()
 
 
 def _reduction(structure: Structure, clamped: bool) -> Any:
     """All degrees of freedom as combinations of those that are free: u_slave = u_master + theta x r."""
-    motion = (
-        sp.identity(structure.dof, format="lil") if structure.of(Link) else sp.identity(structure.dof, format="csc")
-    )
+    motion = sp.identity(structure.dof, format="lil" if structure.of(Link) else "csc")
     gone = list(range(6 * structure.interface, 6 * structure.interface + 6)) if clamped else []
     for link in structure.of(Link):
         R = rigid_motions(structure.xyz[link.slaves], structure.xyz[link.master])

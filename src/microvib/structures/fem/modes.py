@@ -10,6 +10,7 @@ from microvib.structures.fem.assembly import assemble
 from microvib.structures.fem.checks import check_mechanisms, check_structure
 from microvib.structures.fem.eigen import lowest_modes
 from microvib.structures.fem.structure import Structure
+from microvib.structures.modal import natural_frequency
 
 KINDS = {
     "B": "out-of-plane bending",
@@ -43,21 +44,16 @@ def solve(structure: Structure, count: int) -> Modes:
     check_structure(structure)
     system = assemble(structure)
     values, vectors = lowest_modes(system.K, system.M, count)
-    frequency = np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi)
+    frequency = natural_frequency(values)
     everywhere = system.T @ vectors
     MR = system.M_all @ system.R
     node_masses = MR[:, 0].reshape(-1, 6)[:, 0]
     participation = MR.T @ everywhere
-    sign = np.where(np.take_along_axis(participation, _largest(participation), axis=0)[0] < 0.0, -1.0, 1.0)
+    largest = np.argmax(np.abs(participation), axis=0)[None]  # of each mode the direction that is to be positive
+    sign = np.where(np.take_along_axis(participation, largest, axis=0)[0] < 0.0, -1.0, 1.0)
     shapes = (everywhere * sign).reshape(-1, 6, count)
     check_mechanisms(structure, frequency, shapes, node_masses)
     return Modes(structure, frequency, shapes, participation * sign, system.R.T @ MR, node_masses)
-
-
-def _largest(participation: np.ndarray) -> np.ndarray:
-    """Row of the largest participation of each mode, which is to be positive, (1, s)."""
-    row: np.ndarray = np.argmax(np.abs(participation), axis=0)[None]
-    return row
 
 
 def kinds(modes: Modes, axis: int = 0, normal: int = 2) -> tuple[str, ...]:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from functools import lru_cache
 
 import numpy as np
 from pyfe3d.shellprop_utils import isotropic_plate
 
-from microvib.structures.fem import modes
-from microvib.structures.fem.array_mesh import check_size, damping_of, grid_lines, tube_section
+from microvib.structures.fem.array_mesh import check_size, grid_lines, tube_section
 from microvib.structures.fem.modes import Modes
 from microvib.structures.fem.structure import Link, Lump, Mesh, Section, Spring, Structure
-from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import Shaft, SimulatorDesign
 
 KINDS = {
@@ -32,7 +29,7 @@ def structure_of(design: SimulatorDesign) -> Structure:
     """Mesh of a description; StructureError where it would be too large."""
     check_size(6.0 * (design.plate.length / design.mesh) * (design.plate.width / design.mesh), design.mesh)
     mesh = Mesh()
-    interface = int(mesh.add((0.0, 0.0, 0.0))[0])
+    interface = mesh.node(0.0, 0.0, 0.0)
     mesh.parts.append(_disc("connector", interface, design.shaft.connector_mass, design.shaft.connector_diameter))
     seat, bearing = _shaft(mesh, design, interface)
     sliders = _plate(mesh, design, seat)
@@ -56,7 +53,7 @@ def _disc(name: str, node: int, mass: float, diameter: float, height: float = 0.
 def _shaft(mesh: Mesh, design: SimulatorDesign, interface: int) -> tuple[int, int]:
     """Beams along the shaft; its nodes at plate and bearing."""
     shaft = design.shaft
-    at = {z: int(mesh.add((0.0, 0.0, z))[0]) for z in (shaft.plate_at, shaft.bearing_at)}
+    at = {z: mesh.node(0.0, 0.0, z) for z in (shaft.plate_at, shaft.bearing_at)}
     heights = sorted(at)
     section = shaft_section(design, shaft)
     for a, b in itertools.pairwise([interface, *(at[z] for z in heights)]):
@@ -85,10 +82,8 @@ def _plate(mesh: Mesh, design: SimulatorDesign, seat: int) -> dict[tuple[float, 
     mesh.parts.append(Link("plate hub", seat, index[_inside(xyz, 0.0, p.hub / 2.0)]))
     hooks: dict[tuple[float, float, float], int] = {}
     for sx in _SIDES:
-        node = int(mesh.add((sx * arm, 0.0, z))[0])
-        own = {
-            (sx, sy, sz): int(mesh.add((sx * arm, sy * p.hook, z + sz * level))[0]) for sy in _SIDES for sz in _SIDES
-        }
+        node = mesh.node(sx * arm, 0.0, z)
+        own = {(sx, sy, sz): mesh.node(sx * arm, sy * p.hook, z + sz * level) for sy in _SIDES for sz in _SIDES}
         mesh.parts.append(Link("slider", node, np.append(index[_inside(xyz, sx * arm, half)], list(own.values()))))
         turning = 2.0 * p.slider_mass * level**2
         mesh.parts.append(Lump("slider", node, 2.0 * p.slider_mass, (turning, turning, 0.0)))
@@ -124,7 +119,7 @@ def _chain(mesh: Mesh, design: SimulatorDesign, nodes: Nodes, name: str, places:
     section = tube_section(design.frame.tube, design.material)
     for place in places:
         if place not in nodes:
-            nodes[place] = int(mesh.add((*place, design.shaft.plate_at))[0])
+            nodes[place] = mesh.node(*place, design.shaft.plate_at)
     for a, b in itertools.pairwise(places):
         mesh.line(name, (nodes[a], nodes[b]), section, design.mesh)
 
@@ -133,7 +128,7 @@ def _bridge(mesh: Mesh, design: SimulatorDesign, nodes: Nodes, bearing: int) -> 
     """The frame's rigid bridge over the plate, on the bearing; its node."""
     f, k = design.frame, design.bearing
     h, b, m = f.bridge / 2.0, f.rail, f.bridge_mass
-    node = int(mesh.add((0.0, 0.0, design.shaft.bearing_at))[0])
+    node = mesh.node(0.0, 0.0, design.shaft.bearing_at)
     mesh.parts.append(Link("bridge", node, np.array([nodes[s * h, t * b] for s in _SIDES for t in _SIDES])))
     mesh.parts.append(Lump("bridge", node, m, (m * b**2 / 3.0, m * h**2 / 3.0, m * (h**2 + b**2) / 3.0)))
     mesh.parts.append(Spring("bearing", (bearing, node), (k.radial, k.radial, k.axial, k.rocking, k.rocking, 0.0)))
@@ -146,7 +141,7 @@ def _counterweights(mesh: Mesh, design: SimulatorDesign, nodes: Nodes) -> None:
     seat = design.frame.weight_seat_mass
     about = seat * b**2 / 3.0  # the seat is a bar from rail to rail
     for k, (x, y) in enumerate([(w.radius, 0.0), (-w.radius, 0.0), (0.0, w.radius), (0.0, -w.radius)], 1):
-        node = int(mesh.add((x, y, z))[0])
+        node = mesh.node(x, y, z)
         places = [(x, s * b) for s in _SIDES] if y == 0.0 else [(s * b, y) for s in _SIDES]
         mesh.parts.append(Link(f"seat {k}", node, np.array([nodes[p] for p in places])))
         mesh.parts.append(_disc(f"counterweight {k}", node, w.mass, w.diameter, w.height))
@@ -171,7 +166,7 @@ def _springs(
     for sx, sy in itertools.product(_SIDES, _SIDES):
         seat = nodes[sx * design.arm, sy * f.rail]
         mesh.parts.append(Lump("spring seat", seat, f.spring_seat_mass))
-        pair = [int(mesh.add((sx * design.arm, sy * end, z + sz * design.plate.level))[0]) for sz in _SIDES]
+        pair = [mesh.node(sx * design.arm, sy * end, z + sz * design.plate.level) for sz in _SIDES]
         mesh.parts.append(Link("spring seat", seat, np.array(pair)))
         for sz, outer in zip(_SIDES, pair, strict=True):
             inner = hooks[sx, sy, sz]
@@ -179,20 +174,6 @@ def _springs(
             for node, lever in ((inner, F * design.plate.hook), (outer, -F * end)):
                 mesh.parts.append(Spring("tension", (interface, node), (0.0, 0.0, 0.0, lever, 0.0, lever)))
                 mesh.parts.append(Lump("spring", node, half))
-
-
-@lru_cache(maxsize=16)
-def solve(design: SimulatorDesign, count: int) -> Modes:
-    """Lowest ``count`` modes of a description; kept in memory."""
-    return modes.solve(structure_of(design), count)
-
-
-def modal_model(design: SimulatorDesign, count: int) -> ModalModel:
-    """Modal model of a description."""
-    found = solve(design, count)
-    xi = damping_of(design, found.frequency)
-    title = design.title or "simulator"
-    return ModalModel(found.frequency, xi, found.participation, found.mass, design.drive_axis, title)
 
 
 def kinds(found: Modes) -> tuple[str, ...]:

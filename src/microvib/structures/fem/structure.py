@@ -128,6 +128,10 @@ class Mesh:
         self.count += len(points)
         return np.arange(self.count - len(points), self.count)
 
+    def node(self, x: float, y: float, z: float) -> int:
+        """Index of one new node."""
+        return int(self.add((x, y, z))[0])
+
     def rectangle(
         self, name: str, x: np.ndarray, y: np.ndarray, z: float, laminate: Any
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,53 @@
+"""Files that others wrote: looked at before they are opened, and whatever is wrong with them as one sentence."""
+
+from __future__ import annotations
+
+import stat
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from microvib.errors import MicrovibError, error_context
+
+LARGEST = 8_000_000_000
+"""Bytes of the largest file that is opened."""
+
+
+@contextmanager
+def reading(path: Path, kind: type[MicrovibError]) -> Iterator[None]:
+    """Every error of the block as a ``kind`` that names the file; libraries raise whatever they meet in a broken one."""
+    with error_context(path), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        except MicrovibError as error:
+            raise kind(str(error), remedy=error.remedy) from None
+        except MemoryError:
+            raise kind("needs more memory than there is; it is too large, or broken") from None
+        except Exception as error:
+            found = f"{type(error).__name__}: {str(error)[:300]}"
+            raise kind(f"is broken or truncated, or not of its kind ({found})") from None
+
+
+def check_file(path: Path, largest: int = LARGEST) -> None:
+    """MicrovibError unless there is a file that can be read and has at most ``largest`` bytes."""
+    try:
+        facts = path.stat()
+        if not stat.S_ISREG(facts.st_mode):
+            raise MicrovibError("is not a file")
+        path.open("rb").close()
+    except (OSError, ValueError) as error:
+        raise MicrovibError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if facts.st_size > largest:
+        raise MicrovibError(f"has {facts.st_size / 1e9:.1f} GB; files of at most {largest / 1e9:g} GB are read")
+
+
+def library(module: str, package: str, extra: str) -> Any:
+    """A module of an optional ``package``; MicrovibError where it is not installed, with the extra that brings it."""
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MicrovibError(f"{package} is not installed; pip install 'microvib[{extra}]'") from None
