@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from support.scenarios import random_scenario
 
 import microvib as mv
-from microvib.analysis.accuracy import BOUND, SENSITIVE, accuracy, noted
+from microvib.analysis.accuracy import BOUND, SENSITIVE, account, accuracy, noted
 from microvib.analysis.limits import Limit, judge
 from microvib.cli.main import main
 from microvib.io.runs import read_run
@@ -97,7 +97,7 @@ def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
 def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
     motion, whole, estimate = off
     table = replace(whole, lines=tuple(x for x in whole if x.status == "ok"))  # what rings would be a doubt of its own
-    known, solver = noted(table, motion.solver, estimate)
+    known, solver = noted(table, estimate), account(motion.solver, estimate)
     assert known.own_error == estimate.doubt == solver["error_estimate"]["line"]
     line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
     near = Limit(line.amplitude_n_m * (1.0 + 0.5 * estimate.line))

@@ -26,7 +26,8 @@ import microvib as mv
 from microvib.io.recordings import write_recording
 from microvib.io.scenario_file import catalog_text, parse_yaml
 from microvib.reports.run.folder import run_scenario
-from microvib.solve.motion import CHANNELS
+from microvib.signals.screen import outline
+from microvib.solve.channels import CHANNELS
 from microvib.testdata.recording import Recording
 from microvib.web.jobs import series
 from microvib.web.jobs.store import Desk
@@ -174,10 +175,10 @@ def test_a_thinned_spectrum_has_no_plateaus_on_a_logarithmic_axis():
     """A tone between two decades: few points at low frequencies would draw a level line from it to its neighbours."""
     f = np.arange(200_000) / 100.0
     y = np.where(np.abs(f - 1.19) < 0.005, 1.0, 1e-6)
-    shown, values = series.outline(f, y, 4000, log=True)
+    shown, values = outline(f, y, 4000, log=True)
     assert np.array_equal(shown[shown < 3.0], f[f < 3.0])
     assert (values == 1.0).sum() == 1
-    thinned, low = series.outline(f, np.abs(np.sin(f)) + 1e-6, 1000)
+    thinned, low = outline(f, np.abs(np.sin(f)) + 1e-6, 1000)
     assert thinned.size <= 1000
     assert np.median(low) < 0.75  # the smallest are there beside the largest
 

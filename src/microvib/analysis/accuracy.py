@@ -105,10 +105,14 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     return replace(found, refinement=(2 if second.line <= BOUND else 4) * own, advised=True)
 
 
-def noted(table: LineTable, solver: Mapping[str, Any], found: Accuracy | None) -> tuple[LineTable, dict[str, Any]]:
-    """A table that knows how far it is off, so that a limit is judged by it, and the solver's account with the estimate."""
-    off = 0.0 if found is None else found.doubt
-    return replace(table, own_error=off), {**solver, KEY: None if found is None else asdict(found)}
+def noted(table: LineTable, found: Accuracy | None) -> LineTable:
+    """A table that knows how far it is off, so that a limit is judged by it."""
+    return replace(table, own_error=0.0 if found is None else found.doubt)
+
+
+def account(solver: Mapping[str, Any], found: Accuracy | None) -> dict[str, Any]:
+    """The solver's account with the estimate."""
+    return {**solver, KEY: None if found is None else asdict(found)}
 
 
 def estimate_in(solver: Mapping[str, Any]) -> Accuracy | None:

@@ -10,8 +10,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Invariants, Motion
 from microvib.solve.simulate import Progress, from_rest
-from microvib.solve.steady.period import NotPeriodic
-from microvib.solve.steady.state import SteadyState, steady_state
+from microvib.solve.steady.state import SteadyState, find_steady
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,3 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     state, why = find_steady(scenario)
     source = state or from_rest(scenario, channels=("T_d",), progress=progress)
     return Steady(lines(source, harmonics=harmonics), source, why)
-
-
-def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
-    """The steady state, or None and why there is none."""
-    try:
-        return steady_state(scenario), ""
-    except NotPeriodic as why:
-        return None, str(why)

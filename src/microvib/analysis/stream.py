@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.accuracy import accuracy, noted, stretch
+from microvib.analysis.accuracy import account, accuracy, noted, stretch
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable, Rest
@@ -47,8 +47,8 @@ def lines_of_stream(
     table = tables[0] if len(tables) == 1 else _mean(tables, bins)
     t = scenario.record.settle + np.arange(begun.size) / rate
     motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
-    table, solver = noted(table, run.solver, accuracy(motion, table))
-    return table, run.invariants, solver | {"line_blocks": len(tables)}
+    found = accuracy(motion, table)
+    return noted(table, found), run.invariants, account(run.solver, found) | {"line_blocks": len(tables)}
 
 
 def _regroup(run: Run, size: int) -> Iterator[np.ndarray]:

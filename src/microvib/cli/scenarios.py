@@ -14,8 +14,8 @@ from microvib.errors import OptionError
 from microvib.reports.document import Form
 
 if TYPE_CHECKING:
+    from microvib.analysis.run import RunResult
     from microvib.model.scenario import Scenario
-    from microvib.reports.run.folder import RunResult
     from microvib.signals.line_table import LineTable
 
 
@@ -41,7 +41,6 @@ def run(
     steady: bool, limit: str | None, band: str | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
-    from microvib.analysis.accuracy import estimate_in
     from microvib.analysis.limits import Limit, judge
     from microvib.io.results import check_folder, free_folder
     from microvib.reports.run.folder import run_scenario
@@ -53,7 +52,7 @@ def run(
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
-        result = run_scenario(
+        result, files = run_scenario(
             loaded,
             out,
             overwrite=overwrite,
@@ -73,10 +72,9 @@ def run(
         f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
         f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
     )
-    estimate = estimate_in(result.solver)
-    if estimate is not None:
-        echo(f"Integration: {estimate}.")
-    echo(f"Written: {', '.join(str(out / name) for name in result.files)}")
+    if result.accuracy is not None:
+        echo(f"Integration: {result.accuracy}.")
+    echo(f"Written: {', '.join(str(out / name) for name in files)}")
 
 
 def _steady_sentence(result: RunResult) -> str:

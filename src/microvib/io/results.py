@@ -23,7 +23,8 @@ from microvib.io.writing import Writer, real_path, workspace, write_files
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable
-from microvib.solve.motion import CHANNELS, INTERFACE, MODAL, Motion
+from microvib.solve.channels import TIME, Channel
+from microvib.solve.motion import Motion
 
 RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.html")
 """Files of a run's folder; only a folder that holds nothing else may be replaced."""
@@ -151,22 +152,16 @@ def write_motion(motion: Motion, path: Path) -> None:
         f.attrs["sample_rate_hz"] = motion.sample_rate
         f.attrs["scenario"] = dump_scenario(motion.scenario)
         f.attrs["microvib_version"] = package_versions()["microvib"]
-        _variable(f, "time", ("time",), motion.time, "s", "time from the start of the command")
-        for name, values in motion.channels.items():
-            channel = CHANNELS.get(name) or MODAL[name]
-            dims = ("time", "mode") if values.ndim == 2 else ("time",)
+        _variable(f, TIME, motion.time)
+        for channel, values in motion.variables():
             if values.size:
-                _variable(f, name, dims, values, channel.unit, channel.meaning)
-        loads = motion.interface_loads()
-        if loads is not None:
-            for k, name in enumerate(INTERFACE):
-                _variable(f, name, ("time",), loads[:, k], "N" if k < 3 else "N*m", f"{name} on the spacecraft")
+                _variable(f, channel, values)
 
 
-def _variable(f: Any, name: str, dims: tuple[str, ...], values: Any, unit: str, meaning: str) -> None:
-    variable = f.create_variable(name, dims, data=values)
-    variable.attrs["units"] = unit
-    variable.attrs["long_name"] = meaning
+def _variable(f: Any, channel: Channel, values: Any) -> None:
+    variable = f.create_variable(channel.name, ("time", "mode")[: values.ndim], data=values)
+    variable.attrs["units"] = channel.unit
+    variable.attrs["long_name"] = channel.meaning
 
 
 def package_versions() -> dict[str, str]:

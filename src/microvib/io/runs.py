@@ -15,7 +15,8 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.io.scenario_file import load_scenario
 from microvib.signals.line_table import Line, LineTable, Rest
-from microvib.solve.motion import CHANNELS, MODAL, Invariants, Motion
+from microvib.solve.channels import CHANNELS, MODAL
+from microvib.solve.motion import Invariants, Motion
 
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
 

@@ -256,9 +256,18 @@ def dump_part(part: Part) -> str:
     return stream.getvalue()
 
 
+_last: tuple[Scenario | None, str] = (None, "")
+"""The scenario that was written last and its text: what a run writes asks for it several times, 20 ms each."""
+
+
 def dump_scenario(scenario: Scenario) -> str:
     """YAML text of a scenario."""
-    return dump_part(scenario)
+    global _last
+    last, text = _last
+    if last is not scenario:
+        text = dump_part(scenario)
+        _last = scenario, text
+    return text
 
 
 def _without_empty(data: Any) -> Any:

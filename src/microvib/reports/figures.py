@@ -12,6 +12,7 @@ from microvib.analysis.lines import spectrum
 from microvib.model.linear import coupled_modes
 from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable
+from microvib.signals.screen import extremes
 from microvib.signals.spectrum import Density, Spectrum, Waterfall
 from microvib.solve.motion import Motion
 
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from microvib.analysis.limits import Judgement
+
+
+_POINTS = 2000
+"""Groups of samples that a time history is drawn of, at least where there are more."""
 
 
 def plot(motion: Motion, table: LineTable | None = None) -> Figure:
@@ -52,18 +57,11 @@ def draw_first_page(motion: Motion, table: LineTable, highest: float, judged: Ju
 
 def draw_history(ax: Axes, motion: Motion) -> None:
     """Disturbance torque over the record (as Figure 9b, drive axis), peaks kept when points are merged."""
-    t, low, high = envelope(motion.time, 1e3 * motion["T_d"])
-    ax.fill_between(t, low, high, color=BLUE, linewidth=0.4, edgecolor=BLUE)
+    size = max(motion.time.size // _POINTS, 1)
+    low, high = extremes(1e3 * motion["T_d"], size)
+    ax.fill_between(motion.time[::size], low, high, color=BLUE, linewidth=0.4, edgecolor=BLUE)
     ax.set(xlabel="time [s]", ylabel="disturbance torque [mN m]", title="Time history about the drive axis")
     ax.margins(x=0)
-
-
-def envelope(t: np.ndarray, x: np.ndarray, points: int = 2000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Smallest and largest value in each of at most ``points`` groups, so that no peak is lost."""
-    size = max(t.size // points, 1)
-    n = t.size // size * size
-    groups = x[:n].reshape(-1, size)
-    return t[:n].reshape(-1, size)[:, 0], groups.min(axis=1), groups.max(axis=1)
 
 
 def draw_stretch(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,56 +11,9 @@ import numpy as np
 from microvib.errors import ChannelError
 from microvib.model.array import Array
 from microvib.model.scenario import Scenario
+from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LOADS, TIME, Channel
 from microvib.solve.command import Command
 
-
-@dataclass(frozen=True)
-class Channel:
-    """What one channel of a motion is."""
-
-    name: str
-    unit: str
-    meaning: str
-
-
-CHANNELS = {
-    channel.name: channel
-    for channel in (
-        Channel("i_A", "A", "current of phase A"),
-        Channel("i_B", "A", "current of phase B"),
-        Channel("u_A", "V", "voltage of phase A"),
-        Channel("u_B", "V", "voltage of phase B"),
-        Channel("i_ref_A", "A", "reference current of phase A (Eq. 1)"),
-        Channel("i_ref_B", "A", "reference current of phase B (Eq. 1)"),
-        Channel("theta_m", "rad", "angle of the rotor"),
-        Channel("omega_m", "rad/s", "rate of the rotor"),
-        Channel("alpha_m", "rad/s^2", "angular acceleration of the rotor"),
-        Channel("theta_l", "rad", "angle of the array's root"),
-        Channel("omega_l", "rad/s", "rate of the array's root"),
-        Channel("alpha_l", "rad/s^2", "angular acceleration of the array's root"),
-        Channel("T_e", "N*m", "motor torque, electromagnetic and detent (Eq. 4)"),
-        Channel("T_f_m", "N*m", "friction on the rotor"),
-        Channel("T_f", "N*m", "friction on the output (Eq. 7)"),
-        Channel("T_g", "N*m", "torque through the reducer on the output"),
-        Channel("T_l", "N*m", "load torque of the array (Eq. 16)"),
-        Channel("T_d", "N*m", "disturbance torque on the spacecraft, momentum form (Eq. 20)"),
-        Channel("T_d_force", "N*m", "disturbance torque on the spacecraft, sum of what the housing feels"),
-        Channel("stuck_rotor", "1", "fraction of the time that the rotor sticks"),
-        Channel("stuck_output", "1", "fraction of the time that the output shaft sticks"),
-        Channel("E_kinetic", "J", "kinetic energy"),
-        Channel("E_magnetic", "J", "magnetic energy of the windings"),
-        Channel("E_elastic", "J", "elastic energy of gear, modes and detent"),
-        Channel("E_electrical", "J", "electrical energy put in since t = 0"),
-        Channel("E_joule", "J", "energy lost in the windings since t = 0"),
-        Channel("E_friction", "J", "energy lost in both frictions since t = 0"),
-        Channel("E_damping", "J", "energy lost in gear and modal damping since t = 0"),
-    )
-}
-MODAL = {
-    "eta": Channel("eta", "kg^0.5*m", "modal coordinates"),
-    "eta_rate": Channel("eta_rate", "kg^0.5*m/s", "rates of the modal coordinates"),
-}
-INTERFACE = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
 
@@ -119,25 +72,23 @@ class Motion:
         """
         return interface_loads(self.channels, self.scenario.array)
 
+    def variables(self) -> Iterator[tuple[Channel, np.ndarray]]:
+        """Every channel with its samples, (n,) or modal (n, s); loads at the interface among them where they are known."""
+        yield from ((KNOWN[name], x) for name, x in self.channels.items())
+        loads = self.interface_loads()
+        if loads is not None:
+            yield from zip(LOADS.values(), loads.T, strict=True)
+
     @property
     def dataset(self) -> Any:
         """The same as an ``xarray.Dataset`` with dimensions ``time`` and ``mode`` and a unit on every variable."""
         import xarray as xr
 
-        data = {}
-        for name, values in self.channels.items():
-            channel = CHANNELS.get(name) or MODAL[name]
-            dims = ("time", "mode") if values.ndim == 2 else ("time",)
-            data[name] = (dims, values, {"units": channel.unit, "long_name": channel.meaning})
-        loads = self.interface_loads()
-        if loads is not None:
-            for k, name in enumerate(INTERFACE):
-                data[name] = (
-                    ("time",),
-                    loads[:, k],
-                    {"units": unit_of(name), "long_name": f"{name} on the spacecraft"},
-                )
-        coords = {"time": ("time", self.time, {"units": "s", "long_name": "time from the start of the command"})}
+        data = {
+            channel.name: (("time", "mode")[: x.ndim], x, {"units": channel.unit, "long_name": channel.meaning})
+            for channel, x in self.variables()
+        }
+        coords = {"time": ("time", self.time, {"units": TIME.unit, "long_name": TIME.meaning})}
         return xr.Dataset(data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate})
 
 
@@ -160,9 +111,12 @@ def interface_loads(channels: Mapping[str, np.ndarray], array: Array) -> np.ndar
 
 def unit_of(name: str) -> str:
     """Unit of a channel or of a load at the interface."""
-    if name in INTERFACE:
-        return "N" if name.startswith("F") else "N*m"
-    return (CHANNELS.get(name) or MODAL[name]).unit
+    return KNOWN[name].unit
+
+
+def record_bytes(scenario: Scenario) -> float:
+    """Size of all samples of a record, times included [bytes]."""
+    return 8.0 * scenario.record.samples * (len(CHANNELS) + 1 + 2 * len(scenario.array.modes))
 
 
 def channel_of(channels: Mapping[str, np.ndarray], name: str, array: Array) -> np.ndarray:

@@ -40,15 +40,12 @@ def simulate(
     """
     if scenario.record.start == "rest":
         return from_rest(scenario, progress=progress, channels=channels)
-    from microvib.solve.steady.period import NotPeriodic
-    from microvib.solve.steady.state import steady_state  # which runs this module's ``Run`` itself
+    from microvib.solve.steady.state import find_steady  # which runs this module's ``Run`` itself
 
-    try:
-        motion = steady_state(scenario).motion(progress=progress, channels=channels)
-        return replace(motion, solver={**motion.solver, "steady": "used"})
-    except NotPeriodic as why:
-        motion = from_rest(scenario, progress=progress, channels=channels)
-        return replace(motion, solver={**motion.solver, "steady": f"not used: {why}"})
+    state, why = find_steady(scenario)
+    begin = (lambda **options: from_rest(scenario, **options)) if state is None else state.motion
+    motion = begin(progress=progress, channels=channels)
+    return replace(motion, solver={**motion.solver, "steady": "used" if state else f"not used: {why}"})
 
 
 def from_rest(

@@ -6,27 +6,25 @@ import math
 
 import numpy as np
 
+from microvib.analysis.budget import budget
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn
 from microvib.reports.document import Section, Table, Text, table
 from microvib.signals.line_table import Line, LineTable
-from microvib.signals.spectrum import tone
 from microvib.solve.motion import Motion
 
 _MAX_LINES = 3
+_ROWS = {
+    "T_e": "−T_e, motor",
+    "T_f_m": "T_f,m, rotor friction",
+    "T_f": "T_f, output friction",
+    "T_g": "−(1 + 1/h) T_g, gear",
+    "T_d": "T_d, their sum",
+    "T_l": "T_l, load of the array (not in the sum)",
+}
+"""Each torque, as the housing feels it."""
 _TINY = 1e-9
 """Part of a line's largest contribution below which a phase says nothing."""
-
-
-def contributions(motion: Motion) -> dict[str, np.ndarray]:
-    """What the housing feels of each torque, (n,) each [N m]; they add up to T_d."""
-    gear = 1.0 + 1.0 / motion.scenario.reducer.ratio
-    return {
-        "−T_e, motor": -motion["T_e"],
-        "T_f,m, rotor friction": motion["T_f_m"],
-        "T_f, output friction": motion["T_f"],
-        "−(1 + 1/h) T_g, gear": -gear * motion["T_g"],
-    }
 
 
 def budget_section(motion: Motion, lines: LineTable) -> Section:
@@ -54,22 +52,16 @@ def main_lines(lines: LineTable) -> list[Line]:
 
 
 def _budget(motion: Motion, lines: list[Line]) -> Table:
-    rows = {
-        **contributions(motion),
-        "T_d, their sum": motion["T_d"],
-        "T_l, load of the array (not in the sum)": motion["T_l"],
-    }
-    torques = np.array(list(rows.values()))
-    at_lines = [tone(torques, motion.sample_rate, line.frequency_hz) for line in lines]
+    shares = budget(motion, [line.frequency_hz for line in lines])
+    felt = [shares[name].felt for name in _ROWS]
     header = ["contribution", "mean [mN m]", "RMS [mN m]", "largest [mN m]"]
-    for line in lines:
-        header += [f"{line.line} [mN m]", "phase [°]"]
-    columns = [_phasor_cells(values) for values in at_lines]
-    phasors = [[cell for column in columns for cell in column[k]] for k in range(len(rows))]
     cells = [
-        [name, _milli(float(x.mean())), _milli(float(x.std())), _milli(float(np.abs(x).max())), *at]
-        for (name, x), at in zip(rows.items(), phasors, strict=True)
+        [text, _milli(x.mean), _milli(x.rms), _milli(x.peak)] for text, x in zip(_ROWS.values(), felt, strict=True)
     ]
+    for k, line in enumerate(lines):
+        header += [f"{line.line} [mN m]", "phase [°]"]
+        for row, at in zip(cells, _phasor_cells(np.array([x.tones[k] for x in felt])), strict=True):
+            row += at
     return table(header, cells, "", {len(cells) - 2: "strong"})
 
 

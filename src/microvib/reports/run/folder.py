@@ -1,38 +1,23 @@
-"""A run from scenario to folder: simulate, find the lines, write everything."""
+"""A run from scenario to folder: solve it, write everything."""
 
 from __future__ import annotations
 
 import math
 import os
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from microvib.analysis.accuracy import accuracy, noted
 from microvib.analysis.limits import Limit
-from microvib.analysis.lines import lines
-from microvib.analysis.steady import find_steady
+from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError
 from microvib.io.results import check_room, lines_csv, summary, to_json, write_folder, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Form
-from microvib.signals.line_table import LineTable
-from microvib.solve.motion import CHANNELS, Invariants
-from microvib.solve.simulate import Progress, from_rest
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """What a run leaves in memory: its lines, how far it can be trusted, and the files that it wrote."""
-
-    table: LineTable
-    invariants: Invariants
-    solver: dict[str, Any]
-    files: tuple[str, ...]
-    fallback: str = ""
-    """Why a steady state that was asked for was not found; the run then began at rest."""
+from microvib.solve.motion import record_bytes
+from microvib.solve.simulate import Progress
 
 
 def run_scenario(
@@ -42,56 +27,68 @@ def run_scenario(
     overwrite: bool = False,
     lines_only: bool = False,
     harmonics: int = 8,
-    steady: bool = False,
     limit: Limit | None = None,
     form: Form | None = None,
     progress: Progress | None = None,
-) -> RunResult:
-    """Simulate and write the run's folder; nothing is written unless all of it can be.
+) -> tuple[RunResult, tuple[str, ...]]:
+    """``solve_run`` into a folder; the result, and the names of its files.
 
-    With ``steady``, which sets ``record.start``, the lines are those of the steady state, and the record starts in it instead of
-    settling. The report judges lines by ``limit``, and is also written as ``form`` says.
+    A record that has no room is refused before it is simulated, and nothing is written unless all of it can be.
     """
     begun = time.perf_counter()
     if not lines_only:
         _check_size(scenario, out)
-    if steady:
-        scenario = scenario.with_({"record.start": "steady"})
-    state, fallback = find_steady(scenario) if scenario.record.start == "steady" else (None, "")
-    files: dict[str, Any] = {}
-    if state is not None:
-        table, invariants, solver = lines(state, harmonics=harmonics), state.invariants, state.solver
-    elif lines_only:
-        from microvib.analysis.stream import lines_of_stream
+    result = solve_run(scenario, harmonics=harmonics, lines_only=lines_only, progress=progress)
+    return result, write_run(result, out, overwrite=overwrite, limit=limit, form=form, begun=begun)
 
-        table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
-    if not lines_only:
-        motion = state.motion(progress=progress) if state is not None else from_rest(scenario, progress=progress)
-        if state is None:
-            table, invariants, solver = lines(motion, harmonics=harmonics), motion.invariants, motion.solver
-        found = accuracy(motion, table)
-        table, solver = noted(table, solver, found)
-        motion = replace(motion, solver=noted(table, motion.solver, found)[1])
+
+def write_run(
+    result: RunResult,
+    out: Path,
+    *,
+    overwrite: bool = False,
+    limit: Limit | None = None,
+    form: Form | None = None,
+    begun: float | None = None,
+) -> tuple[str, ...]:
+    """Write a run's folder, all of it or nothing, and return the names of its files.
+
+    The report judges lines by ``limit``, and is also written as ``form`` says. ``begun`` is when the run began, on the clock of
+    ``time.perf_counter``.
+    """
+    files: dict[str, Any] = {}
+    motion, form = result.motion, form or Form()
+    if motion is not None:
         from microvib.reports.rendering import report_files
         from microvib.reports.run.report import run_report
 
-        form = form or Form()
         files = {"motion.nc": lambda path: write_motion(motion, path)}
-        files |= report_files(run_report(motion, table, limit=limit, form=form), form)
-    if fallback:
-        solver = {**solver, "steady": f"not used: {fallback}"}
-    files["lines.csv"] = lines_csv(table)
-    files["scenario.yaml"] = dump_scenario(scenario)
-    timings = {"simulate": solver["wall_s"], "total": time.perf_counter() - begun}
+        files |= report_files(run_report(motion, result.table, limit=limit, form=form), form)
+    total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
-    files["summary.json"] = to_json(summary(scenario, invariants, solver, table, **timings) | judged_by)
+    files |= run_texts(result, run_summary(result, **total) | judged_by)
     write_folder(out, files, overwrite)
-    return RunResult(table, invariants, solver, tuple(files), fallback)
+    return tuple(files)
+
+
+def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
+    """What ``summary.json`` says of a run."""
+    timings = {"simulate": result.solver["wall_s"], **timings}
+    return summary(result.scenario, result.invariants, result.solver, result.table, **timings)
+
+
+def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
+    """The files of a run that are text, by name."""
+    return {
+        "lines.csv": lines_csv(result.table),
+        "scenario.yaml": dump_scenario(result.scenario),
+        "summary.json": to_json(summed),
+    }
 
 
 def _check_size(scenario: Scenario, out: Path) -> None:
-    """Refuse a record that cannot be held in memory or written, before it is simulated."""
-    size = 8.0 * scenario.record.samples * (len(CHANNELS) + 1 + 2 * len(scenario.array.modes))
+    """Refuse a record that cannot be held in memory or written."""
+    size = record_bytes(scenario)
     try:
         available = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES"))
     except (AttributeError, ValueError, OSError):  # not known on this system

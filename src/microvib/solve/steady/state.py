@@ -137,6 +137,14 @@ def steady_state(scenario: Scenario) -> SteadyState:
     raise NotPeriodic(reason)
 
 
+def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
+    """The steady state of ``scenario``, or None and why there is none."""
+    try:
+        return steady_state(scenario), ""
+    except NotPeriodic as why:
+        return None, str(why)
+
+
 def _found(search: Search, spent: float, seconds: float) -> SteadyState:
     """The result of a search, after others simulated ``spent`` [s] in vain."""
     period = search.period

@@ -8,49 +8,52 @@ from typing import Any
 
 import numpy as np
 
+from microvib.analysis.budget import Share, budget
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
-from microvib.solve.motion import CHANNELS, INTERFACE, Motion
+from microvib.signals.screen import outline
+from microvib.solve.channels import CHANNELS
+from microvib.solve.motion import Motion
 from microvib.studies.analyse import Analysis
 from microvib.studies.compare import Row, Side
 from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
 from microvib.studies.paper import compare_with_paper, comparison_worth
 from microvib.studies.rates import RatePlan
-from microvib.web.jobs.series import outline
 from microvib.web.routes.forms import values_of
 
-BUDGET = ("T_d", "T_e", "T_f_m", "T_f", "T_g", "T_l")
 _POINTS = 6000
 
 
 def run_answer(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict[str, Any]:
     """Everything of a run but its samples; ``summed`` is its ``summary.json``."""
     scenario = motion.scenario
+    first = [x.frequency_hz for x in table if x.line == "drive_1" and math.isfinite(x.frequency_hz)]
+    shares = budget(motion, first)
     return {
         "title": scenario.title,
         "values": values_of(scenario),
         "lines": [asdict(line) for line in table],
         "notable": [line.line for line in table.notable()],
-        "facts": _facts(motion, summed),
-        "budget": _budget(motion, table),
+        "facts": _facts(motion, shares["T_d"], summed),
+        "budget": [_budget_row(name, share) for name, share in shares.items()],
         "invariants": summed["invariants"],
         "solver": summed["solver"],
         "paper": [asdict(row) for row in compare_with_paper(scenario, table)],
         "standing": comparison_worth(scenario),
-        "drivetrain": _drivetrain(motion),
+        "drivetrain": _drivetrain(motion, shares),
         "modes": summed["natural_frequencies"],
-        "channels": _channels(motion),
+        "channels": [asdict(channel) for channel, x in motion.variables() if x.ndim == 1],
         "t0": float(motion.time[0]),
         "t1": float(motion.time[-1]),
         "sample_rate": motion.sample_rate,
     }
 
 
-def _facts(motion: Motion, summed: dict[str, Any]) -> dict[str, Any]:
+def _facts(motion: Motion, T_d: Share, summed: dict[str, Any]) -> dict[str, Any]:
     solver = summed["solver"]
     return {
-        **{f"T_d_{name}": value for name, value in _statistics(motion["T_d"]).items()},
+        **{f"T_d_{name}": value for name, value in _statistics(T_d).items()},
         "rate": motion.scenario.rate,
         "f_d": motion.scenario.driving_frequency,
         "clock_ratio": summed["clock_ratio_found"],
@@ -62,48 +65,25 @@ def _facts(motion: Motion, summed: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _channels(motion: Motion) -> list[dict[str, str]]:
-    found = [vars(CHANNELS[name]) for name in CHANNELS if name in motion.channels]
-    if motion.interface_loads() is not None:
-        found += [
-            {"name": name, "unit": "N" if k < 3 else "N*m", "meaning": f"{name} on the spacecraft"}
-            for k, name in enumerate(INTERFACE)
-        ]
-    return [dict(channel) for channel in found]
+def _statistics(share: Share) -> dict[str, float]:
+    return {"mean": share.mean, "rms": share.rms, "peak": share.peak}
 
 
-def _statistics(x: np.ndarray) -> dict[str, float]:
-    """Mean, RMS about it, largest absolute value."""
-    return {"mean": float(x.mean()), "rms": float(x.std()), "peak": float(np.abs(x).max())}
+def _budget_row(name: str, share: Share) -> dict[str, Any]:
+    """A torque's statistics, and its part in the first driving line: amplitude, and phase at the first sample."""
+    tone = complex(share.tones[0]) if share.tones.size else complex(math.nan, math.nan)
+    phase = {"drive_1_amplitude": abs(tone), "drive_1_phase": math.atan2(tone.imag, tone.real)}
+    return {"torque": name, "meaning": CHANNELS[name].meaning, **_statistics(share), **phase}
 
 
-def _budget(motion: Motion, table: LineTable) -> list[dict[str, Any]]:
-    """Every torque's statistics, and its part in the first driving line: amplitude, and phase at the first sample."""
-    first = next((x for x in table if x.line == "drive_1" and math.isfinite(x.frequency_hz)), None)
-    rows = []
-    for name in BUDGET:
-        tone = complex(math.nan, math.nan) if first is None else _tone(motion, name, first.frequency_hz)
-        phase = {"drive_1_amplitude": abs(tone), "drive_1_phase": math.atan2(tone.imag, tone.real)}
-        rows.append({"torque": name, "meaning": CHANNELS[name].meaning, **_statistics(motion[name]), **phase})
-    return rows
-
-
-def _tone(motion: Motion, name: str, frequency: float) -> complex:
-    """Complex amplitude of a channel at one frequency [Hz], Hann window, phase of the cosine at the first sample."""
-    x = motion[name]
-    w = np.hanning(x.size + 1)[:-1]
-    turns = np.exp(-2j * np.pi * frequency / motion.sample_rate * np.arange(x.size))
-    return complex(2.0 * (turns @ ((x - x.mean()) * w)) / w.sum())
-
-
-def _drivetrain(motion: Motion) -> dict[str, Any]:
+def _drivetrain(motion: Motion, shares: dict[str, Share]) -> dict[str, Any]:
     """Which torque goes where, in numbers."""
     span = float(motion.time[-1] - motion.time[0])
     energies = {name: motion[name] for name in motion.channels if name.startswith("E_")}
     return {
         "u_rms": _rms(motion["u_A"], motion["u_B"]),
         "i_rms": _rms(motion["i_A"], motion["i_B"]),
-        **{name: _statistics(motion[name]) for name in BUDGET},
+        **{name: _statistics(share) for name, share in shares.items()},
         "stuck_rotor": float(motion["stuck_rotor"].mean()),
         "stuck_output": float(motion["stuck_output"].mean()),
         "power": {name[2:]: float(E[-1] - E[0]) / span for name, E in energies.items()},

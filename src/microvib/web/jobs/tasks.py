@@ -42,36 +42,24 @@ def _renamed(data: Any, names: dict[str, str]) -> Any:
     return data
 
 
-def run(folder: str, scenario: str, steady: bool, tell: Tell) -> None:
+def run(folder: str, scenario: str, tell: Tell) -> None:
     """Simulate a scenario (YAML); leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
-    from microvib.analysis.accuracy import accuracy, noted
-    from microvib.analysis.lines import lines
-    from microvib.analysis.steady import find_steady
-    from microvib.io.results import lines_csv, summary
+    from microvib.analysis.run import solve_run
     from microvib.io.scenario_file import scenario_of
     from microvib.io.yaml_text import parse_yaml
-    from microvib.solve.simulate import from_rest
+    from microvib.reports.run.folder import run_summary, run_texts
     from microvib.web.jobs.results import run_answer
-
-    loaded = scenario_of(parse_yaml(scenario, "scenario"), "scenario")
 
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
 
-    state, fallback = find_steady(loaded) if steady or loaded.record.start == "steady" else (None, "")
-    motion = state.motion(progress=progress) if state is not None else from_rest(loaded, progress=progress)
-    source = motion if state is None else state
-    table = lines(source)
-    found = accuracy(motion, table)
-    table, account = noted(table, source.solver, found)
-    motion = replace(motion, solver=noted(table, motion.solver, found)[1])
-    solver = account | ({"steady": f"not used: {fallback}"} if fallback else {})
-    summed = summary(loaded, source.invariants, solver, table, simulate=float(solver["wall_s"]))
-    _keep(Path(folder), motion, table)
-    texts = {"scenario.yaml": scenario, "lines.csv": lines_csv(table), "summary.json": to_json(summed)}
-    for name, text in texts.items():
+    result = solve_run(scenario_of(parse_yaml(scenario, "scenario"), "scenario"), progress=progress)
+    assert result.motion is not None
+    summed = run_summary(result)
+    _keep(Path(folder), result.motion, result.table)
+    for name, text in run_texts(result, summed).items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
-    _write(folder, run_answer(motion, table, summed))
+    _write(folder, run_answer(result.motion, result.table, summed))
 
 
 def _keep(where: Path, motion: Motion, table: LineTable) -> None:
@@ -87,7 +75,7 @@ def _keep(where: Path, motion: Motion, table: LineTable) -> None:
 
 
 def _kept(where: Path) -> tuple[Motion, LineTable]:
-    from microvib.solve.motion import CHANNELS, MODAL
+    from microvib.solve.channels import CHANNELS, MODAL
 
     motion, table = _without_samples(where)
     files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}

@@ -14,6 +14,8 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
 from microvib.analysis.limits import Limit
+from microvib.signals.screen import outline
+from microvib.solve.channels import KNOWN
 from microvib.web.jobs import series
 from microvib.web.jobs.processes import ENDED, Job
 from microvib.web.jobs.store import Desk
@@ -137,7 +139,7 @@ def spectrum_of(
     """Amplitude spectrum of a channel, 0-to-peak."""
     folder, axis = _run(desk, id)
     found = series.spectrum(_channel(folder, channel), axis["sample_rate"], window, low, high, points, log)
-    return SpectrumOf(unit=series.unit(channel), **found)
+    return SpectrumOf(unit=KNOWN[channel].unit, **found)
 
 
 @routes.get("/analyses/{id}/spectrum", responses=refusals(409))
@@ -150,7 +152,7 @@ def recorded(
         raise Refused(404, "this computation is not an analysis")
     f, y = np.load(_there(desk.folder(_done(desk, id)) / f"{of}.npy"), mmap_mode="r")
     keep = series.within(f, low, high)
-    f, y = series.outline(f[keep], y[keep], points, log)
+    f, y = outline(f[keep], y[keep], points, log)
     return RecordedSpectrum(f=f.tolist(), values=y.tolist())
 
 

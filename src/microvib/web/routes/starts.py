@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
+from microvib.solve.motion import record_bytes
 from microvib.studies.rates import rate_grid
 from microvib.units import band, quantity
 from microvib.web.jobs.store import Desk, Upload, private
@@ -38,17 +39,18 @@ routes = APIRouter(responses=refusals(429))
 def start_run(want: Run, desk: At) -> Started:
     """Simulate a scenario."""
     scenario = meant(desk, want.scenario)
+    if want.steady:
+        scenario = scenario.with_({"record.start": "steady"})
     _check_size(scenario, desk.limits.record)
-    title = want.name or scenario.title or "run"
-    return started(desk, "run", title, scenario=dump_scenario(scenario), steady=want.steady)
+    return started(desk, "run", want.name or scenario.title or "run", scenario=dump_scenario(scenario))
 
 
 def _check_size(scenario: Scenario, most: int) -> None:
-    row = 8 * (30 + 2 * len(scenario.array.modes))
-    if scenario.record.samples * row > most:
+    size, samples = record_bytes(scenario), scenario.record.samples
+    if size > most:
         raise Refused(
             422,
-            f"record.duration: {scenario.record.samples:.3g} samples are more than the page keeps, {most // row:.3g} for this"
+            f"record.duration: {samples:.3g} samples are more than the page keeps, {most / size * samples:.3g} for this"
             " drive; shorten record.duration, lower record.sample_rate, or keep the lines only, by `microvib run`",
             "record.duration",
         )

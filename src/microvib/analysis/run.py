@@ -1,0 +1,61 @@
+"""A run: motion or steady state, its lines, and how far they are off; the same for the command line, the page and a notebook."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
+from microvib.analysis.lines import lines
+from microvib.analysis.stream import lines_of_stream
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import LineTable
+from microvib.solve.motion import Invariants, Motion
+from microvib.solve.simulate import Progress, from_rest
+from microvib.solve.steady.state import SteadyState, find_steady
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What one run found."""
+
+    scenario: Scenario
+    table: LineTable
+    """Lines of the disturbance torque; they know how far they are off."""
+    invariants: Invariants
+    solver: dict[str, Any]
+    """How it was solved."""
+    motion: Motion | None
+    """None where lines alone were asked for."""
+    state: SteadyState | None = None
+    """The steady state, where the record starts in it: lines, invariants and account of the solver are then its own."""
+    fallback: str = ""
+    """Why a steady state that was asked for was not found; the run then began at rest."""
+
+    @property
+    def accuracy(self) -> Accuracy | None:
+        """How far the integration may be off; None where that is not known."""
+        return estimate_in(self.solver)
+
+
+def solve_run(
+    scenario: Scenario, *, harmonics: int = 8, lines_only: bool = False, progress: Progress | None = None
+) -> RunResult:
+    """Simulate ``scenario``, from its steady state if ``record.start`` says so and there is one, and find its lines.
+
+    With ``lines_only`` memory stays bounded however long the record. Raises what ``simulate`` raises.
+    """
+    state, fallback = find_steady(scenario) if scenario.record.start == "steady" else (None, "")
+    not_used = {"steady": f"not used: {fallback}"} if fallback else {}
+    if lines_only and state is None:
+        table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
+        return RunResult(scenario, table, invariants, solver | not_used, None, None, fallback)
+    if lines_only and state is not None:
+        return RunResult(scenario, lines(state, harmonics=harmonics), state.invariants, state.solver, None, state)
+    motion = from_rest(scenario, progress=progress) if state is None else state.motion(progress=progress)
+    source = state or motion
+    table = lines(source, harmonics=harmonics)
+    found = accuracy(motion, table)
+    solver = account(source.solver, found) | not_used
+    motion = replace(motion, solver=account(motion.solver, found))
+    return RunResult(scenario, noted(table, found), source.invariants, solver, motion, state, fallback)

@@ -1,0 +1,62 @@
+"""Channels of a motion: name, unit and meaning, declared here and nowhere else.
+
+The kernel fills a row with them in this order (``kernel.CHANNELS``); its powers come out as energies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What one channel of a motion is."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+CHANNELS = {
+    channel.name: channel
+    for channel in (
+        Channel("i_A", "A", "current of phase A"),
+        Channel("i_B", "A", "current of phase B"),
+        Channel("u_A", "V", "voltage of phase A"),
+        Channel("u_B", "V", "voltage of phase B"),
+        Channel("i_ref_A", "A", "reference current of phase A (Eq. 1)"),
+        Channel("i_ref_B", "A", "reference current of phase B (Eq. 1)"),
+        Channel("theta_m", "rad", "angle of the rotor"),
+        Channel("omega_m", "rad/s", "rate of the rotor"),
+        Channel("alpha_m", "rad/s^2", "angular acceleration of the rotor"),
+        Channel("theta_l", "rad", "angle of the array's root"),
+        Channel("omega_l", "rad/s", "rate of the array's root"),
+        Channel("alpha_l", "rad/s^2", "angular acceleration of the array's root"),
+        Channel("T_e", "N*m", "motor torque, electromagnetic and detent (Eq. 4)"),
+        Channel("T_f_m", "N*m", "friction on the rotor"),
+        Channel("T_f", "N*m", "friction on the output (Eq. 7)"),
+        Channel("T_g", "N*m", "torque through the reducer on the output"),
+        Channel("T_l", "N*m", "load torque of the array (Eq. 16)"),
+        Channel("T_d", "N*m", "disturbance torque on the spacecraft, momentum form (Eq. 20)"),
+        Channel("T_d_force", "N*m", "disturbance torque on the spacecraft, sum of what the housing feels"),
+        Channel("stuck_rotor", "1", "fraction of the time that the rotor sticks"),
+        Channel("stuck_output", "1", "fraction of the time that the output shaft sticks"),
+        Channel("E_kinetic", "J", "kinetic energy"),
+        Channel("E_magnetic", "J", "magnetic energy of the windings"),
+        Channel("E_elastic", "J", "elastic energy of gear, modes and detent"),
+        Channel("E_electrical", "J", "electrical energy put in since t = 0"),
+        Channel("E_joule", "J", "energy lost in the windings since t = 0"),
+        Channel("E_friction", "J", "energy lost in both frictions since t = 0"),
+        Channel("E_damping", "J", "energy lost in gear and modal damping since t = 0"),
+    )
+}
+MODAL = {
+    "eta": Channel("eta", "kg^0.5*m", "modal coordinates"),
+    "eta_rate": Channel("eta_rate", "kg^0.5*m/s", "rates of the modal coordinates"),
+}
+INTERFACE = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+TIME = Channel("time", "s", "time from the start of the command")
+LOADS = {name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft") for name in INTERFACE}
+"""Loads at the interface, of arrays with participation in six components."""
+KNOWN = {**CHANNELS, **MODAL, **LOADS}
+"""Everything that has a name."""
