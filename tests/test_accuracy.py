@@ -12,9 +12,9 @@ from support.scenarios import random_scenario
 import microvib as mv
 from microvib.analysis.accuracy import BOUND, SENSITIVE, account, accuracy, noted
 from microvib.analysis.limits import Limit, judge
+from microvib.analysis.run import solve_run
 from microvib.cli.main import main
 from microvib.io.runs import read_run
-from microvib.reports.run.folder import run_scenario
 from microvib.solve.sampling import LOBES
 from microvib.solve.simulate import again
 
@@ -123,8 +123,8 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
     assert "set solver.refinement=2" in page
 
 
-def test_lines_alone_say_it_too(tmp_path, off):
-    found = run_scenario(random_scenario(OFF), tmp_path / "run", lines_only=True)
+def test_lines_alone_say_it_too(off):
+    found = solve_run(random_scenario(OFF), lines_only=True)
     assert found.solver["error_estimate"]["line"] == pytest.approx(off[2].line, rel=1e-6)
     assert found.table.own_error == pytest.approx(off[2].doubt, rel=1e-6)
 
