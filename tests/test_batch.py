@@ -113,7 +113,7 @@ def test_a_command_that_cannot_be_followed_is_a_failure_too(drives, torques, mon
     known = batch.Command.microsteps
 
     def refuse(self, start, stop):
-        if self._current == drives[1].motor.current:
+        if self._motor == drives[1].motor:
             raise mv.SimulationError("too many microsteps")
         return known(self, start, stop)
 

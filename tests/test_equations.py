@@ -11,19 +11,25 @@ from support.scenarios import in_si
 import microvib as mv
 from microvib.model.friction import Friction, SlipRing
 from microvib.model.linear import _coupled_modes
+from microvib.solve import kernel
 from microvib.solve.command import Command
+from microvib.solve.pack import pack
 from microvib.structures.springs import spring_rate_times_arm_squared, torsion_frequency
 
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.fixture
+def no_detent(state_1):
+    return state_1.with_({"motor.detent_torque": "0 N*m"})
+
+
 def test_eq_1_reference_currents(state_1):
-    driver, motor = state_1.driver, state_1.motor
-    assert driver.reference_currents(motor, 0) == (0.6, 0.0)
-    # a quarter of an electrical turn is one full step of a four-beat motor
-    i_A, i_B = driver.reference_currents(motor, 16)
-    assert i_A == pytest.approx(0.0, abs=1e-15)
-    assert i_B == pytest.approx(0.6)
+    _, reference = Command(state_1).microsteps(0.0, 2.0)
+    # a quarter of an electrical turn is one full step of a four-beat motor: 16 microsteps, backwards (Eq. 19)
+    assert reference[15] == pytest.approx([0.0, -0.6, -math.pi / 2], abs=1e-15)
+    assert reference[63, :2] == pytest.approx([0.6, 0.0], abs=1e-14)
+    assert np.hypot(*reference[:, :2].T) == pytest.approx(0.6)
 
 
 def test_eq_1_microsteps_come_at_the_driving_frequency_of_eq_26(state_1):
@@ -34,18 +40,34 @@ def test_eq_1_microsteps_come_at_the_driving_frequency_of_eq_26(state_1):
     assert reference[0, 2] == pytest.approx(-2 * math.pi / 64)
 
 
-def test_eq_3_back_emf_balances_the_power_of_eq_4(state_1):
-    motor = state_1.motor.model_copy(update={"detent_torque": 0.0})
-    i_A, i_B, theta_m, omega_m = 0.4, -0.3, 0.123, 0.7
-    e_A, e_B = motor.back_emf(omega_m, theta_m)
-    electrical = -(e_A * i_A + e_B * i_B)
-    assert electrical == pytest.approx(motor.torque(i_A, i_B, theta_m) * omega_m)
+def of_motor(scenario, i_A, i_B, theta_m, omega_m=0.0):
+    """Motor torque and the voltages that the turning rotor adds to both phases, as the equations of motion have them."""
+    packed = pack(scenario)
+    y, f, q = packed.state.y, np.zeros(packed.state.y.size), np.zeros(7)
+    y[[kernel.IA, kernel.IB, kernel.TM, kernel.WM]] = i_A, i_B, theta_m, omega_m
+    kernel.derivative(y, packed.state.clock, packed.state.stick, packed.drive, f, q)
+    L, R = scenario.motor.winding_inductance, scenario.motor.winding_resistance
+    return q[0], L * f[kernel.IA] + R * i_A - q[4], L * f[kernel.IB] + R * i_B - q[5]
 
 
-def test_eq_4_stiffness_about_equilibrium(state_1):
-    motor, d = state_1.motor.model_copy(update={"detent_torque": 0.0}), 1e-6
-    stiffness = -(motor.torque(0.6, 0.0, d) - motor.torque(0.6, 0.0, -d)) / (2 * d)
-    assert stiffness == pytest.approx(motor.electromagnetic_stiffness) == pytest.approx(9.0)
+def test_eq_3_back_emf_balances_the_power_of_eq_4(no_detent):
+    i_A, i_B, omega_m = 0.4, -0.3, 0.7
+    torque, e_A, e_B = of_motor(no_detent, i_A, i_B, 0.123, omega_m)
+    assert e_A != pytest.approx(0.0, abs=0.01)
+    assert -(e_A * i_A + e_B * i_B) == pytest.approx(torque * omega_m)
+
+
+def test_eq_4_stiffness_about_equilibrium(no_detent):
+    d = 1e-6
+    stiffness = -(of_motor(no_detent, 0.6, 0.0, d)[0] - of_motor(no_detent, 0.6, 0.0, -d)[0]) / (2 * d)
+    assert stiffness == pytest.approx(no_detent.motor.electromagnetic_stiffness) == pytest.approx(9.0)
+
+
+def test_eq_4_detent_torque_has_its_amplitude_and_four_periods_a_tooth(state_1, no_detent):
+    motor = state_1.motor
+    for theta_m in (0.01, 0.11, 0.3):
+        detent = of_motor(state_1, 0.4, -0.3, theta_m)[0] - of_motor(no_detent, 0.4, -0.3, theta_m)[0]
+        assert detent == pytest.approx(-motor.detent_torque * math.sin(4 * motor.rotor_teeth * theta_m))
 
 
 def test_eq_5_and_7_friction(state_1):

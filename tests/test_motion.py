@@ -6,6 +6,9 @@ import pytest
 import microvib as mv
 from microvib.analysis import stream as long_runs
 from microvib.analysis.lines import lines
+from microvib.solve import kernel
+from microvib.solve.channels import CHANNELS
+from microvib.solve.pack import pack
 from microvib.solve.simulate import Run
 
 SHORT = {"record.settle": 1.0, "record.duration": 4.0}
@@ -223,3 +226,25 @@ def test_where_no_steady_state_is_found_the_motion_begins_at_rest_and_says_why(s
     steady, rest = (mv.simulate(scenario, channels=("T_d",)) for scenario in both)
     assert steady.solver["steady"] == "not used: the rate changes in the record"
     assert np.array_equal(steady["T_d"], rest["T_d"])
+
+
+def test_the_kernel_fills_its_row_in_the_order_in_which_channels_are_declared(state_1):
+    assert [name.replace("P_", "E_") for name in kernel.CHANNELS] == list(CHANNELS)
+    places = {
+        "T_d": kernel.T_D,
+        "T_d_force": kernel.T_D_FORCE,
+        "E_kinetic": kernel.ENERGIES,
+        "E_electrical": kernel.POWERS,
+    }
+    assert {name: list(CHANNELS).index(name) for name in places} == places
+    packed = pack(state_1)
+    state = {"i_A": 0.4, "i_B": -0.3, "theta_m": 0.123, "omega_m": -0.7, "theta_l": -0.001, "omega_l": 0.01}
+    packed.state.y[[kernel.IA, kernel.IB, kernel.TM, kernel.WM, kernel.TL, kernel.WL]] = list(state.values())
+    packed.state.clock[[kernel.REF_A, kernel.REF_B]] = 0.5, 0.2
+    f, q = np.zeros(packed.state.y.size), np.zeros(7)
+    kernel.derivative(packed.state.y, packed.state.clock, packed.state.stick, packed.drive, f, q)
+    torques = dict(zip(("T_e", "T_f_m", "T_f", "T_g", "u_A", "u_B", "alpha_l"), q, strict=True))
+    expected = {**state, **torques, "i_ref_A": 0.5, "i_ref_B": 0.2, "alpha_m": f[kernel.WM]}
+    found = dict(zip(CHANNELS, packed.snapshot(), strict=False))
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
+    assert found["T_d"] == pytest.approx(found["T_d_force"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
 from microvib.model.motor import Motor
@@ -41,14 +42,14 @@ class Driver(Part):
         """Microsteps per second f_d [Hz] at the rotor rate ``omega_m`` [rad/s] (Eq. 26)."""
         return abs(omega_m) / self.microstep(motor)
 
-    def electrical_angle(self, count: int) -> float:
-        """Electrical angle theta_e [rad] after ``count`` microsteps (Eq. 1, corrected)."""
+    def electrical_angle(self, count: np.ndarray) -> np.ndarray:
+        """Electrical angle theta_e [rad] after ``count`` microsteps, an array of any shape (Eq. 1, corrected)."""
         return 2.0 * math.pi * count / (self.beats * self.microsteps)
 
-    def reference_currents(self, motor: Motor, count: int) -> tuple[float, float]:
+    def reference_currents(self, motor: Motor, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reference currents i_A*, i_B* [A] after ``count`` microsteps (Eq. 1, corrected)."""
         angle = self.electrical_angle(count)
-        return motor.current * math.cos(angle), motor.current * math.sin(angle)
+        return motor.current * np.cos(angle), motor.current * np.sin(angle)
 
     def time_constant(self, motor: Motor) -> float:
         """Fast time constant of the closed current loop [s]."""

@@ -1,8 +1,7 @@
-"""Hybrid stepping motor: windings, torque, rotor (Eq. 3, 4, 25)."""
+"""Hybrid stepping motor: its parameters; voltages and torque (Eq. 3, 4) are computed in ``microvib.solve.kernel``."""
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
 from pydantic import Field
@@ -27,17 +26,6 @@ class Motor(Part):
         float, Quantity("kg*m^2", "moment of inertia of the rotor", "J_r", gt=0, display="kg*cm^2", usual=(1e-9, 1e-2))
     ]
     friction: Friction = Field(description="friction on the rotor, against omega_m")
-
-    def torque(self, i_A: float, i_B: float, theta_m: float) -> float:
-        """Electromagnetic and detent torque T_e [N m] (Eq. 4); currents in A, rotor angle in rad."""
-        angle = self.rotor_teeth * theta_m
-        holding = self.torque_constant * (i_B * math.cos(angle) - i_A * math.sin(angle))
-        return holding - self.detent_torque * math.sin(4.0 * angle)
-
-    def back_emf(self, omega_m: float, theta_m: float) -> tuple[float, float]:
-        """Voltages that the turning rotor adds to phases A and B [V] (Eq. 3, signs as power balance asks)."""
-        angle = self.rotor_teeth * theta_m
-        return self.torque_constant * omega_m * math.sin(angle), -self.torque_constant * omega_m * math.cos(angle)
 
     @property
     def electromagnetic_stiffness(self) -> float:

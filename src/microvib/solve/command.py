@@ -28,8 +28,7 @@ class Command:
         self._rates = rates * scale  # in microsteps per second
         steps = np.diff(times)
         self._counts = np.concatenate([[0.0], np.cumsum(0.5 * (self._rates[1:] + self._rates[:-1]) * steps)])
-        self._period = scenario.driver.beats * scenario.driver.microsteps
-        self._current = scenario.motor.current
+        self._driver, self._motor = scenario.driver, scenario.motor
 
     @classmethod
     def lasting(cls, scenario: Scenario, since: float) -> Command:
@@ -66,8 +65,7 @@ class Command:
                 counts.append(k)
         t = np.concatenate(times) if times else np.zeros(0)
         k = np.concatenate(counts) if counts else np.zeros(0)
-        angle = 2.0 * np.pi * k / self._period
-        return t, np.column_stack([self._current * np.cos(angle), self._current * np.sin(angle), angle])
+        return t, np.column_stack([*self._driver.reference_currents(self._motor, k), self._driver.electrical_angle(k)])
 
     def _monotone(self, a: float, b: float) -> list[tuple[float, float]]:
         """Split a piece of constant acceleration where its rate passes zero."""

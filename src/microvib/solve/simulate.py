@@ -13,6 +13,7 @@ from microvib.errors import SimulationError, SynchronismLost
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
+from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.command import Command
 from microvib.solve.motion import Beginning, Invariants, Motion
 from microvib.solve.pack import Packed, pack
@@ -31,7 +32,7 @@ def simulate(
     """Motion of ``scenario`` over its record, sampled without aliasing.
 
     ``progress(done, total)`` is called with simulated seconds. ``channels`` keeps only the named ones (of
-    ``microvib.solve.motion.CHANNELS`` and ``eta``, ``eta_rate``), which saves memory.
+    ``microvib.solve.channels``), which saves memory.
 
     Samples are taken at ``record.settle + k / sample_rate``, through the filter that ``microvib.solve.sampling`` describes: flat to
     0.35 of the sample rate. With ``record.start`` steady the motion begins in the steady state where one is found, and otherwise
@@ -94,10 +95,9 @@ class Run:
     ) -> None:
         self.scenario = scenario
         self._progress = progress or (lambda done, total: None)
-        names = _row_names()
-        unknown = [name for name in channels or () if name not in (*names, "eta", "eta_rate")]
+        unknown = [name for name in channels or () if name not in CHANNELS | MODAL]
         if unknown:
-            raise SimulationError(f"channel '{unknown[0]}' does not exist; there are {', '.join(names)}, eta, eta_rate")
+            raise SimulationError(f"channel '{unknown[0]}' does not exist; there are {', '.join(CHANNELS | MODAL)}")
         self._wanted = channels
         self._packed = packed or pack(scenario)
         self._command = command or Command(scenario)
@@ -223,12 +223,7 @@ def _lost(scenario: Scenario, now: float) -> str:
 
 def channels_of(rows: np.ndarray, modes: int) -> dict[str, np.ndarray]:
     """Rows of the kernel (n, channels) by name; its powers come out as energies, modal channels are (n, modes)."""
-    named = {name: rows[:, k] for k, name in enumerate(_row_names())}
+    named = {name: rows[:, k] for k, name in enumerate(CHANNELS)}
     named["eta"] = rows[:, kernel.N_CHANNELS : kernel.N_CHANNELS + modes]
     named["eta_rate"] = rows[:, kernel.N_CHANNELS + modes :]
     return named
-
-
-def _row_names() -> tuple[str, ...]:
-    """Names of the kernel's channels; its powers come out as energies."""
-    return tuple(name.replace("P_", "E_") for name in kernel.CHANNELS)
