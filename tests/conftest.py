@@ -1,4 +1,4 @@
-"""Shared scenarios and runs; a compiled kernel and one full run of state 1 serve the whole session."""
+"""What is run without being named, and runs that serve the whole session."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ import pytest
 from support.scenarios import baseline
 
 import microvib as mv
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Where nothing is named, what takes long is left to a command of its own."""
+    if config.args_source is not config.ArgsSource.ARGS and not config.option.markexpr:
+        config.option.markexpr = "not long"
 
 
 @pytest.fixture(scope="session")

@@ -674,7 +674,9 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
-@pytest.mark.parametrize("what", ["worker", "coordinator", "group", "interrupt"])
+@pytest.mark.parametrize(
+    "what", ["interrupt", *(pytest.param(x, marks=pytest.mark.long) for x in ("worker", "coordinator", "group"))]
+)
 def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, what):
     """Kill in the middle, resume, and compare with a run that nothing happened to."""
     sized = spread(count=60)

@@ -28,6 +28,7 @@ def built(out: Path) -> Path:
     return out / "html"
 
 
+@pytest.mark.long
 def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
     html = built(tmp_path)
     pages = {p.relative_to(html).with_suffix("").as_posix(): p.read_text("utf-8") for p in html.rglob("*.html")}

@@ -16,6 +16,7 @@ from microvib.studies.identify.intervals import Z, profiles
 from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import AGAIN, Descent, local_at
 
+pytestmark = pytest.mark.long
 KEYS = ("reducer.stiffness", "motor.friction.viscous", "array.rigid_inertia")
 RECORDINGS = 12
 

@@ -12,6 +12,7 @@ from microvib.io.recordings import read_recording, write_recording
 from microvib.studies.analyse import analyse
 from microvib.testdata.recording import Recording
 
+pytestmark = pytest.mark.long
 RATE = 512.0
 T = np.arange(2048) / RATE
 MZ = 0.05 * np.cos(2 * np.pi * 14.505 * T) + np.random.default_rng(0).normal(0, 1e-3, T.size)

@@ -16,6 +16,7 @@ import microvib as mv
 from microvib.io.scenario_file import catalog_text, scenario_data, scenario_of
 from microvib.io.yaml_text import parse_yaml
 
+pytestmark = pytest.mark.long
 COUNT = int(os.environ.get("MICROVIB_FUZZ", "150"))
 LONGEST = 20.0  # s
 NAMES = (*mv.catalog_names(), "new")

@@ -30,6 +30,7 @@ from microvib.web.server.connection import Server, configuration
 from microvib.web.server.entrance import opening_file
 from microvib.web.server.limits import Limits
 
+pytestmark = pytest.mark.long
 STRANGERS = 8
 LIMITS = replace(
     Limits(), pause_s=0.4, stranger_s=0.8, reading_s=0.4, slowest=1e6, strangers=STRANGERS, receiving=2, structure=5000

@@ -26,6 +26,7 @@ from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
 from microvib.web.server.limits import Limits
 
+pytestmark = pytest.mark.long
 CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
 ODD = settings(
     deadline=None, max_examples=8, suppress_health_check=list(HealthCheck), derandomize=True, phases=[Phase.generate]

@@ -1,0 +1,129 @@
+"""Runs on the page: the command line's figures, several at once, cancelled, a limit's verdict."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.page import (
+    PAGE,
+    QUICK,
+    SHORT,
+    amplitude,
+    api,
+    downloads,
+    drawn,
+    limit,
+    run,
+    shorten,
+    until,
+    write,
+)
+
+import microvib as mv
+from microvib.analysis.limits import Limit, judge
+
+pytestmark = PAGE
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """``lines.csv`` of the command line, for state 1 with one value changed, short."""
+    where = tmp_path_factory.mktemp("command")
+    changes = {**SHORT, "reducer.stiffness": "9000 N*m/rad"}
+    options = [text for key, value in changes.items() for text in ("--set", f"{key}={value}")]
+    command = [sys.executable, "-m", "microvib", "run", "state-1", *options, "--out", "run"]
+    subprocess.run(command, cwd=where, check=True, capture_output=True, timeout=300)
+    return (where / "run" / "lines.csv").read_text(encoding="utf-8")
+
+
+def test_edit_run_and_read_what_the_command_line_says(visit: Callable[..., Any], printed: str, tmp_path: Path) -> None:
+    page = visit()
+    shorten(page)
+    write(page, "reducer.stiffness", "9000 N*m/rad")
+    run(page)
+    lines = {row["line"]: row["amplitude_n_m"] for row in csv.DictReader(io.StringIO(printed))}
+    assert amplitude(page, "drive_1") == f"{1e3 * float(lines['drive_1']):#.5g}"
+    assert amplitude(page, "drive_2") == f"{1e3 * float(lines['drive_2']):#.5g}"
+    assert page.locator("#spectrum-plot .main-svg").count()
+    assert page.locator("#history-plot .main-svg").count()
+    assert "mean" in page.locator("svg.drive").get_attribute("aria-label")
+    found = downloads(page, tmp_path)
+    assert found["lines.csv"].decode() == printed
+    assert mv.load_scenario(str(tmp_path / "scenario.yaml")).reducer.stiffness == 9000.0
+    assert found["motion.nc"][1:4] == b"HDF"
+    assert b"<html" in found["report.html"]
+
+
+def test_cancel(visit: Callable[..., Any]) -> None:
+    page = visit()
+    write(page, "record.settle", "5000 s")
+    page.click("#go")
+    page.locator(".job progress[value]").wait_for(timeout=240_000)  # it moves
+    page.click(".job .cancel")
+    page.locator(".chip.cancelled").wait_for()
+    assert "was cancelled" in page.locator("#run").inner_text()
+    shorten(page)
+    run(page)  # and the server goes on
+
+
+def test_two_tabs_at_once(visit: Callable[..., Any]) -> None:
+    first = visit(QUICK)
+    second = visit("#base=state-5&record.settle=1+s&record.duration=4+s")
+    first.click("#go")
+    second.click("#go")
+    drawn(first, 1)
+    drawn(second, 1)
+    for page, name in ((first, "state-1"), (second, "state-5")):
+        changed = mv.load_scenario(name, dict(SHORT))
+        expected = mv.lines(mv.simulate(changed))["drive_1"].amplitude_n_m
+        assert amplitude(page, "drive_1") == f"{1e3 * expected:#.5g}"
+        assert page.locator(".chip").count() == 1
+
+
+def test_runs_are_kept_overlaid_and_removed(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    run(page)
+    write(page, "motor.current", "0.5 A")
+    run(page)
+    names = page.locator("#spectrum-plot .legendtext").all_text_contents()
+    assert len(names) == len(set(names)) >= 2
+    colours = page.evaluate(
+        "document.querySelector('#spectrum-plot').data.filter(t => t.mode === 'lines').map(t => t.line)"
+    )
+    assert len({c["color"] for c in colours}) == len({c["dash"] for c in colours}) == 2
+    page.reload()
+    drawn(page, 2)
+    page.locator(".chip .close").first.click()
+    api.expect(page.locator(".chip")).to_have_count(1)
+
+
+def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    run(page)
+    motion = mv.simulate(mv.load_scenario("state-1", dict(SHORT)))
+    half = float(f"{0.5 * mv.lines(motion)['drive_1'].amplitude_n_m:.4g}")
+    judged = judge(mv.lines(motion), Limit(half), motion.scenario)
+    worst = next(m for m in judged.margins if m.verdict != "not judged")
+    drive_1 = next(m for m in judged.margins if m.line.line == "drive_1")
+    assert drive_1.fails
+    minus = "\N{MINUS SIGN}"
+    api.expect(limit(page, f"{half!r} N*m")).to_contain_text("FAIL")
+    api.expect(page.locator(".facts .fail")).to_contain_text(f"{worst.decibel:.1f} dB".replace("-", minus))
+    row = page.locator("#run tr").filter(has=page.locator("td[data-key=line]", has_text=re.compile("^drive_1$"))).first
+    api.expect(row.locator("td[data-key=margin_db]")).to_have_text(f"{drive_1.decibel:.1f} FAIL".replace("-", minus))
+    drawn_at = f"Math.abs(s.y0 / {half} - 1) < 1e-3"
+    until(page, f"document.querySelector('#spectrum-plot').layout.shapes.some(s => {drawn_at})")
+    address = page.locator("details.menu a[download='report.html']").get_attribute("href")
+    assert "limit" in page.evaluate("async a => (await fetch(a)).text()", address)
+    api.expect(limit(page, "30 kg")).to_contain_text("30 kg")
+    api.expect(limit(page, "20 N*m")).to_contain_text("Limit 2e+04 mN m")
+    page.reload()
+    api.expect(page.locator("output.verdict")).to_contain_text("Limit 2e+04 mN m")

@@ -1,0 +1,85 @@
+"""Recordings, rate maps and sizing on the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.page import (
+    PAGE,
+    QUICK,
+    SHORT,
+    amplitude,
+    run,
+    until,
+)
+
+import microvib as mv
+from microvib.io.recordings import write_recording
+from microvib.studies.analyse import analyse
+from microvib.testdata.recording import Recording
+
+pytestmark = PAGE
+
+
+def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:
+    motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "record.sample_rate": "2048 Hz"}))
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
+    recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
+    write_recording(recording, tmp_path / "test.csv")
+    table = analyse(str(tmp_path / "test.csv"), scenario="state-1").table
+    assert table is not None
+    page = visit(QUICK)
+    run(page)
+    page.click("#tab-recording")
+    page.set_input_files("#recording-file", tmp_path / "test.csv")
+    page.locator("#recording td").first.wait_for(timeout=240_000)
+    assert amplitude(page, "drive_1", "#recording") == f"{1e3 * table['drive_1'].amplitude_n_m:#.4g}"
+    page.get_by_role("button", name="Compare with the current run").click()
+    page.locator("#recording td[data-key=b_n_m]").first.wait_for(timeout=240_000)
+    (tmp_path / "test.exe").write_bytes(b"MZ")
+    page.set_input_files("#recording-file", tmp_path / "test.exe")
+    page.get_by_text("'.exe' is not known").wait_for()
+
+
+def test_a_recording_is_refined_on_zoom_and_kept_over_a_reload(visit: Callable[..., Any], tmp_path: Path) -> None:
+    motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "record.sample_rate": "2048 Hz"}))
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
+    recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
+    write_recording(recording, tmp_path / "test.csv")
+    expected = analyse(str(tmp_path / "test.csv"), scenario="state-1").spectrum
+    page = visit(QUICK)
+    page.click("#tab-recording")
+    page.set_input_files("#recording-file", tmp_path / "test.csv")
+    page.locator("#recording-plot .main-svg").first.wait_for(timeout=240_000)
+    page.get_by_role("button", name="Add a parameter").click()
+    page.evaluate("Plotly.relayout('recording-plot', {'xaxis.range[0]': 50, 'xaxis.range[1]': 60})")
+    shown = "document.querySelector('#recording-plot').data[0].x"
+    until(page, f"{shown}.at(-1) < 61")
+    assert np.diff(page.evaluate(shown)) == pytest.approx(expected.resolution)
+    page.reload()
+    until(page, f"document.querySelector('#recording-plot')?.data && {shown}.at(-1) < 61")
+    page.locator("#recording td").first.wait_for()
+    assert amplitude(page, "drive_1", "#recording")
+    assert page.locator(".fit").count() == 2
+
+
+def test_rate_map_and_sizing(visit: Callable[..., Any]) -> None:
+    page = visit()
+    page.click("#tab-rates")
+    page.fill("#rates-count", "12")
+    page.fill("#rates-limit", "30 mN*m")
+    page.check("#rates-linear")
+    page.locator("#rates button.primary").click()
+    page.locator("#campbell-plot .main-svg").first.wait_for(timeout=240_000)
+    assert page.locator("#rates td[data-key=mode]").count()
+    page.fill("#rates-from", "0.01 kg")
+    page.locator("#rates button.primary").click()
+    page.locator("#rates [role=alert]").get_by_text("0.01 kg").wait_for()
+    page.click("#tab-sas")
+    page.locator("#sas button.primary").click()
+    page.locator("#sas td").first.wait_for(timeout=240_000)
+    assert "state 5" in page.locator("#sas table").first.inner_text()
