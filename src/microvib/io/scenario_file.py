@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import replace
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -260,6 +261,7 @@ _last: tuple[Scenario | None, str] = (None, "")
 """The scenario that was written last and its text: what a run writes asks for it several times, 20 ms each."""
 
 
+@lru_cache(maxsize=1)  # a run writes it to several places
 def dump_scenario(scenario: Scenario) -> str:
     """YAML text of a scenario."""
     global _last

@@ -71,6 +71,9 @@ class Scenario(Part):
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
 
+    def __hash__(self) -> int:
+        return hash(tuple(getattr(self, name) for name in type(self).model_fields if name != "sources"))  # a dict
+
     @property
     def rotor_inertia(self) -> float:
         """J_m = J_r + J_wg [kg m^2]."""
