@@ -8,6 +8,7 @@ import math
 
 import pytest
 
+from microvib.io.sources import open_source
 from microvib.reports.comparison import clock_sentence, comparison_report, comparison_text, verdict_sentence
 from microvib.reports.document import Table, Text
 from microvib.reports.rendering import html
@@ -58,7 +59,7 @@ def test_the_file_keeps_all_digits_and_the_verdict():
 
 
 def test_the_papers_columns_are_not_judged():
-    a, b, rows = compare("paper-test", "paper-simulation")
+    a, b, rows = compare(open_source("paper-test"), open_source("paper-simulation"))
     document = comparison_report(a, b, rows)
     assert document.facts[0].value == "not judged"
     assert "agree" not in comparison_text(a, b, rows)

@@ -9,6 +9,7 @@ from scipy.io import savemat
 
 from microvib.errors import MicrovibError
 from microvib.io.recordings import read_recording, write_recording
+from microvib.io.sources import open_source
 from microvib.studies.analyse import analyse
 from microvib.testdata.recording import Recording
 
@@ -117,7 +118,7 @@ def test_mutated_recordings_are_refused_or_read(tmp_path, originals, name):
         path.write_bytes(data)
         try:
             with warnings.catch_warnings(action="error"):
-                found = analyse(str(path)).recording
+                found = analyse(open_source(str(path))).recording
         except MicrovibError as error:
             refused.append(str(error))
         else:

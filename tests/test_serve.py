@@ -399,12 +399,13 @@ def loaded(client, recording) -> dict:
 
 
 def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, recording):
+    from microvib.io.sources import open_source
     from microvib.studies.analyse import analyse
 
     assert loaded["channels"][0]["name"] == "Mz"
     assert loaded["duration"] == pytest.approx(4.0)
     id = client.post("/api/analyses", json={"recording": loaded["id"], "scenario": spec()}).json()["id"]
-    found, expected = result(client, id), analyse(str(recording), scenario="state-1")
+    found, expected = result(client, id), analyse(open_source(str(recording)), scenario=mv.load_scenario("state-1"))
     assert found["title"] == "my bench.uff, Mz"
     assert found["clock_ratio"] == expected.clock_ratio
     assert [x["amplitude_n_m"] for x in found["lines"] if x["line"] == "drive_1"] == [

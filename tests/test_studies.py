@@ -11,14 +11,25 @@ from support.scenarios import baseline
 import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.io.recordings import write_recording
+from microvib.io.sources import open_source
 from microvib.reports.comparison import write_comparison
 from microvib.reports.identification import fit_json, fit_text, write_fit
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
-from microvib.studies.evidence import chosen, read_evidence
+from microvib.studies.evidence import chosen, evidence_of
 from microvib.studies.identify import Trust, identify, parse_fit
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.problem import Problem
 from microvib.testdata.recording import Recording
+
+
+def read_evidence(path, scenario, **how):
+    return evidence_of(open_source(str(path), **how), scenario, name=str(path))
+
+
+def compared(a, b):
+    first = open_source(str(a))
+    return compare(first, first if a == b else open_source(str(b)), names=(str(a), str(b)))
+
 
 TRUTH = {"array.rigid_inertia": 0.11, "reducer.stiffness": 10_500.0, "motor.friction.viscous": 0.022}
 
@@ -44,7 +55,7 @@ def start():
 
 
 def test_evidence_of_a_recording(recording, start):
-    evidence = read_evidence(str(recording), start)
+    evidence = read_evidence(recording, start)
     assert evidence.clock_ratio == pytest.approx(0.9962, abs=2e-6)
     assert evidence.duration == 8.0
     assert {("drive_1", "amplitude"), ("drive_2", "phase"), ("array_mode_1", "frequency")} <= {
@@ -59,7 +70,7 @@ def fit(recording, start):
         {**TRUTH, "reducer.stiffness": 8000.0, "reducer.damping": 0.5, "array.modes.0.frequency": 1.24}
     )
     keys = [parse_fit(wrong, key) for key in ("reducer.stiffness", "reducer.damping")]
-    return identify(wrong, [(read_evidence(str(recording), wrong), {})], keys, starts=16, finishes=2, seed=2)
+    return identify(wrong, [(read_evidence(recording, wrong), {})], keys, starts=16, finishes=2, seed=2)
 
 
 def test_identification_finds_the_truth(fit):
@@ -94,7 +105,7 @@ def test_what_an_identification_writes(fit, tmp_path):
 
 def test_estimates_lean_on_what_was_not_fitted(recording, start):
     """To first order: where the inertia is 1 % wrong, the estimate moves as was said."""
-    evidence = [(read_evidence(str(recording), start), {})]
+    evidence = [(read_evidence(recording, start), {})]
     known = start.with_si({k: v for k, v in TRUTH.items() if k != "reducer.stiffness"})
     key = parse_fit(start, "reducer.stiffness=9000 N*m/rad:12000 N*m/rad")
     loose = {"model_error": 0.3, "starts": 2, "finishes": 1}
@@ -109,7 +120,7 @@ def test_estimates_lean_on_what_was_not_fitted(recording, start):
 
 def test_a_model_that_does_not_explain_the_data_identifies_nothing(recording, start, tmp_path):
     """One key on a recording that needs more."""
-    evidence = read_evidence(str(recording), start)
+    evidence = read_evidence(recording, start)
     key = parse_fit(start, "reducer.stiffness=4000 N*m/rad:20000 N*m/rad")
     fit = identify(start, [(evidence, {})], [key], starts=2, finishes=1)
     assert fit.goodness.ratio > 10.0 * fit.goodness.limit
@@ -128,7 +139,7 @@ def test_a_model_that_does_not_explain_the_data_identifies_nothing(recording, st
 
 
 def test_a_stated_range_is_respected_and_its_end_is_not_identifiable(recording, start):
-    evidence = read_evidence(str(recording), start)
+    evidence = read_evidence(recording, start)
     known = start.with_si({k: v for k, v in TRUTH.items() if k != "motor.friction.viscous"})
     key = parse_fit(start, "motor.friction.viscous=0.005 N*m*s/rad:0.0215 N*m*s/rad")  # the truth, 0.022, lies outside
     (e,) = identify(known, [(evidence, {})], [key], starts=2, finishes=1, model_error=0.1).estimates
@@ -139,7 +150,7 @@ def test_a_stated_range_is_respected_and_its_end_is_not_identifiable(recording, 
 
 def test_a_common_error_of_the_scale_is_no_misfit(recording, start):
     """A recording that reads 3 % high throughout."""
-    evidence = read_evidence(str(recording), start)
+    evidence = read_evidence(recording, start)
     scaled = replace(evidence, observations=tuple(
         replace(o, value=1.03 * o.value) if o.form == "amplitude" else o for o in evidence.observations
     ))  # fmt: skip
@@ -156,7 +167,7 @@ def test_a_common_error_of_the_scale_is_no_misfit(recording, start):
 
 def test_a_parameter_without_effect_is_not_identifiable(recording, start):
     """The rotor's Stribeck rate, where breakaway is no higher than Coulomb friction."""
-    evidence = read_evidence(str(recording), start)
+    evidence = read_evidence(recording, start)
     key = parse_fit(start, "motor.friction.stribeck_rate=0.001 deg/s:0.01 deg/s")
     (rate,) = identify(start.with_si(TRUTH), [(evidence, {})], [key], starts=2, finishes=1).estimates
     assert not rate.identifiable
@@ -164,7 +175,7 @@ def test_a_parameter_without_effect_is_not_identifiable(recording, start):
 
 
 def test_lines_are_chosen_by_band_and_name(recording, start):
-    evidence = read_evidence(str(recording), start)
+    evidence = read_evidence(recording, start)
     (low,) = chosen([evidence], start, [(0.5, 120.0)])
     assert {o.line for o in low.observations} < {o.line for o in evidence.observations}
     assert {"drive_1", "drive_2"} <= {o.line for o in low.observations}
@@ -179,7 +190,7 @@ def test_lines_are_chosen_by_band_and_name(recording, start):
 
 def test_amplitudes_of_the_starts_ringing_count_only_where_its_time_is_known(recording, start):
     """A wrong settling time must not move the damping: the decay tells it."""
-    evidence = [(read_evidence(str(recording), start), {})]
+    evidence = [(read_evidence(recording, start), {})]
     assert any(o.line == "array_mode_1" and o.form == "amplitude" for o in evidence[0][0].observations)
     true = start.with_si(TRUTH)
     key = parse_fit(true, "array.modes.0.damping=0.5 percent:3 percent")
@@ -194,7 +205,7 @@ def test_amplitudes_of_the_starts_ringing_count_only_where_its_time_is_known(rec
 
 
 def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start):
-    evidence = read_evidence(str(recording), start)
+    evidence = read_evidence(recording, start)
     key = parse_fit(start, "reducer.stiffness")
     with pytest.raises(MicrovibError, match=r"^fit reducer.stiffness: the test .* sets it itself"):
         identify(start, [(evidence, {"reducer.stiffness": "9000 N*m/rad"})], [key])
@@ -223,15 +234,19 @@ def test_bad_fit_keys_are_one_sentence(start, text, complaint):
 
 
 def test_bad_evidence_is_one_sentence(start, tmp_path):
-    with pytest.raises(MicrovibError, match="is not evidence; expected a recording"):
+    with pytest.raises(MicrovibError, match=r"nothing\.xyz: is not known; expected a scenario"):
         read_evidence("nothing.xyz", start)
+    with pytest.raises(MicrovibError, match="state-1: is not evidence; expected a recording"):
+        read_evidence("state-1", start)
+    with pytest.raises(MicrovibError, match="paper-simulation: is not evidence"):
+        read_evidence("paper-simulation", start)
     (tmp_path / "lines.csv").write_text("line,amplitude_n_m\ndrive_1,many\n")
     with pytest.raises(MicrovibError, match="row 2: amplitude_n_m 'many' is not a number"):
-        read_evidence(str(tmp_path / "lines.csv"), start)
+        read_evidence(tmp_path / "lines.csv", start)
 
 
 def test_comparison_of_a_recording_with_a_scenario(recording, tmp_path):
-    a, b, rows = compare(str(recording), "state-1")
+    a, b, rows = compared(recording, "state-1")
     by_name = {row.line: row for row in rows}
     assert b.clock_ratio == pytest.approx(0.9962, abs=2e-6)  # the scenario ran at the recording's clock
     assert by_name["drive_1"].a.frequency == pytest.approx(by_name["drive_1"].b.frequency, abs=1e-4)
@@ -242,7 +257,7 @@ def test_comparison_of_a_recording_with_a_scenario(recording, tmp_path):
 
 
 def test_comparison_of_the_papers_two_columns():
-    _, _, rows = compare("paper-test", "paper-simulation")
+    _, _, rows = compared("paper-test", "paper-simulation")
     errors = {row.line: 100 * row.bin_error for row in rows}
     assert errors == pytest.approx(
         {"array_mode_1": 5.0, "drive_1": -15.72, "drive_2": 22.33, "drive_3": 21.44}, abs=0.01
@@ -259,30 +274,31 @@ def test_unexpected_lines_are_matched_by_frequency_not_by_number():
 
 
 def test_comparison_of_a_scenario_with_itself():
-    _, _, rows = compare("state-2", "state-2")
+    _, _, rows = compared("state-2", "state-2")
     assert all(row.bin_error == 0.0 for row in rows)
 
 
 def test_a_recording_names_no_lines_of_a_drive_that_nobody_named(recording):
     from microvib.studies.analyse import analyse
 
-    found = analyse(str(recording))
+    found = analyse(open_source(str(recording)))
     assert {line.kind for line in found.table} == {"other"}
     assert {line.origin for line in found.table} == {""}
     assert found.clock_ratio is None
-    assert "lines are not named, for no drive was; name it with --scenario" in found.recording.notes
-    named = analyse(str(recording), scenario="state-1")
+    assert "lines are not named, for no scenario was given that says which to expect" in found.recording.notes
+    named = analyse(open_source(str(recording)), scenario=baseline())
     largest = max(named.table, key=lambda line: line.amplitude_n_m if line.status == "ok" else 0.0)
     assert max(line.amplitude_n_m for line in found.table) == pytest.approx(largest.amplitude_n_m, rel=0.01)
-    _, _, rows = compare(str(recording), str(recording))
+    _, _, rows = compared(recording, recording)
     assert rows
     assert all(row.line.startswith("other_") and row.error == 0.0 for row in rows)
 
 
 def test_a_recording_and_a_table_need_a_drive_that_names_the_lines(recording, tmp_path):
     (tmp_path / "lines.csv").write_text("line,frequency_hz,amplitude_n_m\ndrive_1,14.5,0.05\n")
-    with pytest.raises(MicrovibError, match="name it with --scenario"):
-        compare(str(recording), str(tmp_path / "lines.csv"))
+    with pytest.raises(MicrovibError, match="have no names without a drive; name it") as failed:
+        compared(recording, tmp_path / "lines.csv")
+    assert failed.value.remedy == "scenario"
 
 
 @pytest.mark.parametrize(
@@ -299,7 +315,7 @@ def test_a_recording_and_a_table_need_a_drive_that_names_the_lines(recording, tm
 def test_tables_of_lines_that_are_broken(tmp_path, start, content, complaint):
     path = tmp_path / "lines.csv"
     path.write_bytes(content)
-    for read in (lambda: read_evidence(str(path), start), lambda: compare(str(path), str(path))):
+    for read in (lambda: read_evidence(path, start), lambda: compared(path, path)):
         with pytest.raises(MicrovibError, match=complaint):
             read()
 
@@ -307,8 +323,8 @@ def test_tables_of_lines_that_are_broken(tmp_path, start, content, complaint):
 def test_evidence_is_of_the_loads_ahead_of_the_chain(recording, start):
     from microvib.testdata.preparation import Preparation
 
-    raw = read_evidence(str(recording), start)
-    told = read_evidence(str(recording), start, preparation=Preparation(response="boxcar"))
+    raw = read_evidence(recording, start)
+    told = read_evidence(recording, start, preparation=Preparation(response="boxcar"))
     before, after = (
         {o.line: o for o in e.observations if o.form == "amplitude" and o.line.startswith("drive_")}
         for e in (raw, told)

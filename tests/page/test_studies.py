@@ -19,6 +19,7 @@ from support.page import (
 
 import microvib as mv
 from microvib.io.recordings import write_recording
+from microvib.io.sources import open_source
 from microvib.studies.analyse import analyse
 from microvib.testdata.recording import Recording
 
@@ -30,7 +31,7 @@ def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:
     noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
     recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
     write_recording(recording, tmp_path / "test.csv")
-    table = analyse(str(tmp_path / "test.csv"), scenario="state-1").table
+    table = analyse(open_source(str(tmp_path / "test.csv")), scenario=mv.load_scenario("state-1")).table
     assert table is not None
     page = visit(QUICK)
     run(page)
@@ -50,7 +51,7 @@ def test_a_recording_is_refined_on_zoom_and_kept_over_a_reload(visit: Callable[.
     noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
     recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
     write_recording(recording, tmp_path / "test.csv")
-    expected = analyse(str(tmp_path / "test.csv"), scenario="state-1").spectrum
+    expected = analyse(open_source(str(tmp_path / "test.csv")), scenario=mv.load_scenario("state-1")).spectrum
     page = visit(QUICK)
     page.click("#tab-recording")
     page.set_input_files("#recording-file", tmp_path / "test.csv")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.cli.common import deliver, report_options
+from microvib.cli.common import report_options, say_written
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import MicrovibError, OptionError
@@ -198,7 +198,9 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     within = ends(text) if text else (0.0, float("inf"))
     merge_chunks(opened)
     summary = summarise(open_results(opened), most, within)
-    deliver(report_text(summary), folder / "report", lambda out: write_report(out, summary, form))
+    files = write_report(folder / "report", summary, form)
+    echo(report_text(summary))
+    say_written(folder / "report", files)
 
 
 @campaign.command()

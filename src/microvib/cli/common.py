@@ -1,8 +1,9 @@
-"""What commands share: reading a scenario with its changes, options, progress on a terminal."""
+"""What commands share: options, scenarios with their changes, the folder that results go into."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,10 @@ from microvib.reports.document import Form
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.testdata.preparation import Preparation
+
+Command = Callable[..., None]
+MAX_DOUBTS = 8
+"""Values of a scenario that are told as unusual."""
 
 set_option = click.option(
     "--set",
@@ -52,17 +57,7 @@ def _form(pdf: bool, report_data: Path | None) -> Form:
     return Form(pdf, click.get_current_context().find_root().obj or "", block)
 
 
-def check_target(out: Path | None, overwrite: bool, form: Form) -> None:
-    """OptionError or OutputError where the results could not be written at the end."""
-    from microvib.io.results import check_folder
-
-    if out is not None:
-        check_folder(out, overwrite)
-    elif form.pdf:
-        raise OptionError("pdf", "the report is written into a folder; name one", remedy="out")
-
-
-def report_options(command: Callable[..., None]) -> Callable[..., None]:
+def report_options(command: Command) -> Command:
     """Options of every command with a report; the command gets them as ``form``."""
 
     @click.option("--pdf", is_flag=True, help="Write the report as PDF too (extra `report`).")
@@ -80,8 +75,51 @@ def report_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_form
 
 
-MAX_DOUBTS = 8
-overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+@dataclass(frozen=True)
+class Target:
+    """Where a study's results go: printed, and written into a folder where there is one."""
+
+    out: Path | None
+    overwrite: bool
+    form: Form
+
+    def deliver(self, text: str, write: Callable[..., tuple[str, ...]], *result: Any) -> None:
+        """Write the result, then print: a reader who leaves early does not cost the results."""
+        files = () if self.out is None else write(self.out, *result, self.overwrite, self.form)
+        echo(text)
+        say_written(self.out, files)
+
+
+def say_written(out: Path | None, files: tuple[str, ...]) -> None:
+    """Tell which files of a folder were written."""
+    if out is not None and files:
+        echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+
+
+def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None = None) -> Callable[[Command], Command]:
+    """Options of a command that writes a folder, checked before anything is computed; the command gets them as ``target``.
+
+    ``folder`` makes its name of the other options, where it has one without --out.
+    """
+
+    def with_options(command: Command) -> Command:
+        @click.option("--out", type=click.Path(path_type=Path), help=text)
+        @click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+        @report_options
+        @wraps(command)
+        def with_target(*arguments: Any, out: Path | None, overwrite: bool, form: Form, **options: Any) -> None:
+            from microvib.io.results import check_folder, free_folder
+
+            out = free_folder(folder(options)) if out is None and folder is not None else out
+            if out is not None:
+                check_folder(out, overwrite)
+            elif form.pdf:
+                raise OptionError("pdf", "the report is written into a folder; name one", remedy="out")
+            command(*arguments, target=Target(out, overwrite, form), **options)
+
+        return with_target
+
+    return with_options
 
 
 def load(source: str, settings: tuple[str, ...]) -> Scenario:
@@ -108,16 +146,15 @@ def say_doubts(scenario: Scenario, name: str) -> None:
         click.echo(f"Note: {name}: and {len(found) - MAX_DOUBTS} more unusual values", err=True)
 
 
+def guide(source: str | None) -> Scenario | None:
+    """The scenario that says which lines to look for; None without one."""
+    from microvib.io.scenario_file import load_scenario
+
+    return None if source is None else load_scenario(source)
+
+
 def preparation(file: Path | None) -> Preparation | None:
     """What a preparation file says; None without one."""
     from microvib.io.recordings import load_preparation
 
     return None if file is None else load_preparation(file)
-
-
-def deliver(text: str, out: Path | None, write: Callable[[Path], tuple[str, ...]]) -> None:
-    """Write a study's folder, where there is one, then print: a reader who leaves early does not cost the results."""
-    files = () if out is None else write(out)
-    echo(text)
-    if files:
-        echo(f"\nWritten: {', '.join(str(out / name) for name in files if out is not None)}")

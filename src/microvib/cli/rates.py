@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
-from microvib.cli.common import check_target, deliver, load, overwrite_option, report_options, set_option
+from microvib.cli.common import Target, load, set_option, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
-from microvib.reports.document import Form
 from microvib.units import band as ends
 from microvib.units import quantity
 
@@ -25,12 +22,10 @@ from microvib.units import quantity
 @click.option("--keep-away", metavar="PART", help="How far the rate must be from resonances, e.g. '5 percent' of it.")
 @click.option("--linear", is_flag=True, help="Linearised drive in closed form: instant, driving lines only.")
 @set_option
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and pictures [default: print only].")
-@overwrite_option
-@report_options
+@target_options("Folder for tables and pictures [default: print only].")
 def rates(
     scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
-    keep_away: str | None, linear: bool, settings: tuple[str, ...], out: Path | None, overwrite: bool, form: Form,
+    keep_away: str | None, linear: bool, settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
     import math
@@ -38,7 +33,6 @@ def rates(
     from microvib.reports.rates import linear_text, plan_text, write_plan
     from microvib.studies.rates import plan_rates, rate_grid
 
-    check_target(out, overwrite, form)
     grid = rate_grid(quantity("from", low, "rad/s"), quantity("to", high, "rad/s"), count)
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
@@ -53,7 +47,7 @@ def rates(
         )
         text = linear_text(plan) if linear else ""
     said = "\n".join(filter(None, (plan_text(plan), text)))
-    deliver(said, out, lambda folder: write_plan(folder, plan, text, overwrite, form))
+    target.deliver(said, write_plan, plan, text)
 
 
 def _counts(text: str) -> tuple[int, ...]:

@@ -10,28 +10,24 @@ from typing import Any
 import click
 
 from microvib.cli.common import (
+    Target,
     channel_option,
-    check_target,
-    deliver,
+    guide,
     load,
-    overwrite_option,
     preparation,
     prepare_option,
-    report_options,
     set_option,
+    target_options,
 )
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import OptionError
-from microvib.reports.document import Form
 from microvib.units import band, quantity
 
 
 @click.command()
 @click.argument("source")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for tables and report [default: print only].")
-@overwrite_option
-@report_options
+@target_options("Folder for tables and report [default: print only].")
 @channel_option
 @prepare_option
 @click.option("--scenario", help="Drive of a recording: which lines to look for [default: none].")
@@ -47,53 +43,44 @@ from microvib.units import band, quantity
 )
 @click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="RMS of a band, such as '0.5:5 Hz'.")
 def analyse(
-    source: str, out: Path | None, overwrite: bool, form: Form, channel: str, prepare: Path | None, scenario: str | None,
-    window: Any, resolution: str | None, bands: tuple[str, ...],
+    source: str, channel: str, prepare: Path | None, scenario: str | None, window: Any, resolution: str | None,
+    bands: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Lines with uncertainties and spectra of SOURCE: a scenario, a run folder or a recording."""
+    from microvib.io.sources import open_source
     from microvib.reports.analysis import analysis_text, write_analysis
     from microvib.studies.analyse import analyse as run_analysis
 
-    check_target(out, overwrite, form)
     with progress_bar() as progress:
         analysis = run_analysis(
-            source, scenario=scenario, channel=channel, preparation=preparation(prepare), window=window,
+            open_source(source, preparation(prepare)), name=source, scenario=guide(scenario), channel=channel, window=window,
             resolution=None if resolution is None else quantity("resolution", resolution, "Hz"),
             bands=[band(text) for text in bands], progress=progress,
         )  # fmt: skip
-    deliver(analysis_text(analysis), out, lambda folder: write_analysis(folder, analysis, overwrite, form))
+    target.deliver(analysis_text(analysis), write_analysis, analysis)
 
 
 @click.command()
 @click.argument("a")
 @click.argument("b")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
-@overwrite_option
-@report_options
+@target_options("Folder for table and report [default: print only].")
 @channel_option
 @prepare_option
 @click.option("--scenario", help="Drive of the recordings, where neither A nor B is a scenario.")
-def compare(
-    a: str,
-    b: str,
-    out: Path | None,
-    overwrite: bool,
-    form: Form,
-    channel: str,
-    prepare: Path | None,
-    scenario: str | None,
-) -> None:
+def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, target: Target) -> None:
     """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
+    from microvib.io.sources import open_source
     from microvib.reports.comparison import comparison_text, write_comparison
     from microvib.studies.compare import compare as run_comparison
 
-    check_target(out, overwrite, form)
+    prepared = preparation(prepare)
+    first = open_source(a, prepared)
+    second = first if a == b else open_source(b, prepared)
     with progress_bar() as progress:
-        first, second, rows = run_comparison(
-            a, b, scenario=scenario, channel=channel, preparation=preparation(prepare), progress=progress
+        found = run_comparison(
+            first, second, names=(a, b), scenario=guide(scenario), channel=channel, progress=progress
         )
-    text = comparison_text(first, second, rows)
-    deliver(text, out, lambda folder: write_comparison(folder, first, second, rows, overwrite, form))
+    target.deliver(comparison_text(*found), write_comparison, *found)
 
 
 @click.command()
@@ -133,11 +120,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     help="A parameter to identify, with its range.",
 )
 @set_option
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder for fit, scenario and report [default: print only]."
-)
-@overwrite_option
-@report_options
+@target_options("Folder for fit, scenario and report [default: print only].")
 @channel_option
 @prepare_option
 @click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="Lines to fit to, such as '0.5:200 Hz'.")
@@ -161,38 +144,39 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     help="How far the scale of a recording is trusted, all its amplitudes together (standard deviation).",
 )
 def identify(
-    scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], out: Path | None,
-    overwrite: bool, form: Form, channel: str, prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...],
-    starts: int, seed: int, model_error: str, common_error: str,
+    scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
+    prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...], starts: int, seed: int, model_error: str,
+    common_error: str, target: Target,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
     Several tests at once, each with its own state: FILE@KEY=VALUE@KEY=VALUE, e.g. b.uff@array.inertia='15.69 kg*m^2'.
     """
     from microvib.io.scenario_file import parse_value
+    from microvib.io.sources import open_source
     from microvib.reports.identification import fit_text, write_fit
-    from microvib.studies.evidence import chosen, read_evidence
+    from microvib.studies.evidence import chosen, evidence_of
     from microvib.studies.identify import identify as run_identification
     from microvib.studies.identify import parse_fit
 
-    check_target(out, overwrite, form)
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
     each, common = _part("model_error", model_error, 0.0), _part("common_error", common_error, -1.0)
-    wanted = [band(text) for text in bands]
+    within = [band(text) for text in bands]
     prepared = preparation(prepare)
     read, changes = [], []
     for item in evidence:
-        source, *changed = item.split("@")
+        name, *changed = item.split("@")
         changes.append({key: parse_value(value) for key, _, value in (change.partition("=") for change in changed)})
-        read.append(read_evidence(source, loaded.with_(changes[-1]) if changed else loaded, channel, prepared))
-    tests = list(zip(chosen(read, loaded, wanted, without), changes, strict=True))
+        test = loaded.with_(changes[-1]) if changed else loaded
+        read.append(evidence_of(open_source(name, prepared), test, channel, name))
+    tests = list(zip(chosen(read, loaded, within, without), changes, strict=True))
     with progress_bar("searching") as progress:
         fit = run_identification(
             loaded, tests, fit_keys, seed=seed, starts=starts, model_error=each, common_error=common,
             progress=_best_so_far(progress),
         )  # fmt: skip
-    deliver(fit_text(fit), out, lambda folder: write_fit(folder, fit, overwrite, form))
+    target.deliver(fit_text(fit), write_fit, fit)
     if fit.interrupted:
         sys.exit(INTERRUPTED)
 
@@ -217,15 +201,12 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and report [default: print only].")
-@overwrite_option
-@report_options
-def validate(out: Path | None, overwrite: bool, form: Form) -> None:
+@target_options("Folder for table and report [default: print only].")
+def validate(target: Target) -> None:
     """Run all that the paper claims, and print it beside the paper's and the test's figures."""
     from microvib.reports.validation import validation_text, write_validation
     from microvib.studies.validate import validate as run_validation
 
-    check_target(out, overwrite, form)
     with progress_bar() as progress:
         checks, states = run_validation(lambda text: progress.say(f"running {text}"))
-    deliver(validation_text(checks), out, lambda folder: write_validation(folder, checks, states, overwrite, form))
+    target.deliver(validation_text(checks), write_validation, checks, states)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from microvib.analysis.lines import lines_of_samples
+from microvib.analysis.lines import lines_of_recording, lines_of_samples
 from microvib.errors import MicrovibError
-from microvib.io.recordings import READERS, read_prepared, read_recording
-from microvib.io.scenario_file import catalog_names, load_scenario
+from microvib.io.recordings import Prepared
+from microvib.io.sources import RunFolder, Source
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import (
@@ -22,12 +21,10 @@ from microvib.signals.spectrum import (
     waterfall,
 )
 from microvib.solve.simulate import Progress, simulate
-from microvib.studies.evidence import measured_lines
-from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import COMPONENTS, Recording, check
 from microvib.units import pretty
 
-NO_DRIVE = "lines are not named, for no drive was; name it with --scenario"
+NO_DRIVE = "lines are not named, for no scenario was given that says which to expect"
 
 
 @dataclass(frozen=True)
@@ -51,11 +48,11 @@ class Analysis:
 
 
 def analyse(
-    source: str,
+    source: Source,
     *,
-    scenario: str | None = None,
+    name: str = "",
+    scenario: Scenario | None = None,
     channel: str = "Mz",
-    preparation: Preparation | None = None,
     window: Window = "hann",
     resolution: float | None = None,
     bands: Sequence[tuple[float, float]] = (),
@@ -63,18 +60,17 @@ def analyse(
 ) -> Analysis:
     """Lines and spectra of a scenario, a run folder or a recording.
 
-    ``scenario`` says which lines to look for in a recording; without it those that stand out are not named. ``resolution``
-    [Hz] is that of density and waterfall. MicrovibError where the source cannot be read or is too short.
+    ``scenario`` says which lines to look for in a recording; without it those that stand out are not named. ``name`` is what a
+    scenario is called; ``resolution`` [Hz] is that of density and waterfall. MicrovibError where the source is too short.
     """
-    guide = None if scenario is None else load_scenario(scenario)
-    recording, background, table, expected = _source(source, guide, channel, preparation, progress)
+    recording, background, table, expected = _source(source, name, scenario, channel, progress)
     found = None if table is None else table.clock_ratio
     x, rate = recording.load(channel), recording.sample_rate
     density = power_spectral_density(x, rate, resolution, window)
     if background is not None:
         density = density.less(power_spectral_density(background[channel], rate, density.resolution, window))
     return Analysis(
-        name=source,
+        name=name or recording.title,
         channel=channel,
         unit=pretty(recording.units[channel]),
         recording=recording,
@@ -88,42 +84,39 @@ def analyse(
 
 
 def _source(
-    source: str, guide: Scenario | None, channel: str, preparation: Preparation | None, progress: Progress | None
+    source: Source, name: str, guide: Scenario | None, channel: str, progress: Progress | None
 ) -> tuple[Recording, Recording | None, LineTable | None, float]:
     """Recording, background, lines, and the step clock over nominal at which the lines were expected."""
-    path = Path(source)
-    if source in catalog_names() or path.suffix.lower() in (".yaml", ".yml"):
-        recording, guide = _simulated(source, load_scenario(source), progress)
-        return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
-    if path.is_dir():
-        if not (path / "motion.nc").is_file():
-            raise MicrovibError(f"{path}: is not a run folder with a motion; it has no motion.nc")
-        if (path / "scenario.yaml").is_file():
-            guide = load_scenario(path / "scenario.yaml")
-        recording = read_recording(path / "motion.nc")
-        if guide is None:
+    match source:
+        case Scenario():
+            return _with_lines(_simulated(name, source, progress), channel, source)
+        case RunFolder():
+            guide = source.scenario or guide
+            if source.motion is None:
+                raise MicrovibError(f"{source.path}: is not a run folder with a motion; it has no motion.nc")
+            if guide is None:
+                text = "has no scenario.yaml that says which lines to look for; name a scenario"
+                raise MicrovibError(f"{source.path}: {text}", remedy="scenario")
+            return _with_lines(source.motion, channel, guide)
+        case Prepared(recording, background):
+            if channel.startswith("F") or not _about_the_axis(channel, guide):
+                check(recording, channel)
+                return recording, background, None, 1.0
+            table = lines_of_recording(recording, channel, guide, background)
+            if guide is None:
+                return recording.noted(NO_DRIVE), background, table, 1.0
+            return recording, background, table, guide.tracking.clock_ratio
+        case _:
             raise MicrovibError(
-                f"{path}: has no scenario.yaml that says which lines to look for; name one with --scenario"
+                f"{name or 'the source'}: lines alone cannot be analysed; expected a scenario, the folder of a run or a"
+                " recording"
             )
-        return recording, None, _lines(recording, channel, guide), guide.tracking.clock_ratio
-    if path.suffix.lower() not in READERS:
-        raise MicrovibError(
-            f"{source}: cannot be analysed; expected a scenario, a run folder or a recording ({', '.join(READERS)})"
-        )
-    if channel.startswith("F") or not _about_the_axis(channel, guide):
-        prepared = read_prepared(path, preparation)
-        check(prepared.recording, channel)
-        return prepared.recording, prepared.background, None, 1.0
-    prepared, table = measured_lines(path, guide, channel, preparation)
-    if guide is None:
-        return prepared.recording.noted(NO_DRIVE), prepared.background, table, 1.0
-    return prepared.recording, prepared.background, table, guide.tracking.clock_ratio
 
 
-def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> tuple[Recording, Scenario]:
+def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> Recording:
     motion = simulate(scenario, channels=("T_d",), progress=progress)
     axis = "M" + scenario.array.drive_axis
-    return Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name), scenario
+    return Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or scenario.title)
 
 
 def _about_the_axis(channel: str, guide: Scenario | None) -> bool:
@@ -131,7 +124,9 @@ def _about_the_axis(channel: str, guide: Scenario | None) -> bool:
     return guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
 
 
-def _lines(recording: Recording, channel: str, guide: Scenario) -> LineTable | None:
-    if channel != "M" + guide.array.drive_axis:
-        return None
-    return lines_of_samples(recording[channel], recording.sample_rate, guide)
+def _with_lines(recording: Recording, channel: str, guide: Scenario) -> tuple[Recording, None, LineTable | None, float]:
+    """A simulated torque with its lines, where the channel is the one about the drive axis."""
+    table = None
+    if channel == "M" + guide.array.drive_axis:
+        table = lines_of_samples(recording[channel], recording.sample_rate, guide)
+    return recording, None, table, guide.tracking.clock_ratio

@@ -6,24 +6,18 @@ import csv
 import io
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from microvib.analysis.lines import lines
+from microvib.analysis.lines import lines, lines_of_recording
 from microvib.errors import MicrovibError
-from microvib.io.recordings import READERS, read_recording
-from microvib.io.results import PAPER_LINES, read_table
-from microvib.io.scenario_file import catalog_names, load_scenario
+from microvib.io.line_files import PaperLines
+from microvib.io.recordings import Prepared
+from microvib.io.scenario_file import load_scenario
+from microvib.io.sources import RunFolder, Source
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.simulate import Progress, simulate
-from microvib.studies.evidence import is_line_table, line_table_rows, measured_lines
-from microvib.testdata.preparation import Preparation
-
-PAPER = ("paper-test", "paper-simulation")
-"""Names for the test and the simulation columns of Tables 5 and 6."""
-
 
 COLUMNS = (
     "line", "a_frequency_hz", "b_frequency_hz", "a_amplitude_n_m", "b_amplitude_n_m", "difference_n_m", "relative_error",
@@ -105,39 +99,41 @@ class Row:
 
 
 def compare(
-    a: str,
-    b: str,
+    a: Source,
+    b: Source,
     *,
-    scenario: str | None = None,
+    names: tuple[str, str] = ("A", "B"),
+    scenario: Scenario | None = None,
     channel: str = "Mz",
-    preparation: Preparation | None = None,
     progress: Progress | None = None,
 ) -> tuple[Side, Side, list[Row]]:
     """Both sides and the lines that at least one of them has.
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
-    look for in recordings where neither side is a scenario, nor the paper; ``preparation`` is applied to recordings.
+    look for in recordings where neither side is a scenario, nor the paper; ``names`` are of sides that have none themselves.
     """
-    guide = (
-        next((load_scenario(x) for x in (a, b) if _is_scenario(x)), None)
-        or _folder_scenario(a, b)
-        or (
-            load_scenario(scenario or "state-1") if scenario or {a, b} & set(PAPER) else None
-        )  # the paper's tables are of state 1
-    )
-    sides: dict[str, Side] = {}
-    for source in sorted((a, b), key=_is_scenario):
-        other = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
-        sides[source] = _side(source, guide, channel, preparation, other, progress)
-    if guide is None and {"recording"} < {side.kind for side in sides.values()}:
-        raise MicrovibError(f"{a}, {b}: lines of a recording have no names without a drive; name it with --scenario")
-    first, second = sides[a], _with_names_of(sides[a], sides[b])
-    names = [*first.lines, *(name for name in second.lines if name not in first.lines)]
-    return (
-        first,
-        second,
-        [Row(name, first.lines.get(name, Figures()), second.lines.get(name, Figures())) for name in names],
-    )
+    guide = _guide(a, b, scenario)
+    given = list(zip((a, b), names, strict=True))
+    sides: dict[int, Side] = {}
+    for source, name in sorted(given, key=lambda item: isinstance(item[0], Scenario)):
+        clock = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
+        sides[id(source)] = _side(source, name, guide, channel, clock, progress)
+    first, second = sides[id(a)], sides[id(b)]
+    if guide is None and {"recording"} < {first.kind, second.kind}:
+        text = "lines of a recording have no names without a drive; name it"
+        raise MicrovibError(f"{first.name}, {second.name}: {text}", remedy="scenario")
+    second = _with_names_of(first, second)
+    either = dict.fromkeys([*first.lines, *second.lines])
+    return first, second, [Row(x, first.lines.get(x, Figures()), second.lines.get(x, Figures())) for x in either]
+
+
+def _guide(a: Source, b: Source, scenario: Scenario | None) -> Scenario | None:
+    """Which lines to look for in recordings: a side that is a scenario says it, or one's run, or the user."""
+    found: list[Scenario | None] = [x for x in (a, b) if isinstance(x, Scenario)]
+    found += [x.scenario for x in (a, b) if isinstance(x, RunFolder)]
+    if scenario is None and any(isinstance(x, PaperLines) for x in (a, b)):
+        scenario = load_scenario("state-1")  # of which the paper's tables are
+    return next((x for x in [*found, scenario] if x is not None), None)
 
 
 def _with_names_of(a: Side, b: Side) -> Side:
@@ -150,45 +146,30 @@ def _with_names_of(a: Side, b: Side) -> Side:
     return replace(b, lines=lines)
 
 
-def _is_scenario(source: str) -> bool:
-    return source in catalog_names() or source.endswith((".yaml", ".yml"))
-
-
-def _folder_scenario(*sources: str) -> Scenario | None:
-    for source in sources:
-        path = Path(source) / "scenario.yaml"
-        if path.is_file():
-            return load_scenario(path)
-    return None
-
-
 def _side(
-    source: str,
+    source: Source,
+    name: str,
     guide: Scenario | None,
     channel: str,
-    preparation: Preparation | None,
     clock: float | None,
     progress: Progress | None,
 ) -> Side:
-    path = Path(source)
-    if source in PAPER:
-        return _paper(source)
-    if _is_scenario(source):
-        return _simulated(source, load_scenario(source), clock, progress)
-    if path.is_dir():
-        return _folder(path)
-    if path.suffix.lower() == ".csv" and is_line_table(path):
-        return Side(source, "table", _read_lines(path))
-    if path.suffix.lower() in READERS:
-        prepared, table = measured_lines(path, guide, channel, preparation)
-        recording = prepared.recording
-        ratio = None if table.clock_ratio is None or guide is None else table.clock_ratio * guide.tracking.clock_ratio
-        x, rate = recording[channel], recording.sample_rate
-        return Side(source, "recording", _figures(table), ratio, x, rate, notes=recording.notes)
-    raise MicrovibError(
-        f"{source}: cannot be compared; expected a scenario, a run folder, a recording ({', '.join(READERS)}),"
-        f" a table of lines (.csv) or one of {', '.join(PAPER)}"
-    )
+    match source:
+        case Scenario():
+            return _simulated(name, source, clock, progress)
+        case RunFolder():
+            return _folder(source)
+        case Prepared(recording, background):
+            table = lines_of_recording(recording, channel, guide, background)
+            ratio = (
+                None if table.clock_ratio is None or guide is None else table.clock_ratio * guide.tracking.clock_ratio
+            )
+            x, rate = recording[channel], recording.sample_rate
+            return Side(recording.title, "recording", _figures(table), ratio, x, rate, notes=recording.notes)
+        case PaperLines():
+            return Side(f"paper-{source.column}", "paper", _figures(source.table))
+        case LineTable():
+            return Side(name, "table", _figures(source))
 
 
 def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Progress | None) -> Side:
@@ -200,16 +181,12 @@ def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Pro
     return Side(title, "simulation", _figures(lines(motion)), ratio, motion["T_d"], motion.sample_rate, scenario)
 
 
-def _folder(path: Path) -> Side:
-    if not (path / "lines.csv").is_file():
-        raise MicrovibError(f"{path}: is not a run folder; it has no lines.csv")
-    torque, rate = None, math.nan
-    if (path / "motion.nc").is_file():
-        recording = read_recording(path / "motion.nc")
-        torque, rate = recording["Mz"], recording.sample_rate
-    scenario = _folder_scenario(str(path))
-    ratio = None if scenario is None else scenario.tracking.clock_ratio
-    return Side(str(path), "run", _read_lines(path / "lines.csv"), ratio, torque, rate, scenario)
+def _folder(run: RunFolder) -> Side:
+    if run.lines is None:
+        raise MicrovibError(f"{run.path}: is not a run folder; it has no lines.csv")
+    torque, rate = (None, math.nan) if run.motion is None else (run.motion["Mz"], run.motion.sample_rate)
+    ratio = None if run.scenario is None else run.scenario.tracking.clock_ratio
+    return Side(str(run.path), "run", _figures(run.lines), ratio, torque, rate, run.scenario)
 
 
 def _figures(table: LineTable) -> dict[str, Figures]:
@@ -219,21 +196,6 @@ def _figures(table: LineTable) -> dict[str, Figures]:
         )
         for x in table
     }
-
-
-def _read_lines(path: Path) -> dict[str, Figures]:
-    columns = ("frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m", "bin_frequency_hz", "bin_amplitude_n_m")
-    return {name: Figures(*map(figure, columns)) for name, figure in line_table_rows(path)}
-
-
-def _paper(source: str) -> Side:
-    column = "test" if source == "paper-test" else "simulation"
-    hz = {row["line"]: float(row[f"{column}_hz"]) for row in read_table("table5_line_frequencies")}
-    found = {
-        PAPER_LINES[row["line"]]: Figures(bin_frequency=hz[row["line"]], bin_amplitude=float(row[f"{column}_n_m"]))
-        for row in read_table("table6_line_amplitudes")
-    }
-    return Side(source, "paper", found)
 
 
 def rows_csv(rows: list[Row]) -> str:

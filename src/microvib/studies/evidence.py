@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from microvib.analysis.lines import lines_of_recording
 from microvib.errors import MicrovibError, OptionError
-from microvib.io.recordings import READERS, Prepared, read_prepared
+from microvib.io.line_files import PaperLines
+from microvib.io.recordings import READERS, Prepared
+from microvib.io.sources import Source
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, LineTable
-from microvib.testdata.preparation import Preparation
 
 PAPER_CLOCK = 0.994
 """Step clock over nominal that fits the peaks of Table 5 (53, 106, 159.0625 Hz)."""
-PAPER_TABLE = "paper"
-"""Name of the evidence that the paper prints: Tables 5 and 6, test column."""
 
 
 @dataclass(frozen=True)
@@ -89,31 +85,26 @@ def chosen(
     return kept
 
 
-def read_evidence(
-    source: str, scenario: Scenario, channel: str = "Mz", preparation: Preparation | None = None
-) -> Evidence:
-    """Evidence from a recording (its drive-axis torque in ``channel``), from a table of lines (CSV) or from the paper's tables."""
-    if source == PAPER_TABLE:
-        return paper_evidence(scenario)
-    path = Path(source)
-    if path.suffix.lower() == ".csv" and is_line_table(path):
-        return _from_table(path, scenario)
-    if path.suffix.lower() in READERS:
-        prepared, table = measured_lines(path, scenario, channel, preparation)
-        recording = prepared.recording
-        found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, recording.duration))
-        return Evidence(source, found, table.clock_ratio, recording.duration, recording.sample_rate, recording.notes)
-    raise MicrovibError(
-        f"{source}: is not evidence; expected a recording ({', '.join(READERS)}), a table of lines (.csv) or '{PAPER_TABLE}'"
-    )
-
-
-def measured_lines(
-    path: Path, scenario: Scenario | None, channel: str = "Mz", preparation: Preparation | None = None
-) -> tuple[Prepared, LineTable]:
-    """A recording as ``preparation`` has it, and the lines in its ``channel``, its background accounted for."""
-    prepared = read_prepared(path, preparation)
-    return prepared, lines_of_recording(prepared.recording, channel, scenario, prepared.background)
+def evidence_of(source: Source, scenario: Scenario, channel: str = "Mz", name: str = "") -> Evidence:
+    """Evidence of a recording (its drive-axis torque in ``channel``), a table of lines that is called ``name``, or the paper."""
+    match source:
+        case PaperLines("test"):
+            return paper_evidence(scenario)
+        case LineTable():
+            return _of_table(source, scenario, name)
+        case Prepared(recording, background):
+            table = lines_of_recording(recording, channel, scenario, background)
+            found = tuple(
+                o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, recording.duration)
+            )
+            return Evidence(
+                recording.title, found, table.clock_ratio, recording.duration, recording.sample_rate, recording.notes
+            )
+        case _:
+            raise MicrovibError(
+                f"{name or 'the source'}: is not evidence; expected a recording ({', '.join(READERS)}), a table of lines (.csv)"
+                " or 'paper'"
+            )
 
 
 def observations(table: LineTable) -> tuple[Observation, ...]:
@@ -194,58 +185,19 @@ def paper_evidence(scenario: Scenario) -> Evidence:
     )
 
 
-def is_line_table(path: Path) -> bool:
-    """Whether a CSV file is a table of lines and not a recording."""
-    if not path.is_file():
-        return False
-    try:
-        with path.open("rb") as stream:
-            return stream.readline(1000).removeprefix(b"\xef\xbb\xbf").split(b",")[0].strip() == b"line"
-    except OSError:
-        return False
-
-
-def line_table_rows(path: Path) -> Iterator[tuple[str, Callable[[str], float]]]:
-    """Name of each line of a table and a function that gives a figure by its column, nan where it is empty.
-
-    MicrovibError names the row where one is not a number, or not finite.
-    """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            for number, row in enumerate(csv.DictReader(stream), 2):
-                yield row.get("line") or "", partial(_figure, f"{path}, row {number}", row)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or f"is not a table as text ({error})"
-        raise MicrovibError(f"{path}: cannot be read: {reason}") from None
-
-
-def _figure(where: str, row: dict[str, str | None], column: str) -> float:
-    text = (row.get(column) or "").strip()
-    if not text:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        raise MicrovibError(f"{where}: {column} '{text[:60]}' is not a number") from None
-    if not math.isfinite(value):
-        raise MicrovibError(f"{where}: {column} is {text[:60]}; a finite number is expected")
-    return value
-
-
-def _from_table(path: Path, scenario: Scenario) -> Evidence:
-    """A ``lines.csv``; without uncertainties one per cent is taken."""
+def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
+    """Amplitudes, or else those of nearest bins; without uncertainties one per cent is taken."""
     found = []
     ratio = None
-    for name, figure in line_table_rows(path):
-        for column, form in (("amplitude_n_m", "amplitude"), ("bin_amplitude_n_m", "nearest_bin")):
-            value, spread = figure(column), figure("amplitude_uncertainty_n_m")
-            if math.isnan(value):
-                continue
-            if value > 0.0:
-                found.append(Observation(name, form, value, spread if spread > 0.0 else 0.01 * value))
-            break
-        if name == "drive_1" and scenario.driving_frequency and figure("frequency_hz") > 0.0:
-            ratio = figure("frequency_hz") / scenario.driving_frequency
+    for line in table:
+        form, value = "amplitude", line.amplitude_n_m
+        if math.isnan(value):
+            form, value = "nearest_bin", line.bin_amplitude_n_m
+        spread = line.amplitude_uncertainty_n_m
+        if value > 0.0:
+            found.append(Observation(line.line, form, value, spread if spread > 0.0 else 0.01 * value))
+        if line.line == "drive_1" and scenario.driving_frequency and line.frequency_hz > 0.0:
+            ratio = line.frequency_hz / scenario.driving_frequency
     if not found:
-        raise MicrovibError(f"{path}: has no line with amplitude_n_m or bin_amplitude_n_m")
-    return Evidence(str(path), tuple(found), ratio, scenario.record.duration, scenario.record.sample_rate)
+        raise MicrovibError(f"{name}: has no line with amplitude_n_m or bin_amplitude_n_m")
+    return Evidence(name, tuple(found), ratio, scenario.record.duration, scenario.record.sample_rate)

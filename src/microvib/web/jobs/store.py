@@ -26,6 +26,11 @@ class Upload:
     name: str
     path: Path
 
+    @property
+    def file(self) -> tuple[str, str]:
+        """Where it is, and its name: what tasks take."""
+        return str(self.path), self.name
+
 
 def private(path: str, flags: int) -> int:
     """Opener of files that their owner alone may read."""

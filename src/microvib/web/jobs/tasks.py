@@ -6,8 +6,6 @@ import json
 import math
 import os
 import pickle
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,26 +18,18 @@ from microvib.web.jobs.worker import Tell
 
 if TYPE_CHECKING:
     from microvib.analysis.limits import Limit
+    from microvib.model.scenario import Scenario
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
+    from microvib.testdata.recording import Recording
 
 
-def _write(folder: str, data: dict[str, Any], names: dict[str, str] | None = None) -> None:
-    text = to_json(_renamed(data, names or {}))
-    (Path(folder) / "result.json").write_text(text, encoding="utf-8")
+Upload = tuple[str, str]
+"""A recording's file, and what its owner calls it."""
 
 
-def _renamed(data: Any, names: dict[str, str]) -> Any:
-    """What users call their files, wherever a text names the server's."""
-    if isinstance(data, str):
-        for path, name in names.items():
-            data = data.replace(path, name)
-        return data
-    if isinstance(data, dict):
-        return {key: _renamed(value, names) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_renamed(value, names) for value in data]
-    return data
+def _write(folder: str, data: dict[str, Any]) -> None:
+    (Path(folder) / "result.json").write_text(to_json(data), encoding="utf-8")
 
 
 def run(folder: str, scenario: str, tell: Tell) -> None:
@@ -127,20 +117,27 @@ def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
 
 
 def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
-    """What is in a recording."""
-    from microvib.io.recordings import read_recording
-    from microvib.testdata.recording import RecordingError
-
-    with _speaking_of({path: name}):
-        found = read_recording(path)
-        if not 0.0 < found.sample_rate < math.inf:
-            raise RecordingError(f"{path}: its sample rate, {found.sample_rate:g} Hz, is none")
+    """What is in a recording that its owner calls ``name``."""
+    found = _read(path, name)
+    if not 0.0 < found.sample_rate < math.inf:
+        raise MicrovibError(f"{name}: its sample rate, {found.sample_rate:g} Hz, is not one")
     channels = [
         {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x)) if x.size else math.nan}
         for key, x in found.channels.items()
     ]
     facts = {"channels": channels, "sample_rate": found.sample_rate, "samples": found.samples}
     return dict(json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)})))
+
+
+def _read(path: str, name: str) -> Recording:
+    """A recording under the name that its owner gave it, as are errors and notes about it."""
+    from microvib.io.recordings import read_recording
+
+    try:
+        found = read_recording(path)
+    except MicrovibError as error:
+        raise MicrovibError(str(error).replace(path, name)) from None
+    return replace(found, title=name, notes=tuple(note.replace(path, name) for note in found.notes))
 
 
 def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
@@ -150,39 +147,39 @@ def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
     return view_of(Spec(**spec))
 
 
-def analysis(folder: str, recording: str, scenario: str, channel: str, names: dict[str, str], tell: Tell) -> None:
+def analysis(folder: str, recording: Upload, scenario: str, channel: str, tell: Tell) -> None:
     """Lines with uncertainties and spectra of a recording."""
+    from microvib.io.recordings import Prepared
     from microvib.studies.analyse import analyse
     from microvib.web.jobs.results import analysis_answer
 
     tell(0, None, "", "reading and finding the lines")
-    guide = _put(folder, scenario)
-    with _speaking_of(names):
-        found = analyse(recording, scenario=guide, channel=channel)
-        np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
-        np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
-        _write(folder, analysis_answer(found), names)
+    found = analyse(Prepared(_read(*recording)), scenario=_scenario(scenario), channel=channel)
+    np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
+    np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
+    _write(folder, analysis_answer(found))
 
 
-def comparison(folder: str, recording: str, run: str, channel: str, names: dict[str, str], tell: Tell) -> None:
-    """Lines of a recording beside those of a run's scenario, simulated at the clock that the recording shows."""
+def comparison(folder: str, recording: Upload, run: str, run_title: str, channel: str, tell: Tell) -> None:
+    """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that the recording shows."""
+    from microvib.io.recordings import Prepared
+    from microvib.io.scenario_file import load_scenario
     from microvib.studies.compare import compare
     from microvib.web.jobs.results import comparison_answer
 
-    with _speaking_of(names):
-        found = compare(
-            recording, run, channel=channel, progress=lambda done, total: tell(done, total, "s", "simulating")
-        )
-        _write(folder, comparison_answer(*found), names)
+    found = compare(
+        Prepared(_read(*recording)), load_scenario(run), names=(recording[1], run_title), channel=channel,
+        progress=lambda done, total: tell(done, total, "s", "simulating"),
+    )  # fmt: skip
+    _write(folder, comparison_answer(*found))
 
 
 def identification(
-    folder: str, recordings: list[str], scenario: str, channel: str, fit: list[str], starts: int, names: dict[str, str],
-    tell: Tell,
-) -> None:  # fmt: skip
+    folder: str, recordings: list[Upload], scenario: str, channel: str, fit: list[str], starts: int, tell: Tell
+) -> None:
     """Parameters from recordings."""
-    from microvib.io.scenario_file import load_scenario
-    from microvib.studies.evidence import read_evidence
+    from microvib.io.recordings import Prepared
+    from microvib.studies.evidence import evidence_of
     from microvib.studies.identify import identify, parse_fit
     from microvib.web.jobs.results import identification_answer
 
@@ -190,12 +187,13 @@ def identification(
         values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
         tell(simulations, None, "simulations", f"{stage} search, best so far: {values}")
 
-    loaded = load_scenario(_put(folder, scenario))
+    loaded = _scenario(scenario)
     keys = [parse_fit(loaded, text) for text in fit]
-    with _speaking_of(names):
-        tests: list[tuple[Any, dict[str, object]]] = [(read_evidence(p, loaded, channel), {}) for p in recordings]
-        found = identify(loaded, tests, keys, starts=starts, progress=progress)
-        _write(folder, identification_answer(found, loaded), names)
+    tests: list[tuple[Any, dict[str, object]]] = [
+        (evidence_of(Prepared(_read(*one)), loaded, channel), {}) for one in recordings
+    ]
+    found = identify(loaded, tests, keys, starts=starts, progress=progress)
+    _write(folder, identification_answer(found, loaded))
 
 
 def rates(
@@ -203,11 +201,10 @@ def rates(
     linear: bool, tell: Tell,
 ) -> None:  # fmt: skip
     """A rate plan."""
-    from microvib.io.scenario_file import load_scenario
     from microvib.studies.rates import plan_rates
     from microvib.web.jobs.results import rates_answer
 
-    loaded = load_scenario(_put(folder, scenario))
+    loaded = _scenario(scenario)
     plan = plan_rates(
         loaded, rates, microsteps, limit=limit, band=band, linear=linear,
         progress=lambda done, total: tell(done, total, "cases", "solving"),
@@ -224,16 +221,9 @@ def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
     _write(folder, sas_answer(sized(**{key: value for key, value in options.items() if value is not None})))
 
 
-def _put(folder: str, scenario: str) -> str:
-    path = Path(folder) / "guide.yaml"
-    path.write_text(scenario, encoding="utf-8")
-    return str(path)
+def _scenario(text: str) -> Scenario:
+    """The scenario that a request meant, from its complete text."""
+    from microvib.io.scenario_file import scenario_of
+    from microvib.io.yaml_text import parse_yaml
 
-
-@contextmanager
-def _speaking_of(names: dict[str, str]) -> Iterator[None]:
-    """Errors speak of files by the names that their users gave them."""
-    try:
-        yield
-    except MicrovibError as error:
-        raise MicrovibError(_renamed(str(error), names)) from None
+    return scenario_of(parse_yaml(text, "scenario"), "scenario")

@@ -100,8 +100,8 @@ def start_analysis(want: AnalysisOf, desk: At) -> Started:
     """Lines with uncertainty and spectra of a recording."""
     upload = _upload(desk, want.recording)
     return started(
-        desk, "analysis", f"{upload.name}, {want.channel}", recording=str(upload.path), channel=want.channel,
-        scenario=dump_scenario(meant(desk, want.scenario)), names={str(upload.path): upload.name},
+        desk, "analysis", f"{upload.name}, {want.channel}", recording=upload.file, channel=want.channel,
+        scenario=dump_scenario(meant(desk, want.scenario)),
     )  # fmt: skip
 
 
@@ -109,10 +109,9 @@ def start_analysis(want: AnalysisOf, desk: At) -> Started:
 def start_comparison(want: ComparisonOf, desk: At) -> Started:
     """A recording beside a run's scenario, simulated at the recording's clock."""
     upload, job = _upload(desk, want.recording), finished_run(desk, want.run)
-    path = str(desk.folder(job) / "scenario.yaml")
     return started(
-        desk, "comparison", f"{upload.name} and {job.title}", recording=str(upload.path), run=path, channel=want.channel,
-        names={str(upload.path): upload.name, path: job.title},
+        desk, "comparison", f"{upload.name} and {job.title}", recording=upload.file, channel=want.channel,
+        run=str(desk.folder(job) / "scenario.yaml"), run_title=job.title,
     )  # fmt: skip
 
 
@@ -121,9 +120,8 @@ def start_identification(want: IdentificationOf, desk: At) -> Started:
     """Parameters from recordings."""
     uploads = [_upload(desk, id) for id in want.recordings]
     return started(
-        desk, "identification", ", ".join(u.name for u in uploads), recordings=[str(u.path) for u in uploads],
+        desk, "identification", ", ".join(u.name for u in uploads), recordings=[u.file for u in uploads],
         scenario=dump_scenario(meant(desk, want.scenario)), channel=want.channel, fit=want.fit, starts=want.starts,
-        names={str(u.path): u.name for u in uploads},
     )  # fmt: skip
 
 
