@@ -30,7 +30,7 @@ from microvib.signals.screen import outline
 from microvib.solve.channels import CHANNELS
 from microvib.testdata.recording import Recording
 from microvib.web.jobs import series
-from microvib.web.jobs.store import Desk
+from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
 from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
@@ -42,24 +42,24 @@ SHORT = {"record.settle": "1 s", "record.duration": "4 s"}
 LONG = {"record.settle": "100000 s"}
 
 
-def client_of(desk: Desk, shown: str = TOKEN, **access) -> TestClient:
+def client_of(store: Store, shown: str = TOKEN, **access) -> TestClient:
     """A client that shows the token, or what is given."""
-    app = create_app(desk, Access(token=TOKEN, **access))
+    app = create_app(store, Access(token=TOKEN, **access))
     headers = {"authorization": f"Bearer {shown}"} if shown else {}
     return TestClient(app, base_url=BASE, raise_server_exceptions=False, headers=headers)
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory):
-    opened = Desk(tmp_path_factory.mktemp("desk"), Limits(waiting=2, recording=3_000_000))
+def store(tmp_path_factory):
+    opened = Store(tmp_path_factory.mktemp("store"), Limits(waiting=2, recording=3_000_000))
     yield opened
     opened.close()
     opened.join()
 
 
 @pytest.fixture(scope="module")
-def client(desk) -> TestClient:
-    return client_of(desk)
+def client(store) -> TestClient:
+    return client_of(store)
 
 
 def spec(**changes: str) -> dict:
@@ -86,7 +86,7 @@ def result(client: TestClient, id: str) -> dict:
     job = wait(client, id)
     assert job["state"] == "done", job
     answer = client.get(f"/api/jobs/{id}/result")
-    assert str(client.app._app.state.desk.root) not in answer.text  # nothing of where the server keeps its files
+    assert str(client.app._app.state.store.root) not in answer.text  # nothing of where the server keeps its files
     return answer.json()
 
 
@@ -481,13 +481,13 @@ def leading_out() -> bytes:
         ("x.csv", b"t,Mz\n" + b"0,1\n" * 1_000_000, 413, "at most 3 MB"),
     ],
 )
-def test_recordings_that_are_none(client, desk, name, content, status, words):
-    before = sorted(desk.root.iterdir())
+def test_recordings_that_are_none(client, store, name, content, status, words):
+    before = sorted(store.root.iterdir())
     answer = client.post("/api/recordings", params={"name": name}, content=content)
     assert answer.status_code == status
     assert words in answer.json()["error"]
-    assert str(desk.root) not in answer.text
-    assert sorted(desk.root.iterdir()) == before
+    assert str(store.root) not in answer.text
+    assert sorted(store.root.iterdir()) == before
 
 
 # Plans
@@ -538,11 +538,11 @@ def test_two_at_a_time_then_a_queue_then_a_refusal_and_cancelling_frees_the_slot
     client.delete(f"/api/jobs/{running[1]}")
 
 
-def test_a_killed_worker_ends_its_run_and_nothing_else(client, desk):
+def test_a_killed_worker_ends_its_run_and_nothing_else(client, store):
     first, second = start(client, LONG), start(client, LONG)
     for id in (first, second):
         wait(client, id, "running")
-    os.kill(desk.job(first).pid, signal.SIGKILL)
+    os.kill(store.job(first).pid, signal.SIGKILL)
     job = wait(client, first)
     assert job["state"] == "failed"
     assert "killed by signal 9" in job["error"]
@@ -551,12 +551,12 @@ def test_a_killed_worker_ends_its_run_and_nothing_else(client, desk):
     client.delete(f"/api/jobs/{second}")
 
 
-def test_an_ended_computation_can_be_forgotten(client, desk):
+def test_an_ended_computation_can_be_forgotten(client, store):
     id = start(client, SHORT)
     wait(client, id)
     assert client.delete(f"/api/jobs/{id}").status_code == 204
     assert client.get(f"/api/jobs/{id}").status_code == 404
-    assert not (desk.root / id).exists()
+    assert not (store.root / id).exists()
 
 
 def test_a_record_that_is_too_large_is_refused(client):
@@ -566,10 +566,10 @@ def test_a_record_that_is_too_large_is_refused(client):
 
 @pytest.fixture
 def bounded(tmp_path):
-    opened: list[Desk] = []
+    opened: list[Store] = []
 
-    def make(**limits) -> tuple[TestClient, Desk]:
-        opened.append(Desk(tmp_path, replace(Limits(), **limits)))
+    def make(**limits) -> tuple[TestClient, Store]:
+        opened.append(Store(tmp_path, replace(Limits(), **limits)))
         return client_of(opened[-1]), opened[-1]
 
     yield make
@@ -588,7 +588,7 @@ def test_memory_is_bounded(bounded):
 
 
 def test_time_is_bounded_and_old_results_make_room(bounded):
-    client, desk = bounded(wall_s=1.5, kept=2)
+    client, store = bounded(wall_s=1.5, kept=2)
     job = wait(client, start(client, LONG))
     assert (job["state"], job["error"]) == ("failed", "stopped after 1.5 s, the longest that is allowed here")
     ids = []
@@ -599,7 +599,7 @@ def test_time_is_bounded_and_old_results_make_room(bounded):
     assert len(known) <= 3
     assert ids[-1] in known
     assert client.get(f"/api/runs/{ids[0]}/series", params={"channels": "T_d"}).status_code == 404
-    assert len([p for p in desk.root.iterdir() if p.is_dir()]) == len(known)
+    assert len([p for p in store.root.iterdir() if p.is_dir()]) == len(known)
 
 
 # Who may ask
@@ -639,10 +639,10 @@ def test_reading_needs_no_origin(client):
 
 
 @pytest.fixture(scope="module")
-def stranger(desk) -> TestClient:
+def stranger(store) -> TestClient:
     """A client that has nothing to show, to a server that others may reach."""
     return client_of(
-        desk, "", remote=True, names=frozenset({"drive.example"}), cookie="microvib-1", session="c00kie", key="k3y"
+        store, "", remote=True, names=frozenset({"drive.example"}), cookie="microvib-1", session="c00kie", key="k3y"
     )
 
 

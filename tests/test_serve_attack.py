@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 
 from microvib.io.writing import workspace
-from microvib.web.jobs.store import Desk
+from microvib.web.jobs.store import Store
 from microvib.web.jobs.worker import without_folders
 from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
@@ -43,7 +43,7 @@ class Served:
 
     port: int
     access: Access
-    desk: Desk
+    store: Store
     server: Server
 
     def connect(self) -> socket.socket:
@@ -82,30 +82,30 @@ def statuses(answer: bytes) -> list[int]:
 
 
 @contextmanager
-def serving(desk: Desk) -> Iterator[Served]:
+def serving(store: Store) -> Iterator[Served]:
     access = Access(cookie="microvib-1")
-    server = Server(configuration(create_app(desk, access), desk.limits), lambda: None)
+    server = Server(configuration(create_app(store, access), store.limits), lambda: None)
     with socket.create_server(("127.0.0.1", 0)) as sock:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
         thread.start()
         while not server.started:
             time.sleep(0.01)
-        yield Served(sock.getsockname()[1], access, desk, server)
+        yield Served(sock.getsockname()[1], access, store, server)
         server.should_exit = True
         thread.join(20)
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
-    opened = Desk(tmp_path_factory.mktemp("desk"), LIMITS)
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    opened = Store(tmp_path_factory.mktemp("store"), LIMITS)
     yield opened
     opened.close()
     opened.join()
 
 
 @pytest.fixture(scope="module")
-def served(desk: Desk) -> Iterator[Served]:
-    with serving(desk) as found:
+def served(store: Store) -> Iterator[Served]:
+    with serving(store) as found:
         yield found
 
 
@@ -160,7 +160,7 @@ def test_a_body_that_stalls_or_trickles_is_given_up(served: Served, path: str, t
                     client.sendall(b"0")
         assert statuses(answer) == [408] or (trickle and not answer)
     until(lambda: served.connections() == 0)
-    assert not list(served.desk.root.glob("*.csv"))
+    assert not list(served.store.root.glob("*.csv"))
     body = b"a,b\n1,2\n"
     small = served.head("POST /api/recordings?name=x.csv HTTP/1.1", "Connection: close", f"Content-Length: {len(body)}")
     assert statuses(served.ask(small + body)) == [422]  # read, so there was room for it
@@ -276,14 +276,14 @@ def test_no_path_leads_out(served: Served, path: str) -> None:
     ["../../x.csv", "/etc/x.csv", "..\\..\\x.csv", "C:\\x.csv", "\0.csv", "a" * 150 + ".csv", ".csv", "%2e%2e/x.csv"],
 )
 def test_names_of_recordings_are_names_only(served: Served, name: str) -> None:
-    before = sorted(served.desk.root.iterdir())
+    before = sorted(served.store.root.iterdir())
     quoted = "".join(f"%{b:02x}" for b in name.encode())
     body = b"a,b\n1,2\n"
     first = f"POST /api/recordings?name={quoted} HTTP/1.1"
     answer = served.ask(served.head(first, "Connection: close", f"Content-Length: {len(body)}") + body)
     assert statuses(answer) == [422]
-    assert str(served.desk.root).encode() not in answer
-    assert sorted(served.desk.root.iterdir()) == before
+    assert str(served.store.root).encode() not in answer
+    assert sorted(served.store.root.iterdir()) == before
 
 
 def test_whether_an_id_exists_is_not_told_to_strangers(served: Served) -> None:
@@ -349,7 +349,7 @@ def test_odd_bodies(served: Served, path: str, kind: str, body: bytes) -> None:
 
 def test_two_servers_know_nothing_of_each_other(served: Served) -> None:
     """A browser shows the cookies of one port to all ports of a host."""
-    with serving(served.desk) as other:
+    with serving(served.store) as other:
         for key in (served.access.key, other.access.key):
             for session, status in ((served.access.session, 200), (other.access.session, 401)):
                 shown = [
@@ -375,13 +375,13 @@ def test_folders_are_their_owners_alone(tmp_path: Path) -> None:
     before = os.umask(0)
     try:
         with workspace(tmp_path, "page") as folder:
-            desk = Desk(folder, LIMITS)
-            desk.submit("sas", "", options={})
+            store = Store(folder, LIMITS)
+            store.submit("sas", "", options={})
             opening = opening_file(folder, "http://127.0.0.1:1/", Access())
             modes = {path.stat().st_mode & 0o777 for path in (folder, *folder.iterdir()) if path.is_dir()}
             assert (modes, opening.stat().st_mode & 0o777) == ({0o700}, 0o600)
-            desk.close()
-            desk.join()
+            store.close()
+            store.join()
     finally:
         os.umask(before)
 

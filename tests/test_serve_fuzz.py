@@ -21,7 +21,7 @@ from schemathesis.specs.openapi.checks import (
 )
 
 import microvib as mv
-from microvib.web.jobs.store import Desk
+from microvib.web.jobs.store import Store
 from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
 from microvib.web.server.limits import Limits
@@ -34,17 +34,17 @@ ODD = settings(
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory):
-    """A desk that takes little: whatever is started gives way soon, or is refused."""
-    opened = Desk(tmp_path_factory.mktemp("desk"), Limits(at_once=1, waiting=4, wall_s=20.0, quick_s=5.0))
+def store(tmp_path_factory):
+    """A store that takes little: whatever is started gives way soon, or is refused."""
+    opened = Store(tmp_path_factory.mktemp("store"), Limits(at_once=1, waiting=4, wall_s=20.0, quick_s=5.0))
     yield opened
     opened.close()
     opened.join()
 
 
 @pytest.fixture(scope="module")
-def app(desk):
-    return create_app(desk, Access(names=frozenset({"localhost", "testserver"}), token="s3cret"))
+def app(store):
+    return create_app(store, Access(names=frozenset({"localhost", "testserver"}), token="s3cret"))
 
 
 OWNER = {"authorization": "Bearer s3cret"}

@@ -67,7 +67,7 @@ class _Worker:
         self.pipe.close()
 
 
-class Lane:
+class Workers:
     """Some computations at a time, in the order of their arrival, each in a worker that was warm before it was asked."""
 
     def __init__(self, at_once: int, wall_s: float, limits: Limits) -> None:

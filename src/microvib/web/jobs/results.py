@@ -25,7 +25,7 @@ from microvib.web.routes.forms import values_of
 _POINTS = 6000
 
 
-def run_answer(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict[str, Any]:
+def run_result(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict[str, Any]:
     """Everything of a run but its samples; ``summed`` is its ``summary.json``."""
     scenario = motion.scenario
     first = [x.frequency_hz for x in table if x.line == "drive_1" and math.isfinite(x.frequency_hz)]
@@ -97,7 +97,7 @@ def _rms(*phases: np.ndarray) -> float:
     return math.sqrt(float(np.mean([np.mean(x**2) for x in phases])))
 
 
-def analysis_answer(a: Analysis) -> dict[str, Any]:
+def analysis_result(a: Analysis) -> dict[str, Any]:
     """Lines, spectrum, density of one channel."""
     f, amplitude = outline(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
     g, density = outline(a.density.frequency, a.density.density, _POINTS)
@@ -114,7 +114,7 @@ def analysis_answer(a: Analysis) -> dict[str, Any]:
     }
 
 
-def comparison_answer(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
+def comparison_result(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
     """Lines of both sides."""
     return {
         "a": _side(a),
@@ -135,7 +135,7 @@ def _side(side: Side) -> dict[str, Any]:
     return {"name": side.name, "kind": side.kind, "clock_ratio": side.clock_ratio}
 
 
-def identification_answer(fit: Fit, scenario: Scenario) -> dict[str, Any]:
+def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
     """Estimates with what they are worth, figures before and after, and the changes to take over."""
     from microvib.reports.identification import fit_text
 
@@ -167,7 +167,7 @@ def identification_answer(fit: Fit, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def rates_answer(plan: RatePlan) -> dict[str, Any]:
+def rates_result(plan: RatePlan) -> dict[str, Any]:
     """Lines over rate and microstep count; rates in rad/s."""
     from microvib.reports.rates import best_text, found_text
 
@@ -192,7 +192,7 @@ def rates_answer(plan: RatePlan) -> dict[str, Any]:
     }
 
 
-def sas_answer(result: Any) -> dict[str, Any]:
+def sas_result(result: Any) -> dict[str, Any]:
     """A sizing's table, text, figures and drawing."""
     from microvib.reports.rendering import address
     from microvib.reports.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from microvib.web.jobs.processes import ENDED, Job, Lane
+from microvib.web.jobs.processes import ENDED, Job, Workers
 from microvib.web.server.limits import Limits
 
 
@@ -37,7 +37,7 @@ def private(path: str, flags: int) -> int:
     return os.open(path, flags, 0o600)
 
 
-class Desk:
+class Store:
     """Jobs and recordings by id; the one not used for longest goes when there are too many."""
 
     def __init__(self, root: Path, limits: Limits) -> None:
@@ -52,20 +52,20 @@ class Desk:
         """Held while a scenario is read in the server itself."""
         self.waiting = threading.BoundedSemaphore(limits.checks)
         self._receiving = threading.BoundedSemaphore(limits.receiving)
-        self._lane = Lane(limits.at_once, limits.wall_s, limits)
+        self._long = Workers(limits.at_once, limits.wall_s, limits)
         # What a page waits for must not stand behind long computations.
-        self._quick = Lane(2, limits.quick_s, limits)
+        self._quick = Workers(2, limits.quick_s, limits)
         # Nor the form behind large recordings.
-        self._checks = Lane(1, limits.check_s, limits)
+        self._checks = Workers(1, limits.check_s, limits)
 
     def submit(self, kind: str, title: str, **arguments: Any) -> Job:
-        """Start the task that is called as its kind; lanes.Busy where too many wait."""
+        """Start the task that is called as its kind; Busy where too many wait."""
         job = Job(kind, {}, kind, title)
         folder = self.folder(job)
         job.arguments = {"folder": str(folder), **arguments}
         folder.mkdir(mode=0o700)
         try:
-            self._lane.submit(job)
+            self._long.submit(job)
         except BaseException:
             folder.rmdir()
             raise
@@ -76,8 +76,8 @@ class Desk:
 
     def ask(self, task: str, **arguments: Any) -> Job:
         """A short job, waited for."""
-        lane = self._checks if task == "view" else self._quick
-        job = lane.submit(Job(task, arguments))
+        workers = self._checks if task == "view" else self._quick
+        job = workers.submit(Job(task, arguments))
         job.ended.wait()
         return job
 
@@ -101,7 +101,7 @@ class Desk:
     def drop(self, job: Job) -> None:
         """Cancel a job that has not ended; forget one that has."""
         if job.state not in ENDED:
-            self._lane.cancel(job)
+            self._long.cancel(job)
             return
         with self._lock:
             self._jobs.pop(job.id, None)
@@ -159,16 +159,16 @@ class Desk:
     def close(self) -> None:
         """End all computations."""
         self.closed = True
-        for lane in (self._lane, self._quick, self._checks):
-            lane.close()
+        for workers in (self._long, self._quick, self._checks):
+            workers.close()
         for job in self.jobs():
-            self._lane.cancel(job)
+            self._long.cancel(job)
 
     def join(self, seconds: float = 3.0) -> None:
         """Wait for all workers to end, but no longer."""
         until = time.monotonic() + seconds
-        for lane in (self._lane, self._quick, self._checks):
-            lane.join(until)
+        for workers in (self._long, self._quick, self._checks):
+            workers.join(until)
 
 
 def _size(folder: Path) -> int:

@@ -38,7 +38,7 @@ def run(folder: str, scenario: str, tell: Tell) -> None:
     from microvib.io.scenario_file import scenario_of
     from microvib.io.yaml_text import parse_yaml
     from microvib.reports.run.folder import run_summary, run_texts
-    from microvib.web.jobs.results import run_answer
+    from microvib.web.jobs.results import run_result
 
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
@@ -49,7 +49,7 @@ def run(folder: str, scenario: str, tell: Tell) -> None:
     _keep(Path(folder), result.motion, result.table)
     for name, text in run_texts(result, summed).items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
-    _write(folder, run_answer(result.motion, result.table, summed))
+    _write(folder, run_result(result.motion, result.table, summed))
 
 
 def _keep(where: Path, motion: Motion, table: LineTable) -> None:
@@ -151,13 +151,13 @@ def analysis(folder: str, recording: Upload, scenario: str, channel: str, tell: 
     """Lines with uncertainties and spectra of a recording."""
     from microvib.io.recordings import Prepared
     from microvib.studies.analyse import analyse
-    from microvib.web.jobs.results import analysis_answer
+    from microvib.web.jobs.results import analysis_result
 
     tell(0, None, "", "reading and finding the lines")
     found = analyse(Prepared(_read(*recording)), scenario=_scenario(scenario), channel=channel)
     np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
     np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
-    _write(folder, analysis_answer(found))
+    _write(folder, analysis_result(found))
 
 
 def comparison(folder: str, recording: Upload, run: str, run_title: str, channel: str, tell: Tell) -> None:
@@ -165,13 +165,13 @@ def comparison(folder: str, recording: Upload, run: str, run_title: str, channel
     from microvib.io.recordings import Prepared
     from microvib.io.scenario_file import load_scenario
     from microvib.studies.compare import compare
-    from microvib.web.jobs.results import comparison_answer
+    from microvib.web.jobs.results import comparison_result
 
     found = compare(
         Prepared(_read(*recording)), load_scenario(run), names=(recording[1], run_title), channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
-    _write(folder, comparison_answer(*found))
+    _write(folder, comparison_result(*found))
 
 
 def identification(
@@ -181,7 +181,7 @@ def identification(
     from microvib.io.recordings import Prepared
     from microvib.studies.evidence import evidence_of
     from microvib.studies.identify import identify, parse_fit
-    from microvib.web.jobs.results import identification_answer
+    from microvib.web.jobs.results import identification_result
 
     def progress(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
         values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
@@ -193,7 +193,7 @@ def identification(
         (evidence_of(Prepared(_read(*one)), loaded, channel), {}) for one in recordings
     ]
     found = identify(loaded, tests, keys, starts=starts, progress=progress)
-    _write(folder, identification_answer(found, loaded))
+    _write(folder, identification_result(found, loaded))
 
 
 def rates(
@@ -202,23 +202,23 @@ def rates(
 ) -> None:  # fmt: skip
     """A rate plan."""
     from microvib.studies.rates import plan_rates
-    from microvib.web.jobs.results import rates_answer
+    from microvib.web.jobs.results import rates_result
 
     loaded = _scenario(scenario)
     plan = plan_rates(
         loaded, rates, microsteps, limit=limit, band=band, linear=linear,
         progress=lambda done, total: tell(done, total, "cases", "solving"),
     )  # fmt: skip
-    _write(folder, rates_answer(plan))
+    _write(folder, rates_result(plan))
 
 
 def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
     """A simulator's sizing."""
     from microvib.studies.sizing import sized
-    from microvib.web.jobs.results import sas_answer
+    from microvib.web.jobs.results import sas_result
 
     tell(0, None, "", "sizing, and checking with finite elements")
-    _write(folder, sas_answer(sized(**{key: value for key, value in options.items() if value is not None})))
+    _write(folder, sas_result(sized(**{key: value for key, value in options.items() if value is not None})))
 
 
 def _scenario(text: str) -> Scenario:

@@ -1,4 +1,4 @@
-"""The other side of a lane: one process, one piece of work."""
+"""A worker: one process, one piece of work."""
 
 from __future__ import annotations
 

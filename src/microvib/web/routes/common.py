@@ -1,4 +1,4 @@
-"""What all answers share: the desk, refusals, and the way from a request to a scenario and to a job."""
+"""What all routes share: the store, refusals, and the way from a request to a scenario and to a job."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastapi import Depends, Request
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
 from microvib.web.jobs.processes import Busy, Job
-from microvib.web.jobs.store import Desk
+from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
 from microvib.web.routes.forms import Spec
 from microvib.web.routes.messages import Started, Wrong
@@ -47,18 +47,18 @@ def refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {s: {"model": Wrong, "description": _MEANINGS[s]} for s in statuses}
 
 
-def _desk(request: Request) -> Desk:
-    found: Desk = request.app.state.desk
+def _store(request: Request) -> Store:
+    found: Store = request.app.state.store
     return found
 
 
-At = Annotated[Desk, Depends(_desk)]
+At = Annotated[Store, Depends(_store)]
 
 
-def asked(desk: Desk, task: str, **arguments: Any) -> Any:
+def ask(store: Store, task: str, **arguments: Any) -> Any:
     """What a short task finds out; Refused with its sentence."""
     try:
-        job = desk.ask(task, **arguments)
+        job = store.ask(task, **arguments)
     except Busy:
         raise Refused(429, _BUSY) from None
     if job.state != "done":
@@ -66,44 +66,44 @@ def asked(desk: Desk, task: str, **arguments: Any) -> Any:
     return job.value
 
 
-def view(desk: Desk, spec: Spec) -> dict[str, Any]:
+def view(store: Store, spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it; what takes long is found out by a worker, and kept."""
-    with _reading(desk):
+    with _reading(store):
         if not forms.slow(spec):
             return forms.view_of(spec)
     text = spec.model_dump_json()
-    found: dict[str, Any] | None = desk.views.get(text)
+    found: dict[str, Any] | None = store.views.get(text)
     if found is None:
-        found = asked(desk, "view", spec=spec.model_dump())
-        desk.keep_view(text, found)
+        found = ask(store, "view", spec=spec.model_dump())
+        store.keep_view(text, found)
     return found
 
 
-def meant(desk: Desk, spec: Spec) -> Scenario:
+def requested(store: Store, spec: Spec) -> Scenario:
     """The scenario of a request; Refused with what is wrong with it."""
     try:
-        with _reading(desk):
+        with _reading(store):
             if not forms.slow(spec):
                 return forms.scenario(spec)
     except MicrovibError as error:
         raise refused(error, spec.name) from None
-    shown = view(desk, spec)
+    shown = view(store, spec)
     if shown["errors"]:
         raise Refused(422, **_first(shown["errors"]))
-    with _reading(desk):
+    with _reading(store):
         return forms.scenario(Spec(text=shown["yaml"]))
 
 
 @contextmanager
-def _reading(desk: Desk) -> Iterator[None]:
+def _reading(store: Store) -> Iterator[None]:
     """One reads at a time, because threads that compute slow down the one that answers; Refused where many wait."""
-    if not desk.waiting.acquire(blocking=False):
+    if not store.waiting.acquire(blocking=False):
         raise Refused(429, _BUSY)
     try:
-        with desk.reading:
+        with store.reading:
             yield
     finally:
-        desk.waiting.release()
+        store.waiting.release()
 
 
 def refused(error: MicrovibError, name: str = forms.NAME) -> Refused:
@@ -117,12 +117,12 @@ def _first(errors: list[dict[str, Any]]) -> dict[str, Any]:
     return {"sentence": errors[0]["error"], "key": errors[0]["key"]}
 
 
-def started(desk: Desk, kind: str, title: str, **arguments: Any) -> Started:
+def start(store: Store, kind: str, title: str, **arguments: Any) -> Started:
     """A new job; Refused where too many wait."""
     try:
-        job: Job = desk.submit(kind, title[:200], **arguments)
+        job: Job = store.submit(kind, title[:200], **arguments)
     except Busy:
         raise Refused(
-            429, f"{desk.limits.waiting} computations are waiting already; cancel some, or wait for them"
+            429, f"{store.limits.waiting} computations are waiting already; cancel some, or wait for them"
         ) from None
     return Started(id=job.id)

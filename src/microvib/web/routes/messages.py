@@ -12,13 +12,13 @@ Id = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 Short = Annotated[str, Field(max_length=200)]
 
 
-class Asked(BaseModel):
+class Body(BaseModel):
     """What a page asks for; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid")
 
 
-class Run(Asked):
+class Run(Body):
     """A simulation."""
 
     scenario: Spec
@@ -26,7 +26,7 @@ class Run(Asked):
     steady: bool = False
 
 
-class AnalysisOf(Asked):
+class AnalysisOf(Body):
     """Lines and spectra of a recording."""
 
     recording: Id
@@ -34,7 +34,7 @@ class AnalysisOf(Asked):
     scenario: Spec
 
 
-class ComparisonOf(Asked):
+class ComparisonOf(Body):
     """A recording beside a run."""
 
     recording: Id
@@ -42,7 +42,7 @@ class ComparisonOf(Asked):
     channel: Short = "Mz"
 
 
-class IdentificationOf(Asked):
+class IdentificationOf(Body):
     """Parameters from recordings."""
 
     recordings: list[Id] = Field(min_length=1, max_length=10)
@@ -52,7 +52,7 @@ class IdentificationOf(Asked):
     starts: int = Field(default=32, ge=2, le=1000)
 
 
-class RatesOf(Asked):
+class RatesOf(Body):
     """A rate plan."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
@@ -67,7 +67,7 @@ class RatesOf(Asked):
     linear: bool = False
 
 
-class SasOf(Asked):
+class SasOf(Body):
     """Sizing of the simulator."""
 
     inertia: Short | None = None

@@ -1,4 +1,4 @@
-"""Answers about jobs and what they found."""
+"""Routes about jobs and what they found."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from microvib.signals.screen import outline
 from microvib.solve.channels import KNOWN
 from microvib.web.jobs import series
 from microvib.web.jobs.processes import ENDED, Job
-from microvib.web.jobs.store import Desk
-from microvib.web.routes.common import At, Refused, asked, refusals
+from microvib.web.jobs.store import Store
+from microvib.web.routes.common import At, Refused, ask, refusals
 from microvib.web.routes.messages import Id, JobState, RecordedSpectrum, Result, Series, SpectrumOf, Verdict
 
 FILES = {
@@ -45,60 +45,60 @@ def _state(job: Job) -> JobState:
     return JobState.model_validate(job, from_attributes=True)
 
 
-def _job(desk: Desk, id: str) -> Job:
-    job = desk.job(id)
+def _job(store: Store, id: str) -> Job:
+    job = store.job(id)
     if job is None:
         raise Refused(404, "there is no such computation (any more); start it again")
     return job
 
 
-def _done(desk: Desk, id: str) -> Job:
-    job = _job(desk, id)
+def _done(store: Store, id: str) -> Job:
+    job = _job(store, id)
     if job.state != "done":
         raise Refused(409, job.error or f"this computation is {job.state}")
     return job
 
 
-def finished_run(desk: Desk, id: str) -> Job:
+def finished_run(store: Store, id: str) -> Job:
     """A run that is done; Refused where there is none of this id."""
-    if _job(desk, id).kind != "run":
+    if _job(store, id).kind != "run":
         raise Refused(404, "this computation is not a run")
-    return _done(desk, id)
+    return _done(store, id)
 
 
 @routes.get("/jobs")
 async def jobs(
-    desk: At, ids: Annotated[str | None, Query(max_length=2000, description="ids, separated by commas")] = None
+    store: At, ids: Annotated[str | None, Query(max_length=2000, description="ids, separated by commas")] = None
 ) -> list[JobState]:
     """All computations, or those of the ids that are still here."""
     asked = None if ids is None else set(ids.split(","))
-    return [_state(job) for job in desk.jobs() if asked is None or job.id in asked]
+    return [_state(job) for job in store.jobs() if asked is None or job.id in asked]
 
 
 @routes.get("/jobs/{id}")
-async def job(id: Id, desk: At) -> JobState:
+async def job(id: Id, store: At) -> JobState:
     """One computation."""
-    return _state(_job(desk, id))
+    return _state(_job(store, id))
 
 
 @routes.delete("/jobs/{id}", status_code=204, response_class=Response)
-def drop(id: Id, desk: At) -> None:
+def drop(id: Id, store: At) -> None:
     """Cancel a computation that runs or waits; forget one that has ended."""
-    desk.drop(_job(desk, id))
+    store.drop(_job(store, id))
 
 
 @routes.get(
     "/jobs/{id}/events", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}}
 )
-async def events(id: Id, desk: At) -> StreamingResponse:
+async def events(id: Id, store: At) -> StreamingResponse:
     """States of a computation until it ends, as server-sent events."""
-    return StreamingResponse(_states(_job(desk, id), desk), media_type="text/event-stream")
+    return StreamingResponse(_states(_job(store, id), store), media_type="text/event-stream")
 
 
-async def _states(job: Job, desk: Desk) -> AsyncIterator[str]:
+async def _states(job: Job, store: Store) -> AsyncIterator[str]:
     sent, ended = "", False
     while not ended:
-        ended = job.state in ENDED or desk.closed
+        ended = job.state in ENDED or store.closed
         text = _state(job).model_dump_json()
         if text != sent:
             sent = text
@@ -107,9 +107,9 @@ async def _states(job: Job, desk: Desk) -> AsyncIterator[str]:
 
 
 @routes.get("/jobs/{id}/result", response_model=Result, responses=refusals(409))
-def result(id: Id, desk: At) -> Response:
+def result(id: Id, store: At) -> Response:
     """What a computation found; by its kind."""
-    file = _there(desk.folder(_done(desk, id)) / "result.json")
+    file = _there(store.folder(_done(store, id)) / "result.json")
     return Response(file.read_bytes(), media_type="application/json")
 
 
@@ -121,44 +121,44 @@ def _there(path: Path) -> Path:
 
 @routes.get("/runs/{id}/series", responses=refusals(409))
 def series_of(
-    id: Id, desk: At, channels: Annotated[str, Query(max_length=500)], points: Points = 2000, low: From = None,
+    id: Id, store: At, channels: Annotated[str, Query(max_length=500)], points: Points = 2000, low: From = None,
     high: To = None,
 ) -> Series:  # fmt: skip
     """Samples of some channels, separated by commas; where they are many, extremes of groups."""
-    folder, axis = _run(desk, id)
+    folder, axis = _run(store, id)
     found = {name: _channel(folder, name) for name in dict.fromkeys(channels.split(","))}
     return Series.model_validate(series.series(found, axis["t0"], axis["sample_rate"], low, high, points))
 
 
 @routes.get("/runs/{id}/spectrum", responses=refusals(409))
 def spectrum_of(
-    id: Id, desk: At, channel: Annotated[str, Query(max_length=50)] = "T_d",
+    id: Id, store: At, channel: Annotated[str, Query(max_length=50)] = "T_d",
     window: Literal["rectangular", "hann", "flat-top"] = "hann", points: Points = 4000, low: From = None, high: To = None,
     log: Log = False,
 ) -> SpectrumOf:  # fmt: skip
     """Amplitude spectrum of a channel, 0-to-peak."""
-    folder, axis = _run(desk, id)
+    folder, axis = _run(store, id)
     found = series.spectrum(_channel(folder, channel), axis["sample_rate"], window, low, high, points, log)
     return SpectrumOf(unit=KNOWN[channel].unit, **found)
 
 
 @routes.get("/analyses/{id}/spectrum", responses=refusals(409))
 def recorded(
-    id: Id, desk: At, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
+    id: Id, store: At, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
     high: To = None, log: Log = False,
 ) -> RecordedSpectrum:  # fmt: skip
     """Amplitude spectrum, 0-to-peak, or power spectral density of an analysed recording."""
-    if _job(desk, id).kind != "analysis":
+    if _job(store, id).kind != "analysis":
         raise Refused(404, "this computation is not an analysis")
-    f, y = np.load(_there(desk.folder(_done(desk, id)) / f"{of}.npy"), mmap_mode="r")
+    f, y = np.load(_there(store.folder(_done(store, id)) / f"{of}.npy"), mmap_mode="r")
     keep = series.within(f, low, high)
     f, y = outline(f[keep], y[keep], points, log)
     return RecordedSpectrum(f=f.tolist(), values=y.tolist())
 
 
-def _run(desk: Desk, id: str) -> tuple[Path, dict[str, Any]]:
+def _run(store: Store, id: str) -> tuple[Path, dict[str, Any]]:
     """Folder and time axis of a run."""
-    folder = desk.folder(finished_run(desk, id))
+    folder = store.folder(finished_run(store, id))
     return folder, json.loads(_there(folder / "axis.json").read_text(encoding="utf-8"))
 
 
@@ -170,26 +170,26 @@ def _channel(folder: Path, name: str) -> np.ndarray:
 
 
 @routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
-def verdict_of(id: Id, desk: At, limit: Shown, band: Shown = None) -> Verdict:
+def verdict_of(id: Id, store: At, limit: Shown, band: Shown = None) -> Verdict:
     """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``."""
-    folder = desk.folder(finished_run(desk, id))
+    folder = store.folder(finished_run(store, id))
     wanted = Limit.of(limit or None, band or None)
     if wanted is None:
         raise Refused(422, "limit: missing; a torque is needed, such as 30 mN*m", "limit")
-    return Verdict.model_validate(asked(desk, "verdict", folder=str(folder), limit=wanted))
+    return Verdict.model_validate(ask(store, "verdict", folder=str(folder), limit=wanted))
 
 
 @routes.get(
     "/runs/{id}/files/{name}", response_class=FileResponse,
     responses=refusals(409, 429) | {200: {"content": {kind: {} for kind in FILES.values()}}},
 )  # fmt: skip
-def file_of(id: Id, name: str, desk: At, limit: Shown = None, band: Shown = None) -> FileResponse:
+def file_of(id: Id, name: str, store: At, limit: Shown = None, band: Shown = None) -> FileResponse:
     """A file of a run; motion and report are made when they are first asked for, the report against a limit where one is given."""
-    folder = desk.folder(finished_run(desk, id))
+    folder = store.folder(finished_run(store, id))
     if name not in FILES:
         raise Refused(404, f"there is no such file; there are {', '.join(FILES)}")
     wanted = Limit.of(limit or None, band or None) if name.startswith("report.") else None
     mark = "" if wanted is None else sha256(repr(wanted).encode()).hexdigest()[:16] + "-"
     if name in MADE and not (folder / (mark + name)).is_file():
-        asked(desk, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
+        ask(store, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
     return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)

@@ -1,4 +1,4 @@
-"""Answers about scenarios: the catalog, the form, what is wrong with a scenario."""
+"""Routes about scenarios: the catalog, the form, what is wrong with a scenario."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ def schema() -> Form:
 
 
 @routes.post("/scenario", responses=refusals(429))
-def scenario(spec: Spec, desk: At) -> View:
+def scenario(spec: Spec, store: At) -> View:
     """A scenario with all its values, and what is wrong with it."""
-    return View.model_validate(view(desk, spec))
+    return View.model_validate(view(store, spec))

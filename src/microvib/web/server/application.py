@@ -1,4 +1,4 @@
-"""The application: all answers, the page's files, and what is said when something is wrong."""
+"""The application: all routes, the page's files, and what is said when something is wrong."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from starlette.staticfiles import StaticFiles
 
 from microvib import __version__
 from microvib.errors import MicrovibError
-from microvib.web.jobs.store import Desk
-from microvib.web.routes import results, scenarios, starts
+from microvib.web.jobs.store import Store
+from microvib.web.routes import new_jobs, results, scenarios
 from microvib.web.routes.common import Refused, refusals, refused
 from microvib.web.server.access import Access
 from microvib.web.server.guard import FAULT, Guard
@@ -28,15 +28,15 @@ _PLAIN = {
 }
 
 
-def create_app(desk: Desk, access: Access) -> Guard:
-    """The application on top of ``desk``, behind its guard."""
+def create_app(store: Store, access: Access) -> Guard:
+    """The application on top of ``store``, behind its guard."""
     app = FastAPI(
         title="microvib", version=__version__, openapi_url="/api/openapi.json", docs_url=None, redoc_url=None,
         description="What the page of `microvib serve` asks. Values in SI units; quantities that are given are texts with units.",
     )  # fmt: skip
-    app.state.desk = desk
+    app.state.store = store
     api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 408, 411, 413, 422))
-    for part in (scenarios, starts, results):
+    for part in (scenarios, new_jobs, results):
         api.include_router(part.routes)
     app.include_router(api)
     _add_page(app)
@@ -45,7 +45,7 @@ def create_app(desk: Desk, access: Access) -> Guard:
     app.add_exception_handler(RequestValidationError, _say_invalid)
     app.add_exception_handler(HTTPException, _say_http)
     app.add_exception_handler(Exception, _say_fault)  # the guard writes the log
-    return Guard(app, access, desk.limits)
+    return Guard(app, access, store.limits)
 
 
 def _add_page(app: FastAPI) -> None:
@@ -70,12 +70,12 @@ def _plotly() -> Path:
     return Path(spec.origin).parent / "package_data" / "plotly.min.js"
 
 
-def _answer(status: int, sentence: str, key: str | None = None) -> JSONResponse:
+def _sentence(status: int, sentence: str, key: str | None = None) -> JSONResponse:
     return JSONResponse({"error": sentence, "key": key}, status)
 
 
 def _say_refused(request: Request, error: Any) -> JSONResponse:
-    return _answer(error.status, error.sentence, error.key)
+    return _sentence(error.status, error.sentence, error.key)
 
 
 def _say_error(request: Request, error: Any) -> JSONResponse:
@@ -83,17 +83,17 @@ def _say_error(request: Request, error: Any) -> JSONResponse:
 
 
 def _say_http(request: Request, error: Any) -> JSONResponse:
-    return _answer(error.status_code, _PLAIN.get(error.status_code, str(error.detail)))
+    return _sentence(error.status_code, _PLAIN.get(error.status_code, str(error.detail)))
 
 
 def _say_fault(request: Request, error: Any) -> JSONResponse:
-    return _answer(500, FAULT)
+    return _sentence(500, FAULT)
 
 
 def _say_invalid(request: Request, error: Any) -> JSONResponse:
     first = error.errors()[0]
     if first["type"] == "json_invalid":
-        return _answer(422, "the request is not JSON")
+        return _sentence(422, "the request is not JSON")
     key = ".".join(str(part) for part in first["loc"][1:]) or None
     message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
-    return _answer(422, f"{key or 'the request'}: {message}", key)
+    return _sentence(422, f"{key or 'the request'}: {message}", key)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from microvib.errors import OptionError
 from microvib.io.writing import workspace
-from microvib.web.jobs.store import Desk
+from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
 from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
@@ -36,8 +36,8 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     # Its mode keeps others out, and no umask: under one, code compiled for all users of an installation could be read by one.
     with workspace(Path(tempfile.gettempdir()), "page") as root:
-        desk = Desk(root, Limits())
-        server = Server(configuration(create_app(desk, access), desk.limits), desk.close)
+        store = Store(root, Limits())
+        server = Server(configuration(create_app(store, access), store.limits), store.close)
         try:
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Thread(target=_warm, daemon=True).start()
@@ -47,8 +47,8 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
                     threading.Timer(0.5, webbrowser.open, [opening.as_uri()]).start()
                 server.run(sockets=[sock])
         finally:
-            desk.close()
-            desk.join()
+            store.close()
+            store.join()
             sock.close()
 
 

@@ -1,4 +1,4 @@
-"""Answers that start something: runs, studies, and recordings to study."""
+"""Routes that start something: runs, studies, and recordings to study."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.rates import rate_grid
 from microvib.units import band, quantity
-from microvib.web.jobs.store import Desk, Upload, private
-from microvib.web.routes.common import At, Refused, asked, meant, refusals, started
+from microvib.web.jobs.store import Store, Upload, private
+from microvib.web.routes.common import At, Refused, ask, refusals, requested, start
 from microvib.web.routes.messages import (
     AnalysisOf,
     ComparisonOf,
@@ -36,13 +36,13 @@ routes = APIRouter(responses=refusals(429))
 
 
 @routes.post("/runs", status_code=202)
-def start_run(want: Run, desk: At) -> Started:
+def start_run(want: Run, store: At) -> Started:
     """Simulate a scenario."""
-    scenario = meant(desk, want.scenario)
+    scenario = requested(store, want.scenario)
     if want.steady:
         scenario = scenario.with_({"record.start": "steady"})
-    _check_size(scenario, desk.limits.record)
-    return started(desk, "run", want.name or scenario.title or "run", scenario=dump_scenario(scenario))
+    _check_size(scenario, store.limits.record)
+    return start(store, "run", want.name or scenario.title or "run", scenario=dump_scenario(scenario))
 
 
 def _check_size(scenario: Scenario, most: int) -> None:
@@ -58,24 +58,24 @@ def _check_size(scenario: Scenario, most: int) -> None:
 
 @routes.post("/recordings", responses=refusals(507), openapi_extra={"requestBody": {"required": True, "content": _RAW}})
 async def take_recording(
-    request: Request, name: Annotated[str, Query(max_length=200, description="its ending says its format")], desk: At
+    request: Request, name: Annotated[str, Query(max_length=200, description="its ending says its format")], store: At
 ) -> RecordingFacts:
     """Take in a recording and say what is in it."""
     suffix = Path(name).suffix.lower()
     if suffix not in RECORDINGS:
         raise Refused(422, f"'{suffix[:20]}' is not known; recordings are read from {', '.join(RECORDINGS)}", "name")
     shown = re.sub(r"[^\w .()+-]", "_", Path(name).name)[-100:]
-    with desk.receiving() as free:
+    with store.receiving() as free:
         if not free:
             raise Refused(429, "other recordings are being loaded; try again in a moment")
-        path = desk.new_file(suffix)
+        path = store.new_file(suffix)
         try:
             await _receive(request, path)
-            facts = await asyncio.to_thread(asked, desk, "recording", path=str(path), name=shown)
+            facts = await asyncio.to_thread(ask, store, "recording", path=str(path), name=shown)
         except BaseException:
             path.unlink(missing_ok=True)
             raise
-    upload = desk.keep(shown, path)
+    upload = store.keep(shown, path)
     return RecordingFacts(id=upload.id, name=shown, **facts)
 
 
@@ -88,65 +88,65 @@ async def _receive(request: Request, path: Path) -> None:
         raise Refused(507, f"the recording could not be stored: {error.strerror}") from None
 
 
-def _upload(desk: Desk, id: str) -> Upload:
-    found = desk.upload(id)
+def _upload(store: Store, id: str) -> Upload:
+    found = store.upload(id)
     if found is None:
         raise Refused(404, "this recording is not here (any more); load it again", "recording")
     return found
 
 
 @routes.post("/analyses", status_code=202, responses=refusals(404))
-def start_analysis(want: AnalysisOf, desk: At) -> Started:
+def start_analysis(want: AnalysisOf, store: At) -> Started:
     """Lines with uncertainty and spectra of a recording."""
-    upload = _upload(desk, want.recording)
-    return started(
-        desk, "analysis", f"{upload.name}, {want.channel}", recording=upload.file, channel=want.channel,
-        scenario=dump_scenario(meant(desk, want.scenario)),
+    upload = _upload(store, want.recording)
+    return start(
+        store, "analysis", f"{upload.name}, {want.channel}", recording=upload.file, channel=want.channel,
+        scenario=dump_scenario(requested(store, want.scenario)),
     )  # fmt: skip
 
 
 @routes.post("/comparisons", status_code=202, responses=refusals(404, 409))
-def start_comparison(want: ComparisonOf, desk: At) -> Started:
+def start_comparison(want: ComparisonOf, store: At) -> Started:
     """A recording beside a run's scenario, simulated at the recording's clock."""
-    upload, job = _upload(desk, want.recording), finished_run(desk, want.run)
-    return started(
-        desk, "comparison", f"{upload.name} and {job.title}", recording=upload.file, channel=want.channel,
-        run=str(desk.folder(job) / "scenario.yaml"), run_title=job.title,
+    upload, job = _upload(store, want.recording), finished_run(store, want.run)
+    return start(
+        store, "comparison", f"{upload.name} and {job.title}", recording=upload.file, channel=want.channel,
+        run=str(store.folder(job) / "scenario.yaml"), run_title=job.title,
     )  # fmt: skip
 
 
 @routes.post("/identifications", status_code=202, responses=refusals(404))
-def start_identification(want: IdentificationOf, desk: At) -> Started:
+def start_identification(want: IdentificationOf, store: At) -> Started:
     """Parameters from recordings."""
-    uploads = [_upload(desk, id) for id in want.recordings]
-    return started(
-        desk, "identification", ", ".join(u.name for u in uploads), recordings=[u.file for u in uploads],
-        scenario=dump_scenario(meant(desk, want.scenario)), channel=want.channel, fit=want.fit, starts=want.starts,
+    uploads = [_upload(store, id) for id in want.recordings]
+    return start(
+        store, "identification", ", ".join(u.name for u in uploads), recordings=[u.file for u in uploads],
+        scenario=dump_scenario(requested(store, want.scenario)), channel=want.channel, fit=want.fit, starts=want.starts,
     )  # fmt: skip
 
 
 @routes.post("/rates", status_code=202)
-def start_rates(want: RatesOf, desk: At) -> Started:
+def start_rates(want: RatesOf, store: At) -> Started:
     """Plan the rate."""
-    scenario = meant(desk, want.scenario)
+    scenario = requested(store, want.scenario)
     counts = list(dict.fromkeys(want.microsteps)) or [scenario.driver.microsteps]
-    if want.count * len(counts) > desk.limits.cases:
-        raise Refused(422, f"count: rates times microstep counts are at most {desk.limits.cases} here", "count")
+    if want.count * len(counts) > store.limits.cases:
+        raise Refused(422, f"count: rates times microstep counts are at most {store.limits.cases} here", "count")
     rates = rate_grid(quantity("from", want.low, "rad/s"), quantity("to", want.high, "rad/s"), want.count)
     limit = None if want.limit is None else quantity("limit", want.limit, "N*m", positive=True)
     within = (0.0, float("inf")) if want.band is None else band(want.band)
-    return started(
-        desk, "rates", f"rates of {scenario.title}", scenario=dump_scenario(scenario), rates=rates,
+    return start(
+        store, "rates", f"rates of {scenario.title}", scenario=dump_scenario(scenario), rates=rates,
         microsteps=counts, limit=limit, band=within, linear=want.linear,
     )  # fmt: skip
 
 
 @routes.post("/sas", status_code=202)
-def start_sas(want: SasOf, desk: At) -> Started:
+def start_sas(want: SasOf, store: At) -> Started:
     """Size the simulator."""
     wanted: dict[str, Any] = {"inertia": want.inertia, "frequency": want.frequency}
     if want.from_scenario is not None:
-        array = meant(desk, want.from_scenario).array
+        array = requested(store, want.from_scenario).array
         if not array.modes:
             raise Refused(
                 422, "array.modes: is empty; a simulator stands for an array with a torsion mode", "array.modes"
@@ -156,4 +156,4 @@ def start_sas(want: SasOf, desk: At) -> Started:
         if not value:
             raise Refused(422, f"{key}: missing; inertia and frequency of the array are expected", key)
     options = {**wanted, "states": want.states, "amplitude": want.amplitude, "rate": want.rate}
-    return started(desk, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options)
+    return start(store, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options)
