@@ -6,11 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from microvib.io.results import columns_csv, lines_csv, write_folder
+from microvib.io.results import columns_csv, lines_csv
 from microvib.reports import figures, sheets
-from microvib.reports.blocks import drawn, figure, milli, number, study
+from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
-from microvib.reports.rendering import report_files
+from microvib.reports.numbers import brief, format_number, milli
+from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import Line, LineTable
 from microvib.studies.analyse import Analysis
@@ -25,8 +26,8 @@ def analysis_text(a: Analysis) -> str:
             rows.append(f"step clock over nominal: {a.clock_ratio:.7f} ± {a.table.clock_ratio_uncertainty:.1g}")
         rows += ["", f"{'line':16s} {'Hz':>12s} {'±':>9s} {'N m':>11s} {'±':>9s} {'floor':>9s}  status"]
         rows += [
-            f"{x.line:16s} {number(x.frequency_hz, 8):>12s} {number(x.frequency_uncertainty_hz, 2):>9s}"
-            f" {number(x.amplitude_n_m):>11s} {number(x.amplitude_uncertainty_n_m, 2):>9s} {number(x.floor_n_m, 2):>9s}  {x.status}"
+            f"{x.line:16s} {brief(x.frequency_hz, 8):>12s} {brief(x.frequency_uncertainty_hz, 2):>9s}"
+            f" {brief(x.amplitude_n_m):>11s} {brief(x.amplitude_uncertainty_n_m, 2):>9s} {brief(x.floor_n_m, 2):>9s}  {x.status}"
             for x in a.table.notable()
         ]
     rows += ["", str(a.spectrum), str(a.density), str(a.waterfall), ""]
@@ -50,10 +51,8 @@ def write_analysis(out: Path, a: Analysis, overwrite: bool, form: Form | None = 
             }
         ),
         "third_octaves.csv": columns_csv({"centre_hz": centre, f"rms_{unit}": rms}),
-        **report_files(analysis_report(a, form), form),
     }
-    write_folder(out, files, overwrite)
-    return tuple(files)
+    return write_study(out, files, analysis_report(a, form), form, overwrite)
 
 
 _MAX_FIRST_PAGE = 8
@@ -100,7 +99,7 @@ def _facts(a: Analysis) -> list[Fact]:
     x = a.recording[a.channel]
     largest = _largest(a)[:2]
     facts = [
-        Fact(f"{milli(line.amplitude_n_m)} m{a.unit}", f"{line.line} at {figure(line.frequency_hz)} Hz")
+        Fact(f"{milli(line.amplitude_n_m)} m{a.unit}", f"{line.line} at {format_number(line.frequency_hz)} Hz")
         for line in largest
     ]
     facts.append(Fact(f"{milli(float(x.std()))} m{a.unit}", "RMS about the mean"))
@@ -129,7 +128,7 @@ def _main_lines(a: Analysis) -> tuple[Table, ...]:
     rows = [
         [
             x.line,
-            figure(x.frequency_hz, 6),
+            format_number(x.frequency_hz, 6),
             milli(x.amplitude_n_m),
             _spread(x.amplitude_uncertainty_n_m),
             x.origin,
@@ -152,8 +151,8 @@ def _all_lines(lines: LineTable) -> tuple[Block, ...]:
         "status",
     ]
     rows = [
-        [x.line, figure(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
-         _spread(x.amplitude_uncertainty_n_m), number(1e3 * x.floor_n_m, 2), x.origin, x.status]
+        [x.line, format_number(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
+         _spread(x.amplitude_uncertainty_n_m), brief(1e3 * x.floor_n_m, 2), x.origin, x.status]
         for x in lines.notable()
     ]  # fmt: skip
     text = "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty from the floor about the line."
@@ -162,7 +161,7 @@ def _all_lines(lines: LineTable) -> tuple[Block, ...]:
 
 def _spread(value: float) -> str:
     """An uncertainty in thousandths; empty where none could be told."""
-    return number(1e3 * value, 2) if value > 0.0 else ""
+    return brief(1e3 * value, 2) if value > 0.0 else ""
 
 
 def _bands(a: Analysis) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from typing import TYPE_CHECKING
@@ -68,61 +67,3 @@ def overlaid(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figur
         " those of one frequency drawn side by side."
     )
     return drawn(drawing, f"Spectra: {what}", caption)
-
-
-def number(value: float, digits: int = 4) -> str:
-    """A figure with at most so many digits; empty where there is none."""
-    return f"{value:.{digits}g}" if math.isfinite(value) else ""
-
-
-def figure(value: float, digits: int = 4, scale: float = 1.0) -> str:
-    """A figure with so many digits, zeros at its end included; empty where there is none."""
-    return f"{value * scale:#.{digits}g}".rstrip(".") if math.isfinite(value) else ""
-
-
-def milli(value: float, digits: int = 4) -> str:
-    """A torque [N m] in mN m with so many digits."""
-    return figure(value, digits, 1e3)
-
-
-def torque(value: float) -> str:
-    """A torque [N m] with its unit: in mN m below one."""
-    return f"{figure(value)} N m" if abs(value) >= 1.0 else f"{milli(value)} mN m"
-
-
-def given(value: float) -> str:
-    """A torque [N m] that somebody chose, with its unit, in as many digits as were given."""
-    return f"{value:.6g} N m" if abs(value) >= 1.0 else f"{1e3 * value:.6g} mN m"
-
-
-def plain(value: float, digits: int = 4) -> str:
-    """A figure with at most so many digits and, up to a million, without an exponent."""
-    return f"{float(f'{value:.{digits}g}'):g}"
-
-
-def signed(value: float, decimals: int = 2) -> str:
-    """A figure with its sign; what rounds to zero is +0."""
-    return f"{round(value, decimals) + 0.0:+.{decimals}f}"
-
-
-def with_error(value: float, error: float) -> str:
-    """A value with its standard error: two digits of the error, and as many decimals of the value."""
-    if not (math.isfinite(error) and error > 0.0):
-        return number(value)
-    decimals = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
-
-
-def percent(value: float) -> str:
-    """A relative difference in per cent, to a tenth of one, or below ten a hundredth; empty where there is none."""
-    return f"{100 * value:+.{1 if abs(value) >= 0.1 else 2}f}" if math.isfinite(value) else ""
-
-
-def count(n: int, what: str) -> str:
-    """A number of things in words."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
-
-
-def short(text: str, most: int) -> str:
-    """The text, cut where it is too long for its place."""
-    return text if len(text) <= most else text[: most - 1].rstrip() + "…"

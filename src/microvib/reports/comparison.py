@@ -7,12 +7,11 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from typing import Any
 
-from microvib.io.results import write_folder
-from microvib.reports.blocks import count, figure, milli, number, overlaid, percent, study
+from microvib.reports.blocks import overlaid, study
 from microvib.reports.document import Block, Document, Fact, Figure, Form, Mark, Section, Table, Text, pairs, table
-from microvib.reports.rendering import report_files
+from microvib.reports.numbers import brief, count, format_number, milli, percent
+from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
 from microvib.studies.compare import AGREES, COVERAGE, DIFFERS, ONLY_A, ONLY_B, UNJUDGED, Row, Side, rows_csv
 
@@ -32,13 +31,13 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
     for row in shown:
         hz = [x.frequency if math.isfinite(x.frequency) else x.bin_frequency for x in (row.a, row.b)]
         cells = [
-            number(hz[0], 8),
-            number(hz[1], 8),
-            number(row.a.amplitude),
-            number(row.b.amplitude),
+            brief(hz[0], 8),
+            brief(hz[1], 8),
+            brief(row.a.amplitude),
+            brief(row.b.amplitude),
             percent(row.error),
         ]
-        cells += [row.verdict, number(row.a.bin_amplitude), number(row.b.bin_amplitude), percent(row.bin_error)]
+        cells += [row.verdict, brief(row.a.bin_amplitude), brief(row.b.bin_amplitude), percent(row.bin_error)]
         lines.append(f"{row.line:16s}" + "".join(f"{cell:>12s}" for cell in cells))
     return "\n".join([*lines, "", verdict_sentence(shown)])
 
@@ -108,10 +107,8 @@ def write_comparison(
     out: Path, a: Side, b: Side, rows: Sequence[Row], overwrite: bool, form: Form | None = None
 ) -> tuple[str, ...]:
     """``compare.csv`` and the report of a comparison; names of the files."""
-    files: dict[str, Any] = {"compare.csv": rows_csv(list(rows))}
-    files |= report_files(comparison_report(a, b, rows, form), form)
-    write_folder(out, files, overwrite)
-    return tuple(files)
+    files = {"compare.csv": rows_csv(list(rows))}
+    return write_study(out, files, comparison_report(a, b, rows, form), form, overwrite)
 
 
 def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None = None) -> Document:
@@ -171,7 +168,7 @@ def _line_table(rows: Sequence[Row]) -> Table:
     header = ["line", "A [Hz]", "B [Hz]", "A [mN m]", "± [mN m]", "B [mN m]", "± [mN m]", "B against A [%]",
               "over uncertainty [1]", "verdict"]  # fmt: skip
     cells = [
-        [r.line, figure(r.a.frequency, 6), figure(r.b.frequency, 6), milli(r.a.amplitude), _spread(r.a.uncertainty),
+        [r.line, format_number(r.a.frequency, 6), format_number(r.b.frequency, 6), milli(r.a.amplitude), _spread(r.a.uncertainty),
          milli(r.b.amplitude), _spread(r.b.uncertainty), percent(r.error), _times(r.significance), r.verdict]
         for r in rows
     ]  # fmt: skip
@@ -186,19 +183,19 @@ def _line_table(rows: Sequence[Row]) -> Table:
 
 
 def _spread(value: float) -> str:
-    return "" if not value > 0.0 else "< 0.001" if value < 1e-6 else number(1e3 * value, 2)
+    return "" if not value > 0.0 else "< 0.001" if value < 1e-6 else brief(1e3 * value, 2)
 
 
 def _times(value: float) -> str:
     """A multiple of an uncertainty; beyond a hundred its digits say nothing."""
-    return "> 100" if value > 100.0 else figure(value, 2)
+    return "> 100" if value > 100.0 else format_number(value, 2)
 
 
 def _bin_blocks(rows: Sequence[Row]) -> tuple[Text | Table, ...]:
     header = ["line", "A [Hz]", "B [Hz]", "A [mN m]", "B [mN m]", "B − A [mN m]", "B against A [%]"]
     cells = [
-        [r.line, figure(r.a.bin_frequency, 7), figure(r.b.bin_frequency, 7), milli(r.a.bin_amplitude), milli(r.b.bin_amplitude),
-         milli(r.b.bin_amplitude - r.a.bin_amplitude, 3), percent(r.bin_error)]
+        [r.line, format_number(r.a.bin_frequency, 7), format_number(r.b.bin_frequency, 7), milli(r.a.bin_amplitude),
+         milli(r.b.bin_amplitude), milli(r.b.bin_amplitude - r.a.bin_amplitude, 3), percent(r.bin_error)]
         for r in rows
     ]  # fmt: skip
     text = "The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low."

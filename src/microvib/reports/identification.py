@@ -8,12 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from microvib.io.results import package_versions, to_json, write_folder
+from microvib.io.results import package_versions, to_json
 from microvib.io.scenario_file import dump_scenario
 from microvib.reports import figures, sheets
-from microvib.reports.blocks import drawn, figure, percent, plain, signed, study, with_error
+from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table
-from microvib.reports.rendering import report_files
+from microvib.reports.numbers import format_number, percent, plain, signed, with_error
+from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
 from microvib.studies.evidence import Evidence, Simulated, predicted
 from microvib.studies.identify import Deviation, Estimate, Fit, Leaning
@@ -153,10 +154,8 @@ def fit_json(fit: Fit) -> dict[str, Any]:
 
 def write_fit(out: Path, fit: Fit, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """``fit.json``, ``scenario.yaml`` and the report of an identification; names of the files."""
-    files: dict[str, Any] = {"fit.json": to_json(fit_json(fit)), "scenario.yaml": dump_scenario(fit.scenario)}
-    files |= report_files(fit_report(fit, form), form)
-    write_folder(out, files, overwrite)
-    return tuple(files)
+    files = {"fit.json": to_json(fit_json(fit)), "scenario.yaml": dump_scenario(fit.scenario)}
+    return write_study(out, files, fit_report(fit, form), form, overwrite)
 
 
 def fit_report(fit: Fit, form: Form | None = None) -> Document:
@@ -211,21 +210,14 @@ def _off_table(fit: Fit) -> tuple[Table, ...]:
     if not off:
         return ()
     header = ["figure", "test [1]", "fitted [1]", "off [σ]"]
-    rows = [[_name(fit, d), figure(d.measured), figure(d.fitted), signed(d.sigma, 1)] for d in off]
+    rows = [[_name(fit, d), format_number(d.measured), format_number(d.fitted), signed(d.sigma, 1)] for d in off]
     return (table(header, rows, "Figures that are further off than their uncertainty explains; SI units."),)
 
 
 def _estimates(fit: Fit) -> Table:
     header = ["`parameter`", "estimate ± standard error [1]", "95 % interval [1]", "unit", "range [1]", "verdict"]
     rows = [
-        [
-            e.key,
-            _with_error(e),
-            _interval(e),
-            pretty(e.unit),
-            f"{plain(e.low)} to {plain(e.high)}",
-            e.verdict,
-        ]
+        [e.key, _with_error(e), _interval(e), pretty(e.unit), f"{plain(e.low)} to {plain(e.high)}", e.verdict]
         for e in fit.estimates
     ]
     marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.estimates) if not e.identifiable}
@@ -238,9 +230,23 @@ def _leanings(fit: Fit) -> Table:
 
 def _before_and_after(fit: Fit) -> Table:
     rows = [
-        [name, figure(1e3 * t), figure(1e3 * b), figure(1e3 * a), percent(b / t - 1), percent(a / t - 1)]
+        [
+            name,
+            format_number(1e3 * t),
+            format_number(1e3 * b),
+            format_number(1e3 * a),
+            percent(b / t - 1),
+            percent(a / t - 1),
+        ]
         if _is_torque(name)
-        else [name, figure(t, 6), figure(b, 6), figure(a, 6), percent(b / t - 1), percent(a / t - 1)]
+        else [
+            name,
+            format_number(t, 6),
+            format_number(b, 6),
+            format_number(a, 6),
+            percent(b / t - 1),
+            percent(a / t - 1),
+        ]
         for name, t, b, a in _figures(fit)
     ]
     for row, (name, *_) in zip(rows, _figures(fit), strict=True):

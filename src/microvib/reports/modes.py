@@ -12,8 +12,9 @@ import numpy as np
 from microvib.io.modal_sources import Design, ModalSource
 from microvib.io.modal_table import modes_csv
 from microvib.io.results import read_table, write_folder
-from microvib.reports.blocks import count, drawn, signed, study
+from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
+from microvib.reports.numbers import count, signed, text_table
 from microvib.reports.parameters import parameter_table
 from microvib.reports.rendering import report_files
 from microvib.reports.typography import file_name
@@ -59,11 +60,12 @@ def enough_sentence(model: ModalModel) -> str:
 
 def table_text(source: ModalSource) -> str:
     """Table 1 as text."""
-    header, rows = table_1(source)
-    widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
-    lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows]]
     m = source.model
-    lines += ["", f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²"]
+    lines = [
+        text_table(*table_1(source)),
+        "",
+        f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²",
+    ]
     if m.spatial:
         lines[-1] += f", mass {m.mass[0, 0]:.5g} kg"
     return "\n".join([*lines, enough_sentence(m), *m.notes])

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.io.results import rows_csv, write_folder
+from microvib.io.results import rows_csv
 from microvib.reports import sheets
-from microvib.reports.blocks import count, drawn, given, milli, number, plain, study, torque
+from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Form, Section, Table, Text, table
-from microvib.reports.rendering import report_files
+from microvib.reports.numbers import brief, count, given, milli, plain, torque
+from microvib.reports.rendering import write_study
 from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
 
 if TYPE_CHECKING:
@@ -39,21 +40,17 @@ def plan_text(plan: RatePlan) -> str:
     for n in plan.counts:
         best = plan.best(n)
         shown = (_deg(best[0].rate), f"{best[1]:.4g} N m") if best else ("none", "")
-        lines.append(f"{n:10d} {shown[0]:>11s} {shown[1]:>17s} {number(plan.worst(n)):>15s} N m")
+        lines.append(f"{n:10d} {shown[0]:>11s} {shown[1]:>17s} {brief(plan.worst(n)):>15s} N m")
     lines.append(best_text(plan))
     if plan.limit is not None or plan.keep_away:
-        lines += [
-            "",
-            f"Forbidden, {_criteria(plan)}:",
-            *(_band_text(b) for b in plan.forbidden),
-        ]
+        lines += ["", f"Forbidden, {_criteria(plan)}:", *(_band_text(b) for b in plan.forbidden)]
         lines += [] if plan.forbidden else ["none"]
     strong = strongest(plan.resonances)
     if strong:
         lines += ["", "Where lines meet modes, the strongest:"]
         lines += [f"{'microsteps':>10s} {'deg/s':>9s} {'Hz':>9s} {'N m':>10s}  line on mode"]
         lines += [
-            f"{r.microsteps:10d} {_deg(r.rate):>9s} {r.frequency:9.4g} {number(r.amplitude):>10s}  {r.line} on {r.mode}"
+            f"{r.microsteps:10d} {_deg(r.rate):>9s} {r.frequency:9.4g} {brief(r.amplitude):>10s}  {r.line} on {r.mode}"
             for r in strong
         ]
     lines += _unsolved(plan)
@@ -166,10 +163,8 @@ def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form
         ),
         "campbell.png": lambda path: campbell.savefig(path, format="png", dpi=200),
         "largest.png": lambda path: largest.savefig(path, format="png", dpi=200),
-        **report_files(plan_report(plan, text, campbell, largest, form), form),
     }
-    write_folder(out, files, overwrite)
-    return tuple(files)
+    return write_study(out, files, plan_report(plan, text, campbell, largest, form), form, overwrite)
 
 
 def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
@@ -269,7 +264,7 @@ _MIN_RELATIVE = 0.01
 def _met(plan: RatePlan) -> Table:
     top = max((r.amplitude for r in plan.resonances if math.isfinite(r.amplitude)), default=0.0)
     rows = [
-        [str(r.microsteps), _deg(r.rate), number(r.frequency), milli(r.amplitude), r.line, r.mode]
+        [str(r.microsteps), _deg(r.rate), brief(r.frequency), milli(r.amplitude), r.line, r.mode]
         for r in strongest(plan.resonances, 40)
         if not r.amplitude < _MIN_RELATIVE * top
     ]

@@ -13,6 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from microvib.io.results import write_folder
 from microvib.io.writing import Writer
 from microvib.reports.document import Block, Document, Form, Table
 from microvib.reports.fonts import fallback_for, package_fonts
@@ -25,6 +26,15 @@ def report_files(document: Document, form: Form | None) -> dict[str, str | Write
     if form is not None and form.pdf:
         files["report.pdf"] = partial(_write, pdf(document))
     return files
+
+
+def write_study(
+    out: Path, files: dict[str, Any], document: Document, form: Form | None, overwrite: bool
+) -> tuple[str, ...]:
+    """Write the folder of a study, its files and then its report, all or nothing; their names."""
+    files = files | report_files(document, form)
+    write_folder(out, files, overwrite)
+    return tuple(files)
 
 
 def _write(content: bytes, path: Path) -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from microvib.io.results import to_json, write_folder
+from microvib.io.results import rows_csv, to_json
 from microvib.io.scenario_file import dump_part
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Form, Section, Text, table
+from microvib.reports.numbers import text_table
 from microvib.reports.parameters import parameter_table
-from microvib.reports.rendering import report_files
+from microvib.reports.rendering import write_study
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.studies.sas import Setting, Sizing, tolerance
 from microvib.studies.sizing import Sized
@@ -124,17 +122,11 @@ TOLERANCE_HEADER = ("off by its tolerance", "f [%]", "J [%]")
 
 def sizing_text(result: Sized) -> str:
     """What is printed."""
-    blocks = [_table(HEADER, setting_rows(result.sizing)), *spring_sentences(result), array_sentence(result)]
+    blocks = [text_table(HEADER, setting_rows(result.sizing)), "", *spring_sentences(result), array_sentence(result)]
     blocks += [equation_sentence(result.sizing.target), ""]
     return "\n".join(
-        b for b in [*blocks, _table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target))] if b is not None
+        b for b in [*blocks, text_table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target)), ""] if b is not None
     )
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
-    lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows]]
-    return "\n".join([*lines, ""])
 
 
 def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
@@ -145,10 +137,8 @@ def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = 
         "sas.json": to_json(sas_data(result)),
         "simulator.yaml": dump_part(result.sizing.target.design),
         "drawing.png": lambda path: figure.savefig(path, format="png"),
-        **report_files(sizing_report(result, figure, form), form),
     }
-    write_folder(out, files, overwrite)
-    return tuple(files)
+    return write_study(out, files, sizing_report(result, figure, form), form, overwrite)
 
 
 def _values(setting: Setting) -> dict[str, Any]:
@@ -162,12 +152,7 @@ def _values(setting: Setting) -> dict[str, Any]:
 
 def sas_csv(sizing: Sizing) -> str:
     """CSV text, one row a setting, the target first."""
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    for setting in sizing.settings:
-        writer.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in _values(setting).items()})
-    return stream.getvalue()
+    return rows_csv(COLUMNS, (tuple(_values(setting).values()) for setting in sizing.settings))
 
 
 def sas_data(result: Sized) -> dict[str, Any]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-from microvib.io.results import write_folder
-from microvib.reports.blocks import number, overlaid, study
+from microvib.reports.blocks import overlaid, study
 from microvib.reports.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
-from microvib.reports.rendering import report_files
+from microvib.reports.numbers import brief
+from microvib.reports.rendering import write_study
 from microvib.studies.validate import Check, SimulatedState, checks_csv
 
 _LEAD = (
@@ -24,8 +23,8 @@ def validation_text(checks: list[Check]) -> str:
         f"{'item':{width}s} {'paper':>9s} {'test':>9s} {'ours':>10s} {'error %':>8s}  {'holds':5s} {'status':10s} bar"
     ]
     rows += [
-        f"{c.item:{width}s} {number(c.paper, 6):>9s} {number(c.test, 6):>9s} {number(c.ours, 5):>10s}"
-        f" {number(c.error_percent, 3):>8s}  {'yes' if c.holds else 'NO':5s} {c.status:10s} {c.bar}"
+        f"{c.item:{width}s} {brief(c.paper, 6):>9s} {brief(c.test, 6):>9s} {brief(c.ours, 5):>10s}"
+        f" {brief(c.error_percent, 3):>8s}  {'yes' if c.holds else 'NO':5s} {c.status:10s} {c.bar}"
         for c in checks
     ]
     return "\n".join([*rows, "", summary(checks)])
@@ -44,10 +43,9 @@ def write_validation(
     out: Path, checks: list[Check], states: dict[int, SimulatedState], overwrite: bool, form: Form | None = None
 ) -> tuple[str, ...]:
     """``validation.csv`` and the report; names of the files."""
-    files: dict[str, Any] = {"validation.csv": checks_csv(checks)}
-    files |= report_files(validation_report(checks, states, form), form)
-    write_folder(out, files, overwrite)
-    return tuple(files)
+    return write_study(
+        out, {"validation.csv": checks_csv(checks)}, validation_report(checks, states, form), form, overwrite
+    )
 
 
 _COMPARISONS = (
@@ -100,8 +98,8 @@ def _failing(checks: list[Check]) -> tuple[Text | Table, ...]:
 
 
 def _cells(c: Check) -> tuple[str, ...]:
-    return (c.item, c.source, number(c.paper, 6), number(c.test, 6), number(c.ours, 6 if abs(c.ours) >= 1.0 else 4),
-            number(c.error_percent, 3), c.bar,
+    return (c.item, c.source, brief(c.paper, 6), brief(c.test, 6), brief(c.ours, 6 if abs(c.ours) >= 1.0 else 4),
+            brief(c.error_percent, 3), c.bar,
             "yes" if c.holds else "NO")  # fmt: skip
 
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.model.scenario import Scenario
-from microvib.reports.blocks import count, drawn, given, number, plain, short, study, torque
+from microvib.reports.blocks import drawn, study
 from microvib.reports.campaign import figures
 from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
+from microvib.reports.numbers import brief, count, given, plain, short, torque
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
 from microvib.studies.campaign.folder import Campaign
@@ -123,7 +124,7 @@ def counts(results: Results) -> dict[int, int]:
 
 def milli(value: float) -> str:
     """A torque [N m] in mN m; empty where there is none."""
-    return number(1e3 * value)
+    return brief(1e3 * value)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.results import rows_csv, write_folder
+from microvib.io.results import rows_csv
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.writing import write_file
 from microvib.reports.campaign.report import (
@@ -27,7 +27,7 @@ from microvib.reports.campaign.report import (
     why_not_judged,
 )
 from microvib.reports.document import Form
-from microvib.reports.rendering import report_files
+from microvib.reports.rendering import write_study
 from microvib.studies.campaign.cases import FIGURES, compute
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
@@ -129,10 +129,8 @@ def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, 
         "failed.csv": _failed_csv(s.results),
         "effects.csv": _effects_csv(s),
         **{f"{name}.png": _png(picture.drawing) for name, picture in pictures.items()},
-        **report_files(campaign_report(s, pictures, form), form),
     }
-    write_folder(out, files, overwrite=True)
-    return tuple(files)
+    return write_study(out, files, campaign_report(s, pictures, form), form, overwrite=True)
 
 
 def _png(figure: Any) -> Any:

@@ -11,8 +11,9 @@ from microvib.analysis.accuracy import estimate_in
 from microvib.analysis.limits import Judgement, unsettled
 from microvib.model.scenario import Scenario
 from microvib.reports import figures
-from microvib.reports.blocks import count, drawn, figure, given, milli, short, torque
+from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
+from microvib.reports.numbers import count, format_number, given, milli, short, torque
 from microvib.reports.run.trust import failing, invariants_sentence
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.motion import Motion
@@ -38,7 +39,7 @@ def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[F
 def _where(line: Line) -> str:
     """Name and frequency of a line, and that it decays, for then it is none of the motion once that has settled."""
     settled = {"decaying": ", decaying: not settled", "growing": ", growing"}.get(line.status, "")
-    return f"{line.line} at {figure(line.frequency_hz)} Hz{settled}"
+    return f"{line.line} at {format_number(line.frequency_hz)} Hz{settled}"
 
 
 def _verdict(judged: Judgement) -> list[Fact]:
@@ -56,7 +57,9 @@ def _verdict(judged: Judgement) -> list[Fact]:
         return [whole]
     return [
         whole,
-        Fact(f"{worst.decibel:+.1f} dB", f"smallest margin, factor {figure(worst.factor, 3)}: {worst.line.line}"),
+        Fact(
+            f"{worst.decibel:+.1f} dB", f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.line}"
+        ),
     ]
 
 
@@ -119,7 +122,12 @@ def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
     shown = _shown(lines, judged)
     header = ["line", "frequency [Hz]", "amplitude [mN m]", *(JUDGED if judged else ["what it is"])]
     rows = [
-        [x.line, figure(x.frequency_hz, 5), milli(x.amplitude_n_m), *(judged_cells(x, judged) if judged else [what(x)])]
+        [
+            x.line,
+            format_number(x.frequency_hz, 5),
+            milli(x.amplitude_n_m),
+            *(judged_cells(x, judged) if judged else [what(x)]),
+        ]
         for x in shown
     ]
     which = (
@@ -141,7 +149,7 @@ def judged_cells(line: Line, judged: Judgement) -> list[str]:
         return ["", "", "not judged" if line in judged.unknown else "outside"]
     return [
         f"{margin.decibel:+.1f}" if math.isfinite(margin.decibel) else "",
-        figure(margin.factor, 3),
+        format_number(margin.factor, 3),
         "FAIL" if margin.fails else margin.verdict,
     ]
 

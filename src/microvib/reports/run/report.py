@@ -11,8 +11,9 @@ from microvib.io.results import package_versions, scenario_hash
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
-from microvib.reports.blocks import count, drawn, figure, made_by, milli
+from microvib.reports.blocks import drawn, made_by
 from microvib.reports.document import Block, Code, Document, Form, Section, Text, pairs, table
+from microvib.reports.numbers import count, format_number, milli
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
 from microvib.reports.run.budget import budget_section
 from microvib.reports.run.first_page import facts, first_page, judged_cells, marks, what
@@ -80,7 +81,7 @@ def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
 
 def _line_cells(x: Line) -> list[str]:
     phase = f"{x.phase_rad:.3f}" if math.isfinite(x.phase_rad) else ""
-    expected, found, bin_hz = (figure(f, 7) for f in (x.expected_hz, x.frequency_hz, x.bin_frequency_hz))
+    expected, found, bin_hz = (format_number(f, 7) for f in (x.expected_hz, x.frequency_hz, x.bin_frequency_hz))
     return [x.line, expected, found, milli(x.amplitude_n_m), phase, bin_hz, milli(x.bin_amplitude_n_m), what(x)]
 
 
@@ -132,9 +133,9 @@ def _frequencies(scenario: Scenario) -> Section:
     rows = [
         [
             m.name,
-            "" if m.fixed_frequency is None else figure(m.fixed_frequency, 5),
-            figure(m.frequency, 5),
-            figure(100 * m.damping, 3),
+            "" if m.fixed_frequency is None else format_number(m.fixed_frequency, 5),
+            format_number(m.frequency, 5),
+            format_number(100 * m.damping, 3),
         ]
         for m in coupled_modes(scenario)[:40]
     ]
