@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.errors import ScenarioError, shown
+from microvib.errors import ScenarioError, error_context, shown
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, scenario_from, set_key
@@ -41,8 +41,8 @@ def reference_names() -> tuple[str, ...]:
     return tuple(name for name in _catalog_files() if name.startswith(REFERENCE))
 
 
-def _catalog_files() -> list[str]:
-    files = resources.files("microvib.catalog").iterdir()
+def _catalog_files(folder: str = "") -> list[str]:
+    files = (resources.files("microvib.catalog") / folder).iterdir()
     return sorted(f.name[:-5] for f in files if f.name.endswith(".yaml"))
 
 
@@ -86,21 +86,21 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
         return after
     kept = {key: text for key, text in before.sources.items() if not (other and key.split(".")[0] == "array")}
     own = {"array": data["sources"]["array"]} if other else {}
-    return after.with_sources(kept | _own_up(changes) | own)
+    # A value that was changed no longer comes from the file's source.
+    set_here = [key for key in changes if key.split(".")[0] not in ("source", "sources", "title")]
+    return after.with_sources(kept | dict.fromkeys(set_here, "set by the user") | own)
 
 
 def bench_names() -> tuple[str, ...]:
     """Names of the published virtual test benches."""
-    return tuple(sorted(f.name[:-5] for f in (resources.files("microvib.catalog") / "benches").iterdir()))
+    return tuple(_catalog_files("benches"))
 
 
 def load_bench(source: str | Path) -> Bench:
     """A virtual test bench from a catalog name or a YAML file; ScenarioError with one sentence per problem."""
     name = str(source)
-    if name in bench_names():
-        text = (resources.files("microvib.catalog") / "benches" / f"{name}.yaml").read_text(encoding="utf-8")
-    else:
-        text = read_text(Path(source), "bench", bench_names())
+    names = bench_names()
+    text = catalog_text(f"benches/{name}") if name in names else read_text(Path(source), "bench", names)
     return validated(Bench, parse_yaml(text, name), origin=name)
 
 
@@ -117,63 +117,58 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     group = data.get("array")
     if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
         return data
-    from microvib.io.modal_sources import DESCRIPTIONS, TABLES
-
-    key, *others = [key for key in group if key in ARRAY_ORIGINS]
-    if not isinstance(group[key], str) or "\0" in group[key]:
-        raise ScenarioError(
-            f"{origin}: array.{key}: {shown(group[key])} is not allowed; the name of a file is expected"
-        )
-    printed = key == "from" and Path(str(group[key])).suffix.lower() not in (*TABLES, *DESCRIPTIONS)
-    unknown = [*others, *(key for key in group if not printed and key not in (*ARRAY_ORIGINS, "modes", "damping"))]
-    if unknown:
-        raise ScenarioError(
-            f"{origin}: array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed beside it are modes"
-            " (how many) and damping"
-        )
-    model, source = _imported(group, folder, origin) if printed else _modes_of(group, key, folder, origin)
-    array = _plain(model.array(), None)
-    given = data.get("sources") or {}
-    if not isinstance(given, dict):
-        raise ScenarioError(f"{origin}: sources: {given!r} is not allowed; keys are expected here: text to text")
+    with error_context(origin):
+        model, source = _modes_of(group, folder)
+        given = data.get("sources") or {}
+        if not isinstance(given, dict):
+            raise ScenarioError(f"sources: {given!r} is not allowed; keys are expected here: text to text")
     sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {"array": source}
     if model.notes:
         sources["array.inertia"] = " ".join([f"{source}.", *model.notes])  # once, not at each mode
-    return {**data, "array": _without_empty(array), "sources": sources}
+    return {**data, "array": _without_empty(_plain(model.array(), None)), "sources": sources}
 
 
-def _imported(group: dict[str, Any], folder: Path, origin: str) -> tuple[ModalModel, str]:
-    """Modes of a finite-element program's results, understood as the scenario says, and what to say of their source."""
+def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
+    """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
+    from microvib.io.modal_sources import DEFAULT_MODES, DESCRIPTIONS, MAX_MODES, TABLES, modal_source
+
+    key, *others = [key for key in group if key in ARRAY_ORIGINS]
+    if not isinstance(group[key], str) or "\0" in group[key]:
+        raise ScenarioError(f"array.{key}: {shown(group[key])} is not allowed; the name of a file is expected")
+    name = str(group[key])
+    if key == "from" and not others and Path(name).suffix.lower() not in (*TABLES, *DESCRIPTIONS):
+        return _imported(group, folder / name), name
+    unknown = [*others, *(key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping"))]
+    if unknown:
+        raise ScenarioError(
+            f"array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed beside it are modes"
+            " (how many) and damping"
+        )
+    if key == "from":
+        model = modal_source(name, folder=folder).model
+        return _damped(model.first(_count(group, model.frequency.size)), group), name
+    count = _count({"modes": DEFAULT_MODES, **group}, MAX_MODES)
+    model = modal_source(name, max(count, 1), folder).model
+    return _damped(model.first(count), group), f"finite elements of {name}, {count} modes"
+
+
+def _imported(group: dict[str, Any], file: Path) -> ModalModel:
+    """Modes of a finite-element program's results, understood as the scenario says."""
     from microvib.io.nastran import read_modal_model
     from microvib.structures.deck import import_options
 
     said = {key: value for key, value in group.items() if key not in ARRAY_ORIGINS}
-    return read_modal_model(folder / str(group["from"]), import_options(said, f"{origin}: array")), str(group["from"])
+    return read_modal_model(file, import_options(said, "array"))
 
 
-def _modes_of(group: dict[str, Any], key: str, folder: Path, origin: str) -> tuple[ModalModel, str]:
-    """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
-    from microvib.io.modal_sources import DEFAULT_MODES, MAX_MODES, modal_source
-
-    name = str(group[key])
-    if key == "from":
-        model = modal_source(name, folder=folder).model
-        return _damped(model.first(_count(group, model.frequency.size, origin)), group, origin), name
-    count = _count({"modes": DEFAULT_MODES, **group}, MAX_MODES, origin)
-    model = modal_source(name, max(count, 1), folder).model
-    return _damped(model.first(count), group, origin), f"finite elements of {name}, {count} modes"
-
-
-def _count(group: dict[str, Any], available: int, origin: str) -> int:
+def _count(group: dict[str, Any], available: int) -> int:
     count = group.get("modes", available)
     if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= available:
-        raise ScenarioError(
-            f"{origin}: array.modes: {count!r} is not allowed; a whole number from 0 to {available} is expected"
-        )
+        raise ScenarioError(f"array.modes: {count!r} is not allowed; a whole number from 0 to {available} is expected")
     return count
 
 
-def _damped(model: ModalModel, group: dict[str, Any], origin: str) -> ModalModel:
+def _damped(model: ModalModel, group: dict[str, Any]) -> ModalModel:
     if "damping" not in group:
         return model
     given = group["damping"]
@@ -183,14 +178,9 @@ def _damped(model: ModalModel, group: dict[str, Any], origin: str) -> ModalModel
         xi = math.nan
     if not 0.0 <= xi <= 0.99:
         raise ScenarioError(
-            f"{origin}: array.damping: {given!r} is not allowed; a damping ratio from 0 to 99 percent is expected"
+            f"array.damping: {given!r} is not allowed; a damping ratio from 0 to 99 percent is expected"
         )
     return replace(model, damping=np.full(model.frequency.size, xi))
-
-
-def _own_up(changes: dict[str, Any]) -> dict[str, str]:
-    """A value that was changed no longer comes from the file's source."""
-    return {key: "set by the user" for key in changes if key.split(".")[0] not in ("source", "sources", "title")}
 
 
 def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | None = None) -> str:

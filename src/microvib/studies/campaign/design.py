@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Limit
-from microvib.errors import OptionError, ScenarioError
+from microvib.errors import OptionError, ScenarioError, error_context
 from microvib.io.scenario_file import load_scenario, read_text, scenario_data
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
@@ -132,72 +132,74 @@ def _hashable(value: Any) -> Any:
 
 def read_design(file: Path) -> Design:
     """Design of a study file; ScenarioError with one sentence per problem."""
-    origin = str(file)
-    data = parse_yaml(read_text(file, "study", ()), origin)
-    return design(validated(Study, data, origin=origin), file.parent, origin)
+    data = parse_yaml(read_text(file, "study", ()), str(file))
+    return design(validated(Study, data, origin=str(file)), file.parent, str(file))
 
 
-def limit_of(study: Study, origin: str = "study") -> Limit | None:
+def limit_of(study: Study) -> Limit | None:
     """The limit that a study's cases are judged by; ScenarioError where its band is none, or it has a band and no limit."""
     try:
         return Limit.of(study.limit, study.band)
     except OptionError as error:
-        raise ScenarioError(f"{origin}: {error}") from None
+        raise ScenarioError(str(error)) from None
 
 
 def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design:
     """Draw the cases of a study; its scenario file is relative to ``folder``. Every level and the ends of every distribution are
     tried, one by one, so that what cannot be computed is known now."""
-    limit_of(study, origin)
-    base = _base(study, folder)
-    parts = [_variation(base, key, spec, folder, origin) for key, spec in study.vary.items()]
+    file = folder / study.scenario
+    base = load_scenario(str(file) if file.is_file() else study.scenario, dict(study.set))
+    with error_context(origin):
+        return _drawn(study, base, folder)
+
+
+def _drawn(study: Study, base: Scenario, folder: Path) -> Design:
+    limit_of(study)
+    parts = [_variation(base, key, spec, folder) for key, spec in study.vary.items()]
     levels = tuple(x for x in parts if isinstance(x, Levels))
     uncertain = tuple(x for x in parts if isinstance(x, Uncertain))
     if not parts and not study.cases:
-        raise ScenarioError(f"{origin}: vary: missing; at least one key to vary, or cases, is expected")
-    combinations = tuple(_checked(base, item, f"{origin}: cases.{k}") for k, item in enumerate(study.cases)) or ({},)
+        raise ScenarioError("vary: missing; at least one key to vary, or cases, is expected")
+    combinations: list[dict[str, Any]] = []
+    for k, item in enumerate(study.cases):
+        with error_context(f"cases.{k}"):
+            combinations.append(_checked(base, item))
     named = [key for part in parts for key in part.keys or (part.key,)]
     twice = {key for key in named if named.count(key) > 1}
     if twice:
-        raise ScenarioError(f"{origin}: {min(twice)} stands in vary twice; one place is expected")
+        raise ScenarioError(f"{min(twice)} stands in vary twice; one place is expected")
     both = {key for item in combinations for pattern in item for key in keys_of(base, pattern)} & set(named)
     if both:
-        raise ScenarioError(f"{origin}: {min(both)} stands in vary and in cases; one place is expected")
-    total = len(combinations) * math.prod(len(x.values) for x in levels) * _points(study, len(uncertain))
+        raise ScenarioError(f"{min(both)} stands in vary and in cases; one place is expected")
+    total = max(len(combinations), 1) * math.prod(len(x.values) for x in levels) * _points(study, len(uncertain))
     if total > MAX_CASES:
-        raise ScenarioError(f"{origin}: makes {total:.3g} cases; at most {MAX_CASES:.0e} are computed")
-    _try(base, parts, origin)
-    return Design(study, base, combinations, levels, uncertain, _sample(study, uncertain, origin))
+        raise ScenarioError(f"makes {total:.3g} cases; at most {MAX_CASES:.0e} are computed")
+    _try(base, parts)
+    return Design(study, base, tuple(combinations) or ({},), levels, uncertain, _sample(study, uncertain))
 
 
-def _base(study: Study, folder: Path) -> Scenario:
-    file = folder / study.scenario
-    source = str(file) if file.is_file() else study.scenario
-    return load_scenario(source, dict(study.set))
-
-
-def _variation(base: Scenario, key: str, spec: Any, folder: Path, origin: str) -> Levels | Uncertain:
+def _variation(base: Scenario, key: str, spec: Any, folder: Path) -> Levels | Uncertain:
     if key not in ARRAY:
-        return variation(base, key, spec, origin)
+        return variation(base, key, spec)
     if not isinstance(spec, list) or not spec:
-        raise ScenarioError(f"{origin}: vary.{key}: {spec!r} is not allowed; a list of files or names is expected")
+        raise ScenarioError(f"vary.{key}: {spec!r} is not allowed; a list of files or names is expected")
     from microvib.io.scenario_file import with_array
 
     arrays = []
     for name in spec:
         data = scenario_data(base) | {"array": {key.split(".")[1]: str(name)}}
-        arrays.append(with_array(data, folder, f"{origin}: vary.{key}")["array"])
+        arrays.append(with_array(data, folder, f"vary.{key}")["array"])
     return Levels("array", tuple(arrays), tuple(str(name) for name in spec))
 
 
-def _checked(base: Scenario, combination: dict[str, Any], where: str) -> dict[str, Any]:
+def _checked(base: Scenario, combination: dict[str, Any]) -> dict[str, Any]:
     """A combination with its quantities in SI, tried on the scenario."""
     read: dict[str, Any] = {}
     for key, value in combination.items():
-        found = variation(base, key, [value], where)
+        found = variation(base, key, [value])
         assert isinstance(found, Levels)
         read[key] = found.values[0]
-    _allowed(base, {k: v for key, value in read.items() for k, v in _given(base, key, value).items()}, where)
+    base.with_si({k: v for key, value in read.items() for k, v in _given(base, key, value).items()})
     return read
 
 
@@ -206,22 +208,16 @@ def _given(base: Scenario, key: str, value: Any) -> dict[str, Any]:
     return dict.fromkeys(keys_of(base, key), value)
 
 
-def _try(base: Scenario, parts: Sequence[Levels | Uncertain], origin: str) -> None:
+def _try(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
     for part in parts:
         if isinstance(part, Levels):
             several = len(part.values) > 64 and isinstance(part.values[0], float)
             values: Sequence[Any] = part.values[:: len(part.values) - 1] if several else part.values
         else:
             values = part.quantile(np.array(CHECKED)).tolist()
-        for value in values:
-            _allowed(base, part.changes(value), f"{origin}: vary.{part.key}")
-
-
-def _allowed(base: Scenario, changes: dict[str, Any], where: str) -> None:
-    try:
-        base.with_si(changes)
-    except ScenarioError as error:
-        raise ScenarioError("\n".join(f"{where}: {line}" for line in str(error).splitlines())) from None
+        with error_context(f"vary.{part.key}"):
+            for value in values:
+                base.with_si(part.changes(value))
 
 
 def _points(study: Study, keys: int) -> int:
@@ -234,18 +230,17 @@ def _points(study: Study, keys: int) -> int:
     )
 
 
-def _sample(study: Study, uncertain: Sequence[Uncertain], origin: str) -> np.ndarray:
+def _sample(study: Study, uncertain: Sequence[Uncertain]) -> np.ndarray:
     """Values of the sampled keys, (points, keys)."""
     if not uncertain:
         if study.correlations:
-            raise ScenarioError(f"{origin}: correlations: nothing is sampled; give the keys distributions")
+            raise ScenarioError("correlations: nothing is sampled; give the keys distributions")
         return np.zeros((1, 0))
-    u = _correlated(_probabilities(study, len(uncertain), origin), study, uncertain, origin)
-    values: np.ndarray = np.column_stack([x.quantile(u[:, k]) for k, x in enumerate(uncertain)])
-    return values
+    u = _correlated(_probabilities(study, len(uncertain)), study, uncertain)
+    return np.column_stack([x.quantile(u[:, k]) for k, x in enumerate(uncertain)])
 
 
-def _probabilities(study: Study, d: int, origin: str) -> np.ndarray:
+def _probabilities(study: Study, d: int) -> np.ndarray:
     """Points of the unit cube, (points, d)."""
     from scipy.stats import qmc
 
@@ -257,7 +252,7 @@ def _probabilities(study: Study, d: int, origin: str) -> np.ndarray:
             u[1 + 2 * k + end, k] = ENDS[end]
         return u
     if sampling.method == "sobol-indices":
-        return _decomposition(sampling.count, d, rng, study, origin)
+        return _decomposition(study, d, rng)
     if sampling.method == "random":
         return rng.random((sampling.count, d))
     if sampling.method == "sobol":  # a balanced set is a power of two; its first points are taken
@@ -273,45 +268,44 @@ def _inside(u: np.ndarray) -> np.ndarray:
     return kept
 
 
-def _decomposition(n: int, d: int, rng: np.random.Generator, study: Study, origin: str) -> np.ndarray:
+def _decomposition(study: Study, d: int, rng: np.random.Generator) -> np.ndarray:
     """A, B, and A with one column of B each (A. Saltelli et al., Comput. Phys. Commun. 181, 2010), (n (d + 2), d)."""
     from scipy.stats import qmc
 
+    n = study.sampling.count
     if study.correlations:
-        raise ScenarioError(f"{origin}: sampling.method: sobol-indices wants independent keys; leave out correlations")
+        raise ScenarioError("sampling.method: sobol-indices wants independent keys; leave out correlations")
     if n < 2 or n & (n - 1):
-        raise ScenarioError(
-            f"{origin}: sampling.count: {n} is not allowed; sobol-indices wants a power of 2, such as 128"
-        )
+        raise ScenarioError(f"sampling.count: {n} is not allowed; sobol-indices wants a power of 2, such as 128")
     both = _inside(qmc.Sobol(2 * d, rng=rng).random_base2(n.bit_length() - 1))
     A, B = both[:, :d], both[:, d:]
     mixed = [np.where(np.arange(d) == k, B, A) for k in range(d)]
     return np.concatenate([A, B, *mixed])
 
 
-def _correlated(u: np.ndarray, study: Study, uncertain: Sequence[Uncertain], origin: str) -> np.ndarray:
+def _correlated(u: np.ndarray, study: Study, uncertain: Sequence[Uncertain]) -> np.ndarray:
     """Probabilities whose normal scores have the correlations of the study (Gaussian copula)."""
     if not study.correlations:
         return u
     from scipy.special import ndtr, ndtri
 
-    R = _matrix(study.correlations, [x.key for x in uncertain], origin)
+    R = _matrix(study.correlations, [x.key for x in uncertain])
     try:
         L = np.linalg.cholesky(R + 1e-12 * np.eye(R.shape[0]))
     except np.linalg.LinAlgError:
-        raise ScenarioError(f"{origin}: correlations: contradict each other; no distribution has them all") from None
+        raise ScenarioError("correlations: contradict each other; no distribution has them all") from None
     joined: np.ndarray = ndtr(ndtri(u) @ L.T)
     return _inside(joined)
 
 
-def _matrix(correlations: Sequence[Correlation], keys: list[str], origin: str) -> np.ndarray:
+def _matrix(correlations: Sequence[Correlation], keys: list[str]) -> np.ndarray:
     R = np.eye(len(keys))
     for item in correlations:
         for key in item.keys:
             if key not in keys:
-                raise ScenarioError(f"{origin}: correlations: {key} has no distribution; allowed are {', '.join(keys)}")
+                raise ScenarioError(f"correlations: {key} has no distribution; allowed are {', '.join(keys)}")
         a, b = (keys.index(key) for key in item.keys)
         if a == b:
-            raise ScenarioError(f"{origin}: correlations: {item.keys[0]} is named twice; two keys are expected")
+            raise ScenarioError(f"correlations: {item.keys[0]} is named twice; two keys are expected")
         R[a, b] = R[b, a] = item.coefficient
     return R

@@ -10,6 +10,7 @@ import numpy as np
 from microvib.studies.campaign.design import ENDS, Design
 from microvib.studies.campaign.results import Results
 from microvib.studies.campaign.statistics import CONFIDENCE, Estimate, amplitudes
+from microvib.studies.campaign.variation import Levels
 
 RESAMPLES = 200
 """Of the bootstrap."""
@@ -67,7 +68,7 @@ def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado |
     y = amplitudes(results, line, band)
     if not np.isfinite(y).any():
         return None
-    effects = [_between_levels(results, x.key, y) for x in design.levels]
+    effects = [_between_levels(design, x, y) for x in design.levels]
     explained = math.nan
     if design.uncertain and design.study.sampling.method == "one-at-a-time":
         effects += _one_at_a_time(design, y)
@@ -81,12 +82,11 @@ def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado |
     return Tornado(line, float(np.nanmean(y)), tuple(effects), explained)
 
 
-def _between_levels(results: Results, key: str, y: np.ndarray) -> Effect:
-    levels = next(x for x in results.campaign.design.levels if x.key == key)
-    number = results.campaign.design.level_numbers(key)
+def _between_levels(design: Design, levels: Levels, y: np.ndarray) -> Effect:
+    number = design.level_numbers(levels.key)
     groups = [y[(number == k) & np.isfinite(y)] for k in range(len(levels.values))]
     means = [float(group.mean()) for group in groups if group.size]
-    return Effect(key, min(means), max(means), levels=True)
+    return Effect(levels.key, min(means), max(means), levels=True)
 
 
 def _one_at_a_time(design: Design, y: np.ndarray) -> list[Effect]:

@@ -32,6 +32,12 @@ MEANINGS = {
     "stuck_output": "part of the time that the shaft sticks",
 }
 _SCALAR_UNITS = {"peak": "N*m", "rms": "N*m", "stuck_output": "1"}
+_TEXTS = {
+    "reasons": ("reason", "why the case failed; empty where it did not"),
+    "notes": ("note", "what is to be known of the case"),
+    "gaps": ("gaps", "what of the case could not be judged against the study's limit"),
+}
+"""Texts of each case in a chunk: their variable in the file, and its meaning."""
 _ROWS = 4096
 """Cases of one block of the file."""
 
@@ -70,21 +76,20 @@ def _write(
         f.attrs["title"] = design.study.title or "microvib campaign"
         f.attrs["campaign_sha256"] = campaign.identity
         f.attrs["microvib_version"] = package_versions()["microvib"]
-        _text(f, "line", ("line",), np.array(lines, dtype=object), "name of the line")
+        _text(f, "line", "line", np.array(lines, dtype=object), "name of the line")
         _parameters(f, campaign)
         table = {name: _variable(f, name, ("case", "line"), UNITS[name]) for name in FIGURES}
         columns = {name: _variable(f, name, ("case",), _SCALAR_UNITS[name]) for name in SCALARS}
         status = _variable(f, "status", ("case", "line"), "1", np.int16, -1)
         status.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(statuses)) or "none"
-        reasons = np.full(design.cases, "", dtype=object)
-        notes = np.full(design.cases, "", dtype=object)
-        gaps = np.full(design.cases, "", dtype=object)
+        texts = {name: np.full(design.cases, "", dtype=object) for name in _TEXTS}
         verdict = np.zeros(design.cases, dtype=np.int8)
         position = {name: k for k, name in enumerate(lines)}
         for cases, chunk in campaign.results():
             here = slice(cases.start, cases.stop)
             state[here] = [FAILED if reason else DONE for reason in chunk.reasons]
-            reasons[here], notes[here], gaps[here] = chunk.reasons, chunk.notes, chunk.gaps
+            for name, values in texts.items():
+                values[here] = getattr(chunk, name)
             verdict[here] = chunk.verdict
             where = [position[name] for name in chunk.lines]
             for name in FIGURES:
@@ -92,9 +97,8 @@ def _write(
             status[here, :] = _spread(_renumbered(chunk, statuses), where, len(lines), -1)
             for name in SCALARS:
                 columns[name][here] = chunk.scalars[name]
-        _text(f, "reason", ("case",), reasons, "why the case failed; empty where it did not")
-        _text(f, "note", ("case",), notes, "what is to be known of the case")
-        _text(f, "gaps", ("case",), gaps, "what of the case could not be judged against the study's limit")
+        for name, (variable, meaning) in _TEXTS.items():
+            _text(f, variable, "case", texts[name], meaning)
         judged = f.create_variable("verdict", ("case",), data=verdict)
         judged.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(VERDICTS))
         kept = f.create_variable("state", ("case",), data=state)
@@ -123,7 +127,7 @@ def _parameters(f: Any, campaign: Campaign) -> None:
         values, quantity = design.column(key), quantities.get(keys_of(design.base, key)[0])
         meaning = quantity.meaning if quantity else key
         if values.dtype == object:
-            _text(f, key, ("case",), values, meaning)
+            _text(f, key, "case", values, meaning)
         else:
             variable = f.create_variable(key, ("case",), data=values)
             variable.attrs["units"] = quantity.unit or "1" if quantity else "1"
@@ -139,10 +143,10 @@ def _variable(f: Any, name: str, dims: tuple[str, ...], unit: str, dtype: Any = 
     return variable
 
 
-def _text(f: Any, name: str, dims: tuple[str, ...], values: np.ndarray, meaning: str) -> None:
+def _text(f: Any, name: str, dim: str, values: np.ndarray, meaning: str) -> None:
     import h5py
 
-    variable = f.create_variable(name, dims, dtype=h5py.string_dtype(), data=values)
+    variable = f.create_variable(name, (dim,), dtype=h5py.string_dtype(), data=values)
     variable.attrs["long_name"] = meaning
 
 

@@ -25,7 +25,9 @@ def submit(campaign: Campaign, jobs: int, directives: Sequence[str] = (), *, onl
     missing = campaign.missing()
     if not missing:
         return f"Nothing to do: all {campaign.chunks} chunks are there."
-    _refuse_second(campaign)
+    state = job_state(campaign)
+    if state:
+        raise MicrovibError(f"{campaign.folder}: its Slurm {state}; wait for it, or scancel it, then resume")
     count = min(jobs, len(missing))
     # What is missing now: while shards work it changes, and they would not agree on who takes what.
     write_file(campaign.folder / TODO, "\n".join(map(str, missing)) + "\n", overwrite=True)
@@ -64,12 +66,6 @@ def _sbatch(script: str) -> str:
     if done.returncode != 0:
         raise OptionError("on", f"sbatch says: {done.stderr.strip() or done.stdout.strip()}", "slurm")
     return done.stdout.strip().split(";")[0]
-
-
-def _refuse_second(campaign: Campaign) -> None:
-    state = job_state(campaign)
-    if state:
-        raise MicrovibError(f"{campaign.folder}: its Slurm {state}; wait for it, or scancel it, then resume")
 
 
 def job_state(campaign: Campaign) -> str:

@@ -30,8 +30,22 @@ _FACTOR = Quantity("", "factor on the scenario's values")
 _Entries = dict[str, tuple[Any, Quantity | None]]
 
 
+class Varied:
+    """What varies: a key of the scenario, several that take one value, or a factor on several."""
+
+    key: str
+    keys: tuple[str, ...]
+    base: tuple[float, ...]
+
+    def changes(self, value: Any) -> dict[str, Any]:
+        """What ``value`` makes of the scenario's keys."""
+        if self.base:
+            return {key: value * base for key, base in zip(self.keys, self.base, strict=True)}
+        return dict.fromkeys(self.keys or (self.key,), value)
+
+
 @dataclass(frozen=True)
-class Levels:
+class Levels(Varied):
     """Values of one key, each combined with all levels of the others."""
 
     key: str
@@ -45,13 +59,9 @@ class Levels:
     base: tuple[float, ...] = ()
     """Values of those keys that it is a factor on; none where it is their value."""
 
-    def changes(self, value: Any) -> dict[str, Any]:
-        """What ``value`` makes of the scenario's keys."""
-        return _changes(self, value)
-
 
 @dataclass(frozen=True)
-class Uncertain:
+class Uncertain(Varied):
     """A key with a distribution; truncated, its probability lies between ``lower`` and ``upper``."""
 
     key: str
@@ -65,10 +75,6 @@ class Uncertain:
     keys: tuple[str, ...] = ()
     """As of ``Levels``."""
     base: tuple[float, ...] = ()
-
-    def changes(self, value: float) -> dict[str, Any]:
-        """What ``value`` makes of the scenario's keys."""
-        return _changes(self, value)
 
     def show(self, value: float) -> str:
         """A value in the display unit."""
@@ -109,9 +115,9 @@ class Uncertain:
         return f"{on}{self.kind}, {values}" + (f", cut {' '.join(cut)}" if cut else "")
 
 
-def variation(scenario: Scenario, key: str, spec: Any, origin: str) -> Levels | Uncertain:
+def variation(scenario: Scenario, key: str, spec: Any) -> Levels | Uncertain:
     """What the study says of one key; ScenarioError where it cannot be."""
-    where = f"{origin}: vary.{key}"
+    where = f"vary.{key}"
     found = {name: (value, quantity) for name, value, quantity in scenario.entries()}
     if isinstance(spec, dict) and "scale" in spec:
         return _factor(found, key, spec, where)
@@ -168,12 +174,6 @@ def keys_of(scenario: Scenario, pattern: str) -> tuple[str, ...]:
     if "*" not in pattern:
         return (pattern,)
     return _matching({name: (value, quantity) for name, value, quantity in scenario.entries()}, pattern, pattern)
-
-
-def _changes(part: Levels | Uncertain, value: Any) -> dict[str, Any]:
-    if part.base:
-        return {key: value * base for key, base in zip(part.keys, part.base, strict=True)}
-    return dict.fromkeys(part.keys or (part.key,), value)
 
 
 def _of_one_key(key: str, value: Any, spec: Any, quantity: Quantity | None, where: str) -> Levels | Uncertain:
