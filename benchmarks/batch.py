@@ -29,6 +29,7 @@ from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.command import Command
 from microvib.solve.pack import no_samples, pack
 from microvib.solve.sampling import sample_intervals
+from microvib.units import Si
 
 TOP = 1400.0
 """Highest line looked for [Hz]."""
@@ -163,7 +164,7 @@ def _flops(scenario: mv.Scenario) -> int:
 
 
 def _lines(scenario: mv.Scenario, torque: np.ndarray) -> np.ndarray:
-    table = lines_at_known_clock(torque, scenario.record.sample_rate, expected_lines(scenario, TOP))
+    table = lines_at_known_clock(torque, scenario.record.sample_rate, expected_lines(scenario, Si(TOP)))
     return np.array([line.amplitude_n_m for line in table])
 
 

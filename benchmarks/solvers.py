@@ -22,6 +22,7 @@ import numpy as np
 import peers
 
 import microvib as mv
+from microvib.units import Si
 
 CLOCK = ("drive_1", "drive_2", "drive_3")
 ALL = (*CLOCK, "full_step_1", "array_mode_1")
@@ -123,7 +124,7 @@ def amplitudes(scenario: mv.Scenario, names: tuple[str, ...], torque: np.ndarray
 
 
 def _frequencies(scenario: mv.Scenario, names: tuple[str, ...], rate: float) -> np.ndarray:
-    expected = {line.name: line.frequency for line in mv.expected_lines(scenario, 0.5 * rate)}
+    expected = {line.name: line.frequency for line in mv.expected_lines(scenario, Si(0.5 * rate))}
     return np.array([expected[name] for name in names])
 
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.scenarios import random_scenario
+from support.scenarios import limit_of, random_scenario
 
 import microvib as mv
 from microvib.analysis.accuracy import BOUND, SENSITIVE, account, accuracy, noted
-from microvib.analysis.limits import Limit, judge
+from microvib.analysis.limits import judge
 from microvib.analysis.run import solve_run
 from microvib.cli.main import main
 from microvib.io.runs import read_run
@@ -100,10 +100,10 @@ def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
     known, solver = noted(table, estimate), account(motion.solver, estimate)
     assert known.own_error == estimate.doubt == solver["error_estimate"]["line"]
     line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
-    near = Limit(line.amplitude_n_m * (1.0 + 0.5 * estimate.line))
+    near = limit_of(line.amplitude_n_m * (1.0 + 0.5 * estimate.line))
     alone = near.torque, line.frequency_hz - 0.01, line.frequency_hz + 0.01
-    assert judge(table, Limit(*alone)).of(line).verdict == "pass"
-    assert judge(known, Limit(*alone)).of(line).verdict == "not judged"
+    assert judge(table, limit_of(*alone)).of(line).verdict == "pass"
+    assert judge(known, limit_of(*alone)).of(line).verdict == "not judged"
 
 
 def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):

@@ -77,7 +77,7 @@ def test_torques_converge_to_those_of_simulate(drives, torques):
 def test_lines_are_those_of_simulate(state_1, motion_1):
     scenario = motion_1.scenario
     torque = simulate_torques([scenario])[0]
-    expected = expected_lines(scenario, 1400.0)
+    expected = expected_lines(scenario, "1400 Hz")
     ours, theirs = (lines_at_known_clock(x, torque.sample_rate, expected) for x in (torque.T_d, motion_1["T_d"]))
     amplitudes = np.array([[a.amplitude_n_m, b.amplitude_n_m] for a, b in zip(ours, theirs, strict=True)])
     top = np.nanmax(amplitudes)

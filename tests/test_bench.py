@@ -70,7 +70,7 @@ def test_noise_floor_has_its_density():
     from microvib.signals.spectrum import power_spectral_density
 
     for name, density in (("Mz", 1e-3), ("Fy", 2e-3)):
-        psd = power_spectral_density(out[name], 1024.0, 1.0)
+        psd = power_spectral_density(out[name], 1024.0, "1 Hz")
         band = (psd.frequency > 10) & (psd.frequency < 300)
         assert math.sqrt(psd.density[band].mean()) == pytest.approx(density, rel=0.05)
     np.testing.assert_array_equal(out["Mz"], measure(bench, quiet, quiet[0], seed=3)["Mz"])

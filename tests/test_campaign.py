@@ -18,9 +18,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from support.scenarios import limit_of
 
 import microvib as mv
-from microvib.analysis.limits import Limit, judge
+from microvib.analysis.limits import judge
 from microvib.errors import MicrovibError, OutputError, ScenarioError
 from microvib.io.scenario_file import load_scenario
 from microvib.model.sentences import validated
@@ -370,7 +371,7 @@ def test_a_campaign_judges_what_a_run_judges(tmp_path):
     for case in range(4):
         scenario = campaign.design.scenario(case)
         table = mv.lines(mv.simulate(scenario))
-        expected = judge(table, Limit(0.04, 1.5, 400.0), scenario)
+        expected = judge(table, limit_of(0.04, 1.5, 400.0), scenario)
         assert computing.VERDICTS[results.verdicts[case]] == expected.verdict
         assert bool(results.gaps[case]) == bool(expected.gaps)
         finite = [x.amplitude_n_m for x in table if np.isfinite(x.amplitude_n_m)]

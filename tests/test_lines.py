@@ -148,7 +148,7 @@ def test_stated_uncertainties_cover_the_truth():
 
 
 def test_lines_at_a_known_clock_are_the_estimated_ones(motion_1):
-    expected = expected_lines(motion_1.scenario, 1400.0)
+    expected = expected_lines(motion_1.scenario, "1400 Hz")
     full = estimate_lines(motion_1["T_d"], 4096.0, expected)
     for line in lines_at_known_clock(motion_1["T_d"], 4096.0, expected):
         if full[line.line].amplitude_n_m > 1e-5:
@@ -158,7 +158,7 @@ def test_lines_at_a_known_clock_are_the_estimated_ones(motion_1):
 
 
 def test_figures_as_arrays_are_those_of_the_table(motion_1):
-    expected = expected_lines(motion_1.scenario, 1400.0)
+    expected = expected_lines(motion_1.scenario, "1400 Hz")
     figures = figures_at_known_clock(motion_1["T_d"], 4096.0, expected)
     table = lines_at_known_clock(motion_1["T_d"], 4096.0, expected)
     assert [line.line for line in table] == [line.name for line in figures.expected]

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.scenarios import limit_of
 
 import microvib as mv
-from microvib.analysis.limits import Judgement, Limit, judge, unsettled
+from microvib.analysis.limits import Judgement, judge, unsettled
 from microvib.analysis.stream import lines_of_stream
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.line_table import FAINT, LineTable, Rest
@@ -35,9 +36,9 @@ def only(table: LineTable, name: str, rest: Rest = NOTHING, **changes: object) -
 def test_what_is_known_beyond_doubt_passes_or_fails(table, scenario):
     amplitude = table["drive_1"].amplitude_n_m
     one = replace(table, lines=(table["drive_1"],), rest=NOTHING)
-    assert judge(one, Limit(1.01 * amplitude), scenario).verdict == "pass"
-    assert judge(one, Limit(0.99 * amplitude), scenario).verdict == "fail"
-    near = judge(one, Limit(1.0001 * amplitude), scenario)
+    assert judge(one, limit_of(1.01 * amplitude), scenario).verdict == "pass"
+    assert judge(one, limit_of(0.99 * amplitude), scenario).verdict == "fail"
+    near = judge(one, limit_of(1.0001 * amplitude), scenario)
     assert near.verdict == "not judged"
     assert near.gaps == ("drive_1 (as near the limit as it is known)",)
 
@@ -45,23 +46,23 @@ def test_what_is_known_beyond_doubt_passes_or_fails(table, scenario):
 def test_uncertainty_widens_what_is_not_judged(table, scenario):
     known = only(table, "drive_1", amplitude_n_m=0.010, amplitude_uncertainty_n_m=1e-4)
     limits = {0.0103: "pass", 0.0101: "not judged", 0.0099: "not judged", 0.0097: "fail"}
-    assert {most: judge(known, Limit(most), scenario).verdict for most in limits} == limits
+    assert {most: judge(known, limit_of(most), scenario).verdict for most in limits} == limits
 
 
 def test_above_the_passband_counts_what_the_model_has_there(table, scenario):
     slow = only(replace(table, samples=1600, sample_rate=100.0), "full_step_1")
-    verdict = judge(slow, Limit(0.060), scenario)
+    verdict = judge(slow, limit_of(0.060), scenario)
     assert verdict.verdict == "not judged"
     assert "what is above 35 Hz (record.sample_rate >= " in str(verdict)
-    assert judge(slow, Limit(0.060, 0.0, 35.0), scenario).verdict == "pass"
-    assert judge(slow, Limit(10.0), scenario).verdict == "pass"  # a hundred times what the drive has there
-    assert judge(slow, Limit(0.060)).verdict == "not judged"  # nobody said what is there
+    assert judge(slow, limit_of(0.060, 0.0, 35.0), scenario).verdict == "pass"
+    assert judge(slow, limit_of(10.0), scenario).verdict == "pass"  # a hundred times what the drive has there
+    assert judge(slow, limit_of(0.060)).verdict == "not judged"  # nobody said what is there
 
 
 def test_a_run_at_a_low_sample_rate_does_not_pass_what_it_did_not_see(scenario, table):
     low = scenario.with_({"record.sample_rate": "100 Hz", "record.settle": "1 s"})
     seen = mv.lines(mv.simulate(low, channels=("T_d",)))
-    limit = Limit(0.9 * table["drive_1"].amplitude_n_m)
+    limit = limit_of(0.9 * table["drive_1"].amplitude_n_m)
     assert judge(table, limit, scenario).verdict == "fail"
     assert judge(seen, limit, low).verdict == "not judged"
 
@@ -70,14 +71,14 @@ def test_what_rings_at_the_start_is_not_judged_but_told_how_long_to_settle(table
     ringing = only(table, "array_mode_1", status="decaying", amplitude_n_m=0.02, decay_per_s=0.05)
     start = ringing["array_mode_1"].starting(16.0)
     assert start == pytest.approx(0.02 * 0.8 / (1 - math.exp(-0.8)))
-    verdict = judge(ringing, Limit(0.010), scenario)
+    verdict = judge(ringing, limit_of(0.010), scenario)
     longer = math.log((start + 2 * ringing["array_mode_1"].amplitude_uncertainty_n_m + 2e-5) / 0.010) / 0.05
     assert verdict.verdict == "not judged"
     assert verdict.gaps[0].startswith("array_mode_1 (not settled; settle >= ")
     assert float(verdict.gaps[0].split()[-2]) == pytest.approx(30.0 + longer, rel=0.01)
-    assert judge(ringing, Limit(0.035), scenario).verdict == "pass"
+    assert judge(ringing, limit_of(0.035), scenario).verdict == "pass"
     assert (
-        judge(only(table, "array_mode_1", status="growing", amplitude_n_m=0.001), Limit(1.0), scenario).verdict
+        judge(only(table, "array_mode_1", status="growing", amplitude_n_m=0.001), limit_of(1.0), scenario).verdict
         == "not judged"
     )
 
@@ -89,24 +90,24 @@ def test_a_line_near_the_limit_is_not_judged_while_something_rings(table, scenar
     )
     both = replace(table, lines=pair, rest=NOTHING)
     band = (20.0, 100.0)
-    assert judge(both, Limit(0.0102, *band), scenario).verdict == "not judged"
-    assert "what rings may decide; not settled; settle >=" in judge(both, Limit(0.0102, *band), scenario).gaps[0]
-    assert judge(both, Limit(0.0105, *band), scenario).verdict == "pass"
+    assert judge(both, limit_of(0.0102, *band), scenario).verdict == "not judged"
+    assert "what rings may decide; not settled; settle >=" in judge(both, limit_of(0.0102, *band), scenario).gaps[0]
+    assert judge(both, limit_of(0.0105, *band), scenario).verdict == "pass"
 
 
 def test_what_no_line_accounts_for_is_not_passed(table, scenario):
     left = Rest(np.array([5.0, 80.0]), np.array([0.001, 0.02]))
     one = only(table, "full_step_1", rest=left)
-    assert judge(one, Limit(0.010), scenario).gaps == (
+    assert judge(one, limit_of(0.010), scenario).gaps == (
         "up to 20 mN m at 80 Hz that no line accounts for (a longer record.duration may)",
     )
-    assert judge(one, Limit(0.010, 0.0, 20.0), scenario).verdict == "pass"
-    assert judge(replace(one, rest=None), Limit(10.0), scenario).verdict == "not judged"
+    assert judge(one, limit_of(0.010, 0.0, 20.0), scenario).verdict == "pass"
+    assert judge(replace(one, rest=None), limit_of(10.0), scenario).verdict == "not judged"
 
 
 def test_a_rate_that_changes_has_no_lines_to_judge(table, scenario):
     changing = scenario.model_copy(update={"tracking": Tracking(profile=(Leg(rate=Si(1e-3), ramp="100 s"),))})
-    verdict = judge(only(table, "array_mode_1", status=FAINT, amplitude_n_m=0.0), Limit(10.0), changing)
+    verdict = judge(only(table, "array_mode_1", status=FAINT, amplitude_n_m=0.0), limit_of(10.0), changing)
     assert verdict.verdict == "not judged"
     assert "the rate changes within the record" in str(verdict)
 
@@ -115,20 +116,20 @@ def test_an_array_mode_that_has_died_away_need_not_be_told_from_a_line(table, sc
     hidden = only(
         table, "array_mode_1", status="not separable from drive_1", amplitude_n_m=math.nan, bin_amplitude_n_m=0.005
     )
-    assert judge(hidden, Limit(0.010), scenario).verdict == "not judged"
-    assert judge(hidden, Limit(0.051), scenario).verdict == "pass"  # ten times what its bin shows
-    assert judge(hidden, Limit(0.010), scenario.with_({"record.settle": "300 s"})).verdict == "pass"
+    assert judge(hidden, limit_of(0.010), scenario).verdict == "not judged"
+    assert judge(hidden, limit_of(0.051), scenario).verdict == "pass"  # ten times what its bin shows
+    assert judge(hidden, limit_of(0.010), scenario.with_({"record.settle": "300 s"})).verdict == "pass"
     unknown = only(table, "drive_2", status="not resolved: x", amplitude_n_m=math.nan)
-    assert judge(unknown, Limit(0.010), scenario.with_({"record.settle": "300 s"})).gaps == (
+    assert judge(unknown, limit_of(0.010), scenario.with_({"record.settle": "300 s"})).gaps == (
         "drive_2 (not resolved: x)",
     )
 
 
 def test_an_unlisted_line_where_a_mode_may_ring_is_not_failed(table, scenario):
     unlisted = only(table, "drive_1", kind="other", frequency_hz=1.16, amplitude_n_m=0.020)
-    assert judge(unlisted, Limit(0.010), scenario).verdict == "not judged"
-    assert judge(unlisted, Limit(0.010), scenario.with_({"record.settle": "300 s"})).verdict == "fail"
-    assert judge(only(table, "drive_1", kind="other", amplitude_n_m=0.020), Limit(0.010), scenario).verdict == "fail"
+    assert judge(unlisted, limit_of(0.010), scenario).verdict == "not judged"
+    assert judge(unlisted, limit_of(0.010), scenario.with_({"record.settle": "300 s"})).verdict == "fail"
+    assert judge(only(table, "drive_1", kind="other", amplitude_n_m=0.020), limit_of(0.010), scenario).verdict == "fail"
 
 
 RECORDS = (
@@ -147,7 +148,7 @@ def test_no_parameter_of_the_record_turns_a_verdict_round(scenario, motion_1, ta
     judged = 0
     for size in sorted(sizes)[::3]:
         for limit in (
-            Limit(size * part, *band) for part in (0.96, 1.002, 1.04) for band in ((0.0, math.inf), (20.0, 200.0))
+            limit_of(size * part, *band) for part in (0.96, 1.002, 1.04) for band in ((0.0, math.inf), (20.0, 200.0))
         ):
             verdicts = {judge(lines, limit, other).verdict for other, lines in seen}
             assert not {"pass", "fail"} <= verdicts, limit
@@ -166,8 +167,8 @@ def test_what_is_not_settled_is_told_with_the_time_that_it_takes(table, scenario
 
 def test_the_sentence_of_a_judgement():
     assert (
-        str(Judgement(Limit(0.010, 1.0, 5.0), (), ()))
+        str(Judgement(limit_of(0.010, 1.0, 5.0), (), ()))
         == "Limit 10 mN m from 1 to 5 Hz: no line from 1 to 5 Hz to judge."
     )
-    open_ = Judgement(Limit(0.010), (), (), ("a", "b", "c", "d", "e"))
+    open_ = Judgement(limit_of(0.010), (), (), ("a", "b", "c", "d", "e"))
     assert str(open_) == "Limit 10 mN m: not judged. Not judged: a; b; c; and 2 more."

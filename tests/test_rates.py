@@ -16,7 +16,7 @@ from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
 from microvib.reports.rates import best_text, found_text
 from microvib.studies.rates import at_rate, full_case, linear_error, plan_rates, rate_grid
-from microvib.units import band, quantity
+from microvib.units import Si, band, quantity
 
 DEG = math.pi / 180.0
 
@@ -24,7 +24,7 @@ DEG = math.pi / 180.0
 @pytest.fixture(scope="module")
 def plan(state_1):
     # about the rate at which the full-step line meets the array mode, 0.0208 deg/s
-    return plan_rates(state_1, rate_grid(0.016 * DEG, 0.026 * DEG, 11), (8, 16), limit=0.03, band=(0.1, 5.0))
+    return plan_rates(state_1, rate_grid("0.016 deg/s", "0.026 deg/s", 11), (8, 16), limit="30 mN*m", band="0.1:5 Hz")
 
 
 def test_a_line_peaks_where_it_meets_the_mode(plan, state_1):
@@ -55,7 +55,7 @@ def test_forbidden_bands_end_where_the_largest_line_is_at_the_limit(plan, state_
         assert b.low < 0.0208 * DEG < b.high
         for edge, inward in ((b.low, 1.0), (b.high, -1.0)):
             outside, inside = (
-                full_case(state_1, edge + side * 5e-6 * DEG, b.microsteps).largest(plan.band).amplitude
+                full_case(state_1, Si(edge + side * 5e-6 * DEG), b.microsteps).largest(plan.band).amplitude
                 for side in (-inward, inward)
             )
             assert outside < 0.03 < inside
@@ -117,7 +117,7 @@ def test_results_do_not_depend_on_what_else_is_planned(plan, state_1):
 
 def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
     weak = state_1.with_si({"motor.current": 0.02, "record.settle": 1.0, "record.duration": 2.0})
-    failed = full_case(weak, 0.3 * DEG, 16)
+    failed = full_case(weak, Si(0.3 * DEG), 16)
     assert failed.lines == ()
     assert "synchronism" in failed.reason
     uneven = state_1.with_si(
@@ -127,10 +127,10 @@ def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
             "record.duration": 4.0,
         }
     )
-    case = full_case(uneven, 0.06 * DEG, 16)
+    case = full_case(uneven, Si(0.06 * DEG), 16)
     assert "transmission error" in case.reason
     assert case.lines
-    both = plan_rates(weak, rate_grid(0.29 * DEG, 0.3 * DEG, 2), (16,), limit=0.01)
+    both = plan_rates(weak, rate_grid("0.29 deg/s", "0.3 deg/s", 2), (16,), limit="10 mN*m")
     assert both.best() is None
     assert math.isnan(both.worst(16))
     assert "synchronism" in both.forbidden[0].why
@@ -155,7 +155,7 @@ def test_the_linear_lines_are_those_of_a_drive_without_stick_and_detent(state_1,
 
 
 def test_a_linear_plan_states_its_error(state_1):
-    plan = plan_rates(state_1, rate_grid(0.1 * DEG, 0.3 * DEG, 40), (16,), linear=True)
+    plan = plan_rates(state_1, rate_grid("0.1 deg/s", "0.3 deg/s", 40), (16,), linear=True)
     assert {line.kind for case in plan.cases for line in case.lines} == {"drive"}
     median, largest, count = linear_error(plan, 3)[16]
     assert count >= 6

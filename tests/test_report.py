@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.scenarios import baseline
+from support.scenarios import baseline, limit_of
 
 import microvib as mv
 from microvib.analysis.budget import factors
-from microvib.analysis.limits import Limit, judge
+from microvib.analysis.limits import judge
 from microvib.cli.main import main
 from microvib.io.runs import read_run
 from microvib.reports.blocks import study
@@ -41,7 +41,7 @@ from microvib.reports.run.folder import run_scenario
 from microvib.reports.run.report import run_report
 from microvib.signals.line_table import FAINT
 
-LIMIT = Limit(0.010)
+LIMIT = limit_of(0.010)
 NASTY = '#set text(red) $x^2$ *b* _i_ <script>alert(1)</script> \\ "q" [a](b) @ref // {{ 7*7 }} #image("x") &amp; ✓'
 
 
@@ -59,7 +59,9 @@ def document(motion_1, lines_1) -> Document:
 def folder(tmp_path_factory):
     """The folder of a short run."""
     out = tmp_path_factory.mktemp("report") / "run"
-    run_scenario(baseline().with_si({"record.settle": 1.0, "record.duration": 6.0}), out, limit=Limit(0.010, 0.5, 60.0))
+    run_scenario(
+        baseline().with_si({"record.settle": 1.0, "record.duration": 6.0}), out, limit=limit_of(0.010, 0.5, 60.0)
+    )
     return out
 
 
@@ -108,17 +110,17 @@ def test_margins_are_limit_over_amplitude(lines_1, motion_1):
 
 def test_a_line_below_the_limit_passes_and_one_above_fails(lines_1, motion_1):
     amplitude = max(x.amplitude_n_m for x in lines_1)
-    assert judge(lines_1, Limit(amplitude * 1.05), motion_1.scenario).verdict == "pass"
-    assert judge(lines_1, Limit(amplitude), motion_1.scenario).verdict == "not judged"
-    assert judge(lines_1, Limit(amplitude * 0.95), motion_1.scenario).above == 1
+    assert judge(lines_1, limit_of(amplitude * 1.05), motion_1.scenario).verdict == "pass"
+    assert judge(lines_1, limit_of(amplitude), motion_1.scenario).verdict == "not judged"
+    assert judge(lines_1, limit_of(amplitude * 0.95), motion_1.scenario).above == 1
 
 
 def test_only_lines_in_the_band_are_judged(lines_1, motion_1):
-    judged = judge(lines_1, Limit(0.010, 0.5, 5.0))
+    judged = judge(lines_1, limit_of(0.010, 0.5, 5.0))
     assert {m.line.line for m in judged.margins} == {x.line for x in lines_1 if 0.5 <= x.frequency_hz <= 5.0}
     assert judged.of(lines_1["drive_1"]) is None
     assert "from 0.5 to 5 Hz" in str(judged)
-    assert "no line" in str(judge(lines_1, Limit(0.010, 4000.0, 5000.0), motion_1.scenario))
+    assert "no line" in str(judge(lines_1, limit_of(0.010, 4000.0, 5000.0), motion_1.scenario))
 
 
 def test_a_line_of_no_amplitude_has_no_figures(lines_1, motion_1, undrawn):
@@ -181,7 +183,7 @@ def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1, undrawn):
 def test_a_small_line_above_a_small_limit_is_listed(motion_1, lines_1, undrawn):
     small = min((x for x in lines_1 if x.status == "ok"), key=lambda x: x.amplitude_n_m)
     assert small not in lines_1.notable()
-    strict = run_report(motion_1, lines_1, limit=Limit(0.5 * small.amplitude_n_m))
+    strict = run_report(motion_1, lines_1, limit=limit_of(0.5 * small.amplitude_n_m))
     (listed,) = tables(section(strict, "All lines").blocks)
     assert small.line in column(listed, "line")
     assert listed.rows[column(listed, "line").index(small.line)].cells[-1] == "FAIL"

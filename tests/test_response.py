@@ -81,7 +81,7 @@ def test_a_table_from_a_file(tmp_path):
 def test_densities_are_corrected_too():
     x = np.random.default_rng(1).normal(0, 1e-3, 16 * T.size).reshape(-1, 16).mean(axis=1)  # means over 16 fine samples
     found = prepared(x, response="boxcar")["Mz"]
-    raw, corrected = (power_spectral_density(y, RATE, 16.0) for y in (x, found))
+    raw, corrected = (power_spectral_density(y, RATE, "16 Hz") for y in (x, found))
     k = np.searchsorted(raw.frequency, 1500.0)
     assert corrected.density[k] / raw.density[k] == pytest.approx(np.sinc(1500.0 / RATE) ** -2, rel=0.02)
 

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from scipy.io import savemat
+from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.io.recordings import write_recording
@@ -184,12 +185,12 @@ def test_a_thinned_spectrum_has_no_plateaus_on_a_logarithmic_axis():
 
 
 def test_a_verdict_is_that_of_the_report(client, finished, motion):
-    from microvib.analysis.limits import Limit, judge
+    from microvib.analysis.limits import judge
 
     table = mv.lines(motion)
     for query, limit in (
-        ({"limit": "30 mN*m"}, Limit(0.03)),
-        ({"limit": "30 mN*m", "band": "0.5:5 Hz"}, Limit(0.03, 0.5, 5.0)),
+        ({"limit": "30 mN*m"}, limit_of(0.03)),
+        ({"limit": "30 mN*m", "band": "0.5:5 Hz"}, limit_of(0.03, 0.5, 5.0)),
     ):
         judged = judge(table, limit, motion.scenario)
         found = client.get(f"/api/runs/{finished}/verdict", params=query).json()

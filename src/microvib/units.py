@@ -182,27 +182,47 @@ class Si(float):
     """A number that is said to be in SI, ``Si(0.001)``: it needs no unit where text with a unit is expected."""
 
 
-def quantity(key: str, text: str, unit: str, *, positive: bool = False) -> float:
-    """Value of the option ``key`` in ``unit``; OptionError where it is none, or not ``positive``."""
+Given = str | Si
+"""How a quantity is given wherever a unit decides: text with its unit, or a number that is said to be in SI."""
+Band = str | tuple[Given, Given]
+"""LOW:HIGH with a unit, or both ends."""
+
+
+def quantity(key: str, given: Given, unit: str, *, positive: bool = False, example: str = "") -> Si:
+    """What was given for ``key``, in ``unit``; OptionError where it is no such quantity, or a bare number where a unit decides.
+
+    ``example`` is the unit to propose in place of ``unit``.
+    """
     try:
-        value = convert(text, unit)
+        value = given if isinstance(given, Si) else Si(_number_or_text(given, unit, example))
     except ValueError as error:
-        raise OptionError(key, f"{text!r} {error}") from None
+        raise OptionError(key, f"{shown(given)} {error}") from None
     if positive and not value > 0.0:
-        raise OptionError(key, f"{text!r} is not allowed; it must be greater than 0 {unit}")
+        raise OptionError(key, f"{shown(given)} is not allowed; it must be greater than 0 {unit}")
     return value
 
 
-def band(text: str) -> tuple[float, float]:
-    """LOW:HIGH in Hz, such as ``0.5:5 Hz``; without a unit the first bound has that of the second. OptionError where it is none."""
-    low, colon, high = text.partition(":")
+def _number_or_text(given: Any, unit: str, example: str) -> float:
+    if isinstance(given, str):
+        return convert(given, unit)
+    if isinstance(given, bool) or not isinstance(given, Real):
+        raise ValueError(f"is not a quantity; write a number and a unit, such as '1 {example or unit}'")
+    if unit:
+        number = shown(float(given))
+        raise ValueError(f"needs a unit, such as '{number} {example or unit}'; for {unit} write Si({number})")
+    return float(given)
+
+
+def band(given: Band) -> tuple[Si, Si]:
+    """Ends in Hz of ``0.5:5 Hz``, whose first bound may go without the unit of the second, or of a pair. OptionError."""
+    low, colon, high = given.partition(":") if isinstance(given, str) else (given[0], ":", given[1])
     if not colon:
-        raise OptionError("band", f"{text!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
-    unit = high.strip().lstrip("+-.0123456789eE ")
-    first = quantity("band", low if any(c.isalpha() for c in low) else f"{low} {unit}", "Hz")
-    last = quantity("band", high, "Hz")
+        raise OptionError("band", f"{given!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
+    if isinstance(given, str) and not any(c.isalpha() for c in str(low)):
+        low = f"{low} {str(high).strip().lstrip('+-.0123456789eE ')}"
+    first, last = quantity("band", low, "Hz"), quantity("band", high, "Hz")
     if not 0.0 <= first < last:
-        raise OptionError("band", f"{text!r} is not a range; the first bound must be at least 0 and below the second")
+        raise OptionError("band", f"{given!r} is not a range; the first bound must be at least 0 and below the second")
     return first, last
 
 

@@ -29,6 +29,7 @@ from support.page import (
 
 import microvib as mv
 from microvib.analysis.limits import Limit, judge
+from microvib.units import Si
 
 pytestmark = PAGE
 
@@ -110,7 +111,7 @@ def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any
     run(page)
     motion = mv.simulate(mv.load_scenario("state-1", dict(SHORT)))
     half = float(f"{0.5 * mv.lines(motion)['drive_1'].amplitude_n_m:.4g}")
-    judged = judge(mv.lines(motion), Limit(half), motion.scenario)
+    judged = judge(mv.lines(motion), Limit(Si(half)), motion.scenario)
     worst = next(m for m in judged.margins if m.verdict != "not judged")
     drive_1 = next(m for m in judged.margins if m.line.line == "drive_1")
     assert drive_1.fails

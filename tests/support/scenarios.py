@@ -6,8 +6,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 import microvib as mv
+from microvib.analysis.limits import Limit
 from microvib.model.part import Part
 from microvib.model.sentences import validated
+from microvib.units import Si
 
 P = TypeVar("P", bound=Part)
 
@@ -30,6 +32,11 @@ def baseline() -> mv.Scenario:
 def in_si(part: type[P], **parameters: Any) -> P:
     """A part of numbers in SI, where its constructor asks for units."""
     return validated(part, parameters, si=True)
+
+
+def limit_of(*numbers: float) -> Limit:
+    """A limit [N m] and its band [Hz]."""
+    return Limit(*map(Si, numbers))
 
 
 def random_scenario(seed: int) -> mv.Scenario:

@@ -14,7 +14,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION, FAINT, Line, LineTable
-from microvib.units import band, quantity
+from microvib.units import Band, Given, Si, band, quantity
 
 Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
@@ -31,24 +31,33 @@ _SETTLED = 0.01
 _LIMITED = 3.0
 """Factor on the amplitude of a line whose fit ended at a limit."""
 _MAX_ORDERS = 5000
+_ALL = Si(0.0), Si(math.inf)
+"""The band of all frequencies [Hz]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Limit:
-    """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
+    """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz].
+
+    ``Limit("10 mN*m")``, ``Limit("10 mN*m", "0.5 Hz", "150 Hz")``; OptionError for a bare number.
+    """
 
     torque: float
-    low: float = 0.0
-    high: float = math.inf
+    low: float
+    high: float
+
+    def __init__(self, torque: Given, low: Given = _ALL[0], high: Given = _ALL[1]) -> None:
+        for name, given, unit in (("torque", torque, "N*m"), ("low", low, "Hz"), ("high", high, "Hz")):
+            object.__setattr__(self, name, quantity(name, given, unit))
 
     @classmethod
-    def of(cls, limit: str | float | None, ends: str | None) -> Limit | None:
-        """The limit that a torque (text with its unit, or [N m]) and a band LOW:HIGH state; None without one. OptionError."""
+    def of(cls, limit: Given | None, ends: Band | None) -> Limit | None:
+        """The limit that a torque and the band state in which it holds; None without one. OptionError."""
         if limit is None:
             if ends is not None:
                 raise OptionError("band", "says where a limit holds; give one, such as '10 mN*m'", remedy="limit")
             return None
-        torque = quantity("limit", limit, "N*m", positive=True) if isinstance(limit, str) else limit
+        torque = quantity("limit", limit, "N*m", positive=True)
         return cls(torque, *(() if ends is None else band(ends)))
 
     @property

@@ -22,6 +22,7 @@ from microvib.signals.spectrum import Spectrum, Window, amplitude_spectrum
 from microvib.solve.motion import Motion, series_of, unit_of
 from microvib.solve.steady.state import SteadyState
 from microvib.testdata.recording import Recording, RecordingError, check
+from microvib.units import Si
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
 """Parts of their frequencies by which lines of the clock and array modes of a measured torque may be off."""
@@ -96,7 +97,7 @@ def _expected(
     scenario: Scenario, sample_rate: float, harmonics: int = 8, measured: bool = False
 ) -> tuple[ExpectedLine, ...]:
     tolerances = (CLOCK_TOLERANCE, MODE_TOLERANCE) if measured else (0.0, 0.0)
-    return expected_lines(scenario, PASSBAND * sample_rate, harmonics, *tolerances)
+    return expected_lines(scenario, Si(PASSBAND * sample_rate), harmonics, *tolerances)
 
 
 def _of_steady_state(state: SteadyState, channel: str, harmonics: int) -> LineTable:

@@ -7,7 +7,6 @@ import click
 from microvib.cli.common import Target, load, set_option, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
-from microvib.units import band as ends
 from microvib.units import quantity
 
 
@@ -28,22 +27,18 @@ def rates(
     keep_away: str | None, linear: bool, settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
-    import math
-
     from microvib.reports.rates import linear_text, plan_text, write_plan
     from microvib.studies.rates import plan_rates, rate_grid
 
-    grid = rate_grid(quantity("from", low, "rad/s"), quantity("to", high, "rad/s"), count)
-    most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
-    within = (0.0, math.inf) if band is None else ends(band)
+    grid = rate_grid(low, high, count)
     away = 0.0 if keep_away is None else quantity("keep_away", keep_away, "")
     if not 0.0 <= away < 1.0:
         raise OptionError("keep_away", "must be at least 0 and below 100 percent", str(keep_away))
     loaded = load(scenario, settings)
-    counts = (loaded.driver.microsteps,) if microsteps is None else _counts(microsteps)
+    counts = None if microsteps is None else _counts(microsteps)
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(
-            loaded, grid, counts, limit=most, band=within, linear=linear, keep_away=away, progress=progress
+            loaded, grid, counts, limit=limit, band=band, linear=linear, keep_away=away, progress=progress
         )
         text = linear_text(plan) if linear else ""
     said = "\n".join(filter(None, (plan_text(plan), text)))

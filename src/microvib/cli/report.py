@@ -80,6 +80,7 @@ def _document(folder: Path, limit: str | None, band: str | None, form: Form) -> 
 def _limit(kept: tuple[float, float, float] | None, limit: str | None, band: str | None) -> Limit | None:
     """What lines are judged by: what is asked for, and for the rest what the run was judged by."""
     from microvib.analysis.limits import Limit
+    from microvib.units import Si
     from microvib.units import band as ends
 
     if limit == "none":
@@ -89,4 +90,4 @@ def _limit(kept: tuple[float, float, float] | None, limit: str | None, band: str
     asked = Limit.of(limit, None if kept else band)
     if kept is None:
         return asked
-    return Limit(asked.torque if asked else kept[0], *(kept[1:] if band is None else ends(band)))
+    return Limit(Si(asked.torque if asked else kept[0]), *(map(Si, kept[1:]) if band is None else ends(band)))

@@ -22,7 +22,7 @@ from microvib.cli.common import (
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import OptionError
-from microvib.units import band, quantity
+from microvib.units import quantity
 
 
 @click.command()
@@ -54,8 +54,7 @@ def analyse(
     with progress_bar() as progress:
         analysis = run_analysis(
             open_source(source, preparation(prepare)), name=source, scenario=guide(scenario), channel=channel, window=window,
-            resolution=None if resolution is None else quantity("resolution", resolution, "Hz"),
-            bands=[band(text) for text in bands], progress=progress,
+            resolution=resolution, bands=bands, progress=progress,
         )  # fmt: skip
     target.deliver(analysis_text(analysis), write_analysis, analysis)
 
@@ -162,7 +161,6 @@ def identify(
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
     each, common = _part("model_error", model_error, 0.0), _part("common_error", common_error, -1.0)
-    within = [band(text) for text in bands]
     prepared = preparation(prepare)
     read, changes = [], []
     for item in evidence:
@@ -170,7 +168,7 @@ def identify(
         changes.append({key: parse_value(value) for key, _, value in (change.partition("=") for change in changed)})
         test = loaded.with_(changes[-1]) if changed else loaded
         read.append(evidence_of(open_source(name, prepared), test, channel, name))
-    tests = list(zip(chosen(read, loaded, within, without), changes, strict=True))
+    tests = list(zip(chosen(read, loaded, bands, without), changes, strict=True))
     with progress_bar("searching") as progress:
         fit = run_identification(
             loaded, tests, fit_keys, seed=seed, starts=starts, model_error=each, common_error=common,

@@ -9,6 +9,7 @@ from typing import Literal
 
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
+from microvib.units import Given, quantity
 
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
 
@@ -29,9 +30,9 @@ class ExpectedLine:
 
 
 def expected_lines(
-    scenario: Scenario, highest: float, harmonics: int = 8, clock_tolerance: float = 0.0, mode_tolerance: float = 0.0
+    scenario: Scenario, highest: Given, harmonics: int = 8, clock_tolerance: float = 0.0, mode_tolerance: float = 0.0
 ) -> tuple[ExpectedLine, ...]:
-    """Lines up to ``highest`` [Hz]: array modes as seen through the drive, and all that the step clock makes.
+    """Lines up to ``highest``, a frequency: array modes as seen through the drive, and all that the step clock makes.
 
     Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the detent period
     4 f_d/(b n), which with four beats is the full-step rate f_d/n; the electrical period f_d/(b n); the wave generator's
@@ -42,6 +43,7 @@ def expected_lines(
     ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
     simulation, whose clock is known, a per cent for a test.
     """
+    highest = quantity("highest", highest, "Hz")
     modes = [
         replace(line, low=line.low * (1.0 - mode_tolerance), high=line.high * (1.0 + mode_tolerance))
         for line in _array_lines(scenario, highest)

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from microvib.errors import MicrovibError
+from microvib.units import Given, Si, quantity
 
 Window = Literal["rectangular", "hann", "flat-top"]
 
@@ -72,8 +73,9 @@ class Density:
         rms: np.ndarray = np.sqrt(np.cumsum(self.density) * self.resolution)
         return rms
 
-    def band_rms(self, low: float, high: float) -> float:
-        """RMS between two frequencies [Hz]; a bin that is cut counts with its part. SpectrumError if low is not below high."""
+    def band_rms(self, low: Given, high: Given) -> float:
+        """RMS between two frequencies; a bin that is cut counts with its part. SpectrumError if low is not below high."""
+        low, high = quantity("low", low, "Hz"), quantity("high", high, "Hz")
         if not 0.0 <= low < high:
             raise SpectrumError(
                 f"band {low:g} to {high:g} Hz: its lower end must be at least 0 Hz and below its upper end"
@@ -91,7 +93,7 @@ class Density:
         first = int(np.ceil(10.0 * np.log10(2.0 * self.resolution / (10**0.05 - 10**-0.05))))
         last = int(np.floor(10.0 * np.log10(0.5 * self.sample_rate / 10**0.05)))
         centre = 10.0 ** (np.arange(first, last + 1) / 10.0)
-        return centre, np.array([self.band_rms(f * 10**-0.05, f * 10**0.05) for f in centre])
+        return centre, np.array([self.band_rms(Si(f * 10**-0.05), Si(f * 10**0.05)) for f in centre])
 
     def less(self, background: Density) -> Density:
         """The density that is not in ``background``: powers subtracted, at least 0; for a background that is independent."""
@@ -157,11 +159,11 @@ def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rect
 
 
 def power_spectral_density(
-    x: np.ndarray, sample_rate: float, resolution: float | None = None, window: Window = "hann", overlap: float = 0.5
+    x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann", overlap: float = 0.5
 ) -> Density:
     """Power spectral density of ``x`` (n,) by Welch's method, the mean of each segment taken out.
 
-    ``resolution`` [Hz] is the distance of the bins; without it an eighth of the record makes a segment. SpectrumError where the
+    ``resolution`` is the distance of the bins; without it an eighth of the record makes a segment. SpectrumError where the
     record is too short for it.
     """
     from scipy.signal import welch
@@ -176,7 +178,7 @@ def power_spectral_density(
 
 
 def waterfall(
-    x: np.ndarray, sample_rate: float, resolution: float | None = None, window: Window = "hann", overlap: float = 0.5
+    x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann", overlap: float = 0.5
 ) -> Waterfall:
     """Amplitude spectra of overlapping stretches of ``x`` (n,), each ``1 / resolution`` long and free of its mean."""
     segment = _segment(x.size, sample_rate, resolution)
@@ -188,9 +190,10 @@ def waterfall(
     return Waterfall(middle, spectra[0].frequency, amplitude, window, segment, lap / segment, sample_rate)
 
 
-def _segment(samples: int, sample_rate: float, resolution: float | None) -> int:
-    if resolution is None:
+def _segment(samples: int, sample_rate: float, given: Given | None) -> int:
+    if given is None:
         return max(samples // 8, min(samples, 8))
+    resolution = quantity("resolution", given, "Hz")
     if not 0.0 < resolution <= sample_rate / 8:
         raise SpectrumError(
             f"resolution: {resolution:g} Hz is not allowed; it must be greater than 0 and at most {sample_rate / 8:g} Hz"

@@ -22,7 +22,7 @@ from microvib.signals.spectrum import (
 )
 from microvib.solve.simulate import Progress, simulate
 from microvib.testdata.recording import COMPONENTS, Recording, check
-from microvib.units import pretty
+from microvib.units import Band, Given, Si, band, pretty
 
 NO_DRIVE = "lines are not named, for no scenario was given that says which to expect"
 
@@ -54,8 +54,8 @@ def analyse(
     scenario: Scenario | None = None,
     channel: str = "Mz",
     window: Window = "hann",
-    resolution: float | None = None,
-    bands: Sequence[tuple[float, float]] = (),
+    resolution: Given | None = None,
+    bands: Sequence[Band] = (),
     progress: Progress | None = None,
 ) -> Analysis:
     """Lines and spectra of a scenario, a run folder or a recording.
@@ -68,7 +68,7 @@ def analyse(
     x, rate = recording.load(channel), recording.sample_rate
     density = power_spectral_density(x, rate, resolution, window)
     if background is not None:
-        density = density.less(power_spectral_density(background[channel], rate, density.resolution, window))
+        density = density.less(power_spectral_density(background[channel], rate, Si(density.resolution), window))
     return Analysis(
         name=name or recording.title,
         channel=channel,
@@ -79,7 +79,7 @@ def analyse(
         spectrum=amplitude_spectrum(x, rate, window),
         density=density,
         waterfall=waterfall(x, rate, resolution, window),
-        bands=tuple((low, high, density.band_rms(low, high)) for low, high in bands),
+        bands=tuple((low, high, density.band_rms(low, high)) for low, high in map(band, bands)),
     )
 
 

@@ -16,6 +16,7 @@ from microvib.io.sources import Source
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, LineTable
+from microvib.units import Band, Si, band
 
 PAPER_CLOCK = 0.994
 """Step clock over nominal that fits the peaks of Table 5 (53, 106, 159.0625 Hz)."""
@@ -54,10 +55,10 @@ class Evidence:
 def chosen(
     evidence: Sequence[Evidence],
     scenario: Scenario,
-    bands: Sequence[tuple[float, float]] = (),
+    bands: Sequence[Band] = (),
     without: Sequence[str] = (),
 ) -> list[Evidence]:
-    """The evidence of lines in the ``bands`` [Hz] (without any: everywhere), less those named in ``without``.
+    """The evidence of lines in the ``bands`` (without any: everywhere), less those named in ``without``.
 
     Phases are relative to the first driving line and go with it. MicrovibError for a name that no evidence has, and where
     nothing is left.
@@ -66,10 +67,11 @@ def chosen(
     for name in without:
         if name not in seen:
             raise OptionError("without", f"no evidence has this line; there are {', '.join(seen)}", name)
-    at = {line.name: line.frequency for line in expected_lines(scenario, math.inf)}
+    ends = [band(given) for given in bands]
+    at = {line.name: line.frequency for line in expected_lines(scenario, Si(math.inf))}
 
     def wanted(line: str) -> bool:
-        return line not in without and (not bands or any(low <= at.get(line, -1.0) <= high for low, high in bands))
+        return line not in without and (not ends or any(low <= at.get(line, -1.0) <= high for low, high in ends))
 
     kept = [
         replace(

@@ -17,6 +17,8 @@ from microvib.errors import OptionError, SimulationError
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import FAINT
+from microvib.units import Band, Given, Si, quantity
+from microvib.units import band as ends
 
 HARMONICS = 8
 LEAST = 1e-3
@@ -159,37 +161,42 @@ def _top(case: RateCase, band: tuple[float, float]) -> float:
 
 def plan_rates(
     scenario: Scenario,
-    rates: Sequence[float] | np.ndarray,
-    microsteps: Sequence[int],
+    rates: Sequence[Given],
+    microsteps: Sequence[int] | None = None,
     *,
-    limit: float | None = None,
-    band: tuple[float, float] = (0.0, math.inf),
+    limit: Given | None = None,
+    band: Band | None = None,
     linear: bool = False,
     keep_away: float = 0.0,
     progress: Progress | None = None,
 ) -> RatePlan:
-    """Steady lines at all ``rates`` [rad/s] of the array and ``microsteps`` counts, and at every rate where a line meets a mode.
+    """Steady lines at all ``rates`` of the array and ``microsteps`` counts, and at every rate where a line meets a mode.
 
-    ``limit`` [N m] and ``band`` [Hz] define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
+    ``rates`` are those of a ``rate_grid``, or listed; without ``microsteps`` the scenario's count is taken.
+    ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
     its rate within which a resonance is too near. ``linear`` takes the closed form
     of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved for itself, so
     that results do not depend on their order; threads share them, for the kernel runs without the interpreter's lock.
     """
+    grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
+    microsteps = (scenario.driver.microsteps,) if microsteps is None else microsteps
+    most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
+    within = (0.0, math.inf) if band is None else ends(band)
     modes = tuple(m for m in coupled_modes(scenario) if m.fixed_frequency is not None or m.damping < LIGHT)
-    meetings = [m for n in microsteps for m in _meetings(scenario, n, modes, float(min(rates)), float(max(rates)))]
-    wanted = {(float(rate), n) for n in microsteps for rate in rates}
+    meetings = [m for n in microsteps for m in _meetings(scenario, n, modes, min(grid), max(grid))]
+    wanted = {(float(rate), n) for n in microsteps for rate in grid}
     wanted |= {(rate, m.microsteps) for m in meetings for rate in _near(m, modes)}
     with _solver(scenario, linear, progress) as solve:
         found = {(case.rate, case.microsteps): case for case in solve(sorted(wanted))}
         rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
-        forbidden = [] if limit is None else [b for row in rows for b in _forbidden(row, limit, band, solve)]
+        forbidden = [] if most is None else [b for row in rows for b in _forbidden(row, most, within, solve)]
     cases = tuple(case for row in rows for case in row)
     resonances = tuple(
         met for m in meetings if (met := _strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]))
     )
     if keep_away > 0.0:
         forbidden += [_too_near(r, keep_away) for r in resonances]
-    return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), limit, band, linear, keep_away)
+    return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), most, within, linear, keep_away)
 
 
 def _too_near(met: Resonance, keep_away: float) -> Forbidden:
@@ -198,13 +205,13 @@ def _too_near(met: Resonance, keep_away: float) -> Forbidden:
     return Forbidden(met.microsteps, low, high, f"{NEAR} {met.line} on {met.mode}", met.line, met.amplitude)
 
 
-def at_rate(scenario: Scenario, rate: float, microsteps: int) -> Scenario:
-    """``scenario`` at a constant rate [rad/s] with another microstep count."""
-    tracking = {"rate": rate, "clock_ratio": scenario.tracking.clock_ratio}
+def at_rate(scenario: Scenario, rate: Given, microsteps: int) -> Scenario:
+    """``scenario`` at a constant rate with another microstep count."""
+    tracking = {"rate": quantity("rate", rate, "rad/s", example="deg/s"), "clock_ratio": scenario.tracking.clock_ratio}
     return scenario.with_si({"tracking": tracking, "driver.microsteps": microsteps})
 
 
-def full_case(scenario: Scenario, rate: float, microsteps: int) -> RateCase:
+def full_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
     """One case with the full model."""
     changed = at_rate(scenario, rate, microsteps)
     try:
@@ -222,7 +229,7 @@ def full_case(scenario: Scenario, rate: float, microsteps: int) -> RateCase:
     return RateCase(rate, microsteps, lines, result.fallback)
 
 
-def linear_case(scenario: Scenario, rate: float, microsteps: int) -> RateCase:
+def linear_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
     """One case with the linearised drive."""
     found = linear_lines(at_rate(scenario, rate, microsteps), HARMONICS)
     lines = (RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
@@ -240,7 +247,7 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
         picked = [cases[k] for k in np.unique(np.linspace(0, len(cases) - 1, count).astype(int))]
         errors = []
         for case in picked:
-            full = {x.line: x.amplitude for x in full_case(plan.scenario, case.rate, n).lines}
+            full = {x.line: x.amplitude for x in full_case(plan.scenario, Si(case.rate), n).lines}
             errors += [abs(x.amplitude / full[x.line] - 1.0) for x in case.lines[:3] if x.line in full]
         values = errors or [math.nan]
         result[n] = (float(np.median(values)), float(np.max(values)), len(errors))
@@ -258,7 +265,7 @@ def _solver(
 
     def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
         nonlocal done, total
-        futures: list[Future[RateCase]] = [pool.submit(one, scenario, rate, n) for rate, n in wanted]
+        futures: list[Future[RateCase]] = [pool.submit(one, scenario, Si(rate), n) for rate, n in wanted]
         total += len(futures)
         for _ in as_completed(futures):
             done += 1
@@ -346,10 +353,10 @@ def _forbidden(
     return bands
 
 
-def rate_grid(low: float, high: float, count: int) -> np.ndarray:
-    """``count`` rates [rad/s] in even steps; OptionError where they make no range."""
+def rate_grid(low: Given, high: Given, count: int = 200) -> tuple[Si, ...]:
+    """``count`` rates in even steps, ``rate_grid("0.01 deg/s", "0.3 deg/s")``; OptionError where they make no range."""
+    low, high = (quantity(key, rate, "rad/s", example="deg/s") for key, rate in (("from", low), ("to", high)))
     if not 0.0 < low < high:
         first, last = (f"{math.degrees(rate):g} deg/s" for rate in (low, high))
         raise OptionError("from", f"is not allowed; it must be above 0 and below {last}, the end of the range", first)
-    grid: np.ndarray = np.linspace(low, high, count)
-    return grid
+    return tuple(map(Si, np.linspace(low, high, count).tolist()))

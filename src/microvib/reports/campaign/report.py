@@ -33,6 +33,7 @@ from microvib.studies.campaign.statistics import (
     main_lines,
     worst_cases,
 )
+from microvib.units import Si
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -251,7 +252,7 @@ def why_not_judged(s: Summary) -> str:
     if s.limit is None or not any(row.unknown for row in s.by_level):
         return ""
     own = limit_of(s.results.campaign.design.study)
-    if own != Limit(s.limit, *s.band):
+    if own != Limit(Si(s.limit), *map(Si, s.band)):
         return (
             "Cases are judged as runs are only against the study's own limit and band; of another limit it is only known what"
             " is above it."

@@ -19,6 +19,7 @@ from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.studies.campaign.study_file import Correlation, Study
 from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, keys_of, variation
+from microvib.units import Si
 
 MAX_CASES = 10_000_000
 CHECKED = (0.001, 0.999)
@@ -139,7 +140,7 @@ def read_design(file: Path) -> Design:
 def limit_of(study: Study) -> Limit | None:
     """The limit that a study's cases are judged by; ScenarioError where its band is none, or it has a band and no limit."""
     try:
-        return Limit.of(study.limit, study.band)
+        return Limit.of(None if study.limit is None else Si(study.limit), study.band)
     except OptionError as error:
         raise ScenarioError(str(error)) from None
 

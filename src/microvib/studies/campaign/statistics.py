@@ -12,6 +12,7 @@ from microvib.analysis.limits import Limit
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, Results
+from microvib.units import Si
 
 CONFIDENCE = 0.95
 BELOW, ABOVE, UNKNOWN = range(3)
@@ -190,7 +191,7 @@ def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> 
     verdict = np.full(results.state.size, UNKNOWN)
     if own is not None and limit >= own.torque and own.low <= band[0] and band[1] <= own.high:
         verdict[results.verdicts == VERDICTS.index("pass")] = BELOW
-    if own == Limit(limit, *band):
+    if own == Limit(Si(limit), *map(Si, band)):
         verdict[results.verdicts == VERDICTS.index("fail")] = ABOVE
     else:
         with np.errstate(invalid="ignore"):

@@ -21,6 +21,7 @@ from microvib.solve.vector import WIDTH
 from microvib.studies.evidence import Evidence, Simulated
 from microvib.studies.identify.figures import as_tested, cost, difference, lines_of, weight
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
+from microvib.units import Si
 
 Item = TypeVar("Item")
 Done = TypeVar("Done")
@@ -163,7 +164,7 @@ class Problem:
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""
         try:
-            expected = expected_lines(self.tests[j][1].with_si(self.changes(x)), math.inf)
+            expected = expected_lines(self.tests[j][1].with_si(self.changes(x)), Si(math.inf))
         except MicrovibError:
             return None
         return next((one.frequency for one in expected if one.name == line), None)

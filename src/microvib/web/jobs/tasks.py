@@ -6,6 +6,7 @@ import json
 import math
 import os
 import pickle
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
     from microvib.testdata.recording import Recording
+    from microvib.units import Band, Si
 
 
 Upload = tuple[str, str]
@@ -197,7 +199,7 @@ def identification(
 
 
 def rates(
-    folder: str, scenario: str, rates: np.ndarray, microsteps: list[int], limit: float | None, band: tuple[float, float],
+    folder: str, scenario: str, rates: Sequence[Si], microsteps: list[int], limit: Si | None, band: Band,
     linear: bool, tell: Tell,
 ) -> None:  # fmt: skip
     """A rate plan."""

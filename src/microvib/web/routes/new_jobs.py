@@ -14,7 +14,7 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.rates import rate_grid
-from microvib.units import band, quantity
+from microvib.units import Si, band, quantity
 from microvib.web.jobs.store import Store, Upload, private
 from microvib.web.routes.common import At, Refused, ask, refusals, requested, start
 from microvib.web.routes.messages import (
@@ -132,9 +132,9 @@ def start_rates(want: RatesOf, store: At) -> Started:
     counts = list(dict.fromkeys(want.microsteps)) or [scenario.driver.microsteps]
     if want.count * len(counts) > store.limits.cases:
         raise Refused(422, f"count: rates times microstep counts are at most {store.limits.cases} here", "count")
-    rates = rate_grid(quantity("from", want.low, "rad/s"), quantity("to", want.high, "rad/s"), want.count)
+    rates = rate_grid(want.low, want.high, want.count)
     limit = None if want.limit is None else quantity("limit", want.limit, "N*m", positive=True)
-    within = (0.0, float("inf")) if want.band is None else band(want.band)
+    within = (Si(0.0), Si("inf")) if want.band is None else band(want.band)
     return start(
         store, "rates", f"rates of {scenario.title}", scenario=dump_scenario(scenario), rates=rates,
         microsteps=counts, limit=limit, band=within, linear=want.linear,

@@ -1,0 +1,66 @@
+"""One rule at every door: where a unit decides, text with a unit or an ``Si`` number is taken, and a bare number is refused."""
+
+import math
+
+import pytest
+
+import microvib as mv
+from microvib.analysis.limits import Limit
+from microvib.io.scenario_file import load_bench
+from microvib.model.expected import expected_lines
+from microvib.model.tracking import Leg, Tracking
+from microvib.signals.spectrum import power_spectral_density, waterfall
+from microvib.studies.rates import at_rate, plan_rates, rate_grid
+from microvib.testdata.bench_design import Bench
+from microvib.testdata.preparation import Preparation
+from microvib.units import Si
+
+RATE, TORQUE, HZ, SECONDS = (math.radians(0.05), "0.05 deg/s"), (0.01, "10 mN*m"), (2.0, "2 Hz"), (3.0, "3 s")
+
+DOORS = {
+    "with_": (RATE, lambda s, m, x: s.with_({"tracking.rate": x}).tracking.rate),
+    "with_ of a group": (RATE, lambda s, m, x: s.with_(tracking={"rate": x}).tracking.rate),
+    "load_scenario": (RATE, lambda s, m, x: mv.load_scenario("state-1", {"tracking.rate": x}).tracking.rate),
+    "a part": (RATE, lambda s, m, x: Tracking(rate=x).rate),
+    "a part in a part": (RATE, lambda s, m, x: Tracking(profile=(Leg(rate=x),)).profile[0].rate),
+    "a part in data": (RATE, lambda s, m, x: Tracking(profile=[{"rate": x}]).profile[0].rate),
+    "rate_grid": (RATE, lambda s, m, x: rate_grid(x, "0.06 deg/s", 3)[0]),
+    "plan_rates": (RATE, lambda s, m, x: plan_rates(s, [x, "0.06 deg/s"], linear=True).cases[0].rate),
+    "at_rate": (RATE, lambda s, m, x: at_rate(s, x, 16).rate),
+    "limit of a plan": (TORQUE, lambda s, m, x: plan_rates(s, ["0.06 deg/s"], linear=True, limit=x).limit),
+    "band of a plan": (HZ, lambda s, m, x: plan_rates(s, ["0.06 deg/s"], linear=True, band=(x, "5 Hz")).band[0]),
+    "Limit": (TORQUE, lambda s, m, x: Limit(x).torque),
+    "Limit.of": (TORQUE, lambda s, m, x: Limit.of(x, None).torque),
+    "band of a limit": (HZ, lambda s, m, x: Limit("1 N*m", x).low),
+    "density": (HZ, lambda s, m, x: power_spectral_density(m["T_d"], m.sample_rate, x).resolution),
+    "waterfall": (HZ, lambda s, m, x: waterfall(m["T_d"], m.sample_rate, x).resolution),
+    "expected_lines": (HZ, lambda s, m, x: 2.0 * len(expected_lines(s, x, 1)) / len(expected_lines(s, "2 Hz", 1))),
+    "preparation": (SECONDS, lambda s, m, x: Preparation(start=x).start),
+    "bench": (SECONDS, lambda s, m, x: Bench(duration=x).duration),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_one_rule_for_numbers(state_1, motion_1, door):
+    (number, text), enter = DOORS[door]
+    assert enter(state_1, motion_1, text) == pytest.approx(number, rel=1e-12)
+    assert enter(state_1, motion_1, Si(number)) == pytest.approx(number, rel=1e-12)
+    with pytest.raises(mv.MicrovibError, match="needs a unit, such as '"):
+        enter(state_1, motion_1, number)
+    for wrong in ("1 kg", "much", True, [1.0]):
+        with pytest.raises(mv.MicrovibError):
+            enter(state_1, motion_1, wrong)
+
+
+def test_numbers_without_a_unit_need_none(state_1):
+    assert state_1.with_({"tracking.clock_ratio": 0.994}).tracking.clock_ratio == 0.994
+    assert load_bench("force-table") == load_bench("force-table")
+
+
+def test_si_says_so_in_its_name(state_1):
+    assert state_1.with_si({"tracking.rate": 0.001}).rate == 0.001
+    assert state_1.with_si({"tracking.rate": 0.001}) == state_1.with_({"tracking.rate": Si(0.001)})
+
+
+def test_bands_as_text_and_as_ends():
+    assert Limit.of("1 N*m", "0.5:5 Hz") == Limit.of("1 N*m", ("0.5 Hz", "5 Hz")) == Limit("1 N*m", "500 mHz", Si(5.0))
