@@ -93,3 +93,71 @@ def test_a_line_that_a_table_does_not_have(table):
         table["drive1"]
     with pytest.raises(KeyError):
         table["drive1"]
+
+
+def test_every_public_name_is_there_and_has_a_docstring():
+    for name in mv.__all__:
+        assert getattr(mv, name).__doc__ or name == "__version__", name
+    assert set(dir(mv)) == set(mv.__all__)
+
+
+SHORT = {"record.settle": "1 s", "record.duration": "3 s"}
+
+
+def test_lines_of_all_that_has_some(state_1, motion_1, table):
+    assert mv.lines(mv.steady(state_1))["drive_1"].amplitude_n_m == pytest.approx(
+        mv.lines(mv.steady(state_1).state)["drive_1"].amplitude_n_m
+    )
+    motion, (torque,) = mv.simulate(state_1.with_(SHORT)), mv.batch([state_1.with_(SHORT)])
+    assert mv.lines(torque)["drive_1"].amplitude_n_m == pytest.approx(
+        mv.lines(motion)["drive_1"].amplitude_n_m, rel=1e-3
+    )
+    recording = mv.Recording({"Mz": motion_1["T_d"]}, motion_1.sample_rate, {"Mz": "N*m"}, "mine")
+    named, unnamed = mv.lines(recording, scenario=state_1), mv.lines(recording)
+    assert named["drive_1"].amplitude_n_m == pytest.approx(table["drive_1"].amplitude_n_m, rel=1e-3)
+    assert named.clock_ratio == pytest.approx(0.994, rel=1e-5)
+    assert {line.kind for line in unnamed} == {"other"}
+
+
+def test_lines_and_spectra_of_a_force(state_1):
+    six = {"array.modes.0.interface_participation": (0.5, 3.0, 0.0, 0.0, 0.0, state_1.array.H[0])}
+    motion = mv.simulate(state_1.with_({**SHORT, **six}))
+    assert mv.lines(motion, "Fy").unit == mv.spectrum(motion, "Fy").unit == mv.psd(motion, "Fy").unit == "N"
+    assert mv.lines(motion, "Fx")["drive_1"].amplitude_n_m > 0.0
+    recording = mv.Recording({"Fy": motion["Fy"]}, motion.sample_rate, {"Fy": "N"}, "mine")
+    assert mv.lines(recording, "Fy", scenario=motion.scenario).unit == "N"
+
+
+def test_spectra_of_all_that_has_samples(motion_1):
+    recording = mv.Recording({"Mz": motion_1["T_d"]}, motion_1.sample_rate, {"Mz": "N*m"}, "mine")
+    for source in (motion_1, recording):
+        assert mv.psd(source, resolution="1 Hz").resolution == pytest.approx(1.0)
+        assert mv.waterfall(source, resolution="1 Hz").amplitude.shape[0] > 10
+        np.testing.assert_array_equal(mv.spectrum(source).amplitude, mv.spectrum(motion_1).amplitude)
+    assert repr(mv.psd(motion_1, resolution="1 Hz")).startswith(
+        "power spectral density (Welch), one-sided; hann window"
+    )
+
+
+WRONG = {
+    "a name for a scenario, simulated": (lambda m: mv.batch(["state-1"]), "'state-1' is a name; expected is a list of scen"),
+    "a name for a scenario, steady": (lambda m: mv.steady("state-1"), "'state-1' is a name; expected is a scenario"),
+    "a name for a scenario, planned": (lambda m: mv.rates("state-1", ["1 deg/s"]), "is a name; expected is a scenario"),
+    "a name for a motion": (lambda m: mv.lines("state-1"), "'state-1' is a name; expected is a motion (mv.simulate), "),
+    "a scenario for a motion": (lambda m: mv.lines(m.scenario), "is of type Scenario; expected is a motion (mv.simulate), "),
+    "a name for a motion's spectrum": (lambda m: mv.psd("out/"), "'out/' is a name; expected is a motion (mv.simulate), "),
+    "a motion for a table": (lambda m: mv.judge(m, mv.Limit("10 mN*m")), "is of type Motion; expected is a table of lines"),
+    "a number for a limit": (lambda m: mv.judge(mv.lines(m), 0.01), "expected is a limit, such as mv.Limit('10 mN*m')"),
+    "a channel that is not there": (lambda m: mv.lines(m, "T_x"), "channel 'T_x' is not in this motion; there are i_A, "),
+    "a channel of a mode each": (lambda m: mv.psd(m, "eta"), "channel 'eta' has a column for each mode; there are i_A, "),
+    "a component that is not there": (lambda m: mv.lines(m, "Fx"), "whose array has no participation in six components"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", WRONG)
+def test_what_is_wrong_is_told_in_a_sentence(motion_1, mistake):
+    wrong, sentence = WRONG[mistake]
+    with pytest.raises(mv.MicrovibError) as error:
+        wrong(motion_1)
+    assert sentence in str(error.value)
+    assert "\n" not in str(error.value)

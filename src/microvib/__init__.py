@@ -14,58 +14,110 @@ from typing import TYPE_CHECKING, Any
 
 # Loaded when first used: numerics and plotting take seconds to import, and `microvib --help` needs none of it.
 _HOME = {
-    "Scenario": "microvib.model.scenario",
-    "load_scenario": "microvib.io.scenario_file",
-    "catalog_names": "microvib.io.scenario_file",
-    "dump_scenario": "microvib.io.scenario_file",
-    "simulate": "microvib.solve.simulate",
-    "steady": "microvib.analysis.steady",
-    "Motion": "microvib.solve.motion",
-    "coupled_modes": "microvib.model.linear",
-    "expected_lines": "microvib.model.expected",
-    "lines": "microvib.analysis.lines",
-    "accuracy": "microvib.analysis.accuracy",
-    "spectrum": "microvib.analysis.lines",
-    "plot": "microvib.reports.figures",
-    "MicrovibError": "microvib.errors",
-    "ScenarioError": "microvib.errors",
-    "SimulationError": "microvib.errors",
-    "SynchronismLost": "microvib.errors",
+    "Limit": "analysis.limits",
+    "LineTable": "signals.line_table",
+    "Motion": "solve.motion",
+    "Recording": "testdata.recording",
+    "Scenario": "model.scenario",
+    "Si": "units",
+    "accuracy": "analysis.accuracy",
+    "batch": "solve.batch:simulate_torques",
+    "catalog_names": "io.scenario_file",
+    "coupled_modes": "model.linear",
+    "dump_scenario": "io.scenario_file",
+    "expected_lines": "model.expected",
+    "judge": "analysis.limits",
+    "lines": "analysis.lines",
+    "load_scenario": "io.scenario_file",
+    "plot": "reports.figures",
+    "psd": "analysis.spectra",
+    "rate_grid": "studies.rates",
+    "rates": "studies.rates:plan_rates",
+    "read_recording": "io.recordings",
+    "read_run": "io.runs",
+    "simulate": "solve.simulate",
+    "spectrum": "analysis.spectra",
+    "steady": "analysis.steady",
+    "waterfall": "analysis.spectra",
+    "ChannelError": "errors",
+    "LineError": "errors",
+    "MicrovibError": "errors",
+    "ObjectError": "errors",
+    "OptionError": "errors",
+    "ScenarioError": "errors",
+    "SimulationError": "errors",
+    "SynchronismLost": "errors",
 }
+"""Module of each name, and what it is called there where that is another word."""
 
 if TYPE_CHECKING:
     __version__: str
     from microvib.analysis.accuracy import accuracy
-    from microvib.analysis.lines import lines, spectrum
+    from microvib.analysis.limits import Limit, judge
+    from microvib.analysis.lines import lines
+    from microvib.analysis.spectra import psd, spectrum, waterfall
     from microvib.analysis.steady import steady
-    from microvib.errors import MicrovibError, ScenarioError, SimulationError, SynchronismLost
+    from microvib.errors import (
+        ChannelError,
+        LineError,
+        MicrovibError,
+        ObjectError,
+        OptionError,
+        ScenarioError,
+        SimulationError,
+        SynchronismLost,
+    )
+    from microvib.io.recordings import read_recording
+    from microvib.io.runs import read_run
     from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
     from microvib.model.expected import expected_lines
     from microvib.model.linear import coupled_modes
     from microvib.model.scenario import Scenario
     from microvib.reports.figures import plot
+    from microvib.signals.line_table import LineTable
+    from microvib.solve.batch import simulate_torques as batch
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate
+    from microvib.studies.rates import plan_rates as rates
+    from microvib.studies.rates import rate_grid
+    from microvib.testdata.recording import Recording
+    from microvib.units import Si
 
 __all__ = [
+    "ChannelError",
+    "Limit",
+    "LineError",
+    "LineTable",
     "MicrovibError",
     "Motion",
+    "ObjectError",
+    "OptionError",
+    "Recording",
     "Scenario",
     "ScenarioError",
+    "Si",
     "SimulationError",
     "SynchronismLost",
     "__version__",
     "accuracy",
+    "batch",
     "catalog_names",
     "coupled_modes",
     "dump_scenario",
     "expected_lines",
+    "judge",
     "lines",
     "load_scenario",
     "plot",
+    "psd",
+    "rate_grid",
+    "rates",
+    "read_recording",
+    "read_run",
     "simulate",
     "spectrum",
     "steady",
+    "waterfall",
 ]
 
 
@@ -73,7 +125,8 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return _version()
     if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
+        module, _, called = _HOME[name].partition(":")
+        return getattr(import_module(f"microvib.{module}"), called or name)
     raise AttributeError(f"module 'microvib' has no attribute {name!r}")
 
 

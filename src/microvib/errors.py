@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -52,6 +53,17 @@ class ChannelError(MicrovibError, KeyError):
 
 class OutputError(MicrovibError):
     """A result that could not be written; nothing was overwritten."""
+
+
+class ObjectError(MicrovibError, TypeError):
+    """What is not the object that is expected, such as its name: says what was given, what is expected and what makes it."""
+
+
+def expect(given: Any, kinds: type | tuple[type, ...], expected: str) -> None:
+    """ObjectError where what was given is of none of the ``kinds``; ``expected`` says in words what is, and what makes it."""
+    if not isinstance(given, kinds):
+        what = "a name" if isinstance(given, (str, os.PathLike)) else f"of type {type(given).__name__}"
+        raise ObjectError(f"{shown(given)} is {what}; expected is {expected}")
 
 
 class LineError(MicrovibError, KeyError):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import SimulationError
+from microvib.errors import SimulationError, expect
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.motion import Motion
@@ -82,6 +82,7 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     The beginning of the record is run again from its state with every step twice as fine and, where that leaves a doubt, four
     times as fine. None for a motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer step.
     """
+    expect(motion, Motion, "a motion (mv.simulate)")
     scenario, beginning = motion.scenario, motion.beginning
     own = scenario.solver.refinement
     if beginning is None or 4 * own > MAX_REFINEMENT:

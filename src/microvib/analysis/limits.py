@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from microvib.errors import OptionError
+from microvib.errors import OptionError, expect
 from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
@@ -159,6 +159,8 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     The ``scenario`` of the table says what may be above the passband and how long a start rings; without it, nothing above the
     passband is judged.
     """
+    expect(table, LineTable, "a table of lines (mv.lines)")
+    expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
     within = [x for x in table if limit.holds(_frequency(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status == "decaying"]
     margins = [_margin(x, limit, table, ringing, scenario) for x in within if math.isfinite(x.amplitude_n_m)]

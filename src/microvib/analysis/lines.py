@@ -9,20 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from microvib.analysis.spectra import samples_of
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
 from microvib.signals.line_table import LineTable
-from microvib.signals.spectrum import Spectrum, Window, amplitude_spectrum
+from microvib.solve.batch import Torque
 from microvib.solve.motion import Motion, series_of, unit_of
 from microvib.solve.steady.state import SteadyState
 from microvib.testdata.recording import Recording, RecordingError, check
 from microvib.units import Si
+
+if TYPE_CHECKING:
+    from microvib.analysis.steady import Steady
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
 """Parts of their frequencies by which lines of the clock and array modes of a measured torque may be off."""
@@ -30,20 +35,38 @@ _SHORTEST = 2.0
 """Length of a recording [s] in which lines are looked for."""
 
 
-def lines(motion: Motion | SteadyState, channel: str = "T_d", harmonics: int = 8) -> LineTable:
+def lines(
+    source: Motion | SteadyState | Steady | Torque | Recording,
+    channel: str = "",
+    harmonics: int = 8,
+    *,
+    scenario: Scenario | None = None,
+) -> LineTable:
     """Every line that the physics predicts in the disturbance torque, named and estimated [Hz, N m, rad].
 
+    ``source`` is a motion, a steady state, whose lines are exact, a torque of many (``simulate_torques``) or a recording.
     ``channel`` may be any channel that is one value at a time, or a load on the spacecraft, ``Fx`` to ``Mz``, of an array with
-    participation in six components. Amplitudes are in the unit of the channel, ``table.unit``, also where their names end in
-    ``n_m``. ``harmonics`` bounds each family of lines. See ``microvib.model.expected`` for the families and
-    ``microvib.signals.line_fit`` for the estimators; of a steady state the lines are exact. Raises ChannelError.
+    participation in six components; without it, it is T_d, or the torque about the drive axis in a recording. Amplitudes are in
+    the unit of the channel, ``table.unit``, also where their names end in ``n_m``. ``harmonics`` bounds each family of lines.
+
+    What is looked for follows from the source's scenario; a recording has none, so that ``scenario`` may be given: then its clock
+    is searched within CLOCK_TOLERANCE, and without it lines that stand out are found and not named. See
+    ``microvib.model.expected`` for the families and ``microvib.signals.line_fit`` for the estimators. Raises ChannelError.
     """
-    if isinstance(motion, SteadyState):
-        table = _of_steady_state(motion, channel, harmonics)
-    else:
-        samples = series_of(motion.channels, channel, motion.scenario.array)
-        table = lines_of_samples(samples, motion.sample_rate, motion.scenario, harmonics)
-    return replace(table, unit=unit_of(channel))
+    from microvib.analysis.steady import Steady  # which finds its lines here
+
+    if isinstance(source, Steady):
+        source = source.source
+    if isinstance(source, SteadyState):
+        table = _of_steady_state(source, channel or "T_d", harmonics)
+        return replace(table, unit=unit_of(channel or "T_d"))
+    if isinstance(source, Recording):
+        name = channel or f"M{scenario.array.drive_axis if scenario else 'z'}"
+        check(source, name, _SHORTEST)
+        table = lines_of_samples(source[name], source.sample_rate, scenario, harmonics, measured=True)
+        return replace(table, unit=source.units[name])
+    x, rate, unit = samples_of(source, channel)
+    return replace(lines_of_samples(x, rate, source.scenario, harmonics), unit=unit)
 
 
 def lines_of_samples(
@@ -85,12 +108,6 @@ def lines_of_recording(
         return table
     check(background, channel, _SHORTEST)
     return with_background(table, background[channel])
-
-
-def spectrum(motion: Motion, channel: str = "T_d", window: Window = "rectangular") -> Spectrum:
-    """One-sided amplitude spectrum, 0-to-peak, of a channel, or a load ``Fx`` to ``Mz``, over the whole record."""
-    samples = series_of(motion.channels, channel, motion.scenario.array)
-    return amplitude_spectrum(samples, motion.sample_rate, window)
 
 
 def _expected(

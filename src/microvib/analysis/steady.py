@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from microvib.analysis.lines import lines
+from microvib.errors import expect
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Invariants, Motion
@@ -43,6 +44,7 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     Where the motion does not repeat with the command, or not in one way only, the scenario is simulated in time instead, and
     ``fallback`` says why. Raises what ``simulate`` raises.
     """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     state, why = find_steady(scenario)
     source = state or from_rest(scenario, channels=("T_d",), progress=progress)
     return Steady(lines(source, harmonics=harmonics), source, why)

@@ -32,8 +32,9 @@ class Run:
     """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
 
 
-def read_run(folder: Path) -> Run:
+def read_run(folder: Path | str) -> Run:
     """The run in ``folder``. MicrovibError where a file is missing, is none of a run, or was changed since."""
+    folder = Path(folder)
     missing = [name for name in _NEEDED if not (folder / name).is_file()]
     if missing:
         raise MicrovibError(f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected")

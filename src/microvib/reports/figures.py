@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from microvib.analysis.lines import lines as estimate
-from microvib.analysis.lines import spectrum
+from microvib.analysis.spectra import spectrum
 from microvib.model.linear import coupled_modes
 from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable

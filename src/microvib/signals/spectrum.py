@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -36,11 +36,16 @@ class Spectrum:
     samples: int
     sample_rate: float
     """Samples per second [Hz]."""
+    unit: str = "N*m"
+    """Of the signal."""
 
     @property
     def resolution(self) -> float:
         """Distance of the bins [Hz]."""
         return self.sample_rate / self.samples
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         return f"amplitude spectrum, one-sided, 0-to-peak; {_made_by(self.window, self.samples, self.sample_rate, 1)}"
@@ -61,6 +66,8 @@ class Density:
     overlap: float
     sample_rate: float
     """Samples per second [Hz]."""
+    unit: str = "N*m"
+    """Of the signal."""
 
     @property
     def resolution(self) -> float:
@@ -100,7 +107,10 @@ class Density:
         if background.frequency.shape != self.frequency.shape or background.sample_rate != self.sample_rate:
             raise SpectrumError("the background's density needs the same sample rate and segment as the recording's")
         rest = np.maximum(self.density - background.density, 0.0)
-        return Density(self.frequency, rest, self.window, self.segment, self.averages, self.overlap, self.sample_rate)
+        return replace(self, density=rest)
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         made = _made_by(self.window, self.segment, self.sample_rate, self.averages, self.overlap)
@@ -122,11 +132,16 @@ class Waterfall:
     overlap: float
     sample_rate: float
     """Samples per second [Hz]."""
+    unit: str = "N*m"
+    """Of the signal."""
 
     @property
     def resolution(self) -> float:
         """Distance of the bins [Hz]."""
         return self.sample_rate / self.segment
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         made = _made_by(self.window, self.segment, self.sample_rate, 1, self.overlap)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microvib.errors import SimulationError
+from microvib.errors import SimulationError, expect
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, stepper
 from microvib.solve.command import Command
@@ -28,6 +28,7 @@ SAMPLES_AT_ONCE = 256
 class Torque:
     """Disturbance torque of one scenario over its record."""
 
+    scenario: Scenario
     T_d: np.ndarray
     """Samples [N m], (n,), as in a ``Motion``."""
     sample_rate: float
@@ -50,6 +51,7 @@ def simulate_torques(scenarios: Sequence[Scenario]) -> list[Torque | SimulationE
     results: dict[int, Torque | SimulationError] = {}
     alike: dict[_Kind, list[int]] = defaultdict(list)
     for k, scenario in enumerate(scenarios):
+        expect(scenario, Scenario, "a list of scenarios (mv.load_scenario)")
         if scenario.record.start == "rest":
             alike[_kind(scenario)].append(k)
         else:
@@ -94,6 +96,7 @@ class _Slot:
         lost = abs(self.packed.momentum - self.momentum + float(control[stepper.IMPULSE]))
         largest = float(control[stepper.LARGEST])
         return Torque(
+            scenario=self.scenario,
             T_d=samples,
             sample_rate=self.scenario.record.sample_rate,
             stuck_output=float(control[stepper.STUCK] / (control[stepper.RECORD_END] - control[stepper.RECORD_START])),

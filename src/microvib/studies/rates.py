@@ -13,7 +13,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from microvib.analysis.steady import steady
-from microvib.errors import OptionError, SimulationError
+from microvib.errors import OptionError, SimulationError, expect
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import FAINT
@@ -178,6 +178,7 @@ def plan_rates(
     of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved for itself, so
     that results do not depend on their order; threads share them, for the kernel runs without the interpreter's lock.
     """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
     microsteps = (scenario.driver.microsteps,) if microsteps is None else microsteps
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
