@@ -20,9 +20,7 @@ from microvib.signals.line_search import FALLS, Found, search
 from microvib.signals.line_table import DETECTION, FAINT, Figures, LineTable, Rest, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.spectrum import tone_amplitude
-from microvib.signals.tone_fit import NEAR, Joint, moved
-from microvib.signals.tones import HannSpectrum, Tones, steady
-from microvib.signals.uncertainty import disturbed, uncertainties
+from microvib.signals.tones import NEAR, HannSpectrum, Joint, Tones, disturbed, moved, steady, uncertainties
 
 SEPARATION = 2.5
 """Bins that two lines must be apart to be told apart."""
@@ -50,9 +48,7 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
     """
     spectrum, found, ratio = _fitted(x, sample_rate, expected)
     joint, searched = found.joint, _is_searched(expected)
-    spread, ratio_spread = uncertainties(
-        joint.tones, joint.amplitudes, ratio if searched else None, spectrum, joint.rest
-    )
+    spread, ratio_spread = uncertainties(joint, ratio if searched else None)
     ratio_spread = ratio_spread if searched or ratio is None else 0.0
     refused = found.refused | _not_apart(joint, spread)
     others = _others(joint, spread, Orders.of(expected, ratio))
@@ -153,7 +149,7 @@ def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
     tones, sizes, duration = joint.tones, joint.sizes, joint.spectrum.duration
     unsure = spread.amplitude > UNSURE * sizes
     unsure &= sizes > DETECTION * joint.rest.floors(tones.frequency)
-    more = disturbed(tones, joint.rest)
+    more = disturbed(joint)
     why: dict[str, str] = {}
     for i in (i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"):
         apart = np.abs(tones.frequency - tones.frequency[i]) * duration
@@ -170,9 +166,7 @@ def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
 
 def _alone(joint: Joint, i: int) -> float:
     """Standard uncertainty of the amplitude of tone ``i`` if there were no other."""
-    one = np.arange(len(joint.tones)) == i
-    spread, _ = uncertainties(joint.tones.only(one), joint.amplitudes[one], None, joint.spectrum, joint.rest)
-    return float(spread.amplitude[0])
+    return float(uncertainties(joint.alone(i))[0].amplitude[0])
 
 
 def _others(joint: Joint, spread: Uncertainty, orders: Orders | None) -> list[tuple[ExpectedLine, ExpectedLine]]:

@@ -11,10 +11,8 @@ from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
 from microvib.signals.line_table import DETECTION, Uncertainty
 from microvib.signals.orders import Orders
-from microvib.signals.tone_fit import NEAR, Joint
 from microvib.signals.tone_kernel import REACH
-from microvib.signals.tones import falling, steady
-from microvib.signals.uncertainty import uncertainties
+from microvib.signals.tones import NEAR, Joint, falling, steady, uncertainties
 
 MAX_OTHERS = 12
 LEAST = 0.01
@@ -210,9 +208,7 @@ class _Search:
         return next(i for i, line in enumerate(self.joint.tones.lines) if line.name == name)
 
     def _spread(self, fit: Joint, i: int) -> Uncertainty:
-        one = np.zeros(len(fit.tones), dtype=bool)
-        one[i] = True
-        return uncertainties(fit.tones.only(one), fit.amplitudes[one], None, fit.spectrum, fit.rest)[0]
+        return uncertainties(fit.alone(i))[0]
 
     def _within(self, spread: float) -> float:
         """How far from an order a frequency of this standard uncertainty may be on it [Hz]."""

@@ -1,7 +1,9 @@
-"""Tones in noise: steady ones that keep their ratios, and decaying ones.
+"""Tones of one record: steady ones that keep their ratios, and decaying ones; fitted together, with their uncertainties.
 
-Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast,
-and every fit is a least-squares fit to the bins about the tones (``microvib.signals.tone_kernel``).
+Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast, and
+every fit is a least-squares fit to the bins about the tones (``microvib.signals.tone_kernel``, which is called from here alone).
+What is near each other is never fitted one after another. Amplitudes are eliminated (variable projection), so that a fit moves
+frequencies, decays and the clock ratio alone.
 """
 
 from __future__ import annotations
@@ -14,11 +16,26 @@ import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.signals import tone_kernel as hann
+from microvib.signals.line_table import Uncertainty
 from microvib.signals.spectrum import SpectrumError
 from microvib.signals.tone_kernel import REACH
 
 FEWEST = 8
 """Samples of the shortest record."""
+NEAR = 2 * REACH
+"""Bins within which tones are fitted together."""
+SLOWEST, FASTEST = -8.0, 60.0
+"""e-foldings over the record that a decay may have."""
+SLACK = 2.0
+"""Bins beyond its band that a frequency may end at."""
+_NUDGE = 1e-4
+"""Step of difference quotients, in cycles or e-foldings over the record."""
+_FEW = 1.08
+"""Widens what follows from a floor: a median of some thirty bins, not all independent, is itself off by a sixth."""
+_USUAL = 2.0
+"""RMS of what is left in a tone's own bins, over that of the noise, which noise alone hardly exceeds."""
+_HIDES = 5.0
+"""What a line within a bin of another adds to it, over what it leaves: the fit of the one takes most of the other along."""
 
 
 @dataclass(frozen=True)
@@ -189,3 +206,187 @@ def mean_of_decay(fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean = -np.expm1(-safe) / safe
     slope = np.exp(-safe) / safe - mean / safe
     return np.where(small, 1.0 - fold / 2.0, mean), np.where(small, -0.5 + fold / 3.0, slope)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Tones in a spectrum, fitted together, and what they leave of it."""
+
+    spectrum: HannSpectrum
+    tones: Tones
+    amplitudes: np.ndarray
+    """Complex, at the first sample, (m,)."""
+    rest: HannSpectrum
+
+    @classmethod
+    def of(cls, spectrum: HannSpectrum, tones: Tones) -> Joint:
+        """The amplitudes of all ``tones``, where these are."""
+        amplitudes = spectrum.amplitudes(tones)
+        return cls(spectrum, tones, amplitudes, spectrum.without(tones, amplitudes))
+
+    def alone(self, i: int) -> Joint:
+        """Tone ``i``, beside what all tones leave."""
+        one = np.zeros(len(self.tones), dtype=bool)
+        one[i] = True
+        return replace(self, tones=self.tones.only(one), amplitudes=self.amplitudes[one])
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Amplitudes as means over the record, (m,)."""
+        sizes: np.ndarray = np.abs(self.amplitudes) * mean_of_decay(self.tones.decay * self.spectrum.duration)[0]
+        return sizes
+
+    def near(self, frequency: np.ndarray) -> np.ndarray:
+        """Which tones are fitted together with tones at ``frequency`` (k,) [Hz]; (m,) true or false."""
+        apart = np.abs(self.tones.frequency[:, None] - frequency[None, :]) * self.spectrum.duration
+        near: np.ndarray = (apart < NEAR).any(axis=1)
+        return near
+
+    def with_tones(self, more: Tones) -> Joint:
+        """A new fit with ``more`` tones; of the others, those near them are fitted again, together with them."""
+        near = self.near(more.frequency)
+        around, apart = self.tones.only(near), self.tones.only(~near)
+        local = self.rest.without(around, -self.amplitudes[near])
+        some, _ = moved(around.and_those(more), local)
+        amplitudes = local.amplitudes(some)
+        together = np.concatenate([self.amplitudes[~near], amplitudes])
+        return Joint(self.spectrum, apart.and_those(some), together, local.without(some, amplitudes))
+
+
+def moved(
+    tones: Tones, spectrum: HannSpectrum, ratio: float | None = None, telling: np.ndarray | None = None
+) -> tuple[Tones, float | None]:
+    """The tones where they leave least of the spectrum: all free frequencies and decays together, and with them the clock
+    ``ratio`` if it is given, to which the tones of the clock keep; ``telling``, (m,) true or false, are those of them whose bins
+    count.
+    """
+    free, falls, duration = np.flatnonzero(tones.free), np.flatnonzero(tones.falls), spectrum.duration
+    if free.size == 0 and ratio is None:
+        return tones, None
+    cycles, fold = tones.frequency * duration, tones.decay * duration
+    counting = cycles if telling is None else cycles[telling | tones.free]
+    k = hann.bins_in(counting, counting, REACH, spectrum.values.size)
+    clock = np.flatnonzero(tones.clock & (ratio is not None))
+    shifts = [np.inf] * (clock.size > 0)
+    bands = [(x.low * duration - SLACK, x.high * duration + SLACK) for x in (tones.lines[i] for i in free)]
+    low = np.array([max(a, 0.5) for a, _ in bands] + [SLOWEST] * falls.size + [-x for x in shifts])
+    high = np.array([b for _, b in bands] + [FASTEST] * falls.size + shifts)
+    there, falling, at = hann.fit(cycles, fold, free, falls, clock, low, high, k, spectrum.values, spectrum.table)
+    ended = (at <= low + 1e-9) | (at >= high - 1e-9)
+    limited = tones.limited.copy()
+    limited[free] = ended[: free.size]
+    limited[falls] |= ended[free.size : free.size + falls.size]
+    result = replace(tones, frequency=there / duration, decay=falling / duration, limited=limited)
+    if clock.size == 0:
+        return result, ratio
+    return result, float((ratio or 1.0) * there[clock[0]] / cycles[clock[0]])
+
+
+def uncertainties(joint: Joint, ratio: float | None = None) -> tuple[Uncertainty, float | None]:
+    """Standard uncertainties of all that was fitted, jointly: amplitudes, phases, frequencies and decays, and the clock ratio.
+
+    Noise is taken as Gaussian, with the local floor of what the tones leave as its size and the correlation between
+    neighbouring bins that a Hann window makes. Amplitudes of decaying tones are their means over the record. The clock ratio's
+    is None without a ``ratio``.
+    """
+    tones, amplitudes, spectrum = joint.tones, joint.amplitudes, joint.spectrum
+    m, duration = len(tones), spectrum.duration
+    amplitude, phase, frequency, decay = (np.zeros(m) for _ in range(4))
+    result = Uncertainty(amplitude, phase, frequency, decay)
+    if m == 0:
+        return result, None
+    near = spectrum.near(tones.frequency)
+    free, falls = (np.flatnonzero(some).tolist() for some in (tones.free, tones.falls))
+    slopes = [_slope(joint, near, k, moves=(_NUDGE, 0.0)) for k in free]
+    slopes += [_slope(joint, near, k, moves=(0.0, _NUDGE)) for k in falls]
+    if ratio is not None:
+        slopes.append(_ratio_slope(joint, near, ratio))
+    columns = np.vstack([spectrum.equations(tones, near), *slopes])
+    covariance = _sandwich(columns, near, _noise(joint, near))
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    ratio_spread = None if ratio is None else float(spread[-1])
+    frequency[:] = [(ratio_spread or 0.0) * line.frequency for line in tones.lines]
+    first = 2 * m + 1
+    frequency[free] = spread[first : first + len(free)] / duration
+    place = first + len(free) + np.arange(len(falls))
+    decay[falls] = spread[place] / duration
+    mean, slope = mean_of_decay(tones.decay * duration)
+    size, angle, each = np.abs(amplitudes), np.angle(amplitudes), np.arange(m)
+    along, across = np.zeros((2, m, covariance.shape[0]))
+    across[each, 2 * each], across[each, 2 * each + 1] = -np.sin(angle), np.cos(angle)
+    along[each, 2 * each], along[each, 2 * each + 1] = mean * np.cos(angle), mean * np.sin(angle)
+    along[falls, place] = size[falls] * slope[falls]
+    amplitude[:] = _spread(along, covariance)
+    phase[:] = np.divide(_spread(across, covariance), size, out=np.full(m, np.inf), where=size > 0.0)
+    return result, ratio_spread
+
+
+def _spread(directions: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard uncertainty along each of the ``directions`` (m, p), (m,)."""
+    spread: np.ndarray = np.sqrt(np.maximum(np.sum((directions @ covariance) * directions, axis=1), 0.0))
+    return spread
+
+
+def _stack(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values.real, values.imag])
+
+
+def _slope(joint: Joint, near: np.ndarray, k: int, moves: tuple[float, float]) -> np.ndarray:
+    """Change of the model at the bins ``near`` with frequency or decay of tone ``k``, in cycles or e-foldings."""
+    duration, a, table = joint.spectrum.duration, joint.amplitudes[k], joint.spectrum.table
+    cycles, decay = joint.tones.frequency[k] * duration, joint.tones.decay[k] * duration
+    base = hann.tone(cycles, decay, a, near, table)
+    moved = hann.tone(cycles + moves[0], decay + moves[1], a, near, table)
+    return _stack(moved - base) / sum(moves)
+
+
+def _ratio_slope(joint: Joint, near: np.ndarray, ratio: float) -> np.ndarray:
+    """Change of the model with the clock ratio, which moves all lines of the clock together."""
+    tones, spectrum = joint.tones, joint.spectrum
+    each = zip(tones.lines, joint.amplitudes, tones.clock, strict=True)
+    clock = [(line.frequency * spectrum.duration, a) for line, a, own in each if own]
+    nudge = _NUDGE / max((cycles for cycles, _ in clock), default=1.0)
+    total = np.zeros(near.size, dtype=complex)
+    for cycles, a in clock:
+        total += hann.tone(cycles * (ratio + nudge), 0.0, a, near, spectrum.table)
+        total -= hann.tone(cycles * ratio, 0.0, a, near, spectrum.table)
+    return _stack(total) / nudge
+
+
+def _noise(joint: Joint, near: np.ndarray) -> np.ndarray:
+    """RMS of real and imaginary part of the noise at each bin of ``near``, from what is left about the closest tone.
+
+    That is the floor; where the bins of the tone itself are left with more than noise leaves, the tone is not all that is there,
+    and what it does not explain counts as noise.
+    """
+    floors, left = _floors(joint)
+    centres = joint.tones.frequency * joint.spectrum.duration
+    closest = np.argmin(np.abs(near[:, None] - centres[None, :]), axis=1)
+    noise = np.sqrt((_FEW * floors) ** 2 + _HIDES**2 * np.maximum(left**2 - (_USUAL * floors) ** 2, 0.0))
+    result: np.ndarray = noise[closest]
+    return result
+
+
+def disturbed(joint: Joint) -> np.ndarray:
+    """Which tones are not all that is in their bins, or change within the record, (m,): more is left there than noise leaves."""
+    floors, left = _floors(joint)
+    found: np.ndarray = left > _USUAL * floors
+    return found
+
+
+def _floors(joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of real and imaginary part of the noise about each tone, and of what is left in its own bins, (m,) each."""
+    # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
+    rest, frequency = joint.rest, joint.tones.frequency
+    floors = rest.floors(frequency) / np.sqrt(2.0 * np.log(2.0))
+    return floors, hann.bin_rms(frequency * rest.duration, rest.values) / np.sqrt(2.0)
+
+
+def _sandwich(columns: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Covariance of the least-squares solution, its ``columns`` (p, 2 n), under noise that a Hann window has correlated."""
+    scale = np.sqrt(np.einsum("ij,ij->i", columns, columns))
+    scale[scale == 0.0] = 1.0
+    scaled = columns / scale[:, None]
+    inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-12, hermitian=True) / scale[:, None]
+    result: np.ndarray = inverse @ (scaled @ hann.correlated(scaled, near, noise).T) @ inverse.T
+    return result
