@@ -46,7 +46,7 @@ def test_notebook(tmp_path, monkeypatch, capsys):
 
 
 def test_ten_modes_of_table_1_and_sixty_modes_run():
-    from microvib.io.results import read_table
+    from microvib.io.tables import read_table
 
     table = [
         {

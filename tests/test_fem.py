@@ -8,8 +8,8 @@ import pytest
 
 from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
-from microvib.io.results import read_table
 from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
+from microvib.io.tables import read_table
 from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign
 from microvib.structures.fem.array_mesh import structure_of

@@ -79,7 +79,7 @@ def test_csv_with_decimal_comma_and_unit_row(tmp_path):
 
 
 def test_our_own_motion(tmp_path, motion_1):
-    from microvib.io.results import write_motion
+    from microvib.io.runs import write_motion
 
     write_motion(motion_1, tmp_path / "motion.nc")
     back = read_recording(tmp_path / "motion.nc")

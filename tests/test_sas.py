@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from microvib.cli.main import main
 from microvib.errors import MicrovibError, OptionError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
-from microvib.io.results import read_table
 from microvib.io.scenario_file import dump_part, load_scenario
+from microvib.io.tables import read_table
 from microvib.model.sentences import validated
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.structures.fem.assembly import assemble

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from microvib.io.results import PAPER_LINES, read_table
+from microvib.io.tables import PAPER_LINES, read_table
 from microvib.studies.validate import AMPLITUDE_BAR, _near, checks_csv, validate
 
 

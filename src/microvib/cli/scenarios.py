@@ -156,7 +156,7 @@ def new(file: Path) -> None:
 @click.command()
 def schema() -> None:
     """Print the JSON Schema of scenario files."""
-    from microvib.io.results import to_json
     from microvib.io.scenario_file import json_schema
+    from microvib.io.tables import to_json
 
     click.echo(to_json(json_schema()), nl=False)

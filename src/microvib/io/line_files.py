@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from microvib.errors import MicrovibError
-from microvib.io.results import PAPER_LINES, read_table
+from microvib.io.tables import PAPER_LINES, read_table
 from microvib.signals.line_table import Line, LineTable
 
 _FIGURES = ("frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m", "bin_frequency_hz", "bin_amplitude_n_m")

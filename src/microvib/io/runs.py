@@ -1,4 +1,4 @@
-"""A run's folder, read back as it was written."""
+"""What a run's folder holds: motion, lines, summary; written, and read back as it was written."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ import csv
 import hashlib
 import json
 import math
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.scenario_file import load_scenario
+from microvib.io.netcdf import new_netcdf
+from microvib.io.scenario_file import dump_scenario, load_scenario
+from microvib.io.tables import package_versions, rows_csv
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable, Rest
-from microvib.solve.channels import CHANNELS, MODAL
+from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
 
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
@@ -30,6 +34,71 @@ class Run:
     versions: dict[str, str]
     limit: tuple[float, float, float] | None = None
     """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
+
+
+def write_motion(motion: Motion, path: Path) -> None:
+    """NetCDF 4 file of a motion (HDF5; read by xarray, MATLAB, Octave), with unit and meaning on every variable."""
+    with new_netcdf(path) as f:
+        f.dimensions = {"time": motion.time.size}
+        if any(v.ndim == 2 for v in motion.channels.values()):
+            f.dimensions["mode"] = len(motion.scenario.array.modes)
+        f.attrs["title"] = motion.scenario.title or "microvib run"
+        f.attrs["sample_rate_hz"] = motion.sample_rate
+        f.attrs["scenario"] = dump_scenario(motion.scenario)
+        f.attrs["microvib_version"] = package_versions()["microvib"]
+        _variable(f, TIME, motion.time)
+        for channel, values in motion.variables():
+            if values.size:
+                _variable(f, channel, values)
+
+
+def _variable(f: Any, channel: Channel, values: Any) -> None:
+    variable = f.create_variable(channel.name, ("time", "mode")[: values.ndim], data=values)
+    variable.attrs["units"] = channel.unit
+    variable.attrs["long_name"] = channel.meaning
+
+
+def lines_csv(table: LineTable) -> str:
+    """CSV text of a table of lines, one row each; what could not be estimated is left empty."""
+    first = (
+        "line",
+        "expected_hz",
+        "frequency_hz",
+        "amplitude_n_m",
+        "phase_rad",
+        "bin_frequency_hz",
+        "bin_amplitude_n_m",
+    )
+    names = [*first, *(f.name for f in fields(Line) if f.name not in first)]
+    return rows_csv(names, ([getattr(line, name) for name in names] for line in table))
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """SHA-256 of the complete scenario as it is written to ``scenario.yaml``."""
+    return hashlib.sha256(dump_scenario(scenario).encode()).hexdigest()
+
+
+def summary(
+    scenario: Scenario, invariants: Any, solver: dict[str, Any], table: LineTable, **timings: float
+) -> dict[str, Any]:
+    """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the coupled drive."""
+    rest = table.rest  # the highest peaks that no line accounts for
+    left = rest and {"frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist()}
+    return {
+        "title": scenario.title,
+        "source": scenario.source,
+        "scenario_sha256": scenario_hash(scenario),
+        "invariants": asdict(invariants),
+        "solver": solver,
+        "clock_ratio_found": table.clock_ratio,
+        "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
+        "doubts": list(scenario.doubts()),
+        "left_by_lines": left,
+        "own_error": table.own_error,
+        "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
+        "versions": package_versions(),
+        "timings_s": timings,
+    }
 
 
 def read_run(folder: Path | str) -> Run:

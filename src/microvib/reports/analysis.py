@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from microvib.io.results import columns_csv, lines_csv
+from microvib.io.runs import lines_csv
+from microvib.io.tables import columns_csv
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from microvib.io.results import package_versions, scenario_hash
+from microvib.io.runs import scenario_hash
 from microvib.io.scenario_file import dump_part
+from microvib.io.tables import package_versions
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from microvib.io.results import package_versions, to_json
 from microvib.io.scenario_file import dump_scenario
+from microvib.io.tables import package_versions, to_json
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table

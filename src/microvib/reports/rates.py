@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.io.results import rows_csv
+from microvib.io.tables import rows_csv
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Form, Section, Table, Text, table

@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from microvib.io.results import rows_csv, to_json
 from microvib.io.scenario_file import dump_part
+from microvib.io.tables import rows_csv, to_json
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Form, Section, Text, table
 from microvib.reports.numbers import text_table

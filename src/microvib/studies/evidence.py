@@ -167,7 +167,7 @@ def _near_mains(frequency: float, duration: float) -> bool:
 
 def paper_evidence(scenario: Scenario) -> Evidence:
     """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their frequencies."""
-    from microvib.io.results import PAPER_LINES, read_table
+    from microvib.io.tables import PAPER_LINES, read_table
 
     bins = {row["line"]: float(row["test_hz"]) for row in read_table("table5_line_frequencies")}
     found = []

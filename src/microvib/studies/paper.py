@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from microvib.io.results import PAPER_LINES, read_table
+from microvib.io.tables import PAPER_LINES, read_table
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.results import read_table
+from microvib.io.tables import read_table
 from microvib.model.sentences import validated
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import COUNTERWEIGHTS, CoilSpring, SimulatorDesign

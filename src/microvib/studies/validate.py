@@ -15,8 +15,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from microvib.analysis.lines import lines
-from microvib.io.results import PAPER_LINES
 from microvib.io.scenario_file import load_scenario
+from microvib.io.tables import PAPER_LINES
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Motion

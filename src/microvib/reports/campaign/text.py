@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.results import rows_csv
 from microvib.io.scenario_file import dump_scenario
+from microvib.io.tables import rows_csv
 from microvib.io.writing import write_file
 from microvib.reports.campaign.report import (
     MAX_LEVELS,

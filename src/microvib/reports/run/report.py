@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from microvib.analysis.accuracy import KEY
 from microvib.analysis.limits import Judgement, Limit, judge
-from microvib.io.results import package_versions, scenario_hash
+from microvib.io.runs import scenario_hash
+from microvib.io.tables import package_versions
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets

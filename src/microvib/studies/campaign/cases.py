@@ -17,7 +17,7 @@ from microvib.analysis.limits import Limit, judge
 from microvib.analysis.lines import lines_of_samples
 from microvib.analysis.steady import steady
 from microvib.errors import MicrovibError
-from microvib.io.results import package_versions
+from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques

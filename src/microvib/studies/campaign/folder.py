@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.results import package_versions, to_json, write_folder
+from microvib.io.results import write_folder
 from microvib.io.scenario_file import dump_part, dump_scenario
+from microvib.io.tables import package_versions, to_json
 from microvib.io.writing import write_file
 from microvib.studies.campaign.cases import Chunk, Label, Work
 from microvib.studies.campaign.design import Design, limit_of

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.results import package_versions, to_json
 from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario, read_text
+from microvib.io.tables import package_versions, to_json
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.studies.campaign.design import Design

@@ -11,7 +11,7 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.io.hdf5 import open_hdf5
 from microvib.io.netcdf import new_netcdf
-from microvib.io.results import package_versions
+from microvib.io.tables import package_versions
 from microvib.io.writing import write_file
 from microvib.studies.campaign.cases import FIGURES, SCALARS, VERDICTS, Chunk
 from microvib.studies.campaign.folder import Campaign

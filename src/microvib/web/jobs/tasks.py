@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.results import to_json
+from microvib.io.tables import to_json
 from microvib.web.jobs.worker import Tell
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def _without_samples(where: Path) -> tuple[Motion, LineTable]:
 
 def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None = None) -> None:
     """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for, as ``mark`` and its name."""
-    from microvib.io.results import write_motion
+    from microvib.io.runs import write_motion
     from microvib.reports import rendering
     from microvib.reports.run.report import run_report
 
