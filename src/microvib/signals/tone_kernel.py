@@ -23,8 +23,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from microvib.compiled import Complexes, Counts, Matrix, Unit, Vector
+
+code = Unit(__name__)
 REACH = 6
 """Bins on each side of a line that its fit uses."""
 FAR = 400
@@ -35,7 +37,7 @@ _NUDGE = 1e-4
 """Step of difference quotients, in cycles or e-foldings over the record."""
 _DEPENDENT = 1e-12
 """Squared norm of what is left of a (unit) column after projection on those before it; below, it counts as dependent."""
-COMPILE: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+COMPILE: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
 @lru_cache(maxsize=2)
@@ -48,7 +50,7 @@ def half_turns(samples: int) -> np.ndarray:
     return table
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _half(cycles, decay, k, table, out):
     """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N), scaled as half a tone, into ``out`` (n,).
 
@@ -89,8 +91,8 @@ def _half(cycles, decay, k, table, out):
         first = after
 
 
-@njit(**COMPILE)
-def tone(cycles, decay, amplitude, k, table):
+@code.entry(**COMPILE)
+def tone(cycles: float, decay: float, amplitude: complex, k: Counts, table: Matrix) -> Complexes:
     """Spectrum at the bins ``k`` of Re(amplitude exp((2 pi i cycles - decay) n/N)), (n,) complex."""
     plus, minus = np.empty(k.size, np.complex128), np.empty(k.size, np.complex128)
     _half(cycles, decay, k, table, plus)
@@ -100,8 +102,8 @@ def tone(cycles, decay, amplitude, k, table):
     return plus
 
 
-@njit(**COMPILE)
-def bins_in(low, high, reach, size):
+@code.entry(**COMPILE)
+def bins_in(low: Vector, high: Vector, reach: int, size: int) -> Counts:
     """Bins, out of ``size``, that lie within ``reach`` of any of the bands from ``low`` to ``high``, (m,) each."""
     inside, count = np.zeros(size, np.bool_), 0
     for i in range(low.size):
@@ -116,8 +118,8 @@ def bins_in(low, high, reach, size):
     return bins
 
 
-@njit(**COMPILE)
-def equations(cycles, decay, k, values, table):
+@code.entry(**COMPILE)
+def equations(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table: Matrix) -> tuple[Matrix, Vector]:
     """Real least-squares equations ``sum of x_j columns_j = right`` at the bins ``k``: (2 m + 1, 2 n) and (2 n,).
 
     The columns are the spectra of each tone's cosine and minus sine, so that x holds the real and imaginary parts of the
@@ -141,7 +143,7 @@ def equations(cycles, decay, k, values, table):
     return columns, right
 
 
-@njit(fastmath={"reassoc", "contract", "nsz"}, **COMPILE)
+@code.inner(fastmath={"reassoc", "contract", "nsz"}, **COMPILE)
 def _dot(a, b):
     total = 0.0
     for i in range(a.size):
@@ -149,7 +151,7 @@ def _dot(a, b):
     return total
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _factored(columns):
     """Scales that make the columns unit vectors, and the Cholesky factor of the scaled normal equations, its diagonal inverted.
 
@@ -171,7 +173,7 @@ def _factored(columns):
     return scale, factor
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _solved(columns, scale, factor, right):
     """Least-squares solution from ``_factored``: forward and back substitution; zero for a dependent column."""
     m = columns.shape[0]
@@ -187,14 +189,14 @@ def _solved(columns, scale, factor, right):
     return solution
 
 
-@njit(**COMPILE)
-def least_squares(columns, right):
+@code.entry(**COMPILE)
+def least_squares(columns: Matrix, right: Vector) -> Vector:
     """Least squares by scaled normal equations; a column that is zero or depends on those before it gets zero."""
     scale, factor = _factored(columns)
     return _solved(columns, scale, factor, right)
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _subtract(columns, solution, right):
     """Subtract columns times the solution from the right-hand side, in place."""
     for i in range(solution.size):
@@ -202,16 +204,26 @@ def _subtract(columns, solution, right):
             right[j] -= solution[i] * columns[i, j]
 
 
-@njit(**COMPILE)
-def residual(cycles, decay, k, values, table):
+@code.entry(**COMPILE)
+def residual(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table: Matrix) -> Vector:
     """Residual at the bins ``k`` with the best amplitudes, (2 n,): real parts, then imaginary ones."""
     columns, rest = equations(cycles, decay, k, values, table)
     _subtract(columns, least_squares(columns, rest), rest)
     return rest
 
 
-@njit(**COMPILE)
-def _slopes(cycles, decay, free, falls, clock, k, values, table, slopes):
+@code.entry(**COMPILE)
+def _slopes(
+    cycles: Vector,
+    decay: Vector,
+    free: Counts,
+    falls: Counts,
+    clock: Counts,
+    k: Counts,
+    values: Complexes,
+    table: Matrix,
+    slopes: Matrix,
+) -> None:
     """Derivatives of the residual by the parameters of ``fit``, into the rows of ``slopes`` (p, 2 n at least).
 
     With the columns Phi(f, d) and amplitudes a = Phi^+ v, the residual is (I - Phi Phi^+) v. Kaufman's form of variable
@@ -236,10 +248,11 @@ def _slopes(cycles, decay, free, falls, clock, k, values, table, slopes):
             for i in clock:
                 _add_change(cycles, decay, solution, i, _NUDGE, 0.0, cycles[i] / highest, k, table, change)
         _subtract(columns, _solved(columns, scale, factor, change), change)
-        slopes[j, : change.size] = -change
+        for i in range(change.size):
+            slopes[j, i] = -change[i]
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _add_change(cycles, decay, solution, i, turn, fall, times, k, table, change):
     """Add to ``change`` (2 n,) ``times`` the derivative of tone ``i`` by its frequency or decay, from central differences."""
     a, n, twice = complex(solution[2 * i], solution[2 * i + 1]), k.size, 2.0 * (turn + fall)
@@ -251,8 +264,8 @@ def _add_change(cycles, decay, solution, i, turn, fall, times, k, table, change)
         change[n + j] += slope.imag
 
 
-@njit(**COMPILE)
-def amplitudes(cycles, decay, values, table):
+@code.entry(**COMPILE)
+def amplitudes(cycles: Vector, decay: Vector, values: Complexes, table: Matrix) -> Complexes:
     """Complex amplitudes of all tones, (m,), from one least-squares fit to the bins about them."""
     k = bins_in(cycles, cycles, REACH, values.size)
     columns, right = equations(cycles, decay, k, values, table)
@@ -263,8 +276,8 @@ def amplitudes(cycles, decay, values, table):
     return result
 
 
-@njit(**COMPILE)
-def without(cycles, decay, amplitudes, values, table):
+@code.entry(**COMPILE)
+def without(cycles: Vector, decay: Vector, amplitudes: Complexes, values: Complexes, table: Matrix) -> Complexes:
     """The spectrum less the tones, each subtracted from the bins where it is above rounding."""
     rest = values.copy()
     for i in range(cycles.size):
@@ -276,7 +289,7 @@ def without(cycles, decay, amplitudes, values, table):
     return rest
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def floor(cycles, values):
     """Noise floor of one tone: median amplitude of the bins 4 to 20 away (insertion sort; there are at most 34)."""
     centre = round(cycles)
@@ -294,8 +307,8 @@ def floor(cycles, values):
     return 0.5 * (about[(count - 1) // 2] + about[count // 2]) if count else 0.0
 
 
-@njit(**COMPILE)
-def floors(cycles, values):
+@code.entry(**COMPILE)
+def floors(cycles: Vector, values: Complexes) -> Vector:
     """Floor about each tone, (m,)."""
     result = np.empty(cycles.size)
     for i in range(cycles.size):
@@ -303,8 +316,8 @@ def floors(cycles, values):
     return result
 
 
-@njit(**COMPILE)
-def bin_rms(cycles, values):
+@code.entry(**COMPILE)
+def bin_rms(cycles: Vector, values: Complexes) -> Vector:
     """RMS of the magnitudes in the bins within REACH of each tone, (m,)."""
     result = np.zeros(cycles.size)
     for i in range(cycles.size):
@@ -316,8 +329,8 @@ def bin_rms(cycles, values):
     return result
 
 
-@njit(**COMPILE)
-def correlated(columns, k, noise):
+@code.entry(**COMPILE)
+def correlated(columns: Matrix, k: Counts, noise: Vector) -> Matrix:
     """Columns (p, 2 n) at the bins ``k`` times the covariance of noise with RMS ``noise`` (n,).
 
     White noise under a Hann window has the correlation -2/3 between neighbouring bins, 1/6 between next neighbours.
@@ -336,8 +349,8 @@ def correlated(columns, k, noise):
     return result
 
 
-@njit(**COMPILE)
-def peak(low, high, margin, values):
+@code.entry(**COMPILE)
+def peak(low: float, high: float, margin: float, values: Complexes) -> tuple[float, float]:
     """Frequency and amplitude of the highest peak from ``low`` to ``high``, both widened by ``margin`` bins.
 
     The frequency follows from the ratio of the two highest bins, exactly for a single steady tone far from 0 and Nyquist.
@@ -355,8 +368,19 @@ def peak(low, high, margin, values):
     return best + side * (2.0 * ratio - 1.0) / (ratio + 1.0), centre
 
 
-@njit(**COMPILE)
-def fit(cycles, decay, free, falls, clock, low, high, k, values, table):
+@code.entry(**COMPILE)
+def fit(
+    cycles: Vector,
+    decay: Vector,
+    free: Counts,
+    falls: Counts,
+    clock: Counts,
+    low: Vector,
+    high: Vector,
+    k: Counts,
+    values: Complexes,
+    table: Matrix,
+) -> tuple[Vector, Vector, Vector]:
     """Frequencies and decays of tones that minimise the residual at the bins ``k``, amplitudes eliminated.
 
     The parameters, each bounded by ``low`` and ``high`` (p,), are the frequencies of the tones ``free``, the decays of the tones
@@ -383,7 +407,8 @@ def fit(cycles, decay, free, falls, clock, low, high, k, values, table):
     fresh = False
     for _ in range(60):
         if not fresh:
-            right[:n] = -r
+            for j in range(n):
+                right[j] = -r[j]
             _slopes(new_cycles, new_decay, free, falls, clock, k, values, table, slopes)
             fresh = True
         for j in range(parameters.size):  # the damping, as further equations
@@ -409,7 +434,7 @@ def fit(cycles, decay, free, falls, clock, low, high, k, values, table):
     return new_cycles, new_decay, parameters
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _with_parameters(parameters, cycles, decay, free, falls, clock):
     """Frequencies and decays of all tones at the given parameters of ``fit``."""
     new_cycles, new_decay = cycles.copy(), decay.copy()
@@ -426,6 +451,6 @@ def _with_parameters(parameters, cycles, decay, free, falls, clock):
     return new_cycles, new_decay
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _clipped(x, low, high):
     return min(max(x, low), high)

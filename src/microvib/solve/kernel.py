@@ -13,23 +13,22 @@ and its continuous extension, friction events (``margins``, ``first_trial``, ``n
 (``_record``) and the length of steps. docs/numerics.md has the method in words, docs/theory the equations.
 
 The functions take floats, for one drive, or lanes, for many at once (``microvib.solve.vector``, ``microvib.solve.stepper``).
-
-Everything else that the loop calls lives in this file, because the compiled cache is keyed on it.
 """
 
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from numba.extending import overload
 
-from microvib.solve.vector import CALLED, ROWS, exp, sincos, some, where
+from microvib.compiled import Counts, Matrix, Unit, Vector
+from microvib.solve.vector import exp, is_single, sincos, some, where
+
+code = Unit(__name__, "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
 # No exceptions inside (a division by zero gives inf, which step control catches); products may be fused; no reference
 # counting, which would take half the time: the loop allocates no arrays, its scratch comes from outside.
 COMPILE: dict[str, Any] = {
-    "cache": True, "nogil": True, "error_model": "numpy", "_nrt": False, "fastmath": {"contract", "arcp"},
+    "nogil": True, "error_model": "numpy", "_nrt": False, "fastmath": {"contract", "arcp"},
 }  # fmt: skip
 INLINE: dict[str, Any] = COMPILE | {"inline": "always"}
 FORCED: dict[str, Any] = COMPILE | {"forceinline": True}  # a call would copy its tuples, a quarter of the time
@@ -101,21 +100,21 @@ class Drive(NamedTuple):
     inv_h: float
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
-    H: np.ndarray  # (s,)
-    D: np.ndarray
-    Lam: np.ndarray
-    te: np.ndarray  # order, sine and cosine amplitude of the transmission error, for each of its harmonics
-    scale: np.ndarray  # 1 / (tolerance x size) of each state
+    H: Vector  # (s,)
+    D: Vector
+    Lam: Vector
+    te: Vector  # order, sine and cosine amplitude of the transmission error, for each of its harmonics
+    scale: Vector  # 1 / (tolerance x size) of each state
 
 
 class State(NamedTuple):
     """What the integration updates: state, friction modes (-1, 0 stuck, 1), times and references, counters, energies [J]."""
 
-    y: np.ndarray
-    stick: np.ndarray
-    clock: np.ndarray
-    counters: np.ndarray
-    energy: np.ndarray
+    y: Vector
+    stick: Vector
+    clock: Vector
+    counters: Counts
+    energy: Vector
 
 
 class Samples(NamedTuple):
@@ -123,27 +122,27 @@ class Samples(NamedTuple):
 
     first: float  # start of the first interval
     width: float
-    rows: np.ndarray
-    partial: np.ndarray  # integrals over the current interval so far
-    cursor: np.ndarray  # rows filled here, rows filled before
+    rows: Matrix
+    partial: Vector  # integrals over the current interval so far
+    cursor: Counts  # rows filled here, rows filled before
 
 
 class Work(NamedTuple):
     """Scratch of one step."""
 
-    y1: np.ndarray  # state at the end of the step
-    between: np.ndarray  # state inside it, from the continuous extension
-    f0: np.ndarray  # derivative at its start
-    f: np.ndarray
-    q: np.ndarray  # torques and voltages of ``derivative``
-    jac: np.ndarray  # entries of the Jacobian that vary, from ``linearise``
-    lu: np.ndarray  # pivots of ``_factor``; of the modes kappa and 1 / delta
-    kappa: np.ndarray
-    inv_delta: np.ndarray
-    channels: np.ndarray
-    K: np.ndarray  # stages, (STAGES, n)
-    dense: np.ndarray  # coefficients of the continuous extension, (2, n)
-    search: np.ndarray
+    y1: Vector  # state at the end of the step
+    between: Vector  # state inside it, from the continuous extension
+    f0: Vector  # derivative at its start
+    f: Vector
+    q: Vector  # torques and voltages of ``derivative``
+    jac: Vector  # entries of the Jacobian that vary, from ``linearise``
+    lu: Vector  # pivots of ``_factor``; of the modes kappa and 1 / delta
+    kappa: Vector
+    inv_delta: Vector
+    channels: Vector
+    K: Matrix  # stages, (STAGES, n)
+    dense: Matrix  # coefficients of the continuous extension, (2, n)
+    search: Vector
 
 
 # ---- The method ----
@@ -184,7 +183,7 @@ GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, ov
 # ---- Equations of motion ----
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _friction(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
     """Friction torque and its slope by the rate while slipping in the direction ``sign`` (Eq. 5-7); continued past zero rate."""
     torque, slope = slide, viscous
@@ -202,7 +201,7 @@ def _friction(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
     return sign * torque + viscous * rate, slope
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def transmission_error(theta_m, te):
     """Kinematic error epsilon(theta_m) of the reducer [rad at the output] and its first three derivatives."""
     e0 = e1 = e2 = e3 = 0.0
@@ -217,7 +216,7 @@ def transmission_error(theta_m, te):
     return e0, e1, e2, e3
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _winding(i, x, reference, back_emf, p):
     """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3); anti-windup by back-calculation."""
     demand, dx = p.K_P * (reference - i) + p.K_I * x, reference - i
@@ -231,7 +230,7 @@ def _winding(i, x, reference, back_emf, p):
     return u, di, dx, limited
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def derivative(y, clock, stick, p, f, q):
     """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18)."""
     theta_m, omega_m = y[TM], y[WM]
@@ -278,7 +277,7 @@ def derivative(y, clock, stick, p, f, q):
     q[0], q[1], q[2], q[3], q[4], q[5], q[6] = T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _channels(y, clock, stick, p, f, q, out):
     """All channels at one instant. ``T_d`` from momentum (Eq. 20), ``T_d_force`` from the torques on the housing."""
     derivative(y, clock, stick, p, f, q)
@@ -357,7 +356,7 @@ def _channels(y, clock, stick, p, f, q, out):
 # shift = e2 omega_m r_theta/g, and a single equation is left, with the inertia J_m + G^2 J_L.
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def linearise(x, p, w):
     """Varying entries of the Jacobian, into ``w.jac``, at the state whose derivative is in ``w.f0`` and ``w.q``."""
     y, clock, stick, q, jac = x.y, x.clock, x.stick, w.q, w.jac
@@ -384,7 +383,7 @@ def linearise(x, p, w):
     jac[7], jac[8], jac[9] = where(limited_A, 1.0, 0.0), where(limited_B, 1.0, 0.0), omega_m
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _winding_pivot(g, inv_g, limited, p):
     """Elimination of one phase (2.): 1 / pivot, b, 1 / the integral's pivot, its coupling to the current, 1 / L."""
     b = p.K_I * p.inv_L_D * inv_g
@@ -399,7 +398,7 @@ def _winding_pivot(g, inv_g, limited, p):
     )
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _factor(g, stick, p, w):
     """Eliminate windings, angles and modes from ``g I - df/dy``; the coefficients are kept in ``w.lu``."""
     jac, lu = w.jac, w.lu
@@ -435,7 +434,7 @@ def _factor(g, stick, p, w):
     lu[16] = gear_theta
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _solve(inv_g, stick, p, w, r):
     """Solve ``(g I - df/dy) u = r`` in place with the coefficients of ``_factor``."""
     jac, lu = w.jac, w.lu
@@ -476,33 +475,29 @@ def _solve(inv_g, stick, p, w, r):
 # ---- One step and its continuous extension ----
 
 
+@code.inner(**FORCED)
 def _combine(stage, weight, table, y, K, out):
-    """``out = y + weight * sum over m < stage of table[stage, m] K[m]``."""
+    """``out = y + weight x`` (sum of the stages so far, with the coefficients in row ``stage`` of ``table``).
 
-
-@overload(_combine, jit_options=CALLED)
-def _combine_by_kind(stage, weight, table, y, K, out):
-    """For one drive the inner loop is that over states, which the compiler vectorises; lanes are vectors and stay in registers."""
-
-    def one(stage, weight, table, y, K, out):
+    For one drive the inner loop runs over the states, and the compiler vectorises it; lanes are vectors already, and their sums
+    stay in registers.
+    """
+    if is_single(y):
         for j in range(y.size):
             out[j] = y[j]
         for m in range(stage):
             scaled = weight * table[stage, m]
             for j in range(y.size):
                 out[j] += scaled * K[m, j]
-
-    def many(stage, weight, table, y, K, out):
+    else:
         for j in range(y.size):
             total = y[j]
             for m in range(stage):
                 total += weight * table[stage, m] * K[m, j]
             out[j] = total
 
-    return many if y == ROWS else one
 
-
-@njit(**FORCED)
+@code.inner(**FORCED)
 def step(h, x, p, w):
     """One RODAS4 step of size ``h`` from ``x.y`` (whose derivative is ``w.f0``) to ``w.y1``; returns the scaled error."""
     y, y1, f, K, n = x.y, w.y1, w.f, w.K, x.y.size
@@ -528,7 +523,7 @@ def step(h, x, p, w):
     return math.sqrt(error / 10.0)
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def dense(w):
     """Coefficients of the continuous extension of the step just made."""
     for i in range(2):
@@ -539,14 +534,14 @@ def dense(w):
             w.dense[i, j] = total
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def extension(s, y0, y1, d2, d3):
     """Continuous extension at the fraction ``s`` of a step, of a state or of anything linear in states."""
     r = 1.0 - s
     return r * y0 + s * (y1 + r * (d2 + s * d3))
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def interpolate(s, y, w):
     """State at the fraction ``s`` of the last step, into ``w.between`` (order 3)."""
     for j in range(y.size):
@@ -568,7 +563,7 @@ def interpolate(s, y, w):
 # exactly zero and chooses the next mode from the hold torque, and the next step starts in that mode.
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _holds(y, p):
     """Torque that friction must supply to keep each body at rest (rotor, output), and G."""
     theta_m = y[TM]
@@ -585,14 +580,14 @@ def _holds(y, p):
     return hold_m, hold_l, G
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _limits(p, G):
     """Breakaway torques of rotor and output; with a rigid reducer both act on the one degree of freedom."""
     limit_m, limit_l = p.m_slide + p.m_stribeck, p.l_slide + p.l_stribeck
     return (limit_m + math.fabs(G) * limit_l, 0.0) if p.rigid else (limit_m, limit_l)
 
 
-@njit(**FORCED)
+@code.inner(**FORCED)
 def margins(y, stick, p):
     """What stays positive as long as the friction modes last: slip speed, or the reserve below the breakaway torque.
 
@@ -609,7 +604,7 @@ def margins(y, stick, p):
     return where(limit_m > 0.0, e_m, 1.0), where(limit_l > 0.0, e_l, 1.0)
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def decide_friction(which, x, p):
     """The mode that follows at an event of friction ``which``: stuck if it can hold, else slipping the way it is pushed."""
     was_stuck = x.stick[which] == 0.0
@@ -626,8 +621,8 @@ def decide_friction(which, x, p):
         x.counters[BREAKAWAYS] += 1 if was_stuck else 0
 
 
-@njit(**COMPILE)
-def initial_friction(x, p):
+@code.entry(**COMPILE)
+def initial_friction(x: State, p: Drive) -> None:
     """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
     hold_m, hold_l, G = _holds(x.y, p)
     limit_m, limit_l = _limits(p, G)
@@ -639,7 +634,7 @@ def initial_friction(x, p):
             x.stick[which] = math.copysign(1.0, rate) if limit > 0.0 else 1.0
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def first_trial(which, h, e_hi, x, p, w, search):
     """Begin the search for the length, below ``h``, at which the margin ``which`` is just spent; returns the first trial.
 
@@ -666,7 +661,7 @@ def first_trial(which, h, e_hi, x, p, w, search):
     return h * s_hi
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def next_trial(trial, e, search):
     """The next length to try, after the step of length ``trial`` ended with the margin ``e``; ``trial`` itself once it is found.
 
@@ -692,7 +687,7 @@ def next_trial(trial, e, search):
     return 0.25 * hi  # no margin at the start, right after an event: nothing to interpolate
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def next_event(which, after_m, after_l):
     """The friction whose event the step must end at, -1 if none: once that of ``which`` is located, only the other is earlier."""
     if which < 0:
@@ -701,7 +696,7 @@ def next_event(which, after_m, after_l):
     return 1 - which if other < 0.0 else -1
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _shorten_to_event(which, h, e_hi, x, p, w):
     """Repeat the step until it ends where the margin ``which`` is just spent; returns its length and its error.
 
@@ -720,7 +715,7 @@ def _shorten_to_event(which, h, e_hi, x, p, w):
         trial = following
 
 
-@njit(**COMPILE)
+@code.inner(**COMPILE)
 def _end_at_first_event(h, x, p, w):
     """Shorten the step in ``w`` so that it ends at its first friction event; its length, which friction or -1, and its error.
 
@@ -750,7 +745,7 @@ def _end_at_first_event(h, x, p, w):
 # ---- Samples ----
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _record(h, end, x, p, w, out):
     """Integrate all channels over the step to ``end``; close every sample interval that ends inside it.
 
@@ -794,7 +789,7 @@ def _record(h, end, x, p, w, out):
 # ---- Length of steps ----
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def first_length(proposed, longest, left):
     """Length to try first, with ``left`` to go to the target; a remainder of less than 1.5 steps is halved, not cut short."""
     h = min(proposed, longest)
@@ -803,25 +798,25 @@ def first_length(proposed, longest, left):
     return 0.5 * left if 1.5 * h > left else h
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def growth(error):
     """Factor on the length of a step that would bring its ``error`` to 1, with a safety margin, from 0.2 to 5."""
     return min(5.0, max(0.2, 0.9 / math.sqrt(math.sqrt(error)))) if error > 0.0 else 5.0
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def shortened(h, error):
     """Length of the next trial after one of length ``h`` was rejected."""
     return h * (growth(error) if math.isfinite(error) else 0.1)
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def proposal(proposed, h, requested, left, factor):
     """Length for the next step. A step cut short by its target says nothing against the length proposed before."""
     return h * factor if h < requested or h < left else max(h * factor, proposed)
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def too_small(h, now, error):
     """Status after a rejected step that is to be repeated with the length ``h``."""
     if h < 1e-14 * max(1.0, now):
@@ -829,7 +824,7 @@ def too_small(h, now, error):
     return OK
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def follow(x, p):
     """With a rigid reducer, set the output from the rotor."""
     if p.rigid:
@@ -837,7 +832,7 @@ def follow(x, p):
         x.y[TL], x.y[WL] = e0 - x.y[TM] * p.inv_h, (e1 - p.inv_h) * x.y[WM]
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def health(lag, h, now, stalled):
     """Status after a step of length ``h`` with the rotor an electrical angle ``lag`` off; count of vanishing steps in a row."""
     stalled = stalled + 1 if h < 1e-12 * max(1.0, now) else 0
@@ -846,7 +841,7 @@ def health(lag, h, now, stalled):
     return (STEP_TOO_SMALL if stalled > 1000 else OK), stalled
 
 
-@njit(**INLINE)
+@code.inner(**INLINE)
 def _accepted_step(left, x, p, w):
     """Step from ``x.y`` that passes the error test, at most ``left`` long, into ``w``; its length, and a status code."""
     h = requested = first_length(x.clock[NEXT_STEP], p.max_step, left)
@@ -867,8 +862,8 @@ def _accepted_step(left, x, p, w):
 # ---- The loop ----
 
 
-@njit(**COMPILE)
-def advance(stop, x, p, out, steps_t, steps_ref, scratch):
+@code.entry(**COMPILE)
+def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, steps_ref: Matrix, scratch: Matrix) -> int:
     """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in place.
 
     Each turn of the loop either takes a microstep that is due (new current references, and a step short enough for the
@@ -930,14 +925,14 @@ def advance(stop, x, p, out, steps_t, steps_ref, scratch):
     return OK
 
 
-@njit(**COMPILE)
-def snapshot(x, p, scratch, out):
+@code.entry(**COMPILE)
+def snapshot(x: State, p: Drive, scratch: Matrix, out: Vector) -> None:
     """All channels at the present state, into ``out``."""
     _channels(x.y, x.clock, x.stick, p, scratch[0, : x.y.size], scratch[1], out)
 
 
-@njit(**COMPILE)
-def filter_and_decimate(rows, taps, factor, out):
+@code.entry(**COMPILE)
+def filter_and_decimate(rows: Matrix, taps: Vector, factor: int, out: Matrix) -> None:
     """``out[m] = sum over k of taps[k] rows[factor m + k]`` for each channel; rows (n, channels), out (m, channels)."""
     for m in range(out.shape[0]):
         for j in range(out.shape[1]):

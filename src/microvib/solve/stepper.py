@@ -10,18 +10,15 @@ interval's length, so that the continuous extension at the ends of the interval 
 """
 
 import math
-from pathlib import Path
 from typing import Any, NamedTuple
-from zlib import crc32
 
 import numpy as np
-from numba import njit
 
+from microvib.compiled import CountMatrix, Cube, Matrix, Unit
 from microvib.solve import kernel
-from microvib.solve import vector as lanes
 from microvib.solve.vector import WIDTH, rows, where
 
-LOOP: dict[str, Any] = kernel.FORCED | {"cache": False}  # cached as part of ``advance`` below, under a key of its own
+code = Unit(__name__, "kernel.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
 # PHASE: begin a step, try it, try half of it, locate an event in it. STATUS. Entries of DriveGroup.flags
 BEGIN, TRY, HALVED, LOCATE = range(4)
@@ -40,6 +37,7 @@ ERROR, MIDDLE_M, MIDDLE_L, AFTER_M, AFTER_L, L_0, L_1, L_2, L_3, N_VERDICT = ran
 ARRAYS = ("H", "D", "Lam", "te", "scale")
 UNIFORM = ("rigid", "shaped")
 NUMBERS = tuple(name for name in kernel.Drive._fields if name not in ARRAYS + UNIFORM)
+LAYER, MAX_STEP = NUMBERS.index("layer"), NUMBERS.index("max_step")
 Y1, BETWEEN, F0, F, DENSE, K = 0, 1, 2, 3, 4, 6  # blocks of n rows in the scratch of all lanes; what is left follows K
 LEFT_OVER = K + kernel.STAGES
 N_Q, N_JAC, N_LU = 7, 10, 17
@@ -52,25 +50,25 @@ class DriveGroup(NamedTuple):
     shaped: bool
     modes: int
     together: bool  # ``advance`` returns when no drive runs any more, instead of when the first one waits
-    numbers: np.ndarray  # (numbers, WIDTH)
-    arrays: np.ndarray  # (3 s + 3 h + n, WIDTH): H, D, Lam, te, scale
-    numbers_of: np.ndarray  # the same by drive, (WIDTH, numbers)
-    arrays_of: np.ndarray
-    state: np.ndarray  # (n + 2 + N_CLOCK, WIDTH): y, stick, clock
-    scratch: np.ndarray
-    length: np.ndarray  # (1, WIDTH), of each drive's trial step
-    taken: np.ndarray  # (1, WIDTH), 1 where that trial is accepted
-    verdict: np.ndarray  # (N_VERDICT, WIDTH)
-    one: np.ndarray  # scratch of one drive
+    numbers: Matrix  # (numbers, WIDTH)
+    arrays: Matrix  # (3 s + 3 h + n, WIDTH): H, D, Lam, te, scale
+    numbers_of: Matrix  # the same by drive, (WIDTH, numbers)
+    arrays_of: Matrix
+    state: Matrix  # (n + 2 + N_CLOCK, WIDTH): y, stick, clock
+    scratch: Matrix
+    length: Matrix  # (1, WIDTH), of each drive's trial step
+    taken: Matrix  # (1, WIDTH), 1 where that trial is accepted
+    verdict: Matrix  # (N_VERDICT, WIDTH)
+    one: Matrix  # scratch of one drive
     # by drive:
-    control: np.ndarray
-    flags: np.ndarray
-    counters: np.ndarray
-    times: np.ndarray  # (WIDTH, microsteps): times of the next microsteps
-    references: np.ndarray  # (WIDTH, microsteps, 3)
-    taps: np.ndarray
-    buffer: np.ndarray  # intervals that wait for the filter
-    out: np.ndarray  # samples of T_d
+    control: Matrix
+    flags: CountMatrix
+    counters: CountMatrix
+    times: Matrix  # (WIDTH, microsteps): times of the next microsteps
+    references: Cube  # (WIDTH, microsteps, 3)
+    taps: Matrix
+    buffer: Matrix  # intervals that wait for the filter
+    out: Matrix  # samples of T_d
 
 
 def drive_group(
@@ -119,7 +117,7 @@ def load_drive(c: DriveGroup, lane: int, drive: Any) -> None:
     c.arrays[:, lane] = c.arrays_of[lane] = np.concatenate([getattr(drive, name) for name in ARRAYS])
 
 
-@njit(**kernel.INLINE)
+@code.inner(**kernel.INLINE)
 def _drive(v, rigid, shaped, H, D, Lam, te, scale):
     """Parameters from the numbers ``v``, in the order of NUMBERS."""
     return kernel.Drive(
@@ -129,7 +127,7 @@ def _drive(v, rigid, shaped, H, D, Lam, te, scale):
     )  # fmt: skip
 
 
-@njit(**kernel.INLINE)
+@code.inner(**kernel.INLINE)
 def _drive_of(lane, c):
     """Parameters of one drive, as floats."""
     s, v = c.modes, c.arrays_of[lane]
@@ -137,7 +135,7 @@ def _drive_of(lane, c):
     return _drive(c.numbers_of[lane], c.rigid, c.shaped, v[:s], v[s : 2 * s], v[2 * s : 3 * s], v[3 * s : te], v[te:])
 
 
-@njit(**kernel.INLINE)
+@code.inner(**kernel.INLINE)
 def _one(lane, c):
     """State and scratch for one drive."""
     n, one = kernel.MODES + 2 * c.modes, c.one
@@ -146,7 +144,7 @@ def _one(lane, c):
     return x, kernel.Work(one[5, :n], one[6, :n], r, r, r, r, r, r, r, r, one[7:9], one[7:9], r)
 
 
-@njit(**kernel.INLINE)
+@code.inner(**kernel.INLINE)
 def _fetch(lane, c, y, x):
     """Copy a drive's state to ``x``, with ``y`` from an array of lanes."""
     n = x.y.size
@@ -157,8 +155,8 @@ def _fetch(lane, c, y, x):
         x.clock[j] = c.state[n + 2 + j, lane]
 
 
-@njit(**kernel.COMPILE)
-def initial_friction(c):
+@code.entry(**kernel.COMPILE)
+def initial_friction(c: DriveGroup) -> None:
     """Friction modes of each drive that is to run, from its state."""
     n = kernel.MODES + 2 * c.modes
     for lane in range(WIDTH):
@@ -169,7 +167,7 @@ def initial_friction(c):
             c.state[n, lane], c.state[n + 1, lane] = x.stick[0], x.stick[1]
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _begin(lane, c):
     """Take the microsteps that are due and choose the length of the next step."""
     k, g, clock = c.control[lane], c.flags[lane], kernel.MODES + 2 * c.modes + 2
@@ -200,7 +198,7 @@ def _begin(lane, c):
     g[PHASE] = TRY
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _judge(lane, c):
     """Decide what follows a drive's trial step: another one, with another length, or the end of its step."""
     k, g, v, n = c.control[lane], c.flags[lane], c.verdict, kernel.MODES + 2 * c.modes
@@ -239,7 +237,7 @@ def _judge(lane, c):
         _finish(lane, c, h)
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _finish(lane, c, h):
     """Accept the step of length ``h``, with the event at its end."""
     k, g, n = c.control[lane], c.flags[lane], kernel.MODES + 2 * c.modes
@@ -266,7 +264,7 @@ def _finish(lane, c, h):
     c.taken[0, lane] = 1.0
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _take(c):
     """Move the state of every drive whose step was accepted to the end of that step."""
     n = kernel.MODES + 2 * c.modes
@@ -276,7 +274,7 @@ def _take(c):
     taken[0] = 0.0
 
 
-@njit(**kernel.INLINE)
+@code.inner(**kernel.INLINE)
 def _momentum(s, lane, c, p):
     """Angular momentum at the fraction ``s`` of the step."""
     v, n, y = c.verdict, kernel.MODES + 2 * c.modes, c.scratch
@@ -294,7 +292,7 @@ def _momentum(s, lane, c, p):
     return L
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _sample(lane, c, now, end, h, p):
     """Close every sample interval that ends in the step; the momentum that an event removes is in none of them."""
     k, g = c.control[lane], c.flags[lane]
@@ -323,7 +321,7 @@ def _sample(lane, c, now, end, h, p):
     g[CLOSED], k[OPEN], k[WEIGHT] = closed, change, weight
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _close(lane, c, mean, closed):
     """Store an interval's mean; the first one also stands for the intervals before it."""
     k, g = c.control[lane], c.flags[lane]
@@ -338,7 +336,7 @@ def _close(lane, c, mean, closed):
         _decimate(g, c.taps[lane], c.buffer[lane], c.out[lane])
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _decimate(g, taps, buffer, out):
     """Compute the samples that the buffer completes; what later ones need moves to its beginning."""
     used = 0
@@ -360,7 +358,7 @@ def _decimate(g, taps, buffer, out):
     g[FILLED] -= used
 
 
-@njit(**LOOP)
+@code.inner(**kernel.FORCED)
 def _attempt(c):
     """One trial step of every drive, from its state, with its length."""
     s, S, V = c.modes, c.scratch, c.verdict
@@ -393,7 +391,7 @@ def _attempt(c):
     verdict[L_3] = _linear_momentum(rows(S, DENSE * n + n, n, 1), p)
 
 
-@njit(**kernel.INLINE)
+@code.inner(**kernel.INLINE)
 def _linear_momentum(y, p):
     """The part of the angular momentum that is linear in the state; that of a rigidly geared output is not."""
     L = p.J_m * y[kernel.WM]
@@ -404,32 +402,23 @@ def _linear_momentum(y, p):
     return L
 
 
-def _compiled(source: int) -> Any:
-    """The loop; ``source`` becomes part of its cache key, because the functions it calls are in other files."""
-
-    @njit(**kernel.COMPILE)
-    def advance(c):
-        """Advance all running drives until one of them (if ``together``, all) has ended or needs more microsteps."""
-        judged, waits = source < 0, False
-        while True:
-            runs = False
-            for lane in range(WIDTH):
-                g = c.flags[lane]
-                if g[STATUS] == RUNNING:
-                    if judged and g[PHASE] != BEGIN:
-                        _judge(lane, c)
-                    if g[STATUS] == RUNNING and g[PHASE] == BEGIN:
-                        _begin(lane, c)
-                    waits |= g[STATUS] != RUNNING
-                    runs |= g[STATUS] == RUNNING
-            _take(c)
-            if (waits and not c.together) or not runs:
-                return
-            _attempt(c)
-            judged = True
-
-    return advance
-
-
-LAYER, MAX_STEP = NUMBERS.index("layer"), NUMBERS.index("max_step")
-advance = _compiled(sum(crc32(Path(str(module.__file__)).read_bytes()) for module in (kernel, lanes)))
+@code.entry(**kernel.COMPILE)
+def advance(c: DriveGroup) -> None:
+    """Advance all running drives until one of them (if ``together``, all) has ended or needs more microsteps."""
+    judged, waits = False, False
+    while True:
+        runs = False
+        for lane in range(WIDTH):
+            g = c.flags[lane]
+            if g[STATUS] == RUNNING:
+                if judged and g[PHASE] != BEGIN:
+                    _judge(lane, c)
+                if g[STATUS] == RUNNING and g[PHASE] == BEGIN:
+                    _begin(lane, c)
+                waits |= g[STATUS] != RUNNING
+                runs |= g[STATUS] == RUNNING
+        _take(c)
+        if (waits and not c.together) or not runs:
+            return
+        _attempt(c)
+        judged = True

@@ -29,7 +29,7 @@ FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
 MIN_TIME = 60.0
 """Time [s] that any case may take, beside what it simulates."""
 STARTING = 120.0
-"""Time [s] on top for the cases that are computed together, the first of which may have to wait for the compiler."""
+"""Time [s] on top for the cases that are computed together, the first of which may have to wait for a compiler (docs/design.md)."""
 VERDICTS = ("not judged", "pass", "fail")
 """Verdicts of cases, by their numbers."""
 SCALARS = ("peak", "rms", "stuck_output")

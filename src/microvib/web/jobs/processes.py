@@ -19,7 +19,7 @@ from microvib.web.jobs.worker import step, work
 from microvib.web.server.limits import Limits
 
 ENDED = ("done", "failed", "cancelled")
-_STARTING = "starting a worker; the very first compiles the kernel, which takes up to a minute"
+_STARTING = "starting a worker"
 
 
 class Busy(Exception):

@@ -34,7 +34,7 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     url = _url(address, port)
     logging.basicConfig(stream=sys.stderr, format="%(message)s")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # Its mode keeps others out, and no umask: under one, code compiled for all users of an installation could be read by one.
+    # Its mode keeps others out.
     with workspace(Path(tempfile.gettempdir()), "page") as root:
         store = Store(root, Limits())
         server = Server(configuration(create_app(store, access), store.limits), store.close)

@@ -1,0 +1,142 @@
+"""From LLVM's code to functions of this machine, kept for the next process.
+
+LLVM makes the code for the very processor (its vectors, its fused products) and links it in memory. What it makes is kept in
+the user's cache folder under a digest of all that it depends on: the code, LLVM, the processor. Only a folder that is
+the user's and that no one else can write to is trusted; without one, every process makes its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+
+from microvib.compiled.layout import sound
+
+KEPT = 8
+"""Versions of one unit that are kept."""
+LIBRARY = (
+    "sqrt", "sin", "cos", "sincos", "exp", "expm1", "pow", "hypot", "floor", "rint", "fma",
+    "malloc", "free", "memcpy", "memmove", "memset",
+)  # fmt: skip
+"""Functions of C that compiled code may call."""
+
+_linker: Any = None
+_loaded: list[Any] = []  # the code lives as long as these
+
+
+def load(name: str, code: bytes, functions: list[str]) -> dict[str, int]:
+    """Addresses of functions in ``code`` (LLVM's bitcode). Raises an error of LLVM's where it cannot be read or linked."""
+    global _linker
+    if ctypes.sizeof(ctypes.c_void_p) != 8 or sys.byteorder != "little" or not sound():
+        raise RuntimeError("kept code is for 64 bits, little end first, and arrays as CPython has them")
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    host = llvm.get_process_triple(), llvm.get_host_cpu_name(), _features()
+    file = f"{name}-{digest(code, *(text.encode() for text in (llvmlite.__version__, *host)))}.o"
+    machine_code = kept(file)
+    if machine_code is None:
+        machine_code = _machine_code(code, *host)
+        keep(file, machine_code)
+    _linker = _linker or llvm.create_lljit_compiler()
+    library = llvm.JITLibraryBuilder().add_object_img(machine_code).add_current_process()
+    for symbol, address in _c_library().items():
+        library.import_symbol(symbol, address)
+    for function in functions:
+        library.export_symbol(function)
+    _loaded.append(library.link(_linker, f"{name}-{len(_loaded)}"))
+    return {function: _loaded[-1][function] for function in functions}
+
+
+def _machine_code(code: bytes, triple: str, cpu: str, features: str) -> bytes:
+    """An object file for this machine."""
+    machine = llvm.Target.from_triple(triple).create_target_machine(
+        cpu=cpu, features=features, opt=3, reloc="default", codemodel="jitdefault", jit=True
+    )
+    module = llvm.parse_bitcode(code)
+    module.triple, module.data_layout = triple, str(machine.target_data)
+    module.verify()
+    return bytes(machine.emit_object(module))
+
+
+def _features() -> str:
+    """What this processor can do."""
+    try:
+        return str(llvm.get_host_cpu_features().flatten())
+    except RuntimeError:  # LLVM does not know
+        return ""
+
+
+def _c_library() -> dict[str, int]:
+    """Addresses of the functions of C that there are."""
+    libraries = []
+    for library_name in ("ucrtbase", "vcruntime140") if sys.platform == "win32" else (None, "libm.so.6"):
+        with contextlib.suppress(OSError):
+            libraries.append(ctypes.CDLL(library_name))
+    found: dict[str, int] = {}
+    for name in LIBRARY:
+        for library in libraries:
+            if name not in found and hasattr(library, name):
+                found[name] = ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
+    return found
+
+
+def digest(*parts: bytes) -> str:
+    """A digest of parts."""
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[:32]
+
+
+def cache_folder() -> Path:
+    """Where this user's caches are."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local") / "microvib/cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library/Caches/microvib"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "microvib"
+
+
+def _trusted(path: Path) -> bool:
+    """Whether what is there was put there by this user: on Windows, where the folder is, nobody else may write."""
+    if sys.platform == "win32":
+        return True
+    status = path.stat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def kept(name: str) -> bytes | None:
+    """What ``keep`` put aside under this name, if it is whole and this user's own."""
+    with contextlib.suppress(OSError, RuntimeError):
+        path = cache_folder() / name
+        if _trusted(path.parent) and _trusted(path):
+            content = path.read_bytes()
+            if content[:32] == hashlib.sha256(content[32:]).digest():
+                return content[32:]
+    return None
+
+
+def keep(name: str, content: bytes) -> None:
+    """Put content aside for other processes: whole or not at all."""
+    with contextlib.suppress(OSError, RuntimeError):
+        folder = cache_folder()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _trusted(folder):
+            return
+        handle, temporary = tempfile.mkstemp(dir=folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(hashlib.sha256(content).digest() + content)
+            os.replace(temporary, folder / name)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+        alike = folder.glob(f"{name.rpartition('-')[0]}-*{Path(name).suffix}")
+        for old in sorted(alike, key=lambda path: path.stat().st_mtime)[:-KEPT]:
+            old.unlink()

@@ -1,0 +1,185 @@
+"""Compiled code that is kept: of these sources, without a compiler, the same as compiled on the spot, and never in the way."""
+
+import importlib
+import importlib.util
+import lzma
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from microvib.compiled import machine
+from microvib.signals import tone_kernel
+from microvib.solve import kernel, stepper
+
+UNITS = {module.__name__: module.code for module in (kernel, stepper, tone_kernel)}
+SMALL = '''
+"""A unit of every kind of argument and result."""
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from microvib.compiled import Complexes, Cube, Matrix, Unit, Vector
+
+code = Unit(__name__)
+
+
+class Mixed(NamedTuple):
+    a: float
+    yes: bool
+    v: Vector
+    m: Matrix
+
+
+@code.inner(inline="always", error_model="numpy")
+def square(x):
+    return x * x  # squared
+
+
+@code.entry(error_model="numpy", _nrt=False)
+def numbers(p: Mixed, k: int, z: complex) -> float:
+    total = p.a if p.yes else -p.a
+    for i in range(p.v.size):
+        total += square(p.v[i])
+    return total + p.m[k, 1] + z.real - z.imag + math.sin(p.a)
+
+
+@code.entry(error_model="numpy", _nrt=False)
+def fill(m: Matrix, c: Cube) -> None:
+    m[0, 0] = c[1, 0, 2]
+
+
+@code.entry(error_model="numpy")
+def arrays(v: Vector, z: Complexes) -> tuple[Matrix, complex, Complexes]:
+    m = np.empty((2, v.size))
+    for i in range(v.size):
+        m[0, i], m[1, i] = v[i], 2.0 * v[i]
+    return m, z[0], z.copy()
+'''
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty folder for what is kept."""
+    monkeypatch.setattr(machine, "cache_folder", lambda: tmp_path / "cache")
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A function that imports the small unit, with changes to its text."""
+    path = tmp_path / "small_unit.py"
+
+    def imported(old="", new=""):
+        path.write_text(SMALL.replace(old, new), encoding="utf-8")
+        spec = importlib.util.spec_from_file_location("small_unit", path)
+        sys.modules["small_unit"] = module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    yield imported
+    sys.modules.pop("small_unit", None)
+
+
+def results(module):
+    """What the small unit makes of some arguments."""
+    mixed = module.Mixed(1.5, True, np.arange(3.0), np.arange(6.0).reshape(3, 2))
+    m, c, v = np.zeros((1, 1)), np.arange(12.0).reshape(2, 2, 3), np.array([1.0, -2.0])
+    v.flags.writeable = False
+    module.fill(m, c)
+    return module.numbers(mixed, 2, 1.0 + 3.0j), m[0, 0], *module.arrays(v, np.array([1.0 + 2.0j, 5.0]))
+
+
+def expected():
+    return 1.5 + 5.0 + 5.0 + 1.0 - 3.0 + np.sin(1.5), 8.0, [[1.0, -2.0], [2.0, -4.0]], 1.0 + 2.0j, [1.0 + 2.0j, 5.0]
+
+
+def keep_beside(module):
+    """Keep a unit's code as the command does."""
+    from microvib.compiled.__main__ import renew
+
+    return renew(module.code)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_what_is_kept_is_of_these_sources(name):
+    stamps = UNITS[name].file.read_bytes().partition(b"\n")[0].decode().split()
+    assert UNITS[name].fits(*stamps), f"python -m microvib.compiled {name}"
+
+
+def test_a_first_run_needs_no_compiler(tmp_path):
+    script = """
+import sys, microvib as mv
+from microvib.solve.batch import simulate_torques
+scenario = mv.load_scenario("state-1").with_si({"record.duration": 4.0, "record.settle": 1.0})
+mv.lines(mv.simulate(scenario))
+assert simulate_torques([scenario])[0].T_d.size
+print("numba" in sys.modules, "llvmlite" in sys.modules)
+"""
+    environment = {"XDG_CACHE_HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path), "HOME": str(tmp_path)}
+    run = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True, timeout=300
+    )
+    assert run.stdout.split() == ["False", "True"]
+
+
+def test_code_that_is_kept_is_used_and_edits_are_not_missed(small, cache):
+    for kind, part in zip(results(small()), expected(), strict=True):
+        assert np.array_equal(kind, part)
+    assert [path.suffix for path in sorted(cache.iterdir())] == [".llvm", ".o"]
+    assert keep_beside(small()).startswith("made")
+    for path in cache.iterdir():
+        path.unlink()
+    commented = small("# squared", "# in comments nothing is meant")
+    assert results(commented)[0] == expected()[0]
+    assert [path.suffix for path in cache.iterdir()] == [".o"]
+    assert keep_beside(commented).startswith("as it was")
+    edited = small("x * x", "x * x * x")
+    assert results(edited)[0] == expected()[0] + 4.0
+    assert sorted(path.suffix for path in cache.iterdir()) == [".llvm", ".o", ".o"]
+
+
+def test_code_that_cannot_be_read_or_linked_is_compiled_on_the_spot(small, cache, monkeypatch):
+    module = small()
+    module.code.file.write_bytes(" ".join(module.code.stamps()).encode() + b"\n" + lzma.compress(b"of another LLVM"))
+    assert results(module)[0] == expected()[0]
+    module = small()
+    monkeypatch.setattr(machine, "load", lambda *_: 1 / 0)
+    assert results(module)[0] == expected()[0]
+    assert module.code.addresses == {}
+
+
+def test_only_a_folder_of_ones_own_is_trusted(small, cache):
+    cache.mkdir()
+    if sys.platform != "win32":
+        cache.chmod(0o777)
+        machine.keep("unit-1.o", b"code")
+        assert list(cache.iterdir()) == []
+        cache.chmod(0o700)
+    machine.keep("unit-1.o", b"code")
+    assert machine.kept("unit-1.o") == b"code"
+    (cache / "unit-1.o").write_bytes((cache / "unit-1.o").read_bytes()[:-1])
+    assert machine.kept("unit-1.o") is None
+
+
+def test_no_folder_is_needed(small, cache):
+    cache.write_text("a file where the folder would be")
+    machine.keep("unit-1.o", b"code")
+    assert machine.kept("unit-1.o") is None
+    assert results(small())[0] == expected()[0]
+
+
+def test_what_is_kept_does_not_pile_up(cache):
+    for k in range(20):
+        machine.keep(f"unit-{k}.o", bytes([k]))
+        machine.keep(f"another-{k}.o", bytes([k]))
+    assert len(list(cache.iterdir())) == 2 * machine.KEPT
+    assert machine.kept("unit-19.o") == bytes([19])
+
+
+@pytest.mark.parametrize("wrong", [np.arange(3), np.zeros((2, 2)), np.arange(6.0)[::2]])
+def test_arrays_of_another_kind_are_refused(wrong):
+    with pytest.raises(TypeError, match="where a contiguous one of 1 of float64 is expected"):
+        tone_kernel.floors(wrong, np.zeros(10, complex))
