@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 
 import microvib as mv
+import microvib.solve.vector_type
 from microvib.model.expected import expected_lines
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.solve import batch, kernel, stepper
@@ -195,7 +196,7 @@ def _attempt(scenario: mv.Scenario, rounds: int) -> float:
     """Time [s] of the arithmetic of one attempt of one drive, in lanes, without any decision."""
     attempt, count = stepper._attempt, 20_000
 
-    @njit(**kernel.COMPILE | {"cache": False})
+    @njit(**kernel.COMPILE)
     def repeat(group: Any, count: int) -> None:
         for _ in range(count):
             attempt(group)

@@ -7,6 +7,7 @@ import pytest
 from numba import njit
 
 import microvib as mv
+import microvib.solve.vector_type
 from microvib.model.expected import expected_lines
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.solve import batch

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 
+import microvib as mv
 from microvib.compiled import machine
 from microvib.signals import tone_kernel
 from microvib.solve import kernel, stepper
@@ -183,3 +184,14 @@ def test_what_is_kept_does_not_pile_up(cache):
 def test_arrays_of_another_kind_are_refused(wrong):
     with pytest.raises(TypeError, match="where a contiguous one of 1 of float64 is expected"):
         tone_kernel.floors(wrong, np.zeros(10, complex))
+
+
+def test_what_is_kept_is_what_numba_makes_on_the_spot(state_1, monkeypatch):
+    """To the last bit, at least on processors with AVX2; lanes and the tone fit come the same way."""
+    scenario = state_1.with_si({"record.duration": 1.0, "record.settle": 0.5})
+    ours = mv.simulate(scenario)
+    monkeypatch.setitem(kernel.advance.__dict__, "_compiled", kernel.advance.dispatcher)
+    theirs = mv.simulate(scenario)
+    assert len(kernel.advance.dispatcher.signatures) == 1
+    for name, samples in ours.channels.items():
+        assert np.array_equal(samples, theirs.channels[name]), name
