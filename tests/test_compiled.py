@@ -186,6 +186,7 @@ def test_arrays_of_another_kind_are_refused(wrong):
         tone_kernel.floors(wrong, np.zeros(10, complex))
 
 
+@pytest.mark.long
 def test_what_is_kept_is_what_numba_makes_on_the_spot(state_1, monkeypatch):
     """To the last bit, at least on processors with AVX2; lanes and the tone fit come the same way."""
     scenario = state_1.with_si({"record.duration": 1.0, "record.settle": 0.5})
