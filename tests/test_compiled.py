@@ -3,6 +3,7 @@
 import importlib
 import importlib.util
 import lzma
+import os
 import subprocess
 import sys
 
@@ -119,7 +120,7 @@ mv.lines(mv.simulate(scenario))
 assert simulate_torques([scenario])[0].T_d.size
 print("numba" in sys.modules, "llvmlite" in sys.modules)
 """
-    environment = {"XDG_CACHE_HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path), "HOME": str(tmp_path)}
+    environment = os.environ | dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(tmp_path))
     run = subprocess.run(
         [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True, timeout=300
     )
