@@ -204,7 +204,7 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
     before = (tmp_path / "test.uff").read_bytes()
     again = microvib("measure", "state-1", *SHORT, "-o", "test.uff", cwd=tmp_path)
     assert again.exit_code == 1
-    assert "exists already; nothing was written" in again.stderr
+    assert "already exists; nothing was written" in again.stderr
     assert (tmp_path / "test.uff").read_bytes() == before
 
 

@@ -48,7 +48,7 @@ def test_the_sentence_counts_and_names():
         "1 of 2 lines agrees within 2 standard uncertainties of the difference (drive_1); 1 differs (drive_2)."
         " 1 line only A has (drive_4). 1 line only B has (drive_5). 2 lines without uncertainties (drive_6, drive_3)."
     )
-    assert verdict_sentence(ROWS[2:3]) == "No line is judged: no uncertainty is known of one of the sides."
+    assert verdict_sentence(ROWS[2:3]) == "No line is judged: one side has no known uncertainty."
 
 
 def test_the_file_keeps_all_digits_and_the_verdict():

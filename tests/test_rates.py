@@ -106,7 +106,7 @@ def test_how_cases_were_found_is_counted(plan):
     steady = sum(not case.reason for case in some)
     in_time = len(some) - steady - 1
     assert found_text(limited(plan, cases=tuple(some))) == (
-        f"{steady} steady states of the full model, {in_time} runs in time, 1 failed"
+        f"{steady} steady states of the full model, {in_time} time integrations, 1 failed"
     )
 
 

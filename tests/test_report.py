@@ -402,7 +402,7 @@ def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
     arguments = ["report", str(folder), "-o", str(target)]
     refused = CliRunner().invoke(main, arguments)
     assert refused.exit_code == 1
-    assert "exists already; nothing was written" in refused.output
+    assert "already exists; nothing was written" in refused.output
     assert target.read_text() == "mine"
     assert CliRunner().invoke(main, [*arguments, "--overwrite"]).exit_code == 0
     assert target.read_bytes().startswith(b"%PDF")

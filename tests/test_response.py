@@ -35,7 +35,7 @@ def test_a_boxcar_is_taken_out():
     found = prepared(x, response="boxcar")
     for f, a in TONES.items():
         assert tone_amplitude(found["Mz"] - 0.3 * T, RATE, f) == pytest.approx(a, rel=1e-4)
-    assert "response of the measuring chain taken out (boxcar) from 0 to 2048 Hz" in found.notes[-1]
+    assert "response of the measuring chain removed (boxcar) from 0 to 2048 Hz" in found.notes[-1]
     assert "at most 1.571" in found.notes[-1]
 
 
@@ -136,5 +136,5 @@ def test_what_cannot_be_corrected_is_told():
     x = np.cos(2 * np.pi * 53.3 * T)
     with pytest.raises(RecordingError, match=r"it is below 0\.25 at all frequencies"):
         prepared(x, response=[{"kind": "butterworth", "order": 8, "corner": 1e-3}])
-    with pytest.raises(RecordingError, match="no numbers; its response cannot be taken out"):
+    with pytest.raises(RecordingError, match="not numbers; its response cannot be removed"):
         prepared(np.where(T == 0.0, np.nan, x), response="boxcar")

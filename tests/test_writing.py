@@ -130,7 +130,7 @@ def test_a_file_that_cannot_be_written_keeps_the_old_one(tmp_path):
     write_file(tmp_path / "one.csv", "old")
     with pytest.raises(OutputError, match="cannot be written: No space left on device; go on with x"):
         write_file(tmp_path / "one.csv", disk_full, overwrite=True, after="; go on with x")
-    with pytest.raises(OutputError, match="exists already; nothing was written"):
+    with pytest.raises(OutputError, match="already exists; nothing was written"):
         write_file(tmp_path / "one.csv", "new")
     assert names(tmp_path) == ["one.csv"]
     assert (tmp_path / "one.csv").read_text() == "old"

@@ -175,7 +175,7 @@ def _check_angles(given: float, wanted: float, unit: str, hertz: bool) -> None:
     if "Hz" not in unit and wanted and hertz:
         raise ValueError(f"mixes cycles and angles: an angle or angular rate is expected here, in {unit}")
     if given not in (0, wanted) and (wanted or given > 0):
-        raise ValueError(f"has an angle too much or too little; a unit such as {unit or 'percent'} is expected")
+        raise ValueError(f"has one angle unit too many or too few; a unit such as {unit or 'percent'} is expected")
 
 
 class Si(float):

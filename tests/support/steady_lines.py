@@ -1,4 +1,4 @@
-"""Lines of a steady state beside those of runs in time."""
+"""Lines of a steady state beside those of time integrations."""
 
 import math
 

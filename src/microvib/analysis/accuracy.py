@@ -69,7 +69,7 @@ class Accuracy:
         if self.sensitive:
             return (
                 f"SENSITIVE: the motion depends on details below the tolerance ({sizes}, and the difference grows or does not"
-                " fall with finer steps); its lines are those of one of many such motions, and finer steps do not make them surer"
+                " fall with finer steps); its lines are those of one of many such motions, which finer steps make no more certain"
             )
         if self.advised:
             return f"NOT fine enough: {sizes}; set solver.refinement={self.refinement}"

@@ -55,7 +55,7 @@ class Limit:
         """The limit that a torque and the band state in which it holds; None without one. OptionError."""
         if limit is None:
             if ends is not None:
-                raise OptionError("band", "says where a limit holds; give one, such as '10 mN*m'", remedy="limit")
+                raise OptionError("band", "says where a limit applies; give one, such as '10 mN*m'", remedy="limit")
             return None
         torque = quantity("limit", limit, "N*m", positive=True)
         return cls(torque, *(() if ends is None else band(ends)))
@@ -149,7 +149,7 @@ class Judgement:
         worst = next((m for m in self.margins if m.verdict != "not judged"), None)
         if worst is None or math.isinf(worst.factor):
             return ""
-        what = "smallest margin" if self.verdict != "not judged" else "smallest margin of what is judged"
+        what = "smallest margin" if self.verdict != "not judged" else "smallest margin judged"
         return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
 
 
@@ -210,9 +210,11 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     else:
         clear, stirred = abs(amplitude - most) - doubt, STIRS * min(_rings(ringing, table), amplitude)
         above: Verdict = "fail" if amplitude > most else "pass"
-        verdict, why = (above if clear >= stirred else "not judged"), "as near the limit as it is known"
+        verdict, why = (above if clear >= stirred else "not judged"), "nearer to the limit than it is known"
         if 0.0 < clear < stirred:
-            why = f"so near the limit that what rings may decide; {_unsettled(_slowest(ringing), stirred / clear, scenario)}"
+            why = (
+                f"so near the limit that ringing may decide; {_unsettled(_slowest(ringing), stirred / clear, scenario)}"
+            )
     if verdict == "fail" and _may_ring(line, table, scenario):
         verdict, why = (
             "not judged",
@@ -250,7 +252,7 @@ def _up(value: float) -> str:
 def _left(table: LineTable, limit: Limit) -> list[str]:
     """Peaks above the limit that are none of the table's lines."""
     if table.rest is None:
-        return ["lines that the table does not list were not looked for"]
+        return ["lines that are not in the table were not sought"]
     frequency, amplitude = table.rest.within(limit.low, limit.high)
     if amplitude <= limit.torque:
         return []
@@ -263,7 +265,7 @@ def _no_clock(scenario: Scenario | None) -> list[str]:
     """A rate that changes makes no lines."""
     if scenario is None or scenario.rate is not None:
         return []
-    return ["lines of the step clock, for the rate changes within the record (a record at one rate)"]
+    return ["lines of the step clock, since the rate changes within the record (a record at one rate)"]
 
 
 def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:

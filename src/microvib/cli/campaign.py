@@ -27,16 +27,16 @@ folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_t
 
 @click.group()
 def campaign() -> None:
-    """Many runs: a study file says what varies, DIR holds all of it, and what was computed is never lost.
+    """Many runs of one scenario: a study file says what varies, DIR holds everything, and computed cases are never lost.
 
-    create STUDY DIR, then run DIR; after whatever stopped it, resume DIR; report DIR at any time.
+    create STUDY DIR, then run DIR; after an interruption, resume DIR; report DIR at any time.
     """
 
 
 @campaign.command()
 @click.argument("study", type=click.Path(path_type=Path))
 @folder_argument
-@click.option("--chunk", type=click.IntRange(1, 100_000), help="Cases that are computed and written together.")
+@click.option("--chunk", type=click.IntRange(1, 100_000), help="Cases computed and written together.")
 def create(study: Path, folder: Path, chunk: int | None) -> None:
     """Draw the cases of STUDY (a YAML file) and write them to the new folder DIR."""
     from microvib.cli.common import say_doubts
@@ -85,7 +85,7 @@ def _with_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @folder_argument
 @_with_run_options
 def run(folder: Path, **options: Any) -> None:
-    """Compute what is missing of DIR. It may be stopped, or die, at any time; `resume` goes on."""
+    """Compute the missing cases of DIR. It may be stopped at any time; `resume` continues."""
     _compute(folder, **options)
 
 
@@ -93,7 +93,7 @@ def run(folder: Path, **options: Any) -> None:
 @folder_argument
 @_with_run_options
 def resume(folder: Path, **options: Any) -> None:
-    """Go on with DIR, whatever ended it before: the same as `run`."""
+    """Continue with DIR after any interruption: the same as `run`."""
     _compute(folder, **options)
 
 
@@ -119,7 +119,7 @@ def _compute(
         with _backend(on, workers, scheduler) as backend, _progress() as progress:
             compute_missing(opened, backend, shard=part, todo=listed, progress=progress)
     except KeyboardInterrupt:
-        echo(f"Interrupted; what was computed is kept. Go on with: microvib campaign resume {folder}", err=True)
+        echo(f"Interrupted; computed cases are kept. Continue with: microvib campaign resume {folder}", err=True)
         sys.exit(INTERRUPTED)
     echo(_state_text(opened))
     if not opened.missing():
@@ -156,7 +156,7 @@ def _shard(text: str | None) -> tuple[int, int]:
 @campaign.command()
 @folder_argument
 def status(folder: Path) -> None:
-    """What is computed of DIR, what failed and why."""
+    """Show what is computed in DIR, what failed and why."""
     echo(_state_text(_opened(folder), reasons=True))
 
 
@@ -179,11 +179,11 @@ def merge(folder: Path) -> None:
 
 @campaign.command()
 @folder_argument
-@click.option("--limit", metavar="TORQUE", help="Largest line that is allowed [default: the study's].")
-@click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only [default: the study's].")
+@click.option("--limit", metavar="TORQUE", help="Largest line allowed [default: the study's].")
+@click.option("--band", metavar="LOW:HIGH", help="Consider only lines in this band [default: the study's].")
 @report_options
 def report(folder: Path, limit: str | None, band: str | None, form: Form) -> None:
-    """Merge what is there, then write statistics, worst cases, pictures and report into DIR/report."""
+    """Merge the results so far, then write statistics, worst cases, pictures and report into DIR/report."""
     from microvib.reports.campaign.report import summarise
     from microvib.reports.campaign.text import report_text, write_report
     from microvib.studies.campaign.results import merge as merge_chunks
@@ -208,7 +208,7 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
 @click.argument("number", type=click.IntRange(0))
 @click.option("--out", type=click.Path(path_type=Path), help="Write the case's scenario to this file.")
 def case(folder: Path, number: int, out: Path | None) -> None:
-    """Compute case NUMBER of DIR again, alone, and compare with what is kept of it."""
+    """Compute case NUMBER of DIR again, alone, and compare with the stored result."""
     from microvib.reports.campaign.text import again_text
 
     opened = _opened(folder)

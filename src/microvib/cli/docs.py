@@ -6,7 +6,7 @@ import click
 
 
 @click.command()
-@click.option("--path", "path_only", is_flag=True, help="Print where the site is, and open nothing.")
+@click.option("--path", "path_only", is_flag=True, help="Print the location of the site without opening it.")
 @click.option(
     "--build", is_flag=True, help="Build the site into the package first: in a checkout, with the extra 'docs'."
 )

@@ -19,7 +19,7 @@ _OPTIONS = (
         "--interface", metavar="GRID|X,Y,Z", help="Interface point, in the deck's basic frame and length unit."
     ),
     click.option("--drive-axis", metavar="AXIS", help="Drive axis: x, y, z, or the components X,Y,Z of a direction."),
-    click.option("--frame", metavar="CID", help="Coordinate system of the deck whose axes are meant [default: basic]."),
+    click.option("--frame", metavar="CID", help="Coordinate system of the deck whose axes are used [default: basic]."),
     click.option("--damping", metavar="RATIO", help="Damping of every mode, such as '1 percent' [default: 1 percent]."),
     click.option(
         "--mass", metavar="FILE", help="Second file: OP4 with the mass matrix, or F06 with the weight generator."

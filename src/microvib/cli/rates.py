@@ -16,9 +16,9 @@ from microvib.units import quantity
 @click.option("--to", "high", required=True, metavar="RATE", help="Highest rate of the array.")
 @click.option("--count", default=200, show_default=True, type=click.IntRange(2, 10_000), help="Rates in the range.")
 @click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
-@click.option("--limit", metavar="TORQUE", help="Largest line that is allowed, e.g. '10 mN*m'.")
-@click.option("--band", metavar="LOW:HIGH", help="Look at lines in this band only, e.g. '0.5:5 Hz'.")
-@click.option("--keep-away", metavar="PART", help="How far the rate must be from resonances, e.g. '5 percent' of it.")
+@click.option("--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m'.")
+@click.option("--band", metavar="LOW:HIGH", help="Consider only lines in this band, e.g. '0.5:5 Hz'.")
+@click.option("--keep-away", metavar="PART", help="Least distance of the rate from resonances, e.g. '5 percent' of it.")
 @click.option("--linear", is_flag=True, help="Linearised drive in closed form: instant, driving lines only.")
 @set_option
 @target_options("Folder for tables and pictures [default: print only].")

@@ -29,7 +29,7 @@ _KINDS = (".html", ".pdf")
     help="The one file to write, .html or .pdf [default: report.html of the folder, with --pdf report.pdf too].",
 )
 @report_options
-@click.option("--overwrite", is_flag=True, help="Replace the file that --output names.")
+@click.option("--overwrite", is_flag=True, help="Replace an existing --output file.")
 def report(folder: Path, limit: str | None, band: str | None, output: Path | None, overwrite: bool, form: Form) -> None:
     """Make the report of a run again from its FOLDER, with the run's limit and band, or with others.
 
@@ -63,7 +63,7 @@ def _check(targets: list[Path], form: Form, again: bool) -> None:
             raise OptionError("output", f"{target} is not allowed; its name must end in {' or '.join(kinds)}")
         if target.exists() and not again:
             raise OutputError(
-                f"{target}: exists already; nothing was written; choose another file, or allow it to be replaced",
+                f"{target}: already exists; nothing was written; choose another file, or allow it to be replaced",
                 remedy="overwrite",
             )
 
@@ -85,7 +85,7 @@ def _limit(kept: tuple[float, float, float] | None, limit: str | None, band: str
 
     if limit == "none":
         if band is not None:
-            raise OptionError("band", "says where a limit holds; it does not go with --limit none")
+            raise OptionError("band", "says where a limit applies; it cannot be combined with --limit none")
         return None
     asked = Limit.of(limit, None if kept else band)
     if kept is None:

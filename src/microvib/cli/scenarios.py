@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.argument("scenario")
 @set_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results [default: the scenario's name].")
-@click.option("--overwrite", is_flag=True, help="Replace a run that is in the folder already.")
+@click.option("--overwrite", is_flag=True, help="Replace an existing run in the folder.")
 @click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
 @click.option(
     "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
@@ -83,8 +83,8 @@ def _steady_sentence(result: RunResult) -> str:
         return f"\nNo steady state: {result.fallback}. Simulated from rest instead."
     return (
         f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
-        f" {solver['periods_evaluated']:.3g} periods; of a deviation {solver['multiplier']:.3g} is left after a period, a hundredth"
-        f" after {solver['settling_s']:.3g} s."
+        f" {solver['periods_evaluated']:.3g} periods; a deviation falls to {solver['multiplier']:.3g} of itself in one period, to a"
+        f" hundredth in {solver['settling_s']:.3g} s."
     )
 
 
@@ -100,7 +100,9 @@ def _print_lines(loaded: Scenario, table: LineTable) -> None:
         echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
     rows = compare_with_paper(loaded, table)
     if rows:
-        echo(f"\nBeside the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(loaded)}:\n")
+        echo(
+            f"\nCompared with the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(loaded)}:\n"
+        )
         echo(
             f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
             f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
@@ -131,7 +133,7 @@ def scenarios() -> None:
 @click.argument("scenario")
 @set_option
 def show(scenario: str, settings: tuple[str, ...]) -> None:
-    """Print SCENARIO complete, checked, with derived values."""
+    """Print SCENARIO checked and complete, with derived values."""
     from microvib.io.scenario_file import dump_scenario
     from microvib.reports.parameters import derived
 

@@ -6,10 +6,12 @@ import click
 
 
 @click.command()
-@click.option("--port", default=8321, show_default=True, type=click.IntRange(0, 65_535), help="Port; 0 is a free one.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve at.")
 @click.option(
-    "--allow-remote", is_flag=True, help="Let others reach the server at --host, with the token of the address."
+    "--port", default=8321, show_default=True, type=click.IntRange(0, 65_535), help="Port; 0 picks a free one."
+)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option(
+    "--allow-remote", is_flag=True, help="Let other machines connect to --host, with the token in the address."
 )
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 def serve(port: int, host: str, allow_remote: bool, no_browser: bool) -> None:

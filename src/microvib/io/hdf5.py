@@ -295,7 +295,7 @@ def _checked(opened: Any, parent: _Object, name: str) -> Group | Dataset | None:
     file.count_object()
     where = f"{file.title}: {name}"
     if depth > DEEPEST:
-        raise Hdf5Error(f"{where}: has groups nested more than {DEEPEST} deep; so deep is not read")
+        raise Hdf5Error(f"{where}: has groups nested more than {DEEPEST} deep; deeper nesting is not read")
     if h5py.h5o.get_info(opened).fileno != file.number:
         raise Hdf5Error(f"{where} lies in another file; a file is read only where it holds its data itself")
     if isinstance(opened, h5py.h5g.GroupID):

@@ -158,7 +158,7 @@ def _walk(data: bytes, order: str, sizes: _Sizes) -> str:
     while waiting:
         at, end, depth = waiting.pop()
         if depth > DEEPEST:
-            raise MatlabError(f"has cells nested more than {DEEPEST} deep; so deep is not read")
+            raise MatlabError(f"has cells nested more than {DEEPEST} deep; deeper nesting is not read")
         parts: list[tuple[int, int]] = []
         while at + 8 <= end:
             kind, size = struct.unpack_from(f"{order}2I", data, at)

@@ -101,7 +101,7 @@ def _check_alike(rated: list[tuple[Column, float]], kept: list[Column], rate: fl
     names = [column.name for column in kept]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise RecordingError(f"channel {twice} is there twice; give the two different names")
+        raise RecordingError(f"channel {twice} occurs twice; give the two different names")
     others = [column for column, own in rated if not any(column is k for k in kept)]
     if others:
         listed = ", ".join(f"{c.name} ({c.values.size})" for c in others[:8]) + (" ..." if len(others) > 8 else "")

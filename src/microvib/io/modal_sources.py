@@ -51,7 +51,7 @@ def modal_source(
     ending = Path(source).suffix.lower()
     if options is not None and ending not in RESULTS:
         raise ScenarioError(
-            f"{source}: says itself how it is meant; units, interface, axis and damping go with {', '.join(RESULTS)}"
+            f"{source}: needs no options; units, interface, axis and damping go with {', '.join(RESULTS)}"
         )
     if source in reference_names() or ending in DESCRIPTIONS:
         return _from_design(load_design(source, folder), source, DEFAULT_MODES if count is None else count)

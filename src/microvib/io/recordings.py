@@ -87,7 +87,7 @@ def _with_table(stage: Stage, folder: Path) -> Stage:
             values = (math.nan,)
         if not all(map(math.isfinite, values)):
             raise ScenarioError(
-                f"{path}, row {number}: expected are numbers in the columns frequency_hz, magnitude and, if known, phase_deg"
+                f"{path}, row {number}: expected numbers in the columns frequency_hz, magnitude and, if known, phase_deg"
             )
         rows.append(values)
     return validated(Stage, {"kind": "table", "file": str(stage.file), "rows": rows}, si=True, origin=str(path))
@@ -119,7 +119,7 @@ def check_output(path: Path) -> None:
     if path.suffix.lower() not in WRITERS:
         raise RecordingError(f"{path}: '{path.suffix}' is not known; recordings are written to {', '.join(WRITERS)}")
     if path.exists():
-        raise OutputError(f"{path}: exists already; nothing was written")
+        raise OutputError(f"{path}: already exists; nothing was written")
     if not path.absolute().parent.is_dir():
         raise OutputError(f"{path}: cannot be written: there is no folder {path.parent}")
 

@@ -43,7 +43,7 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
         )
     if not overwrite:
         raise OutputError(
-            f"{out}: holds results already; nothing was written; choose another folder, or allow them to be replaced",
+            f"{out}: already holds results; nothing was written; choose another folder, or allow them to be replaced",
             remedy="overwrite",
         )
 

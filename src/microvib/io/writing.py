@@ -53,7 +53,7 @@ def write_file(path: Path, content: str | bytes | Writer, overwrite: bool = Fals
     """
     path = real_path(path)
     if path.exists() and not (overwrite and path.is_file()):
-        raise OutputError(f"{path}: exists already; nothing was written")
+        raise OutputError(f"{path}: already exists; nothing was written")
     with _told(path, after or "; nothing was left behind"), workspace(path.absolute().parent, path.name) as space:
         new = space / path.name  # with its ending, which some writers look at
         _write(new, content)

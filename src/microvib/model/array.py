@@ -34,7 +34,7 @@ class Mode(Part):
     @model_validator(mode="after")
     def _one_participation(self) -> Self:
         if self.participation is not None and self.effective_inertia is not None:
-            raise ValueError("participation and effective_inertia say the same thing; give one of them")
+            raise ValueError("participation and effective_inertia are alternatives; give one of them")
         return self
 
     @property

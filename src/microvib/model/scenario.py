@@ -58,11 +58,11 @@ class Scenario(Part):
         driver, motor = self.driver, self.motor
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0:
             raise ValueError(
-                "driver: proportional_gain and integral_gain are both 0; one must be greater, or no current flows"
+                "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
             )
         if driver.proportional_gain == 0.0 and driver.supply_voltage is not None:
             raise ValueError(
-                "driver: proportional_gain is 0 with a supply_voltage; it must be greater, for its anti-windup needs it"
+                "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
             )
         needed = motor.winding_resistance * motor.current
         if driver.supply_voltage is not None and driver.supply_voltage < needed:

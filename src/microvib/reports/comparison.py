@@ -61,7 +61,7 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
     of = {v: [r for r in rows if r.verdict == v] for v in (AGREES, DIFFERS, ONLY_A, ONLY_B, UNJUDGED)}
     judged = len(of[AGREES]) + len(of[DIFFERS])
     if not judged:
-        rest = "No line is judged: no uncertainty is known of one of the sides."
+        rest = "No line is judged: one side has no known uncertainty."
     else:
         rest = (
             f"{len(of[AGREES])} of {count(judged, 'line')} agree{_s(of[AGREES])} within {COVERAGE:g} standard uncertainties of the"
@@ -90,10 +90,10 @@ def clock_sentence(a: Side, b: Side) -> str:
     """Step clocks of both sides, and whether the comparison set one to the other."""
     known = [(mark, s) for mark, s in (("A", a), ("B", b)) if s.clock_ratio is not None]
     if not known:
-        return "Step clock: neither side tells it."
+        return "Step clock: not known on either side."
     text = "Step clock over nominal: " + ", ".join(f"{mark} {s.clock_ratio:.7f}" for mark, s in known)
     if len(known) < 2:
-        return f"{text}; the other side does not tell it."
+        return f"{text}; not known on the other side."
     simulated = [mark for mark, s in known if s.kind == "simulation"]
     if len(simulated) == 1 and any(s.kind == "recording" for _, s in known):
         return (
@@ -137,8 +137,8 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
 
 
 _WORTH = (
-    f"Of lines that are equal one in twenty differs by more than {COVERAGE:g} standard uncertainties by chance. The uncertainties"
-    " are those of the records, from the floor about each line: they hold neither the calibration of a test nor the parameters"
+    f"Of equal lines one in twenty differs by more than {COVERAGE:g} standard uncertainties by chance. The uncertainties"
+    " are those of the records, from the floor about each line: they include neither the calibration of a test nor the parameters"
     " of a model."
 )
 
@@ -150,12 +150,12 @@ def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:
     facts = [
         Fact(f"{verdicts[AGREES]} of {judged}", f"lines agree within {COVERAGE:g} standard uncertainties")
         if judged
-        else Fact("not judged", "no uncertainty is known of one side")
+        else Fact("not judged", "one side has no known uncertainty")
     ]
     errors = [(r, r.error, r.a.amplitude) for r in told if math.isfinite(r.error)]
     errors = errors or [(r, r.bin_error, r.a.bin_amplitude) for r in shown if math.isfinite(r.bin_error)]
     if errors:
-        facts.append(Fact(f"{100 * median(abs(e) for _, e, _ in errors):.3g} %", "amplitudes apart, in the median"))
+        facts.append(Fact(f"{100 * median(abs(e) for _, e, _ in errors):.3g} %", "median difference of amplitudes"))
     largest = sorted(errors, key=lambda item: -item[2])[:2]
     return [*facts, *(Fact(f"{percent(e)} %", f"{r.line}, amplitude of B over A") for r, e, _ in largest)]
 

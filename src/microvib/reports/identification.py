@@ -22,8 +22,9 @@ from microvib.units import pretty
 
 CALIBRATED = "Calibrated, not predicted: these figures were fitted to."
 _HOW_TO_READ = (
-    "Intervals are of 95 %, from the profile of the cost where its curvature alone misleads, and widened by the scatter that"
-    " the fit leaves. They hold for the model as it is: what was not fitted is taken as exact (see what the estimates lean on)."
+    "Intervals have 95 % confidence, from the profile of the cost where its curvature alone misleads, and widened by the scatter"
+    " that the fit leaves. They hold for the model as it is: whatever was not fitted is taken as exact (see what the estimates"
+    " depend on)."
     " A parameter counts as identifiable if the model explains the data, the standard error is below 20 %, the best value lies"
     " inside its range and no other explains the data as well."
 )
@@ -62,7 +63,7 @@ def _warnings(fit: Fit) -> list[str]:
     if fit.interrupted:
         found.append("Interrupted: the best so far.")
     elif not fit.converged:
-        found.append("The search has not come to its end: a finer look still found something better.")
+        found.append("The search has not converged: a finer one still found something better.")
     return found
 
 
@@ -176,7 +177,7 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
                 (Text(CALIBRATED), _before_and_after(fit), *(Text(text, note=True) for text in _prepared(fit))),
                 new_page=True,
             ),
-            Section("What the estimates lean on", (Text(_LEANING), _leanings(fit))),
+            Section("What the estimates depend on", (Text(_LEANING), _leanings(fit))),
             Section(
                 "Correlation of the estimates",
                 (_matrix("parameter", fit, zip(_keys(fit), fit.correlation, strict=True)),),
@@ -190,7 +191,7 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
 
 def _explained(fit: Fit) -> Fact:
     """Goodness of the fit, which decides what the estimates are worth."""
-    label = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is right"
+    label = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
     return Fact(f"{fit.goodness.ratio:.3g}", label, "pass" if fit.usable else "fail")
 
 

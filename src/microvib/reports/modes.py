@@ -54,7 +54,7 @@ def enough_sentence(model: ModalModel) -> str:
         else f"{what} is not reached with {model.frequency.size} modes ({100 * cumulative[-1]:.1f} %): ask for more."
     )
     return (
-        f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and decides the lines above"
+        f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and determines the lines above"
         f" {model.frequency[-1]:.3g} Hz."
     )
 
@@ -169,7 +169,7 @@ def _facts(model: ModalModel) -> list[Fact]:
     return [
         Fact(
             f"{100 * held:.1f} %",
-            f"of the inertia about {model.drive_axis} in {count(model.frequency.size, 'mode')}; practice asks for 90 %",
+            f"of the inertia about {model.drive_axis} in {count(model.frequency.size, 'mode')}; common practice requires 90 %",
             "pass" if held >= ENOUGH else "fail",
         ),
         Fact(f"{model.frequency[dominant]:.4g} Hz", f"mode {dominant + 1}, the strongest about {model.drive_axis}"),
@@ -218,7 +218,7 @@ def _convergence(source: ModalSource) -> Section:
     text = (
         f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
         f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
-        " small asks for a finer mesh."
+        " small calls for a finer mesh."
     )
     header = ["mode", "kind", "f [Hz]", "coarser [Hz]", "difference [%]"]
     return Section("Convergence", (Text(text), table(header, rows)))
@@ -235,7 +235,7 @@ def _rope(source: ModalSource) -> list[Section]:
     without = solved(design.model_copy(update={"rope": None}), modes.frequency.size).frequency
     pairs = zip(modes.frequency, without, strict=True)
     rows = [[str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"] for k, (f, g) in enumerate(pairs, 1)]
-    text = "The same without the rope that hangs it up; the mass of the rope is in neither."
+    text = "The same without the suspension rope, whose mass is in neither."
     header = ["mode", "with [Hz]", "without [Hz]", "difference [%]"]
     return [Section("Suspension rope", (Text(text), table(header, rows)))]
 
@@ -280,7 +280,7 @@ def _spatial(model: ModalModel) -> list[Section]:
     ]
     mass = _without_noise(model.mass, float(np.abs(model.mass).max()))
     rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(DIRECTIONS, mass, strict=True)]
-    text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulated after the stroke."
+    text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulative after the slash."
     return [
         Section(
             "Effective mass in six directions",

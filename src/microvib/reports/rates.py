@@ -47,7 +47,7 @@ def plan_text(plan: RatePlan) -> str:
         lines += [] if plan.forbidden else ["none"]
     strong = strongest(plan.resonances)
     if strong:
-        lines += ["", "Where lines meet modes, the strongest:"]
+        lines += ["", "Where lines meet modes, strongest first:"]
         lines += [f"{'microsteps':>10s} {'deg/s':>9s} {'Hz':>9s} {'N m':>10s}  line on mode"]
         lines += [
             f"{r.microsteps:10d} {_deg(r.rate):>9s} {r.frequency:9.4g} {brief(r.amplitude):>10s}  {r.line} on {r.mode}"
@@ -65,7 +65,7 @@ def best_text(plan: RatePlan) -> str:
     case, top = found or least
     near = plan.nearest(case)
     away = f"; {near[0].line} on {near[0].mode} is {_away(near[1])} away" if near else ""
-    end = "; it lies at the end of the range, beyond which there may be better" if plan.is_at_end(case) else ""
+    end = "; it lies at the end of the range, beyond which there may be better ones" if plan.is_at_end(case) else ""
     in_time = "; not a steady state but time integration" if case.reason else ""
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m{away}{in_time}{end}."
     return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
@@ -79,7 +79,7 @@ def _criteria(plan: RatePlan) -> str:
     """What a rate must meet, in words."""
     parts = [f"for a limit of {plan.limit:g} N m{_in_band(plan)}"] if plan.limit is not None else []
     parts += [f"at least {100 * plan.keep_away:g} % away from resonances"] if plan.keep_away else []
-    return " and ".join(parts) or "of those asked for"
+    return " and ".join(parts) or "of those requested"
 
 
 def _how(plan: RatePlan) -> str:
@@ -97,7 +97,7 @@ def found_text(plan: RatePlan) -> str:
     failed = sum(not case.lines for case in plan.cases)
     in_time = sum(bool(case.reason) for case in plan.cases) - failed
     parts = [f"{len(plan.cases) - failed - in_time} steady states of the full model"]
-    parts += [f"{in_time} runs in time"] if in_time else []
+    parts += [f"{in_time} time integrations"] if in_time else []
     parts += [f"{failed} failed"] if failed else []
     return ", ".join(parts)
 
@@ -121,7 +121,10 @@ def _unsolved(plan: RatePlan) -> list[str]:
     """What was simulated in time, and what failed, with the reasons."""
     texts = []
     for cases, what in (
-        ([c for c in plan.cases if c.reason and c.lines], "were simulated in time, for they have no steady state"),
+        (
+            [c for c in plan.cases if c.reason and c.lines],
+            "fell back to time integration, since they have no steady state",
+        ),
         ([c for c in plan.cases if c.reason and not c.lines], "failed"),
     ):
         if cases:

@@ -58,7 +58,7 @@ def spring_sentences(result: Sized) -> list[str]:
         f" free length {1e3 * s.free_length:g} mm."
     )
     if not result.sizing.one_spring:
-        springs += " Some states ask for other springs: see the table."
+        springs += " Some states need other springs: see the table."
     tension = 100 * (d.stiffness / setting.equations["stiffness_n_m_per_rad"] - 1)
     return [
         springs,
@@ -173,15 +173,15 @@ def sas_data(result: Sized) -> dict[str, Any]:
 def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> Document:
     """The report of a sizing: settings, springs, tolerances, drawing."""
     target = result.sizing.target
-    caption = "Asked for, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
+    caption = "Requested, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
     settings = table(
         [x for x in HEADER if x != "spring"], [row[:3] + row[4:] for row in setting_rows(result.sizing)], caption
     )
     springs = [Text(text) for text in (*spring_sentences(result), array_sentence(result)) if text]
     tolerances = (
         "First order. Worst case: all parts at their limits; standard deviation: each of the eight springs, four arms and four"
-        " weights for itself, anywhere within its limits. Springs of one batch are off together, as in the worst case; the arm"
-        " trims that."
+        " weights independently, anywhere within its limits. Springs of one batch deviate together, as in the worst case; the arm"
+        " can trim that."
     )
     unchecked = (
         "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame."

@@ -11,7 +11,7 @@ from microvib.reports.rendering import write_study
 from microvib.studies.validate import Check, SimulatedState, checks_csv
 
 _LEAD = (
-    "Calibrated rows were fitted to the test's lines of state 1 and are no evidence. Predicted rows were not fitted to anything."
+    "Calibrated rows were fitted to the test's lines of state 1 and are not evidence. Predicted rows were not fitted to anything."
     " Computed rows are arithmetic or numerics."
 )
 

@@ -108,7 +108,7 @@ class HannSpectrum:
                 f"lines need at least {FEWEST} samples at a finite rate; there are {self.samples} at {self.sample_rate:g} Hz"
             )
         if not np.all(np.isfinite(self.values)):
-            raise SpectrumError("lines need finite samples, and no larger than a spectrum of them can be")
+            raise SpectrumError("lines need finite samples, small enough for a finite spectrum")
 
     @classmethod
     def of(cls, x: np.ndarray, sample_rate: float) -> HannSpectrum:

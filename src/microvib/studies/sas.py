@@ -252,7 +252,7 @@ def _amplitude_sentence(base: SimulatorDesign, amplitude: float) -> str:
         low, high = (middle, high) if works else (low, middle)
     preload = SLACK_RESERVE * base.adjustment.arm_max * amplitude
     return (
-        f"an amplitude of {math.degrees(amplitude):.4g} deg at an arm of {1e3 * base.adjustment.arm_max:g} mm asks for a preload of"
+        f"an amplitude of {math.degrees(amplitude):.4g} deg at an arm of {1e3 * base.adjustment.arm_max:g} mm requires a preload of"
         f" {1e3 * preload:.3g} mm, for which every stock spring is too long between slider and rail or too highly stressed;"
         f" allowed is at most {math.degrees(low):.3g} deg"
     )

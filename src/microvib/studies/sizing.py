@@ -38,9 +38,9 @@ def sized(
     """A simulator for an inertia and a frequency, or for an array (a source of modes), set for further states: ``F:J`` each, or a
     table; without any those of the paper. MicrovibError where these do not go together or are out of reach."""
     if (array is None) == (inertia is None and frequency is None) or (inertia is None) != (frequency is None):
-        raise MicrovibError("what is to be simulated must be given: inertia and frequency, or array alone")
+        raise MicrovibError("give what is to be simulated: inertia and frequency, or array alone")
     if states and file is not None:
-        raise OptionError("state", "does not go together with a table of states; give one of them")
+        raise OptionError("state", "cannot be combined with a table of states; give one of them")
     model = None if array is None else modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY).model
     if model is not None:
         target = state_of_array(model, str(array))
@@ -71,7 +71,7 @@ def read_states(path: Path) -> list[TargetState]:
     missing = [name for name in _COLUMNS if not rows or name not in rows[0]]
     if missing or len(rows) > _MAX_STATES:
         raise ScenarioError(
-            f"{path}: is not a table of states; expected are the columns {' and '.join(_COLUMNS)} and 1 to {_MAX_STATES} rows"
+            f"{path}: is not a table of states; expected the columns {' and '.join(_COLUMNS)} and 1 to {_MAX_STATES} rows"
         )
     return [_state_of_row(path, k, row) for k, row in enumerate(rows, 1)]
 

@@ -28,10 +28,10 @@ class Preparation(Part):
         description="what one unit of a channel stands for ('0.5 N*m/V'), or the reverse ('2 mV/N')",
     )
     channels: dict[str, str] = Field(
-        default_factory=dict, description="component: channel of the file, with a minus sign to turn it round"
+        default_factory=dict, description="component: channel of the file, with a minus sign to reverse it"
     )
     response: Chain = Field(
-        default=(), description="measuring chain whose response is taken out: boxcar, or a list of stages"
+        default=(), description="measuring chain whose response is removed: boxcar, or a list of stages"
     )
     cross_talk: tuple[Six, Six, Six, Six, Six, Six] | None = Field(
         default=None, description="6 x 6 matrix: readings Fx Fy Fz Mx My Mz = matrix x loads"
@@ -44,7 +44,7 @@ class Preparation(Part):
     )
     start: Annotated[float, Quantity("s", "start of the part that is kept", ge=0)] | None = None
     stop: Annotated[float, Quantity("s", "end of the part that is kept", gt=0)] | None = None
-    detrend: int | None = Field(default=None, ge=0, le=8, description="order of the polynomial that is taken out")
+    detrend: int | None = Field(default=None, ge=0, le=8, description="order of the polynomial that is removed")
     decimate: int | None = Field(default=None, ge=1, le=10_000, description="keep every n-th sample, after a low-pass")
     background: str | None = Field(
         default=None, max_length=1000, description="recording of the table without the drive running"

@@ -100,7 +100,7 @@ class Recording:
         )
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
-        """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to turn it round."""
+        """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to reverse it."""
         channels, units = {}, {}
         for new, old in names.items():
             sign, old = (-1.0, old[1:]) if old.startswith("-") else (1.0, old)
@@ -129,7 +129,7 @@ class Recording:
         u = np.linspace(-1.0, 1.0, self.samples)
         basis = np.polynomial.legendre.legvander(u, order)
         channels = {name: x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0] for name, x in self.channels.items()}
-        return self.noted(f"polynomial of order {order} taken out", channels=channels)
+        return self.noted(f"polynomial of order {order} removed", channels=channels)
 
     def decimated(self, factor: int) -> Recording:
         """Every ``factor``-th sample after a zero-phase low-pass (FIR, 80 dB)."""
@@ -159,7 +159,7 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     largest = float(np.max(np.abs(x)))
     if largest > LARGEST_LOAD:
         raise RecordingError(
-            f"{where} reaches {largest:.3g} {recording.units[name]}, which nothing measures; the file is broken or its"
+            f"{where} reaches {largest:.3g} {recording.units[name]}, which no instrument measures; the file is broken or its"
             " unit wrong"
         )
     if recording.duration < shortest:
@@ -172,7 +172,7 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
         k = int(np.argmax(away))
         raise RecordingError(
             f"{where} is {x[k]:.4g} at {k / recording.sample_rate:.4g} s, {away[k] / usual:.1g} times as large as 99 % of its"
-            " samples; a number of the file is broken"
+            " samples; a number in the file is broken"
         )
     clipped = _clipped(x)
     if clipped:

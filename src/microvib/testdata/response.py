@@ -114,7 +114,7 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
     for name, x in loads.items():
         if not np.all(np.isfinite(x)):
             raise RecordingError(
-                f"{recording.title}: channel {name} has samples that are not numbers; its response cannot be taken out"
+                f"{recording.title}: channel {name} has samples that are not numbers; its response cannot be removed"
             )
     room = min(n - 1, max(n // 8, 64))
     f = np.fft.rfftfreq(n + 2 * room, 1.0 / recording.sample_rate)
@@ -132,7 +132,7 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
     low, high = f[usable][[0, -1]]
     factor = float(np.max(np.abs(gain[usable])))
     return recording.noted(
-        f"response of the measuring chain taken out ({', '.join(map(str, chain))}) from {low:.4g} to {high:.5g} Hz, where it is at"
+        f"response of the measuring chain removed ({', '.join(map(str, chain))}) from {low:.4g} to {high:.5g} Hz, where it is at"
         f" least {LEAST:g}; by a factor of at most {factor:.4g}; outside, lines are as recorded",
         channels=channels,
     )

@@ -131,7 +131,7 @@ def exceedances(results: Results, lines: Sequence[str], limit: float | None, ban
         colour = sheets.COLOURS[k % len(sheets.COLOURS)]
         ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
     _limit(ax, limit)
-    ax.set(yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="part of the draws above it")
+    ax.set(yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="fraction of the draws above it")
     ax.set_xscale("log")
     _plain_decades(ax.xaxis)
     ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
@@ -209,7 +209,7 @@ def sobol_bars(found: Sequence[Indices]) -> Figure:
             ends = np.abs(np.array([[e.low for e in chosen], [e.high for e in chosen]]) - value)
             ax.barh(y + shift, value, height=0.34, color=colour, label=label, xerr=ends, error_kw={"elinewidth": 0.9})
         ax.set_yticks(y, [item.keys[k] for k in order], fontsize=6.5)
-        ax.set(title=f"{item.line}, {item.points} points", xlabel="part of the variance")
+        ax.set(title=f"{item.line}, {item.points} points", xlabel="fraction of the variance")
         ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=7, frameon=False)

@@ -149,7 +149,7 @@ def draw(s: Summary) -> dict[str, Picture]:
         level = s.by_level[0].level
         where = f" At {level.text}, the level with the largest line." if s.several else ""
         lines = [ANY, *s.lines][:6]
-        text = "Part of the draws in which a line is larger than an amplitude." + where
+        text = "Fraction of the draws in which a line exceeds an amplitude." + where
         made["exceedance"] = Picture("Exceedance", figures.exceedances(results, lines, s.limit, s.band, level), text)
         text = "Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point." + where
         made["histograms"] = Picture("Histograms", figures.histograms(results, lines, s.limit, s.band, level), text)
@@ -163,9 +163,7 @@ def draw(s: Summary) -> dict[str, Picture]:
         )
         made["tornado"] = Picture("What moves the lines", figures.tornados(s.tornados), text)
     if s.indices:
-        text = (
-            "Part of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
-        )
+        text = "Fraction of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
         made["sobol"] = Picture("Sobol indices", figures.sobol_bars(s.indices), text)
     scatter = figures.scatters(results, ANY, s.band)
     if scatter is not None:
@@ -185,7 +183,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
         *([Section("Lines", tuple(lines), new_page=True)] if by_level else []),
         Section("Worst cases", tuple(_worst(s)), new_page=True),
         Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
-        Section("How the figures are meant", (Text(_how_to_read(s)),)),
+        Section("How to read the figures", (Text(_how_to_read(s)),)),
         *(Section(picture.title, (_block(picture),)) for picture in rest.values()),
         *_failed(s.results),
         Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
@@ -307,7 +305,7 @@ def _how_to_read(s: Summary) -> str:
     failed = sum(r.level.failed for r in s.by_level)
     text += f" {count(failed, 'case')} without figures (failed, or not computed) are not in them." if failed else ""
     text += f" {why}" if (why := why_not_judged(s)) else ""
-    return text + band + " All figures are the model's, for the spread that was assumed; they are not a measured batch."
+    return text + band + " All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
 
 def _sampling(campaign: Campaign) -> str:
@@ -343,7 +341,7 @@ def _worst(s: Summary) -> list[Block]:
         ["which line", "", *(_which(s, case, amplitude) for case, amplitude in found), ""],
         *(_varied_row(design.base, key, [x.get(key, "") for x in labels]) for key in keys),
     ]
-    caption = "Cases with the largest lines, the worst first; scenario: what the study starts from."
+    caption = "Cases with the largest lines, worst first; scenario: what the study starts from."
     again = (
         f"Each case runs again alone: `microvib campaign case {campaign_name(s)} CASE`. All digits are in `worst.csv`."
     )

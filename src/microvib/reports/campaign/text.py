@@ -81,7 +81,7 @@ def report_text(s: Summary) -> str:
     if s.rows and s.several:
         lines += [
             "",
-            "Each line at the level at which it is largest. The largest line level by level, the highest first:",
+            "Each line at the level at which it is largest. The largest line level by level, highest first:",
             "",
         ]
         lines += [_level_text(r) for r in s.by_level[:MAX_LEVELS]]

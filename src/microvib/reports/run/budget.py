@@ -30,7 +30,7 @@ _TINY = 1e-9
 def budget_section(motion: Motion, lines: LineTable) -> Section:
     """Mean, RMS and largest of each contribution, and its amplitude and phase at the main lines."""
     text = (
-        "What the housing feels of each torque. The contributions add up to the disturbance torque, line by line as phasors:"
+        "The torques on the housing, which add up to the disturbance torque, line by line as phasors:"
         " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a cosine at the first sample."
     )
     drawing, axes = sheets.plain_sheet(2.9, 1, 2)

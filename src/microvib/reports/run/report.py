@@ -92,7 +92,7 @@ def _left_out(lines: LineTable, shown: tuple[Line, ...]) -> str:
     small = len([x for x in lines if x.status != FAINT]) - len([x for x in shown if x.status != FAINT])
     parts = [f"{count(small, 'small line')} more in `lines.csv`."] if small else []
     if faint:
-        parts.append(f"Looked for and not found above the floor: {', '.join(faint)}.")
+        parts.append(f"Expected, but not above the floor: {', '.join(faint)}.")
     return " ".join(parts)
 
 
@@ -149,7 +149,7 @@ def _method(motion: Motion) -> Section:
     duration = motion.scenario.record.duration
     text = (
         "The equations of motor, current loop, microstep command, frictions, reducer and flexible array are integrated in time"
-        " with an adaptive L-stable method; stick and slip are events that it locates. T_d is what the angular momentum of drive"
+        " with an adaptive L-stable method; stick and slip are located as events. T_d is what the angular momentum of drive"
         " and array loses (Eq. 20). Lines come from one Hann-windowed spectrum: the lines of the step clock share one clock ratio,"
         " array modes are fitted as decaying tones, and all amplitudes come from one least-squares fit. The record of"
         f" {duration:g} s has bins of {1 / duration:.4g} Hz."

@@ -9,8 +9,8 @@ from microvib.solve.motion import Motion
 _BARS = {
     "torque_forms": (1e-9, "largest difference of momentum form and force form of T_d, over the largest T_d"),
     "momentum": (1e-3, "mean torque that the change of angular momentum does not account for, over the largest T_d"),
-    "energy": (1e-3, "|energy in - stored - dissipated| over the electrical energy put in"),
-    "energy_mechanical": (1e-3, "the same over the energy beyond Joule heat, which is the sharper figure"),
+    "energy": (1e-3, "|energy in - stored - dissipated| over the electrical energy supplied"),
+    "energy_mechanical": (1e-3, "the same over the energy beyond Joule heat, which is the stricter figure"),
 }
 """Bar of each invariant, and its meaning."""
 
@@ -44,7 +44,7 @@ def trust_section(motion: Motion) -> Section:
     ]
     marks: dict[int, Mark] = {k: "fail" if name in fails else "pass" for k, name in enumerate(_BARS)}
     energy = (
-        f"Since the start {values['energy_in']:.4g} J of electrical energy were put in, {values['energy_dissipated']:.4g} J"
+        f"Since the start {values['energy_in']:.4g} J of electrical energy were supplied, {values['energy_dissipated']:.4g} J"
         f" dissipated, {values['energy_stored']:.4g} J stored."
     )
     header = ["invariant", "value [1]", "at most [1]", "meaning", "verdict"]

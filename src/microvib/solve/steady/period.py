@@ -172,7 +172,7 @@ class PeriodMap:
 def interrupted(status: int) -> NotPeriodic:
     """The kernel's status as an error of the search."""
     if status == kernel.LOST_SYNCHRONISM:
-        return NotPeriodic("a trial of the search lost synchronism, which says nothing of the drive itself")
+        return NotPeriodic("a trial of the search lost synchronism, which says nothing about the drive itself")
     return NotPeriodic("the solution is not finite, or its step became too small")
 
 

@@ -161,7 +161,7 @@ class Search:
         with np.errstate(over="ignore", invalid="ignore"):
             result = np.array([np.linalg.matrix_power(change, m // part) for m in np.diff(self.segments.bounds)])
         if not np.all(np.isfinite(result)):
-            raise NotPeriodic("what repeats with the command is far from stable")
+            raise NotPeriodic("the motion that repeats with the command is far from stable")
         return result
 
     def _from(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, sampled: bool = False) -> Ends:
@@ -187,7 +187,7 @@ class Search:
             self.multiplier = self._multiplier(self._derivatives(self.x[0]))
         if self.multiplier > STABLE:
             far = "far from it" if self.multiplier > UNQUANTIFIED else f"multiplier {self.multiplier:.4g}"
-            raise NotPeriodic(f"what repeats with the command is not stable ({far})")
+            raise NotPeriodic(f"the motion that repeats with the command is not stable ({far})")
 
     @property
     def settling(self) -> float:
@@ -254,9 +254,7 @@ class Search:
                 return
             x[:, modes] = self.ends.x[j, modes]
         if np.any(np.maximum(away[-1], away[-2]) > np.maximum(RETURNED, 0.7 * away[len(away) // 2 - 1])):
-            raise NotShown(
-                "of the motions that repeat with the command there are several; which one, its beginning decides"
-            )
+            raise NotShown("several motions repeat with the command; the start decides which of them occurs")
 
     def _check_for_stick_slip(self) -> None:
         """Against stick-slip beside smooth slip, which friction that falls with the rate permits.
@@ -276,7 +274,7 @@ class Search:
             x = period.advance(x)
             if counters[kernel.STICKS] == before:
                 return
-        raise NotShown("beside the motion that repeats with the command there is one that sticks and slips")
+        raise NotShown("besides the motion that repeats with the command there is one that sticks and slips")
 
     def _check_from_rest(self) -> None:
         """Against all else: the motion that a run shows is the one that a start from rest leads to.
@@ -295,7 +293,7 @@ class Search:
                 falls = away[-1][-1] <= max(NOT_GROWING * away[periods // 2][-1], REST_FRACTIONS[-1] * ARRIVED)
                 if falls and np.all(away[-1] <= np.maximum(DECAY_ALLOWANCE * expected, ARRIVED)):
                     return
-        raise NotShown("a start from rest does not go on to the motion that repeats with the command")
+        raise NotShown("a start from rest does not lead to the motion that repeats with the command")
 
     def _at_section_from_rest(self) -> np.ndarray:
         """State at the end of the period, in units, of a drive that started from rest with a run's first microstep."""

@@ -48,8 +48,8 @@ class Study(Part):
         default="record", description="record: settle and record in time; steady: find the steady state"
     )
     harmonics: int = Field(default=8, ge=1, le=200, description="members of each family of lines")
-    limit: Annotated[float, Quantity("N*m", "largest line that is allowed", gt=0.0, display="mN*m")] | None = None
-    band: str | None = Field(default=None, description="band in which the limit holds, such as 0.5:5 Hz")
+    limit: Annotated[float, Quantity("N*m", "largest line allowed", gt=0.0, display="mN*m")] | None = None
+    band: str | None = Field(default=None, description="band in which the limit applies, such as 0.5:5 Hz")
     time_limit: Annotated[float, Quantity("s", "time that a case may take to compute", gt=0.0)] | None = Field(
         default=None, description="time that a case may take to compute; null: a minute and the time that it simulates"
     )

@@ -90,7 +90,7 @@ def identify(
     tests, notes = _without_the_start(evidence, keys)
     problem = Problem(scenario, tests, keys, Trust(model_error, common_error), progress)
     if not problem.figures:
-        raise MicrovibError("the evidence has no observation that stands out of its floor")
+        raise MicrovibError("the evidence has no observation above its floor")
     found = _Found(problem)
     interrupted = False
     try:
@@ -126,7 +126,7 @@ def _without_the_start(
         kept = tuple(o for o in one.observations if not (o.line in ringing and o.form in ("amplitude", "nearest_bin")))
         tests.append((replace(one, observations=kept), changes))
         notes += [
-            f"{one.name}: the amplitude of {line} is not used, for it depends on how long ago the start was; its decay is"
+            f"{one.name}: the amplitude of {line} is not used, since it depends on the time since the start; its decay is"
             for line in sorted(ringing)
         ]
     return tests, tuple(notes)

@@ -57,8 +57,12 @@ class Goodness:
             return f"Nothing checks the model: {counted}. Any model with as many parameters might fit."
         value = f"chi-square {self.ratio:.3g} per degree of freedom; {counted}"
         if not self.explained:
-            return f"The model does not explain these data: {value}; a right model stays below {self.limit:.3g}."
-        few = " Few are left to check the model: a wrong one might fit, too." if self.freedom < FEW else ""
+            return f"The model does not explain these data: {value}; a correct model stays below {self.limit:.3g}."
+        few = (
+            " Few degrees of freedom are left to check the model: a wrong one might fit, too."
+            if self.freedom < FEW
+            else ""
+        )
         return f"The model explains these data within their uncertainties: {value}.{few}"
 
 

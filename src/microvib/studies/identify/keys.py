@@ -133,7 +133,7 @@ def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:
 def _refuse_what_is_known(scenario: Scenario, key: str, value: float) -> None:
     """Refuse what the recording itself gives, and what is not a property of the drive."""
     if key in _SETTINGS:
-        raise OptionError("fit", "is the recording's own and is not fitted", key)
+        raise OptionError("fit", "belongs to the recording and is not fitted", key)
     if key.startswith("solver."):
         raise OptionError("fit", "is a setting of the solver, not a property of the drive, and is not fitted", key)
     if moves_the_clock(scenario, key, value):

@@ -80,7 +80,7 @@ def _estimate(findings: Findings, k: int) -> Estimate:
     value = key.value(x)
     good, verdict = _verdict(findings, k)
     if key.along:
-        verdict += "; fitted along, for no fit with the scenario's value explained the evidence"
+        verdict += "; fitted as well, since no fit with the scenario's value explained the evidence"
     if findings.intervals is None:
         return Estimate(key.key, key.unit, value, math.nan, key.low, key.high, good, verdict)
     i = findings.intervals[k]
@@ -97,7 +97,7 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
     if not fit.explained:
         return False, "not identifiable: the model does not explain the data"
     if not findings.converged or findings.intervals is None:
-        return False, "not identifiable: the search has not come to its end"
+        return False, "not identifiable: the search has not converged"
     if not key.interior(x):
         return False, "not identifiable: at the end of its range"
     if findings.rival is not None and not _same(findings, findings.rival.x[k], k):

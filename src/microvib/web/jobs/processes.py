@@ -182,5 +182,5 @@ class Workers:
 
 def _death(code: int | None) -> str:
     if code is not None and code < 0:
-        return f"its process was killed by signal {-code}, perhaps for want of memory; nothing else was harmed"
-    return f"its process ended unexpectedly (status {code}); nothing else was harmed"
+        return f"its process was killed by signal {-code}, perhaps for lack of memory; nothing else was affected"
+    return f"its process ended unexpectedly (status {code}); nothing else was affected"

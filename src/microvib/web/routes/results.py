@@ -115,7 +115,7 @@ def result(id: Id, store: At) -> Response:
 
 def _there(path: Path) -> Path:
     if not path.is_file():
-        raise Refused(404, "this result was given up for newer ones; run it again")
+        raise Refused(404, "this result was dropped for newer ones; run it again")
     return path
 
 

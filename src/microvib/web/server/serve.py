@@ -80,7 +80,7 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
         raise OptionError("host", f"is not an address of this machine ({error.strerror})", host) from None
     if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
         raise OptionError(
-            "host", "others could reach the server there; allow that if it is meant", host, remedy="allow_remote"
+            "host", "others could reach the server there; allow that if it is intended", host, remedy="allow_remote"
         )
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
