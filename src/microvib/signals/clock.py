@@ -11,19 +11,19 @@ from microvib.signals.line_table import DETECTION
 from microvib.signals.tones import HannSpectrum, steady
 
 MAX_CLOCK_LINES = 12
-"""Lines, the strongest, that the clock ratio is estimated from."""
+"""Number of the strongest lines from which the clock ratio is estimated."""
 _PEAKS = 6
-"""Peaks of a band that may be the line that is looked for there."""
+"""Peaks tried in each band."""
 _AGREE = 0.15
-"""Bins that a line without noise may be off the place where the others put it, before it counts as another."""
+"""Distance [bins] of a noise-free line from where the others put it above which it is taken for another line."""
 
 
 def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
-    """Clock ratio that explains the lines of the clock best, all together; None where none of them stands out.
+    """Clock ratio that best explains all lines of the clock together; None if none of them stands out.
 
-    Every peak in the bands of the first driving lines is tried; the one whose ratio has most lines stand out gives the start.
-    Lines that the others contradict are left out, for another line stands in their place. Then Gauss-Newton on the joint fit,
-    which weights each line with what it tells.
+    Every peak in the bands of the first driving lines is tried; the one whose ratio makes most lines stand out gives the start.
+    Lines that the others contradict are left out, since another line is in their place. Gauss-Newton on the joint fit follows,
+    in which each line has the weight that its amplitude and frequency give it.
     """
     start = _first_ratio(clock, spectrum)
     if start is None:
@@ -47,7 +47,7 @@ def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) 
 
 
 def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
-    """Ratio of the peak, in the bands of the first driving lines, whose ratio has most lines of the clock stand out."""
+    """Ratio by that peak in the bands of the first driving lines which makes most lines of the clock stand out."""
     candidates = [line for line in clock if line.kind == "drive"][:3] or [
         line for line in clock if line.kind == "full step" and line.high > line.low
     ]
@@ -63,10 +63,10 @@ def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float
 
 
 def _evidence(clock: Sequence[ExpectedLine], ratio: float, told: ExpectedLine, spectrum: HannSpectrum) -> float:
-    """Sum over the lines of the clock of the logarithm of how far each stands out where ``ratio`` puts it."""
+    """How well ``ratio`` explains the clock: sum over its lines of the logarithm of height there over detection limit."""
     total = 0.0
     for line in clock:
-        unsure = min(0.15 * line.frequency / told.frequency, 1.5)  # a peak tells its place to some tenth of a bin
+        unsure = min(0.15 * line.frequency / told.frequency, 1.5)  # a peak gives its place to about a tenth of a bin
         height = spectrum.height(line.frequency * ratio, unsure)
         floor = max(spectrum.floor(line.frequency * ratio), 1e-300)
         total += np.log(max(height / (DETECTION * floor), 1.0))
@@ -74,7 +74,7 @@ def _evidence(clock: Sequence[ExpectedLine], ratio: float, told: ExpectedLine, s
 
 
 def agreeing(clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum) -> tuple[list[ExpectedLine], float]:
-    """The strongest lines that stand out and agree about the ratio, and the ratio that they tell by their peaks."""
+    """The strongest lines that stand out and agree on the ratio, and the ratio from their peaks."""
     lines, offset, unsure, height = [], [], [], []
     for line in clock:
         at, size = spectrum.peak(line.frequency * start, line.frequency * start)
@@ -87,7 +87,7 @@ def agreeing(clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum
     if not lines:
         return [], start
     f, d = np.array([line.frequency for line in lines]), np.array(offset)
-    # a line tells the ratio by its frequency; by their median no few can draw the others with them
+    # median weighted by frequency, which is how sharply a line gives the ratio: a few false lines cannot pull it
     order = np.argsort(d / f)
     weight = np.cumsum(f[order])
     shift = float((d / f)[order][np.searchsorted(weight, 0.5 * weight[-1])])

@@ -1,9 +1,12 @@
 """Amplitude, frequency and phase of expected lines, wherever the bins fall.
 
-* lines of the step clock keep exact ratios to each other, so one clock ratio is estimated from all of them together, each
-  weighted with what it tells;
-* an array mode rings down while it is recorded, so it is fitted as a decaying tone;
-* all amplitudes then come from one least-squares fit to the bins about the lines, in which every line is present.
+1. Lines of the step clock have exact ratios to each other, so one clock ratio is estimated from all of them together
+   (``microvib.signals.clock``).
+2. Array modes ring down while they are recorded, so they are fitted as decaying tones; unexpected lines are searched for
+   (``microvib.signals.line_search``).
+3. Clock ratio and tones are refined in turn, until the lines stay where they are.
+4. All amplitudes come from one least-squares fit to the bins about the lines, in which every line is present
+   (``microvib.signals.tone_fit``), and uncertainties from its residual (``microvib.signals.uncertainty``).
 """
 
 from __future__ import annotations
@@ -23,28 +26,27 @@ from microvib.signals.spectrum import tone_amplitude
 from microvib.signals.tones import NEAR, HannSpectrum, Joint, Tones, disturbed, moved, steady, uncertainties
 
 SEPARATION = 2.5
-"""Bins that two lines must be apart to be told apart."""
+"""Distance [bins] from which two lines can be told apart."""
 MAX_MODES = 300
 """Array modes that are fitted in one record: the work grows with the third power of their number."""
 _RANK = {"array mode": 1, "electrical": 2}
 _ROUNDS = 3
 _STILL = 0.01
-"""Bins that the highest line may move in a round after which the clock is found."""
+"""Movement [bins] of the highest line in a round below which the clock counts as found."""
 _WORSE = 2.0
-"""Standard uncertainty beside a larger line, over that without it, from which that line is the reason."""
+"""Standard uncertainty next to a larger line, over that without it, above which that line is given as the reason."""
 _SCALLOP = 1.18
 """Amplitude of a tone over its highest bin, at most."""
 AN_OTHER = "an unlisted line"
 UNSURE = 0.2
-"""Standard uncertainty over amplitude from which a line beside another is not told from it."""
+"""Standard uncertainty over amplitude above which a line cannot be told from its neighbour."""
 
 
 def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
     """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate`` [Hz], and find further ones.
-    Where none are expected, all that stand out are found, and not named.
 
-    Where the bands of the clock's lines have a width, the clock is searched within them; where they have none, it is known, as
-    that of a simulation is.
+    If none are expected, all that stand out are found, without names. If the bands of the clock's lines have a width, the clock is
+    searched within them; otherwise it is known, as in a simulation.
     """
     spectrum, found, ratio = _fitted(x, sample_rate, expected)
     joint, searched = found.joint, _is_searched(expected)
@@ -220,9 +222,9 @@ def _largest(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> tuple[lis
 def _figures(
     expected: Sequence[ExpectedLine], joint: Joint, refused: dict[str, str], of: Sequence[ExpectedLine] | None = None
 ) -> Figures:
-    """Figures of the tones and, nan but for their nearest bin, of the lines that are ``refused`` for a reason.
+    """Figures of the tones and of the lines that are ``refused`` for a reason, which are nan but for the nearest bin.
 
-    ``of`` are the lines that the tones of the ``expected`` go by, where these have got other names.
+    ``of`` are the lines by which the tones know the ``expected`` ones, where these have been renamed.
     """
     tones, rest, duration = joint.tones, joint.rest, joint.spectrum.duration
     fold = tones.decay * duration

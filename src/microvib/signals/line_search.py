@@ -1,4 +1,8 @@
-"""What stands in a record besides the lines of its clock: array modes that ring, and lines that nobody listed."""
+"""Search for what a record contains besides the lines of its clock: ringing array modes and unexpected lines.
+
+The strongest peak of the residual is taken first, fitted jointly with everything near it, and the search goes on with the new
+residual, until no peak stands out of the noise floor.
+"""
 
 from __future__ import annotations
 
@@ -16,31 +20,31 @@ from microvib.signals.tones import NEAR, Joint, falling, steady, uncertainties
 
 MAX_OTHERS = 12
 LEAST = 0.01
-"""Part of the largest line from which an unlisted one is fitted."""
+"""Fraction of the largest line above which an unexpected one is fitted."""
 FALLS = 0.1
-"""e-foldings over the record from which a tone is said to decay."""
+"""e-foldings over the record above which a tone counts as decaying."""
 _ATTEMPTS = 60
 _TOGETHER = 8
-"""Array modes that are looked for at once."""
+"""Array modes that are fitted at once."""
 _ALIKE = 0.7
-"""Bins from another tone at which a further one is not a line, but that other's change within the record."""
+"""Distance from another tone [bins] below which a further one is not a line, but a change of that tone in the record."""
 _MISFIT = 0.3
-"""Part of a decaying tone that its misfit may have: with friction, a mode does not ring down exactly exponentially."""
+"""Fraction of a decaying tone that may be misfit: with friction, a mode does not ring down exactly exponentially."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """A joint fit of all that was found, and why some modes have no figures of their own."""
+    """The joint fit of everything found, and the reasons why some modes have no figures of their own."""
 
     joint: Joint
     refused: dict[str, str]
 
 
 def search(joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *, everywhere: bool = True) -> Found:
-    """Find ``modes`` and unlisted lines in what ``joint``, the fit of the clock's lines, leaves; the strongest first.
+    """Find ``modes`` and unexpected lines in the residual of ``joint``, the fit of the clock's lines; the strongest first.
 
-    Beside listed lines, unlisted ones need a clock against which they are none of it, so ``orders``. Not ``everywhere`` means
-    only where they are near other lines.
+    If there are expected lines, unexpected ones are only sought with ``orders``, which tell them from lines of the clock. Without
+    ``everywhere`` they are only sought near other lines.
     """
     return _Search(joint, modes, orders, everywhere).found()
 
@@ -48,7 +52,7 @@ def search(joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *
 class _Search:
     def __init__(self, joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, everywhere: bool) -> None:
         self.joint, self.orders = joint, orders
-        self.unlisted = orders is not None or not (modes or len(joint.tones))
+        self.unexpected = orders is not None or not (modes or len(joint.tones))
         self.duration = joint.spectrum.duration
         self.groups = _groups(modes, self.duration)
         self.refused: dict[str, str] = {}
@@ -78,7 +82,7 @@ class _Search:
         return Found(self.joint, self.refused)
 
     def _highest(self) -> int | None:
-        """Bin of the highest peak that stands out of what is left."""
+        """Bin of the highest peak of the residual that stands out of the floor; None if none does."""
         top = float(np.max(self.joint.sizes, initial=0.0))
         magnitude = np.where(self.barred, 0.0, self.joint.rest.magnitude[: self.barred.size])
         while magnitude.size:
@@ -92,7 +96,7 @@ class _Search:
         return None
 
     def _fit_modes(self, group: list[ExpectedLine]) -> None:
-        """Fit the modes of a group together; those that are not seen stay where they are expected."""
+        """Fit the modes of a group together, dropping the weakest until all stand out; unseen ones stay where expected."""
         self.groups.remove(group)
         before, rest = self.joint, self.joint.rest
         peaks = [rest.peak(line.low, line.high) for line in group]
@@ -130,7 +134,7 @@ class _Search:
         return min(fits, key=lambda fit: float(np.sum(np.abs(fit.rest.values[near]) ** 2)))
 
     def _rename(self, modes: list[ExpectedLine]) -> None:
-        """An array mode has evidence: it decays, or it is off every simple order of the clock. Else its line is unlisted."""
+        """Array modes need evidence: decay, or a frequency off every simple order of the clock. Others become unexpected lines."""
         for line in modes:
             i = self._place(line.name)
             spread = self._spread(self.joint, i)
@@ -143,8 +147,8 @@ class _Search:
                 self._put(i, self._other(float(self.joint.tones.frequency[i])))
 
     def _fit_other(self, k: int) -> bool:
-        """Fit an unlisted line about bin ``k``; False where it is none, or where there are enough."""
-        if not self.unlisted or self.others >= MAX_OTHERS:
+        """Fit an unexpected line at bin ``k``, on the nearest order of the clock or else anywhere; False if none fits, or enough are."""
+        if not self.unexpected or self.others >= MAX_OTHERS:
             return False
         at, height = self.joint.rest.peak(k / self.duration, k / self.duration, margin=0.0)
         order = self.orders.whole(at, 0.3 / self.duration) if self.orders else None
@@ -160,7 +164,7 @@ class _Search:
         return True
 
     def _steady_or_not(self, at: float, k: int, height: float) -> Joint | None:
-        """The fit with an unlisted tone about a frequency: a steady one if that says it all, or else one that decays."""
+        """The fit with an unexpected tone near a frequency: a steady one if that explains the peak, otherwise a decaying one."""
         one = falling([self._other(at)], np.array([at]), np.zeros(1))
         held = self.joint.with_tones(replace(one, falls=np.zeros(1, dtype=bool)))
         if self._explains(held, k, 0.1 * height) and not held.tones.limited[-1] and not self._is_change(held, -1):
@@ -176,7 +180,7 @@ class _Search:
         return float(np.max(fit.rest.magnitude[max(k - 1, 0) : k + 2])) < 0.5 * height
 
     def _is_change(self, fit: Joint, i: int) -> bool:
-        """Whether tone ``i`` only makes up for what another tone does not say: that it changes, or does not decay exponentially."""
+        """Whether tone ``i`` only compensates for another that changes, or does not decay exponentially."""
         tones, sizes = fit.tones, fit.sizes
         apart = np.abs(tones.frequency - tones.frequency[i]) * self.duration
         apart[i] = np.inf
@@ -194,7 +198,7 @@ class _Search:
         self.joint = without.with_tones(replace(free, falls=np.zeros(1, dtype=bool)))
 
     def _put(self, i: int, line: ExpectedLine) -> None:
-        """Call tone ``i`` another line."""
+        """Assign tone ``i`` to another line, as a steady tone."""
         lines = list(self.joint.tones.lines)
         lines[i] = line
         self.joint = replace(self.joint, tones=replace(self.joint.tones, lines=tuple(lines)))
@@ -211,15 +215,15 @@ class _Search:
         return uncertainties(fit.alone(i))[0]
 
     def _within(self, spread: float) -> float:
-        """How far from an order a frequency of this standard uncertainty may be on it [Hz]."""
+        """How far [Hz] a frequency of this standard uncertainty may be from an order and still count as on it."""
         return max(3.0 * spread, 0.02 / self.duration)
 
 
 def _groups(modes: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:
-    """Modes whose bands are near each other's, together: no more than ``_TOGETHER``, for the work grows with their third power.
+    """Groups of modes whose bands are near each other, at most ``_TOGETHER``, since the work grows with the third power.
 
-    A longer row is parted where its modes are farthest from each other. A part is still fitted with those modes of the others
-    that are near it and were found before.
+    A longer row is split where its modes are farthest apart. A part is still fitted together with nearby modes of the others
+    that were found before.
     """
     groups: list[list[ExpectedLine]] = []
     reach = -np.inf
@@ -232,10 +236,10 @@ def _groups(modes: Sequence[ExpectedLine], duration: float) -> list[list[Expecte
 
 
 def _parted(row: list[ExpectedLine]) -> list[list[ExpectedLine]]:
-    """A row of modes in parts of at most ``_TOGETHER``."""
+    """A row of modes, split into parts of at most ``_TOGETHER``."""
     if len(row) <= _TOGETHER:
         return [row]
-    least = _TOGETHER // 2  # that no part is but an end of the row
+    least = _TOGETHER // 2  # so that no part is a mere end of the row
     gaps = np.diff([line.frequency for line in row])[least - 1 : len(row) - least]
     cut = least + int(np.argmax(gaps))
     return [*_parted(row[:cut]), *_parted(row[cut:])]
