@@ -147,7 +147,7 @@ class _Search:
                 self._put(i, self._other(float(self.joint.tones.frequency[i])))
 
     def _fit_other(self, k: int) -> bool:
-        """Fit an unexpected line at bin ``k``, on the nearest order of the clock or else anywhere; False if none fits, or enough are."""
+        """Fit an unexpected line at bin ``k``, on the nearest order of the clock or anywhere; False if none fits."""
         if not self.unexpected or self.others >= MAX_OTHERS:
             return False
         at, height = self.joint.rest.peak(k / self.duration, k / self.duration, margin=0.0)
