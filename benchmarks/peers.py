@@ -4,7 +4,7 @@ Nothing here comes from microvib's own solver: the right-hand side is written an
 of the paper, so that its lines check microvib's as well as its speed. Two things are done as an engineer would do
 them who has a library integrator at hand:
 
-* friction is smoothed, sign(omega) becoming tanh(omega / epsilon), for these integrators know no set-valued law;
+* friction is smoothed, sign(omega) becoming tanh(omega / epsilon), since these integrators know no set-valued law;
 * integration is restarted at each microstep, where the reference currents jump.
 
 The disturbance torque is minus the rate of angular momentum, so its mean over an interval follows from the states at

@@ -63,7 +63,7 @@ class Protocol:
     def error(self, torque: np.ndarray, rate: float, averaged: bool = False) -> float:
         """Largest relative deviation of the lines in ``torque`` (n,) [N m].
 
-        Samples that are means over their interval (``averaged``) read a line low by its sinc, which is made good.
+        Samples that are means over their interval (``averaged``) read a line low by its sinc, which is corrected.
         """
         found = amplitudes(self.scenario, self.lines, torque, rate)
         if averaged:

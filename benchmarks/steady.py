@@ -90,7 +90,7 @@ def _row(name: str, scenario: mv.Scenario) -> tuple[float, float, float] | None:
 
 
 def _best_of(runs: int, call: Callable[[], Any]) -> tuple[float, Any]:
-    """Least processor time of some runs [s], for other processes disturb; and the result."""
+    """Least processor time of some runs [s], since other processes disturb; and the result."""
     times = []
     for _ in range(runs):
         begun = time.process_time()

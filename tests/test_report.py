@@ -67,7 +67,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """For what is asked of words and figures alone: pictures are left out, for they take the time."""
+    """For what is asked of words and figures alone: pictures are left out, since they take the time."""
     monkeypatch.setattr("microvib.reports.sheets.svg", lambda drawing: "<svg/>")
 
 

@@ -754,7 +754,7 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_line_in_the_log(client, monk
     monkeypatch.setattr("microvib.web.routes.forms.view_of", lambda spec: 1 / 0)
     answer = client.post("/api/scenario", json=spec())
     assert answer.status_code == 500
-    assert answer.json() == {"error": "the server met a fault of its own; its log says more", "key": None}
+    assert answer.json() == {"error": "internal error of the server; its log says more", "key": None}
     assert "POST /api/scenario: division by zero" in caplog.text
 
 

@@ -50,7 +50,7 @@ class Accuracy:
     line: float
     """Largest change of a line over its amplitude, of lines of at least a hundredth of the largest."""
     name: str
-    """That line; empty where there is none."""
+    """That line; empty if there is none."""
     sensitive: bool
     """Whether differences grow, or do not fall with the steps: the motion depends on details below the tolerance."""
     refinement: int

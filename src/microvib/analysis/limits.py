@@ -62,7 +62,7 @@ class Limit:
 
     @property
     def band(self) -> str:
-        """The band in words; empty where the limit holds for all frequencies."""
+        """The band in words; empty if the limit holds for all frequencies."""
         return f"from {self.low:g} to {self.high:g} Hz" if math.isfinite(self.high) else ""
 
     def holds(self, frequency: float) -> bool:
@@ -292,7 +292,7 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
 
 
 def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | None:
-    """Frequency [Hz] up to which driving lines of the linearised drive may come near the limit; None where none does so above
+    """Frequency [Hz] up to which driving lines of the linearised drive may come near the limit; None if none does so above
     ``start``."""
     f_d = scenario.driving_frequency
     if not f_d:

@@ -29,7 +29,7 @@ class Steady:
 
     @property
     def invariants(self) -> Invariants:
-        """What must have held; of a steady state the motion is run once more for it."""
+        """What should have held; of a steady state the motion is run once more for it."""
         return self.source.invariants
 
     @property

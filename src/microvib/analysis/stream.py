@@ -127,7 +127,7 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
 
 
 def _row(table: LineTable, line: Line) -> Line | None:
-    """That line in another block; an unexpected one goes by its frequency, for its number means nothing there."""
+    """That line in another block; an unexpected one goes by its frequency, since its number means nothing there."""
     if line.kind != "other":
         return table[line.line]
     near = (x for x in table if x.kind == "other" and abs(x.frequency_hz - line.frequency_hz) * table.duration < 1.0)

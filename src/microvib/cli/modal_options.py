@@ -39,7 +39,7 @@ def modal_options(command: F) -> F:
 
 
 def import_from(source: Path, given: Mapping[str, str | None], modes: int | None = None) -> Import | None:
-    """Options of an import from those of a command; None where none is given. ModalError names what is wrong."""
+    """Options of an import from those of a command; None if none is given. ModalError names what is wrong."""
     from microvib.structures.deck import import_options
 
     data = {key: _value(text) for key, text in given.items() if text is not None}

@@ -90,7 +90,7 @@ class _Object:
         return f"{self.file.title}: {self.name or '/'}"
 
     def attribute(self, name: str) -> str | float | None:
-        """A text or a number of the object; None where there is none, or where it is a list or anything else."""
+        """A text or a number of the object; None if there is none, or where it is a list or anything else."""
         import h5py
 
         key = name.encode()
@@ -152,7 +152,7 @@ class Group(_Object):
         return found
 
     def dataset(self, name: str) -> Dataset:
-        """One dataset of the group; Hdf5Error where there is none."""
+        """One dataset of the group; Hdf5Error if there is none."""
         address = self._links().get(name.encode())
         member = None if address is None else self._opened(name.encode(), address)
         if not isinstance(member, Dataset):

@@ -1,6 +1,6 @@
 """MATLAB files of any version as plain data: arrays, texts, lists of cells, dicts of structs.
 
-Sizes are bounded before anything is unpacked, for a few bytes may declare, or unpack to, more than any memory.
+Sizes are bounded before anything is unpacked, since a few bytes may declare, or unpack to, more than any memory.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def modal_source(
 
 
 def load_design(source: str, folder: Path = Path()) -> Design:
-    """Description of an array or a simulator (what has a frame) from the catalog or a YAML file; ScenarioError where it is none."""
+    """Description of an array or a simulator (what has a frame) from the catalog or a YAML file; ScenarioError if it is not one."""
     text = (
         catalog_text(source)
         if source in reference_names()

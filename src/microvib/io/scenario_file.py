@@ -184,7 +184,7 @@ def _damped(model: ModalModel, group: dict[str, Any]) -> ModalModel:
 
 
 def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | None = None) -> str:
-    """Text of a file that a user named, which is to hold a ``kind``; ScenarioError where it is none."""
+    """Text of a file that a user named, which is to hold a ``kind``; ScenarioError if it is not one."""
     names = ", ".join(catalog_names() if published is None else published)
     try:
         size = path.stat().st_size

@@ -43,7 +43,7 @@ class _Bounded(Parser):
 
 
 def parse_yaml(text: str, origin: str) -> Any:
-    """YAML 1.2 data of a file's text; ScenarioError where it is none, has anchors or tags, or goes beyond the bounds."""
+    """YAML 1.2 data of a file's text; ScenarioError if it is not one, has anchors or tags, or goes beyond the bounds."""
     yaml = YAML(typ="safe", pure=True)
     yaml.Parser = _Bounded
     try:

@@ -340,7 +340,7 @@ def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
 
 
 def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[float]]) -> None:
-    """Amplitudes [N m] of the same lines on several sides, as points beside each other; drawn in mN m."""
+    """Amplitudes [N m] of the same lines on several sides, as points side by side; drawn in mN m."""
     x = np.arange(len(names))
     for k, (label, values) in enumerate(groups.items()):
         offset = (k - 0.5 * (len(groups) - 1)) * 0.16

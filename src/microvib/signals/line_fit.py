@@ -186,7 +186,7 @@ def _others(joint: Joint, spread: Uncertainty, orders: Orders | None) -> list[tu
 def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[ExpectedLine], dict[str, str]]:
     """Lines that the record can resolve, and the names of the others with the reason.
 
-    Lines of the clock go before array modes, for they last, while a mode rings down; but those of the electrical period
+    Lines of the clock go before array modes, since they last, while a mode rings down; but those of the electrical period
     go last, for equal phases make none.
     """
     wanted: list[ExpectedLine] = []

@@ -43,7 +43,7 @@ class Orders:
         return None
 
     def name(self, frequency: float, within: float) -> str | None:
-        """The simplest order that lies ``within`` so many Hz of a frequency; None where there is none, or where one lay as near any
+        """The simplest order that lies ``within`` so many Hz of a frequency; None if there is none, or where one lay as near any
         frequency by chance."""
         hits: list[tuple[int, int, str]] = []
         for rank, (base, words) in enumerate(self._families()):

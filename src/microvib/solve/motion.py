@@ -20,7 +20,7 @@ _OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
 
 @dataclass(frozen=True)
 class Invariants:
-    """What must hold whatever the parameters: how well it did."""
+    """Balances that hold for any parameters, and how well they did."""
 
     torque_forms: float
     """Largest difference of the two forms of T_d over the largest T_d (algebra: rounding is expected)."""
@@ -29,7 +29,7 @@ class Invariants:
     energy: float
     """``|energy in - stored - dissipated|`` over the electrical energy put in."""
     energy_mechanical: float
-    """The same over the energy that passed the shaft of the motor (without Joule heat, so the sharper figure)."""
+    """The same over the energy that passed the shaft of the motor (without Joule heat, so the stricter figure)."""
     energy_in: float
     energy_dissipated: float
     energy_stored: float

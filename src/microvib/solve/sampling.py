@@ -1,7 +1,7 @@
 """From the kernel's interval means to samples without aliasing.
 
 The kernel gives every channel as its mean over intervals of 1/(m f_s), jumps included: that is a boxcar filter, exact, with
-zeros at all multiples of the inner rate m f_s. A symmetric FIR filter then takes the band of the record, makes good the
+zeros at all multiples of the inner rate m f_s. A symmetric FIR filter then takes the band of the record, corrects the
 boxcar's droop, and every m-th value is kept. Up to 0.35 f_s a tone keeps its amplitude within 1e-4 and its phase exactly.
 What would fold into that band is 80 dB down, but for the neighbourhoods of the multiples of m f_s: there the boxcar alone
 holds it back, by 20 log10(m / 0.35) dB or more. m is at least 4 and such that the inner rate is at least a hundred

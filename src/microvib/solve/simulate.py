@@ -1,4 +1,4 @@
-"""The front door of the solver: ``simulate(scenario)``."""
+"""The entry point of the solver: ``simulate(scenario)``."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ class Run:
 
 
 def balance(packed: Packed, before: np.ndarray, momentum_before: float, span: float) -> Invariants:
-    """What must have held over the last ``span`` [s], since the snapshot ``before`` and its angular momentum [N m s]."""
+    """What should have held over the last ``span`` [s], since the snapshot ``before`` and its angular momentum [N m s]."""
     state = packed.state
     change = packed.snapshot() - before
     stored = float(np.sum(change[kernel.ENERGIES : kernel.POWERS]))

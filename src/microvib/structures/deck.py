@@ -31,7 +31,7 @@ ORIGIN: Point = (0.0, 0.0, 0.0)
 
 
 class Import(Part):
-    """How a deck is to be understood; nothing that it cannot say itself is guessed."""
+    """How to interpret a deck; nothing that it does not say itself is guessed."""
 
     units: UnitSystem = Field(description=f"unit system of the deck: {', '.join(get_args(UnitSystem))}")
     interface: int | Point = Field(
@@ -89,7 +89,7 @@ class Deck:
     reference: int | Point = ORIGIN
     """A grid id or coordinates."""
     grids: Mapping[int, np.ndarray] = field(default_factory=dict)
-    """Coordinates of the grids, as far as they are known, (3,) each."""
+    """Coordinates of the grids, where known, (3,) each."""
     frames: Mapping[int, np.ndarray] = field(default_factory=dict)
     """Axes of rectangular coordinate systems as columns in the basic frame, (3, 3) each."""
     signed: bool = True

@@ -22,7 +22,7 @@ MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (0.01, 100.0)
 
 
 def check_deck(frequency: np.ndarray, mass: np.ndarray) -> None:
-    """ModalError for a free body, a mechanism, or a mass matrix that is none."""
+    """ModalError for a free body, a mechanism, or an invalid mass matrix."""
     if not frequency.size:
         raise ModalError("has no modes")
     if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(mass))):

@@ -184,7 +184,7 @@ class SimulatorDesign(Part):
     shaft: Shaft
     bearing: Bearing
     material: Material
-    rope: Rope | None = Field(default=None, description="rope that hangs the frame up; left out there is none")
+    rope: Rope | None = Field(default=None, description="rope that hangs the frame up; optional")
     adjustment: Adjustment
     tolerances: Tolerances = Tolerances()
     damping: Damping = Damping()

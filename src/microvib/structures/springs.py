@@ -39,7 +39,7 @@ def spring_rate_times_arm_squared(frequency: float, inertia: float) -> float:
 def preload_stiffness(force: Any, hook: float, length: Any) -> Any:
     """What the tension [N] of eight springs adds to the stiffness about the shaft [N m/rad].
 
-    A spring of ``length`` [m] runs from ``hook`` [m] beside the plate's middle line, square to it, to the frame: turned by alpha
+    A spring of ``length`` [m] runs from ``hook`` [m] off the plate's middle line, square to it, to the frame: turned by alpha
     it is longer by l alpha + hook (hook + length)/(2 length) alpha^2. Eq. 22 has the first term; with hooks on the middle
     line there is no other.
     """

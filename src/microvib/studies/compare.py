@@ -137,7 +137,7 @@ def _guide(a: Source, b: Source, scenario: Scenario | None) -> Scenario | None:
 
 
 def _with_names_of(a: Side, b: Side) -> Side:
-    """``b`` with its unexpected lines named as those of ``a`` at the same frequency, for they are numbered by size on each side."""
+    """``b`` with its unexpected lines named as those of ``a`` at the same frequency; each side numbers them by size."""
     known = {name: x.frequency for name, x in a.lines.items() if name.startswith("other_")}
     lines: dict[str, Figures] = {}
     for name, x in b.lines.items():

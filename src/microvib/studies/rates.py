@@ -24,7 +24,7 @@ HARMONICS = 8
 LEAST = 1e-3
 """Lines below this part of a case's largest are dropped."""
 LIGHT = 0.2
-"""Damping ratio from which a resonance of the drive is none to plan for."""
+"""Damping ratio above which a resonance of the drive can be ignored."""
 BISECTIONS = 8
 """Halvings of the step between two rates with which the edge of a forbidden band is found."""
 
@@ -59,7 +59,7 @@ class RateCase:
     reason: str = ""
 
     def largest(self, band: tuple[float, float]) -> RateLine | None:
-        """The largest line within ``band`` [Hz]; None where there is none."""
+        """The largest line within ``band`` [Hz]; None if there is none."""
         inside = [line for line in self.lines if band[0] <= line.frequency <= band[1]]
         return max(inside, key=lambda line: line.amplitude, default=None)
 
@@ -116,7 +116,7 @@ class RatePlan:
         return tuple(dict.fromkeys(case.microsteps for case in self.cases))
 
     def best(self, microsteps: int | None = None) -> tuple[RateCase, float] | None:
-        """Case whose largest line is smallest, with that amplitude [N m], of those that are allowed; None where none is."""
+        """Case whose largest line is smallest, with that amplitude [N m], of those that are allowed; None if none is."""
         return self._smallest(case for case in self._solved(microsteps) if self.is_allowed(case))
 
     def least(self, microsteps: int | None = None) -> tuple[RateCase, float] | None:
@@ -176,7 +176,7 @@ def plan_rates(
     ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
     its rate within which a resonance is too near. ``linear`` takes the closed form
     of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved for itself, so
-    that results do not depend on their order; threads share them, for the kernel runs without the interpreter's lock.
+    that results do not depend on their order; threads share them, since the kernel runs without the interpreter's lock.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]

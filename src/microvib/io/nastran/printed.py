@@ -49,7 +49,7 @@ _WITHIN = (
 
 
 def number(text: str) -> float:
-    """A printed number, also with a D exponent or none of either letter (1.0-8); ValueError where it is none."""
+    """A printed number, also with a D exponent or none of either letter (1.0-8); ValueError if it is not one."""
     found = _NUMBER.match(text.strip())
     if not found:
         raise ValueError(text)

@@ -37,7 +37,7 @@ def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[F
 
 
 def _where(line: Line) -> str:
-    """Name and frequency of a line, and that it decays, for then it is none of the motion once that has settled."""
+    """Name and frequency of a line, and that it decays, since it is then not part of the settled motion."""
     settled = {"decaying": ", decaying: not settled", "growing": ", growing"}.get(line.status, "")
     return f"{line.line} at {format_number(line.frequency_hz)} Hz{settled}"
 

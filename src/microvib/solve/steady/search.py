@@ -149,7 +149,7 @@ class Search:
 
         Only a sixteenth of the period, or one microstep if that is more, is differentiated, by differences at ``x`` (n,) in each
         state; a segment of m such parts has the m-th power. The parts differ only by the detent torque, which Broyden's
-        updates make good. The rate of a body that sticks at the end of a part has no influence, nor do ``idle`` states.
+        updates correct. The rate of a body that sticks at the end of a part has no influence, nor do ``idle`` states.
         """
         part, moving = self.segments.part, np.setdiff1d(np.arange(x.size), self.period.idle)
         starts = np.vstack([x, x + NUDGE * np.eye(x.size)[moving]])

@@ -49,7 +49,7 @@ def solve(structure: Structure, count: int) -> Modes:
     MR = system.M_all @ system.R
     node_masses = MR[:, 0].reshape(-1, 6)[:, 0]
     participation = MR.T @ everywhere
-    largest = np.argmax(np.abs(participation), axis=0)[None]  # of each mode the direction that is to be positive
+    largest = np.argmax(np.abs(participation), axis=0)[None]  # of each mode the direction to be made positive
     sign = np.where(np.take_along_axis(participation, largest, axis=0)[0] < 0.0, -1.0, 1.0)
     shapes = (everywhere * sign).reshape(-1, 6, count)
     check_mechanisms(structure, frequency, shapes, node_masses)

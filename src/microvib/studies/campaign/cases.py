@@ -27,7 +27,7 @@ TOGETHER = 32
 FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
 """What is kept of every line."""
 MIN_TIME = 60.0
-"""Time [s] that any case may take, beside what it simulates."""
+"""Time [s] that any case may take, in addition to what it simulates."""
 STARTING = 120.0
 """Time [s] on top for the cases that are computed together, the first of which may have to wait for a compiler (docs/design.md)."""
 VERDICTS = ("not judged", "pass", "fail")
@@ -88,7 +88,7 @@ class Chunk:
     reasons: tuple[str, ...]
     """Why a case failed; empty where it did not."""
     notes: tuple[str, ...]
-    """What is to be known of a case, such as that it has no steady state."""
+    """Notes on a case, such as that it has no steady state."""
     histories: dict[int, np.ndarray]
     """T_d [N m] by position in the chunk, where it is kept."""
 

@@ -84,13 +84,13 @@ class Campaign:
         here = package_versions()["microvib"]
         if here != self.manifest.microvib:
             raise MicrovibError(
-                f"{self.folder}: was made by microvib {self.manifest.microvib}, and this is {here}; go on with that version,"
+                f"{self.folder}: was made by microvib {self.manifest.microvib}, and this is {here}; continue with that version,"
                 " or make the campaign again"
             )
 
     def write(self, chunk: int, data: bytes) -> None:
         """Put a chunk's file in place at once; OutputError where the disk does not take it, and nothing is left then."""
-        after = f"; what was computed before is kept, go on with: microvib campaign resume {self.folder}"
+        after = f"; what was computed before is kept, continue with: microvib campaign resume {self.folder}"
         write_file(self.file(chunk), data, overwrite=True, after=after)
 
     def read(self, chunk: int) -> Chunk:

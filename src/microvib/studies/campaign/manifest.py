@@ -24,7 +24,7 @@ MANIFEST, STUDY, SCENARIO, SAMPLES = "campaign.json", "study.yaml", "scenario.ya
 
 @dataclass(frozen=True)
 class Manifest:
-    """What ``campaign.json`` says beside the other files: cases, chunks, versions, and what varies."""
+    """What ``campaign.json`` adds to the other files: cases, chunks, versions, and what varies."""
 
     entries: dict[str, Any]
 

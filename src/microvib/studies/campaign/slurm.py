@@ -69,7 +69,7 @@ def _sbatch(script: str) -> str:
 
 
 def job_state(campaign: Campaign) -> str:
-    """The job of this campaign that Slurm still has, in words; empty where there is none."""
+    """The job of this campaign that Slurm still has, in words; empty if there is none."""
     path = campaign.folder / JOBS
     if not path.is_file() or shutil.which("squeue") is None:
         return ""

@@ -92,7 +92,7 @@ def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:
 
 
 def amplitudes(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
-    """Amplitudes of a line, or of each case's largest (ANY), in ``band`` [Hz], (cases,); nan where there is none."""
+    """Amplitudes of a line, or of each case's largest (ANY), in ``band`` [Hz], (cases,); nan if there is none."""
     return largest_line(results, band) if line == ANY else in_band(results, line, band)
 
 

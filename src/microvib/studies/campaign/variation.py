@@ -156,7 +156,7 @@ def _factor(found: _Entries, name: str, spec: dict[str, Any], where: str) -> Lev
 
 
 def _matching(found: _Entries, pattern: str, where: str) -> tuple[str, ...]:
-    """Keys that a key means in which ``*`` stands for any one step; ScenarioError where there is none."""
+    """Keys that a key means in which ``*`` stands for any one step; ScenarioError if there is none."""
     steps = pattern.split(".")
     keys = tuple(
         key
@@ -208,7 +208,7 @@ def _level(item: Any, quantity: Quantity | None, where: str) -> Any:
 
 
 def number(item: Any, quantity: Quantity, where: str) -> float:
-    """A number with its unit as SI; ScenarioError where it is none."""
+    """A number with its unit as SI; ScenarioError if it is not one."""
     if isinstance(item, str):
         try:
             return convert(item, quantity.unit)

@@ -1,4 +1,4 @@
-"""The front door: ``identify(scenario, evidence, keys)``."""
+"""The entry point: ``identify(scenario, evidence, keys)``."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def identify(
     result.
 
     A range that the user did not state is widened until the best lies inside. Where the fit does not explain the evidence
-    and an array mode's frequency was measured, its clamped frequency is fitted along, and said to be.
+    and an array mode's frequency was measured, its clamped frequency is fitted as well, and said to be.
     """
     _check(evidence, keys)
     tests, notes = _without_the_start(evidence, keys)

@@ -33,7 +33,7 @@ class FitKey:
     stated: bool = True
     """Whether the user stated the range; one that is ours is widened where the best lies at its end."""
     along: bool = False
-    """Whether it is fitted along without being asked for."""
+    """Whether it is fitted as well without being asked for."""
     factor: float = FACTOR
     """By how much a range of ours is widened each way."""
     floor: float = 0.0

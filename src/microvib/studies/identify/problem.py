@@ -114,7 +114,7 @@ class Problem:
         return self._ledger.simulations
 
     def so_far(self) -> tuple[Problem, np.ndarray, np.ndarray]:
-        """The best point so far and its residuals, with the problem that it was met in; KeyboardInterrupt where there is none."""
+        """The best point so far and its residuals, with the problem that it was met in; KeyboardInterrupt if there is none."""
         if self._ledger.best is None:
             raise KeyboardInterrupt
         return self._ledger.best

@@ -104,7 +104,7 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
     Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of them. Where none explains the
-    evidence, a measured array mode's frequency is fitted along, from there and from as many others; then ranges of ours are
+    evidence, a measured array mode's frequency is fitted as well, from there and from as many others; then ranges of ours are
     widened both ways, as long as that helps.
     """
     optima: list[Optimum] = []
@@ -128,7 +128,7 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
 def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]) -> list[Optimum]:
     """Local fits from the best points of a global look, in the order of their cost, until the evidence is explained.
 
-    Before a mode's frequency is fitted along there are a few only: where that is what is missing, more show nothing.
+    Before a mode's frequency is fitted as well there are a few only: where that is what is missing, more show nothing.
     """
     problem.enters("global")
     points = [problem.tuned(x) for x in (*_sobol(problem, starts, seed), *also)]

@@ -134,7 +134,7 @@ def _same(findings: Findings, x: float, k: int) -> bool:
 
 
 def _partner(local: Local, k: int) -> int | None:
-    """The parameter that one cannot be told apart from."""
+    """The parameter that one cannot be distinguished from."""
     correlation = np.abs(correlations(local)[k])
     correlation[k] = 0.0
     partner = int(np.argmax(correlation))

@@ -67,7 +67,7 @@ def _said(task: str, error: Exception) -> str:
     if isinstance(error, MemoryError):
         return _OUT_OF_MEMORY
     if isinstance(error, ModuleNotFoundError):
-        return f"this needs {error.name}, which is not installed beside the server"
+        return f"this needs {error.name}, which is not installed with the server"
     if isinstance(error, OSError):
         return f"a file of the server could not be used: {error.strerror or error}"
     logging.getLogger("microvib.serve").error("%s failed", task, exc_info=error)

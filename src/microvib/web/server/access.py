@@ -27,7 +27,7 @@ class Access:
     """
 
     names: frozenset[str] = frozenset({"localhost"})
-    """Host names that it goes by, beside addresses."""
+    """Host names that it goes by, besides addresses."""
     remote: bool = False
     cookie: str = "microvib"
     """Name of the cookie; it has the port in it, because servers at other ports of the host have their own."""

@@ -35,7 +35,7 @@ _HEADERS = [
     (b"microvib-server", secrets.token_hex(8).encode()),
 ]
 """The last is drawn at each start: by it a page sees that another server has taken the place of the one it knew."""
-FAULT = "the server met a fault of its own; its log says more"
+FAULT = "internal error of the server; its log says more"
 _STRANGER = "open the address that microvib serve printed last: it carries the token that is needed here"
 _SAFE = ("GET", "HEAD", "OPTIONS")
 _RECORDINGS = "/api/recordings"
