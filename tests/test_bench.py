@@ -201,7 +201,7 @@ def test_axes_and_offset_turn_the_frame():
     np.testing.assert_allclose(
         [moved[n][0] for n in COMPONENTS[3:]], np.array([4, 5, 6]) - np.cross([0, 0, 2], [1, 2, 3])
     )
-    with pytest.raises(mv.MicrovibError, match="no right-handed frame"):
+    with pytest.raises(mv.MicrovibError, match="not a right-handed frame"):
         Preparation(axes=("y", "x", "z")).apply(table)
 
 

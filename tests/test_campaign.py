@@ -704,7 +704,7 @@ def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, what):
         assert campaign.missing()
     if what == "interrupt":
         assert process.returncode == 130
-        assert "Interrupted; what was computed is kept" in err
+        assert "Interrupted; computed cases are kept" in err
         assert "Traceback" not in err
     kept = {k: campaign.file(k).stat().st_mtime_ns for k in campaign.done()}
     again = microvib("resume", campaign.folder, "--workers", 2)

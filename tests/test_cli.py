@@ -117,7 +117,7 @@ def test_without_out_a_new_folder_is_found_each_time(tmp_path):
         (["run", "state-1", "--out", "taken"], "holds other content (thesis.txt)"),
         (["run", "state-1", "--out", "taken/thesis.txt"], "is a file"),
         (["show", "taken"], "is a folder"),
-        (["new", "taken/thesis.txt"], "exists already"),
+        (["new", "taken/thesis.txt"], "already exists"),
     ],
 )
 def test_bad_input_is_one_sentence_and_a_status(arguments, sentence, tmp_path):
@@ -137,7 +137,7 @@ def test_an_old_run_is_replaced_only_on_request(tmp_path):
     assert microvib(*arguments, cwd=tmp_path).exit_code == 0
     again = microvib(*arguments, cwd=tmp_path)
     assert again.exit_code == 1
-    assert "holds results already" in again.stderr
+    assert "already holds results" in again.stderr
     assert microvib(*arguments, "--overwrite", cwd=tmp_path).exit_code == 0
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 

@@ -85,8 +85,8 @@ def test_the_first_page_says_which_lines_agree():
     [
         (("recording", 0.99), ("simulation", 0.99), "B was simulated at the recording's clock"),
         (("simulation", 1.0), ("simulation", 0.999), "B is -1000.0 ppm off A"),
-        (("recording", 0.99), ("table", None), "the other side does not tell it"),
-        (("table", None), ("paper", None), "neither side tells it"),
+        (("recording", 0.99), ("table", None), "not known on the other side"),
+        (("table", None), ("paper", None), "not known on either side"),
     ],
 )
 def test_the_clock_is_told(a, b, words):

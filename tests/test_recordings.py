@@ -29,7 +29,7 @@ def test_what_is_written_is_read(tmp_path, ending):
     assert back.sample_rate == RATE
     for name in COMPONENTS:
         assert back[name] == pytest.approx(made()[name], abs=1e-11)
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="already exists"):
         write_recording(made(), path)
 
 

@@ -418,7 +418,7 @@ def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
         (["report", "FOLDER", "--limit", "10"], "--limit: '10' needs a unit"),
         (["report", "FOLDER", "--limit", "-1 N*m"], "greater than 0"),
         (["report", "FOLDER", "--limit", "5 Hz"], "wrong dimension"),
-        (["report", "FOLDER", "--limit", "none", "--band", "1:2 Hz"], "does not go with --limit none"),
+        (["report", "FOLDER", "--limit", "none", "--band", "1:2 Hz"], "cannot be combined with --limit none"),
         (["run", "state-1", "--band", "1:2 Hz"], "(--limit)"),
         (["run", "state-1", "--report-data", "nowhere.yaml"], "nowhere.yaml: there is no such file"),
         (["run", "state-1", "--lines-only", "--pdf"], "--lines-only makes no report"),

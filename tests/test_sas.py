@@ -348,7 +348,7 @@ def test_sas_size_writes_a_source_of_modes(tmp_path):
         (["--inertia", "8.18", "--frequency", "1.19", "--amplitude", "2"], "'2 deg'"),
         (["--inertia", "8.18", "--frequency", "1.19", "--design", "reference-array"], "describes an array"),
         (["--inertia", "8.18", "--frequency", "1.19", "--state", "1"], "is not a state"),
-        (["--inertia", "8.18", "--frequency", "1.19", "--state", "1:9", "--states", "x"], "does not go together"),
+        (["--inertia", "8.18", "--frequency", "1.19", "--state", "1:9", "--states", "x"], "cannot be combined"),
         (["--inertia", "80", "--frequency", "1.19"], "out of reach"),
     ],
 )

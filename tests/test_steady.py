@@ -171,9 +171,9 @@ def test_a_motion_that_depends_on_how_it_began_is_not_taken():
 @pytest.mark.parametrize(
     ("seed", "why"),
     [
-        (327, "a start from rest does not go on to"),
-        (436, "a start from rest does not go on to"),
-        (51, "a start from rest does not go on to"),  # small deviations grow, though its derivative does not show it
+        (327, "a start from rest does not lead to"),
+        (436, "a start from rest does not lead to"),
+        (51, "a start from rest does not lead to"),  # small deviations grow, though its derivative does not show it
         (18, r"friction that falls with the rate keeps it ringing: .* 3\d\d s .*, 1\d\.\d s by the modes' own damping"),
     ],
 )

@@ -81,7 +81,7 @@ def test_identification_finds_the_truth(fit):
         assert e.low < 0.99 * truth[e.key] < 1.02 * truth[e.key] < e.high, e
         assert e.interval[0] <= truth[e.key] <= e.interval[1], e
         assert e.standard_error < 0.03 * truth[e.key], e
-    assert "fitted along" in fit.estimates[-1].verdict
+    assert "fitted as well" in fit.estimates[-1].verdict
     assert fit.goodness.explained
     assert fit.converged
     assert fit.usable
@@ -224,7 +224,7 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
         ("tracking.clock_ratio", "moves the step clock, which the recording's own lines give"),
         ("tracking.rate", "moves the step clock"),
         ("reducer.ratio=90:110", "moves the step clock"),
-        ("record.duration", "is the recording's own"),
+        ("record.duration", "belongs to the recording"),
         ("solver.tolerance", "is a setting of the solver"),
     ],
 )

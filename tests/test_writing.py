@@ -58,7 +58,7 @@ def test_results_that_a_killed_process_had_set_aside_come_back(tmp_path):
     write_files(run, {"lines.csv": "old"})
     killed(run, "replacing")
     assert not run.exists()
-    with pytest.raises(OutputError, match="holds results already"):
+    with pytest.raises(OutputError, match="already holds results"):
         check_folder(run)
     assert (run / "lines.csv").read_text() == "old"
     assert names(tmp_path) == ["run"]
