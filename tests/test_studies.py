@@ -333,4 +333,4 @@ def test_evidence_is_of_the_loads_ahead_of_the_chain(recording, start):
     for name in before.keys() & after.keys():
         gain = 1.0 / np.sinc(int(name.split("_")[1]) * start.driving_frequency * raw.clock_ratio / 4096.0)
         assert after[name].value == pytest.approx(gain * before[name].value, abs=0.1 * before[name].uncertainty)
-    assert "response of the measuring chain taken out (boxcar)" in " ".join(told.notes)
+    assert "response of the measuring chain removed (boxcar)" in " ".join(told.notes)

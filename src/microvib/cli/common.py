@@ -40,10 +40,10 @@ channel_option = click.option(
     "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
 )
 limit_option = click.option(
-    "--limit", metavar="TORQUE", help="Largest line that is allowed, e.g. '10 mN*m': margins in the report."
+    "--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m': margins in the report."
 )
 band_option = click.option(
-    "--band", metavar="LOW:HIGH", help="Where the limit holds, e.g. '0.5:150 Hz' [default: everywhere]."
+    "--band", metavar="LOW:HIGH", help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere]."
 )
 
 
@@ -60,7 +60,7 @@ def _form(pdf: bool, report_data: Path | None) -> Form:
 def report_options(command: Command) -> Command:
     """Options of every command with a report; the command gets them as ``form``."""
 
-    @click.option("--pdf", is_flag=True, help="Write the report as PDF too (extra `report`).")
+    @click.option("--pdf", is_flag=True, help="Also write the report as PDF (extra `report`).")
     @click.option(
         "--report-data",
         type=click.Path(path_type=Path),
@@ -104,7 +104,7 @@ def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None 
 
     def with_options(command: Command) -> Command:
         @click.option("--out", type=click.Path(path_type=Path), help=text)
-        @click.option("--overwrite", is_flag=True, help="Replace results that are in the folder already.")
+        @click.option("--overwrite", is_flag=True, help="Replace existing results in the folder.")
         @report_options
         @wraps(command)
         def with_target(*arguments: Any, out: Path | None, overwrite: bool, form: Form, **options: Any) -> None:

@@ -20,7 +20,7 @@ from microvib.cli.modal_options import import_from, modal_options
 @modal_options
 def modes(source: str, count: int | None, target: Target, **deck: str | None) -> None:
     """Modes of SOURCE as in the paper's Table 1: `reference-array`, `reference-sas`, a description of an array or a simulator,
-    a table of modes, or results of Nastran or Ansys, for which the options say how the deck is meant.
+    a table of modes, or results of Nastran or Ansys, for which the options describe the deck.
 
     A scenario takes them as `array: {from: modes.csv}`, or directly as `array: {fem: reference-array, modes: 10}`.
     """
@@ -39,12 +39,14 @@ def sas() -> None:
 @sas.command("size")
 @click.option("--inertia", help="Inertia about the drive axis, e.g. '8.18 kg*m^2'.")
 @click.option("--frequency", help="Torsional frequency, e.g. '1.19 Hz'.")
-@click.option("--array", help="Stand for this array instead: a table of modes, a description, or reference-array.")
+@click.option("--array", help="Size it for this array instead: a table of modes, a description, or reference-array.")
 @click.option("--state", "states", multiple=True, metavar="F:J", help="A further state to reach, e.g. 1.19:15.69.")
-@click.option("--states", "file", type=click.Path(path_type=Path), help="Table of them [default: the paper's Table 2].")
+@click.option(
+    "--states", "file", type=click.Path(path_type=Path), help="Table of further states [default: the paper's Table 2]."
+)
 @click.option("--amplitude", default="2 deg", show_default=True, help="Largest angle between frame and plate.")
 @click.option("--rate", default="0.06 deg/s", show_default=True, help="Rate at which the drive starts and stops.")
-@click.option("--design", default="reference-sas", show_default=True, help="Simulator to set: a description.")
+@click.option("--design", default="reference-sas", show_default=True, help="Simulator to size: a description.")
 @target_options("Folder for tables, drawing, report [default: sas].", lambda options: "sas")
 def sas_size(target: Target, **options: Any) -> None:
     """Size a simulator for --inertia and --frequency, or for --array, and say how it is set for further states.

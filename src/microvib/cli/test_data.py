@@ -30,7 +30,7 @@ from microvib.units import quantity
 @target_options("Folder for tables and report [default: print only].")
 @channel_option
 @prepare_option
-@click.option("--scenario", help="Drive of a recording: which lines to look for [default: none].")
+@click.option("--scenario", help="Drive of a recording, which gives the expected lines [default: none].")
 @click.option(
     "--window",
     type=click.Choice(["rectangular", "hann", "flat-top"]),
@@ -46,7 +46,7 @@ def analyse(
     source: str, channel: str, prepare: Path | None, scenario: str | None, window: Any, resolution: str | None,
     bands: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Lines with uncertainties and spectra of SOURCE: a scenario, a run folder or a recording."""
+    """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a recording."""
     from microvib.io.sources import open_source
     from microvib.reports.analysis import analysis_text, write_analysis
     from microvib.studies.analyse import analyse as run_analysis
@@ -134,13 +134,13 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     "--model-error",
     default="0.4 percent",
     show_default=True,
-    help="How far amplitudes are trusted beyond their own uncertainty (standard deviation), each by itself.",
+    help="Error of each amplitude beyond its own uncertainty (standard deviation).",
 )
 @click.option(
     "--common-error",
     default="0 percent",
     show_default=True,
-    help="How far the scale of a recording is trusted, all its amplitudes together (standard deviation).",
+    help="Error common to all amplitudes of a recording, its scale (standard deviation).",
 )
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
@@ -201,7 +201,7 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
 @click.command()
 @target_options("Folder for table and report [default: print only].")
 def validate(target: Target) -> None:
-    """Run all that the paper claims, and print it beside the paper's and the test's figures."""
+    """Check all claims of the paper against its simulation and its test."""
     from microvib.reports.validation import validation_text, write_validation
     from microvib.studies.validate import validate as run_validation
 

@@ -27,7 +27,7 @@ class Invariants:
     momentum: float
     """Mean torque that the change of momentum leaves over, ``|Delta L + integral of T_d dt| / t``, over the largest T_d."""
     energy: float
-    """``|energy in - stored - dissipated|`` over the electrical energy put in."""
+    """``|energy in - stored - dissipated|`` over the electrical energy supplied."""
     energy_mechanical: float
     """The same over the energy that passed the shaft of the motor (without Joule heat, so the stricter figure)."""
     energy_in: float
