@@ -40,7 +40,7 @@ def test_what_is_known_beyond_doubt_passes_or_fails(table, scenario):
     assert judge(one, limit_of(0.99 * amplitude), scenario).verdict == "fail"
     near = judge(one, limit_of(1.0001 * amplitude), scenario)
     assert near.verdict == "not judged"
-    assert near.gaps == ("drive_1 (as near the limit as it is known)",)
+    assert near.gaps == ("drive_1 (nearer to the limit than it is known)",)
 
 
 def test_uncertainty_widens_what_is_not_judged(table, scenario):
@@ -91,7 +91,7 @@ def test_a_line_near_the_limit_is_not_judged_while_something_rings(table, scenar
     both = replace(table, lines=pair, rest=NOTHING)
     band = (20.0, 100.0)
     assert judge(both, limit_of(0.0102, *band), scenario).verdict == "not judged"
-    assert "what rings may decide; not settled; settle >=" in judge(both, limit_of(0.0102, *band), scenario).gaps[0]
+    assert "ringing may decide; not settled; settle >=" in judge(both, limit_of(0.0102, *band), scenario).gaps[0]
     assert judge(both, limit_of(0.0105, *band), scenario).verdict == "pass"
 
 

@@ -57,7 +57,7 @@ def drawn(drawing: Drawing, alt: str, caption: str = "", turned: bool = False) -
 
 
 def overlaid(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figure:
-    """Spectra of several torques in one picture: the low end as curves, lines to 200 Hz as stems beside each other."""
+    """Spectra of several torques in one picture: the low end as curves, lines to 200 Hz as stems side by side."""
     drawing, axes = sheets.plain_sheet(3.5, 1, 2)
     axes[0, 0].get_gridspec().set_width_ratios((1.0, 1.6))
     drawing.subplots_adjust()  # moves the axes

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 
 def brief(value: float, digits: int = 4) -> str:
-    """A figure with at most so many digits; empty where there is none."""
+    """A figure with at most so many digits; empty if there is none."""
     return f"{value:.{digits}g}" if math.isfinite(value) else ""
 
 
 def format_number(value: float, digits: int = 4, scale: float = 1.0) -> str:
-    """A figure with so many digits, zeros at its end included; empty where there is none."""
+    """A figure with so many digits, zeros at its end included; empty if there is none."""
     return f"{value * scale:#.{digits}g}".rstrip(".") if math.isfinite(value) else ""
 
 
@@ -50,7 +50,7 @@ def with_error(value: float, error: float) -> str:
 
 
 def percent(value: float) -> str:
-    """A relative difference in per cent, to a tenth of one, or below ten a hundredth; empty where there is none."""
+    """A relative difference in per cent, to a tenth of one, or below ten a hundredth; empty if there is none."""
     return f"{100 * value:+.{1 if abs(value) >= 0.1 else 2}f}" if math.isfinite(value) else ""
 
 

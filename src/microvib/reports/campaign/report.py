@@ -1,4 +1,4 @@
-"""The report of a campaign: what is told of it, its pictures, its document."""
+"""The report of a campaign: its contents, its figures, its document."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ MAX_LEVELS = 20
 
 @dataclass(frozen=True)
 class Summary:
-    """What is told of a campaign."""
+    """The contents of a campaign report."""
 
     results: Results
     limit: float | None
@@ -124,7 +124,7 @@ def counts(results: Results) -> dict[int, int]:
 
 
 def milli(value: float) -> str:
-    """A torque [N m] in mN m; empty where there is none."""
+    """A torque [N m] in mN m; empty if there is none."""
     return brief(1e3 * value)
 
 

@@ -34,7 +34,7 @@ MEANINGS = {
 _SCALAR_UNITS = {"peak": "N*m", "rms": "N*m", "stuck_output": "1"}
 _TEXTS = {
     "reasons": ("reason", "why the case failed; empty where it did not"),
-    "notes": ("note", "what is to be known of the case"),
+    "notes": ("note", "notes on the case"),
     "gaps": ("gaps", "what of the case could not be judged against the study's limit"),
 }
 """Texts of each case in a chunk: their variable in the file, and its meaning."""
@@ -183,7 +183,7 @@ class Results:
 
     @property
     def notes(self) -> list[str]:
-        """What is to be known of each case, (cases,)."""
+        """Notes on each case, (cases,)."""
         return self._texts("note")
 
     @property

@@ -60,7 +60,7 @@ def _done(store: Store, id: str) -> Job:
 
 
 def finished_run(store: Store, id: str) -> Job:
-    """A run that is done; Refused where there is none of this id."""
+    """A run that is done; Refused if there is none of this id."""
     if _job(store, id).kind != "run":
         raise Refused(404, "this computation is not a run")
     return _done(store, id)
