@@ -5,8 +5,8 @@
 2. Array modes ring down while they are recorded, so they are fitted as decaying tones; unexpected lines are searched for
    (``microvib.signals.line_search``).
 3. Clock ratio and tones are refined in turn, until the lines stay where they are.
-4. All amplitudes come from one least-squares fit to the bins about the lines, in which every line is present
-   (``microvib.signals.tone_fit``), and uncertainties from its residual (``microvib.signals.uncertainty``).
+4. All amplitudes come from one least-squares fit to the bins about the lines, in which every line is present,
+   and uncertainties from its residual (``microvib.signals.tones``).
 """
 
 from __future__ import annotations

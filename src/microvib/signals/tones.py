@@ -1,9 +1,9 @@
 """Tones of one record: steady ones that keep their ratios, and decaying ones; fitted together, with their uncertainties.
 
-Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast, and
-every fit is a least-squares fit to the bins about the tones (``microvib.signals.tone_kernel``, which is called from here alone).
-What is near each other is never fitted one after another. Amplitudes are eliminated (variable projection), so that a fit moves
-frequencies, decays and the clock ratio alone.
+Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast. Every
+fit is a least-squares fit to the bins about the tones; ``microvib.signals.tone_kernel``, called from here alone, states the model.
+Tones near each other are never fitted one after another. Amplitudes are eliminated (variable projection), so a fit moves
+frequencies, decays and the clock ratio only.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from microvib.signals.spectrum import SpectrumError
 from microvib.signals.tone_kernel import REACH
 
 FEWEST = 8
-"""Samples of the shortest record."""
+"""Fewest samples of a record."""
 NEAR = 2 * REACH
 """Bins within which tones are fitted together."""
 SLOWEST, FASTEST = -8.0, 60.0
-"""e-foldings over the record that a decay may have."""
+"""Bounds of a decay, in e-foldings over the record."""
 SLACK = 2.0
-"""Bins beyond its band that a frequency may end at."""
+"""Bins by which a frequency may leave its band."""
 _NUDGE = 1e-4
 """Step of difference quotients, in cycles or e-foldings over the record."""
 _FEW = 1.08
-"""Widens what follows from a floor: a median of some thirty bins, not all independent, is itself off by a sixth."""
+"""Widens uncertainties, since the floor is itself uncertain by a sixth: a median of some thirty dependent bins."""
 _USUAL = 2.0
-"""RMS of what is left in a tone's own bins, over that of the noise, which noise alone hardly exceeds."""
+"""RMS of the residual in a tone's own bins, over that of the noise, which noise alone hardly exceeds."""
 _HIDES = 5.0
-"""What a line within a bin of another adds to it, over what it leaves: the fit of the one takes most of the other along."""
+"""Effect of a hidden line on one within a bin, over the residual it leaves: the fit absorbs most of it."""
 
 
 @dataclass(frozen=True)
@@ -48,23 +48,23 @@ class Tones:
     decay: np.ndarray
     """Decay rates [1/s]."""
     free: np.ndarray
-    """Whether the frequency is fitted by itself; that of the others is known, or known but for the clock ratio."""
+    """Whether the frequency is fitted separately; the others are known, or known up to the clock ratio."""
     falls: np.ndarray
     """Whether the decay is fitted."""
     limited: np.ndarray
-    """Whether the fit ended at the end of the band or of the decay rates that it may take."""
+    """Whether the fit ended at a bound of the frequency band or of the decay rate."""
 
     def __len__(self) -> int:
         return len(self.lines)
 
     @property
     def clock(self) -> np.ndarray:
-        """Which of them keep to the step clock, (m,)."""
+        """Which tones belong to the step clock, (m,)."""
         clock: np.ndarray = ~self.free & np.array([line.kind != "array mode" for line in self.lines], dtype=bool)
         return clock
 
     def only(self, some: np.ndarray) -> Tones:
-        """Those of ``some``, (m,) true or false."""
+        """The tones for which ``some`` (m,) is true."""
         lines = tuple(line for line, keep in zip(self.lines, some, strict=True) if keep)
         return Tones(lines, *(getattr(self, name)[some] for name in _ARRAYS))
 
@@ -102,7 +102,7 @@ class HannSpectrum:
     sample_rate: float
 
     def __post_init__(self) -> None:
-        """SpectrumError for what compiled code must not see: it would take indices from numbers that are none."""
+        """SpectrumError for values that compiled code must not see: it would compute indices from NaN."""
         if not 0.0 < self.sample_rate < np.inf or self.samples < FEWEST:
             raise SpectrumError(
                 f"lines need at least {FEWEST} samples at a finite rate; there are {self.samples} at {self.sample_rate:g} Hz"
@@ -129,7 +129,7 @@ class HannSpectrum:
 
     @property
     def table(self) -> np.ndarray:
-        """Half turns that the closed forms are made of."""
+        """Sines and cosines for the closed forms (``tone_kernel.half_turns``)."""
         return hann.half_turns(self.samples)
 
     @cached_property
@@ -151,17 +151,17 @@ class HannSpectrum:
         return columns
 
     def residual(self, tones: Tones, k: np.ndarray) -> np.ndarray:
-        """What the best fit of the tones leaves at the bins ``k``: real parts, then imaginary ones."""
+        """Residual of the best fit of the tones at the bins ``k``: real parts, then imaginary ones."""
         rest: np.ndarray = hann.residual(*self._in_record(tones), k, self.values, self.table)
         return rest
 
     def amplitudes(self, tones: Tones) -> np.ndarray:
-        """Complex amplitudes a of all tones together, x = Re(a exp(i w t)), (m,); least squares over the bins about them."""
+        """Complex amplitudes a of all tones, x = Re(a exp(i w t)), (m,), from one least-squares fit to the bins about them."""
         result: np.ndarray = hann.amplitudes(*self._in_record(tones), self.values, self.table)
         return result
 
     def without(self, tones: Tones, amplitudes: np.ndarray) -> HannSpectrum:
-        """The spectrum with some tones taken out, each from the bins where it stands out of rounding."""
+        """The spectrum less some tones, each subtracted from the bins where it is above rounding."""
         values = hann.without(*self._in_record(tones), np.asarray(amplitudes, complex), self.values, self.table)
         return replace(self, values=values)
 
@@ -171,7 +171,7 @@ class HannSpectrum:
         return floors
 
     def floor(self, frequency: float) -> float:
-        """The floor about one frequency."""
+        """The noise floor about one frequency."""
         return float(self.floors(np.array([frequency]))[0])
 
     def peak(self, low: float, high: float, margin: float = 1.5) -> tuple[float, float]:
@@ -189,7 +189,7 @@ class HannSpectrum:
         return [self.peak(f, f, margin=0.0) for f in at.tolist()]
 
     def height(self, frequency: float, within: float) -> float:
-        """Largest amplitude of the bins within so many bins of a frequency, the two beside it at least."""
+        """Largest amplitude within so many bins of a frequency, at least of the two neighbouring bins."""
         cycles = frequency * self.duration
         first, last = int(np.floor(cycles - within)), int(np.ceil(cycles + within))
         return float(np.max(self.magnitude[max(first, 0) : last + 1], initial=0.0))
@@ -210,7 +210,7 @@ def mean_of_decay(fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Joint:
-    """Tones in a spectrum, fitted together, and what they leave of it."""
+    """Tones in a spectrum, fitted jointly, and the residual spectrum."""
 
     spectrum: HannSpectrum
     tones: Tones
@@ -220,7 +220,7 @@ class Joint:
 
     @classmethod
     def of(cls, spectrum: HannSpectrum, tones: Tones) -> Joint:
-        """The amplitudes of all ``tones``, where these are."""
+        """Fit the amplitudes of all ``tones``, with their frequencies and decays as given."""
         amplitudes = spectrum.amplitudes(tones)
         return cls(spectrum, tones, amplitudes, spectrum.without(tones, amplitudes))
 
@@ -232,18 +232,18 @@ class Joint:
 
     @property
     def sizes(self) -> np.ndarray:
-        """Amplitudes as means over the record, (m,)."""
+        """Amplitudes, averaged over the record, (m,)."""
         sizes: np.ndarray = np.abs(self.amplitudes) * mean_of_decay(self.tones.decay * self.spectrum.duration)[0]
         return sizes
 
     def near(self, frequency: np.ndarray) -> np.ndarray:
-        """Which tones are fitted together with tones at ``frequency`` (k,) [Hz]; (m,) true or false."""
+        """Which tones (m,) have to be fitted together with tones at ``frequency`` (k,) [Hz]."""
         apart = np.abs(self.tones.frequency[:, None] - frequency[None, :]) * self.spectrum.duration
         near: np.ndarray = (apart < NEAR).any(axis=1)
         return near
 
     def with_tones(self, more: Tones) -> Joint:
-        """A new fit with ``more`` tones; of the others, those near them are fitted again, together with them."""
+        """A new fit with ``more`` tones, together with which the existing ones near them are fitted again."""
         near = self.near(more.frequency)
         around, apart = self.tones.only(near), self.tones.only(~near)
         local = self.rest.without(around, -self.amplitudes[near])
@@ -256,9 +256,10 @@ class Joint:
 def moved(
     tones: Tones, spectrum: HannSpectrum, ratio: float | None = None, telling: np.ndarray | None = None
 ) -> tuple[Tones, float | None]:
-    """The tones where they leave least of the spectrum: all free frequencies and decays together, and with them the clock
-    ``ratio`` if it is given, to which the tones of the clock keep; ``telling``, (m,) true or false, are those of them whose bins
-    count.
+    """The tones with the frequencies and decays that minimise the residual, and the clock ratio.
+
+    All free frequencies and decays move together, and with them the clock ``ratio`` if it is given, which all tones of the clock
+    share. Only the bins of free tones and of those marked in ``telling`` (m,) count; by default those of all tones.
     """
     free, falls, duration = np.flatnonzero(tones.free), np.flatnonzero(tones.falls), spectrum.duration
     if free.size == 0 and ratio is None:
@@ -283,11 +284,12 @@ def moved(
 
 
 def uncertainties(joint: Joint, ratio: float | None = None) -> tuple[Uncertainty, float | None]:
-    """Standard uncertainties of all that was fitted, jointly: amplitudes, phases, frequencies and decays, and the clock ratio.
+    """Standard uncertainties of everything fitted, jointly: amplitudes, phases, frequencies and decays, and the clock ratio.
 
-    Noise is taken as Gaussian, with the local floor of what the tones leave as its size and the correlation between
-    neighbouring bins that a Hann window makes. Amplitudes of decaying tones are their means over the record. The clock ratio's
-    is None without a ``ratio``.
+    With the columns X of the linearised least-squares fit, noise of covariance N gives the parameters the covariance
+    (X X^T)^-1 X N X^T (X X^T)^-1 (``_sandwich``). The noise is taken as Gaussian; its size is the local floor of the residual
+    spectrum, and neighbouring bins are correlated by the Hann window. Amplitudes of decaying tones are averages over the record.
+    The uncertainty of the clock ratio is None without a ``ratio``.
     """
     tones, amplitudes, spectrum = joint.tones, joint.amplitudes, joint.spectrum
     m, duration = len(tones), spectrum.duration
@@ -354,10 +356,10 @@ def _ratio_slope(joint: Joint, near: np.ndarray, ratio: float) -> np.ndarray:
 
 
 def _noise(joint: Joint, near: np.ndarray) -> np.ndarray:
-    """RMS of real and imaginary part of the noise at each bin of ``near``, from what is left about the closest tone.
+    """RMS of real and imaginary part of the noise at each bin of ``near``, from the residual about the closest tone.
 
-    That is the floor; where the bins of the tone itself are left with more than noise leaves, the tone is not all that is there,
-    and what it does not explain counts as noise.
+    That is the floor. Where the residual in the bins of the tone itself is larger than noise, the tone does not explain
+    everything there, and the rest counts as noise.
     """
     floors, left = _floors(joint)
     centres = joint.tones.frequency * joint.spectrum.duration
@@ -368,14 +370,14 @@ def _noise(joint: Joint, near: np.ndarray) -> np.ndarray:
 
 
 def disturbed(joint: Joint) -> np.ndarray:
-    """Which tones are not all that is in their bins, or change within the record, (m,): more is left there than noise leaves."""
+    """Which tones (m,) do not explain their bins, or change within the record: the residual there is larger than noise."""
     floors, left = _floors(joint)
     found: np.ndarray = left > _USUAL * floors
     return found
 
 
 def _floors(joint: Joint) -> tuple[np.ndarray, np.ndarray]:
-    """RMS of real and imaginary part of the noise about each tone, and of what is left in its own bins, (m,) each."""
+    """RMS of real and imaginary part of the noise about each tone, and of the residual in its own bins, (m,) each."""
     # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
     rest, frequency = joint.rest, joint.tones.frequency
     floors = rest.floors(frequency) / np.sqrt(2.0 * np.log(2.0))
@@ -383,7 +385,7 @@ def _floors(joint: Joint) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sandwich(columns: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Covariance of the least-squares solution, its ``columns`` (p, 2 n), under noise that a Hann window has correlated."""
+    """Covariance of the least-squares solution with ``columns`` (p, 2 n), for noise that the Hann window correlates."""
     scale = np.sqrt(np.einsum("ij,ij->i", columns, columns))
     scale[scale == 0.0] = 1.0
     scaled = columns / scale[:, None]
