@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.cli.common import report_options, say_written
+from microvib.cli.common import options, report_options, say_doubts, say_written
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import MicrovibError, OptionError
@@ -39,7 +38,6 @@ def campaign() -> None:
 @click.option("--chunk", type=click.IntRange(1, 100_000), help="Cases computed and written together.")
 def create(study: Path, folder: Path, chunk: int | None) -> None:
     """Draw the cases of STUDY (a YAML file) and write them to the new folder DIR."""
-    from microvib.cli.common import say_doubts
     from microvib.studies.campaign import folder as campaigns
     from microvib.studies.campaign.design import read_design
 
@@ -64,7 +62,7 @@ def _opened(folder: Path) -> Campaign:
     return opened
 
 
-_run_options = (
+_run_options = options(
     click.option("--on", type=click.Choice(["local", "dask", "slurm"]), default="local", show_default=True, help="Where."),
     click.option("--workers", type=click.IntRange(1, 4096), help="Processes, on Slurm jobs [default: all cores; on Slurm 8]."),
     click.option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786."),
@@ -75,15 +73,9 @@ _run_options = (
 )  # fmt: skip
 
 
-def _with_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    for option in reversed(_run_options):
-        command = option(command)
-    return command
-
-
 @campaign.command()
 @folder_argument
-@_with_run_options
+@_run_options
 def run(folder: Path, **options: Any) -> None:
     """Compute the missing cases of DIR. It may be stopped at any time; `resume` continues."""
     _compute(folder, **options)
@@ -91,7 +83,7 @@ def run(folder: Path, **options: Any) -> None:
 
 @campaign.command()
 @folder_argument
-@_with_run_options
+@_run_options
 def resume(folder: Path, **options: Any) -> None:
     """Continue with DIR after any interruption: the same as `run`."""
     _compute(folder, **options)
@@ -116,7 +108,10 @@ def _compute(
     from microvib.studies.campaign.run import compute_missing
 
     try:
-        with _backend(on, workers, scheduler) as backend, _progress() as progress:
+        with (
+            _backend(on, workers, scheduler) as backend,
+            progress_bar("computing", "cases", lines_every=_EVERY) as progress,
+        ):
             compute_missing(opened, backend, shard=part, todo=listed, progress=progress)
     except KeyboardInterrupt:
         echo(f"Interrupted; computed cases are kept. Continue with: microvib campaign resume {folder}", err=True)
@@ -126,22 +121,14 @@ def _compute(
         echo(f"Now: microvib campaign report {folder}")
 
 
-@contextmanager
-def _backend(on: str, workers: int | None, scheduler: str | None) -> Iterator[Any]:
+def _backend(on: str, workers: int | None, scheduler: str | None) -> AbstractContextManager[Any]:
     if on == "dask":
-        from microvib.studies.campaign.on_dask import dask as backend_of
+        from microvib.studies.campaign.on_dask import dask
 
-        with backend_of(workers, scheduler) as backend:
-            yield backend
-    else:
-        from microvib.studies.campaign.run import local
+        return dask(workers, scheduler)
+    from microvib.studies.campaign.run import local
 
-        with local(workers) as backend:
-            yield backend
-
-
-def _progress() -> progress_bar:
-    return progress_bar("computing", "cases", lines_every=_EVERY)
+    return local(workers)
 
 
 def _shard(text: str | None) -> tuple[int, int]:

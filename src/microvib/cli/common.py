@@ -47,6 +47,17 @@ band_option = click.option(
 )
 
 
+def options(*each: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Several options as one, in the order of the help."""
+
+    def with_all(command: Any) -> Any:
+        for option in reversed(each):
+            command = option(command)
+        return command
+
+    return with_all
+
+
 def _form(pdf: bool, report_data: Path | None) -> Form:
     """What is asked of the report; a library that is missing and wrong data are told before anything is computed."""
     if pdf:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from microvib.cli.common import options
 
 if TYPE_CHECKING:
     from microvib.structures.deck import Import
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-_OPTIONS = (
+modal_options = options(
     click.option("--units", help="Unit system of the deck: SI, mm-t-s, mm-kg-s, in-lbf-s or ft-lbf-s."),
     click.option(
         "--interface", metavar="GRID|X,Y,Z", help="Interface point, in the deck's basic frame and length unit."
@@ -29,13 +29,7 @@ _OPTIONS = (
         "--reference", metavar="GRID|X,Y,Z", help="Point of participation factors in OP2 and OP4 [default: 0,0,0]."
     ),
 )
-
-
-def modal_options(command: F) -> F:
-    """Adds the options; the command gets them as texts or None, for ``import_from``."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
+"""A command with them gets them as texts or None, for ``import_from``."""
 
 
 def import_from(source: Path, given: Mapping[str, str | None], modes: int | None = None) -> Import | None:

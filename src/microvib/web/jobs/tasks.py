@@ -34,18 +34,16 @@ def _write(folder: str, data: dict[str, Any]) -> None:
     (Path(folder) / "result.json").write_text(to_json(data), encoding="utf-8")
 
 
-def run(folder: str, scenario: str, tell: Tell) -> None:
-    """Simulate a scenario (YAML); leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
+def run(folder: str, scenario: Scenario, tell: Tell) -> None:
+    """Simulate a scenario; leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
     from microvib.analysis.run import solve_run
-    from microvib.io.scenario_file import scenario_of
-    from microvib.io.yaml_text import parse_yaml
     from microvib.reports.run.folder import run_summary, run_texts
     from microvib.web.jobs.results import run_result
 
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
 
-    result = solve_run(scenario_of(parse_yaml(scenario, "scenario"), "scenario"), progress=progress)
+    result = solve_run(scenario, progress=progress)
     assert result.motion is not None
     summed = run_summary(result)
     _keep(Path(folder), result.motion, result.table)
@@ -149,14 +147,14 @@ def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
     return view_of(Spec(**spec))
 
 
-def analysis(folder: str, recording: Upload, scenario: str, channel: str, tell: Tell) -> None:
+def analysis(folder: str, recording: Upload, scenario: Scenario, channel: str, tell: Tell) -> None:
     """Lines with uncertainties and spectra of a recording."""
     from microvib.io.recordings import Prepared
     from microvib.studies.analyse import analyse
     from microvib.web.jobs.results import analysis_result
 
     tell(0, None, "", "reading and finding the lines")
-    found = analyse(Prepared(_read(*recording)), scenario=_scenario(scenario), channel=channel)
+    found = analyse(Prepared(_read(*recording)), scenario=scenario, channel=channel)
     np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
     np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
     _write(folder, analysis_result(found))
@@ -177,7 +175,7 @@ def comparison(folder: str, recording: Upload, run: str, run_title: str, channel
 
 
 def identification(
-    folder: str, recordings: list[Upload], scenario: str, channel: str, fit: list[str], starts: int, tell: Tell
+    folder: str, recordings: list[Upload], scenario: Scenario, channel: str, fit: list[str], starts: int, tell: Tell
 ) -> None:
     """Parameters from recordings."""
     from microvib.io.recordings import Prepared
@@ -189,26 +187,24 @@ def identification(
         values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
         tell(simulations, None, "simulations", f"{stage} search, best so far: {values}")
 
-    loaded = _scenario(scenario)
-    keys = [parse_fit(loaded, text) for text in fit]
+    keys = [parse_fit(scenario, text) for text in fit]
     tests: list[tuple[Any, dict[str, object]]] = [
-        (evidence_of(Prepared(_read(*one)), loaded, channel), {}) for one in recordings
+        (evidence_of(Prepared(_read(*one)), scenario, channel), {}) for one in recordings
     ]
-    found = identify(loaded, tests, keys, starts=starts, progress=progress)
-    _write(folder, identification_result(found, loaded))
+    found = identify(scenario, tests, keys, starts=starts, progress=progress)
+    _write(folder, identification_result(found, scenario))
 
 
 def rates(
-    folder: str, scenario: str, rates: Sequence[Si], microsteps: list[int], limit: Si | None, band: Band,
+    folder: str, scenario: Scenario, rates: Sequence[Si], microsteps: list[int], limit: Si | None, band: Band,
     linear: bool, tell: Tell,
 ) -> None:  # fmt: skip
     """A rate plan."""
     from microvib.studies.rates import plan_rates
     from microvib.web.jobs.results import rates_result
 
-    loaded = _scenario(scenario)
     plan = plan_rates(
-        loaded, rates, microsteps, limit=limit, band=band, linear=linear,
+        scenario, rates, microsteps, limit=limit, band=band, linear=linear,
         progress=lambda done, total: tell(done, total, "cases", "solving"),
     )  # fmt: skip
     _write(folder, rates_result(plan))
@@ -221,11 +217,3 @@ def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
 
     tell(0, None, "", "sizing, and checking with finite elements")
     _write(folder, sas_result(sized(**{key: value for key, value in options.items() if value is not None})))
-
-
-def _scenario(text: str) -> Scenario:
-    """The scenario that a request meant, from its complete text."""
-    from microvib.io.scenario_file import scenario_of
-    from microvib.io.yaml_text import parse_yaml
-
-    return scenario_of(parse_yaml(text, "scenario"), "scenario")

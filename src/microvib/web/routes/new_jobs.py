@@ -10,7 +10,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
-from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.rates import rate_grid
@@ -42,7 +41,7 @@ def start_run(want: Run, store: At) -> Started:
     if want.steady:
         scenario = scenario.with_({"record.start": "steady"})
     _check_size(scenario, store.limits.record)
-    return start(store, "run", want.name or scenario.title or "run", scenario=dump_scenario(scenario))
+    return start(store, "run", want.name or scenario.title or "run", scenario=scenario)
 
 
 def _check_size(scenario: Scenario, most: int) -> None:
@@ -101,7 +100,7 @@ def start_analysis(want: AnalysisOf, store: At) -> Started:
     upload = _upload(store, want.recording)
     return start(
         store, "analysis", f"{upload.name}, {want.channel}", recording=upload.file, channel=want.channel,
-        scenario=dump_scenario(requested(store, want.scenario)),
+        scenario=requested(store, want.scenario),
     )  # fmt: skip
 
 
@@ -121,7 +120,7 @@ def start_identification(want: IdentificationOf, store: At) -> Started:
     uploads = [_upload(store, id) for id in want.recordings]
     return start(
         store, "identification", ", ".join(u.name for u in uploads), recordings=[u.file for u in uploads],
-        scenario=dump_scenario(requested(store, want.scenario)), channel=want.channel, fit=want.fit, starts=want.starts,
+        scenario=requested(store, want.scenario), channel=want.channel, fit=want.fit, starts=want.starts,
     )  # fmt: skip
 
 
@@ -136,7 +135,7 @@ def start_rates(want: RatesOf, store: At) -> Started:
     limit = None if want.limit is None else quantity("limit", want.limit, "N*m", positive=True)
     within = (Si(0.0), Si("inf")) if want.band is None else band(want.band)
     return start(
-        store, "rates", f"rates of {scenario.title}", scenario=dump_scenario(scenario), rates=rates,
+        store, "rates", f"rates of {scenario.title}", scenario=scenario, rates=rates,
         microsteps=counts, limit=limit, band=within, linear=want.linear,
     )  # fmt: skip
 
