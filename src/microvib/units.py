@@ -11,12 +11,13 @@ import re
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from numbers import Real
-from typing import Any
-
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
-from pydantic_core import PydanticCustomError, core_schema
+from typing import TYPE_CHECKING, Any
 
 from microvib.errors import OptionError, shown
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
+    from pydantic_core import PydanticCustomError, core_schema
 
 _NUMBER = re.compile(r"\s*([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf))\s*")
 _UNIT = re.compile(r"(1?/)?[A-Za-z_][A-Za-z0-9_*/^.() -]*")
@@ -34,24 +35,21 @@ _PRINTED = (
 """Units as they are declared, and as print shows them."""
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _GLUED = r"(?<![A-Za-z_])(da|[GMkhdcmun]?)"
-_READ = tuple(
-    (re.compile(written), plain)
-    for written, plain in (
-        (r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda found: "^" + found[0].translate(_SUPERSCRIPT)),
-        (r"\s+", " "),
-        (r"\^?½", "^0.5"),
-        (r"\*\*", "^"),
-        (r"[·⋅∙•×]", "*"),
-        (r"[µμ]", "u"),
-        (r"[ΩΩ]", "ohm"),
-        (r"°", "deg"),
-        (r"%", "percent"),
-        (r"(?<=[A-Za-z])(-?\d)", r"^\1"),  # m2, s-1
-        (_GLUED + r"N(mm|cm|m)(s?)(?![A-Za-z])", lambda found: "*".join(filter(None, (f"{found[1]}N", found[2], found[3])))),
-        (_GLUED + r"(g|kgf|lbf|ozf)(mm|cm|m|in|ft)(?![A-Za-z])", r"\1\2*\3"),
-        (_GLUED + r"([NVAW])s(?![A-Za-z])", r"\1\2*s"),
-        (r"(?<=[A-Za-z])[.-](?=[A-Za-z])", "*"),
-    )
+_READ = (
+    (r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda found: "^" + found[0].translate(_SUPERSCRIPT)),
+    (r"\s+", " "),
+    (r"\^?½", "^0.5"),
+    (r"\*\*", "^"),
+    (r"[·⋅∙•×]", "*"),
+    (r"[µμ]", "u"),
+    (r"[ΩΩ]", "ohm"),
+    (r"°", "deg"),
+    (r"%", "percent"),
+    (r"(?<=[A-Za-z])(-?\d)", r"^\1"),  # m2, s-1
+    (_GLUED + r"N(mm|cm|m)(s?)(?![A-Za-z])", lambda found: "*".join(filter(None, (f"{found[1]}N", found[2], found[3])))),
+    (_GLUED + r"(g|kgf|lbf|ozf)(mm|cm|m|in|ft)(?![A-Za-z])", r"\1\2*\3"),
+    (_GLUED + r"([NVAW])s(?![A-Za-z])", r"\1\2*s"),
+    (r"(?<=[A-Za-z])[.-](?=[A-Za-z])", "*"),
 )  # fmt: skip
 """How units are written, and the same as pint reads it: print, keyboards without raised digits, products without a sign."""
 _COMMON: dict[str, dict[str, float]] = {
@@ -100,7 +98,7 @@ def _registry() -> Any:
 def plain_unit(written: str) -> str:
     """A unit as pint reads it: ``kg·cm²``, ``kgcm2`` and ``kg cm^2`` become ``kg*cm^2`` or the like."""
     for pattern, plain in _READ:
-        written = pattern.sub(plain, written)
+        written = re.sub(pattern, plain, written)
     return written.strip()
 
 
@@ -113,7 +111,7 @@ def convert(text: str, unit: str) -> float:
         raise ValueError("is too long for a quantity")
     match = _NUMBER.match(text.replace("\u2212", "-"))  # the sign of minus
     written = text[match.end() :].strip() if match else ""
-    plain = plain_unit(written)
+    plain = written if written in _COMMON.get(unit, ()) else plain_unit(written)
     if match is None or (written and not _UNIT.fullmatch(plain)):
         comma = "; write a decimal point, not a comma" if "," in text else ""
         example = f"'1 {unit}'" if unit else "'1'"
@@ -283,6 +281,8 @@ class Quantity:
         return number
 
     def _error(self, value: Any, problem: str) -> PydanticCustomError:
+        from pydantic_core import PydanticCustomError
+
         # Braces would be taken for placeholders of the message template.
         return PydanticCustomError("quantity", "{text}", {"text": f"{shown(value)} {problem} ({self.meaning})"})
 
@@ -315,6 +315,8 @@ class Quantity:
         return f"{self.show(value)} is unusual; {low} to {high} is expected ({self.meaning})"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        from pydantic_core import core_schema
+
         return core_schema.with_info_plain_validator_function(self.parse)
 
     def __get_pydantic_json_schema__(

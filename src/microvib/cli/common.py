@@ -12,10 +12,10 @@ import click
 
 from microvib.cli.streams import echo
 from microvib.errors import OptionError
-from microvib.reports.document import Form
 
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
+    from microvib.reports.document import Form
     from microvib.testdata.preparation import Preparation
 
 Command = Callable[..., None]
@@ -62,6 +62,7 @@ def _form(pdf: bool, report_data: Path | None) -> Form:
     """What is asked of the report; a library that is missing and wrong data are told before anything is computed."""
     if pdf:
         import typst  # noqa: F401
+    from microvib.reports.document import Form
     from microvib.reports.title_block import TitleBlock, read_title_block
 
     block = TitleBlock() if report_data is None else read_title_block(report_data)

@@ -9,11 +9,10 @@ import click
 
 from microvib.cli.common import band_option, limit_option, report_options
 from microvib.errors import OptionError, OutputError
-from microvib.reports.document import Form
 
 if TYPE_CHECKING:
     from microvib.analysis.limits import Limit
-    from microvib.reports.document import Document
+    from microvib.reports.document import Document, Form
 
 _KINDS = (".html", ".pdf")
 

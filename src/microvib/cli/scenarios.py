@@ -11,11 +11,11 @@ from microvib.cli.common import band_option, limit_option, load, report_options,
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 from microvib.errors import OptionError
-from microvib.reports.document import Form
 
 if TYPE_CHECKING:
     from microvib.analysis.run import RunResult
     from microvib.model.scenario import Scenario
+    from microvib.reports.document import Form
     from microvib.signals.line_table import LineTable
 
 
