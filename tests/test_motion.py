@@ -9,7 +9,7 @@ from microvib.analysis.lines import lines
 from microvib.solve import kernel
 from microvib.solve.channels import CHANNELS
 from microvib.solve.pack import pack
-from microvib.solve.simulate import Run
+from microvib.solve.simulate import Simulation
 
 SHORT = {"record.settle": 1.0, "record.duration": 4.0}
 
@@ -170,7 +170,7 @@ def test_lines_of_a_stream_are_those_of_the_motion(state_1, monkeypatch):
 
 
 def test_a_long_stream_keeps_no_history(state_1):
-    run = Run(state_1.with_si({"record.settle": 0.0, "record.duration": 60.0}), channels=("T_d",))
+    run = Simulation(state_1.with_si({"record.settle": 0.0, "record.duration": 60.0}), channels=("T_d",))
     sizes = [block["T_d"].size for block in run]
     assert max(sizes) < 5000
     assert sum(sizes) == 60 * 4096

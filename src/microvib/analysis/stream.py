@@ -13,7 +13,7 @@ from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable, Rest
 from microvib.solve.motion import Invariants, Motion
-from microvib.solve.simulate import Progress, Run
+from microvib.solve.simulate import Progress, Simulation
 
 SEEN = ("ok", "decaying", "growing")
 BLOCK_SAMPLES = 1 << 19
@@ -32,7 +32,7 @@ def lines_of_stream(
     """
     samples, rate = scenario.record.samples, scenario.record.sample_rate
     blocks = max(-(-samples // BLOCK_SAMPLES), 1)
-    run = Run(scenario, progress=progress, channels=("T_d",))
+    run = Simulation(scenario, progress=progress, channels=("T_d",))
     tables: list[LineTable] = []
     bins: _Bins | None = None
     for block in _regroup(run, samples // blocks):
@@ -51,7 +51,7 @@ def lines_of_stream(
     return noted(table, found), run.invariants, account(run.solver, found) | {"line_blocks": len(tables)}
 
 
-def _regroup(run: Run, size: int) -> Iterator[np.ndarray]:
+def _regroup(run: Simulation, size: int) -> Iterator[np.ndarray]:
     """Blocks of ``size`` samples from the stream; a shorter rest joins the last block."""
     kept: list[np.ndarray] = []
     have = 0

@@ -11,7 +11,7 @@ minimises what that leaves. This is variable projection.
 
 Every bin of a fit has the same weight. The bins are those within REACH of a tone: a Hann-windowed tone falls off with the
 cube of the distance, so that others and the noise elsewhere hardly count. Uncertainties come from the residual, with the
-correlation that the window makes between neighbouring bins (``correlated``, ``microvib.signals.uncertainty``).
+correlation that the window makes between neighbouring bins (``correlated``, ``microvib.signals.tones``).
 
 Bins ``k`` (n,) ascend. A spectrum ``values`` is one-sided and scaled so that a steady tone on a bin reads its amplitude.
 """

@@ -41,7 +41,7 @@ def simulate(
     """
     if scenario.record.start == "rest":
         return from_rest(scenario, progress=progress, channels=channels)
-    from microvib.solve.steady.state import find_steady  # which runs this module's ``Run`` itself
+    from microvib.solve.steady.state import find_steady  # which runs this module's ``Simulation`` itself
 
     state, why = find_steady(scenario)
     begin = (lambda **options: from_rest(scenario, **options)) if state is None else state.motion
@@ -53,7 +53,7 @@ def from_rest(
     scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None
 ) -> Motion:
     """``simulate`` from rest at t = 0, whatever ``record.start`` says."""
-    run = Run(scenario, progress=progress, channels=channels)
+    run = Simulation(scenario, progress=progress, channels=channels)
     blocks = list(run)
     joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     t = scenario.record.settle + np.arange(scenario.record.samples) / scenario.record.sample_rate
@@ -70,11 +70,11 @@ def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float)
     own = packed.state.y, packed.state.stick, packed.state.clock
     for mine, given in zip(own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True):
         mine[:] = given
-    run = Run(changed, channels=("T_d",), packed=packed, command=beginning.command)
+    run = Simulation(changed, channels=("T_d",), packed=packed, command=beginning.command)
     return np.concatenate([block["T_d"] for block in run])
 
 
-class Run:
+class Simulation:
     """One simulation as a stream of blocks ``{channel: samples}``; invariants are known when it is through.
 
     It starts at rest at t = 0, or goes on from the state ``packed`` at its time, under ``command``.

@@ -17,6 +17,7 @@ from microvib.errors import OptionError, SimulationError, expect
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import FAINT
+from microvib.solve.simulate import Progress
 from microvib.units import Band, Given, Si, quantity
 from microvib.units import band as ends
 
@@ -30,8 +31,6 @@ BISECTIONS = 8
 
 ABOVE = "a line is above the limit"
 NEAR = "too near to a resonance:"
-
-Progress = Callable[[float, float], None]
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,6 @@ PEAK = 1.643
 AMPLITUDE_BAR = 0.1
 CONVERGENCE_BAR = 0.01
 
-Progress = Callable[[str], None]
-
 
 @dataclass(frozen=True)
 class Check:
@@ -57,7 +55,7 @@ class SimulatedState:
     table: LineTable
 
 
-def validate(progress: Progress | None = None) -> tuple[list[Check], dict[int, SimulatedState]]:
+def validate(progress: Callable[[str], None] | None = None) -> tuple[list[Check], dict[int, SimulatedState]]:
     """All checks, and the states' motions that they come from."""
     tell = progress or (lambda text: None)
     states = {}

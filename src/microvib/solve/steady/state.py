@@ -16,7 +16,7 @@ import numpy as np
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.motion import Invariants, Motion, channel_of
-from microvib.solve.simulate import Progress, Run, balance, channels_of
+from microvib.solve.simulate import Progress, Simulation, balance, channels_of
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search
 
@@ -102,7 +102,9 @@ class SteadyState:
         """The record of the scenario, integrated from this state instead of from rest."""
         period = PeriodMap(self.scenario, self.microsteps)
         period.put(self.state)
-        run = Run(self.scenario, progress=progress, channels=channels, packed=period.packed, command=period.command)
+        run = Simulation(
+            self.scenario, progress=progress, channels=channels, packed=period.packed, command=period.command
+        )
         blocks = list(run)
         joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
         record = self.scenario.record
