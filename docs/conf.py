@@ -27,6 +27,7 @@ extensions = [
     "sphinx_click",
     "mathml",
     "drawings",
+    "gallery",
     "cells",
 ]
 exclude_patterns = ["_build", "_ext"]

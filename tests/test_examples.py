@@ -38,11 +38,36 @@ def test_states_side_by_side(tmp_path, capsys):
     assert "state 5" in capsys.readouterr().out
 
 
-def test_notebook(tmp_path, monkeypatch, capsys):
+SHORT = [path.stem for path in sorted(EXAMPLES.glob("*.py")) if path.read_text().startswith("# ")]
+SAYS = {
+    "changed_copy": "did you mean reducer.stiffness?",
+    "comparison": "agrees",
+    "coupled_modes": "clamped 1.2459 Hz",
+    "first_lines": "microstep, order 1",
+    "identification": "built with 5306, begun with 5053; explained: True",
+    "limit": "Limit 40 mN m: FAIL, 1 of ",
+    "recording": "clock 1.0025",
+    "run_folder": "drive_1 47.8",
+    "steady_state": "The steady state took less time",
+    "table_as_frame": "{'units': 'N*m'}",
+}
+"""Of what some of the short scripts print, what they are about."""
+
+
+def test_there_are_twenty_short_scripts():
+    assert len(SHORT) >= 20
+    assert set(SAYS) <= set(SHORT)
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_a_short_script_runs_and_shows_what_it_says(name, tmp_path, monkeypatch, capsys):
+    text = (EXAMPLES / f"{name}.py").read_text()
+    assert len(text.splitlines()) <= 30
     monkeypatch.chdir(tmp_path)
-    load("notebook")
-    assert (tmp_path / "notebook.png").is_file()
-    assert "drive_1" in capsys.readouterr().out
+    load(name)
+    assert SAYS.get(name, "") in capsys.readouterr().out.replace("−", "-") != ""
+    if "savefig" in text:
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
 def test_ten_modes_of_table_1_and_sixty_modes_run():

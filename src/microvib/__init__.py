@@ -14,39 +14,44 @@ from typing import TYPE_CHECKING, Any
 
 # Loaded when first used: numerics and plotting take seconds to import, and `microvib --help` needs none of it.
 _HOME = {
+    "ChannelError": "errors",
     "Limit": "analysis.limits",
+    "LineError": "errors",
     "LineTable": "signals.line_table",
+    "MicrovibError": "errors",
     "Motion": "solve.motion",
+    "ObjectError": "errors",
+    "OptionError": "errors",
     "Recording": "testdata.recording",
     "Scenario": "model.scenario",
+    "ScenarioError": "errors",
     "Si": "units",
+    "SimulationError": "errors",
+    "SynchronismLost": "errors",
     "accuracy": "analysis.accuracy",
     "batch": "solve.batch:simulate_torques",
     "catalog_names": "io.scenario_file",
+    "compare": "studies.compare",
     "coupled_modes": "model.linear",
     "dump_scenario": "io.scenario_file",
     "expected_lines": "model.expected",
+    "identify": "studies.identify.fit",
     "judge": "analysis.limits",
     "lines": "analysis.lines",
     "load_scenario": "io.scenario_file",
-    "plot": "reports.figures",
+    "open_source": "io.sources",
+    "plot": "reports.plots",
     "psd": "analysis.spectra",
     "rate_grid": "studies.rates",
     "rates": "studies.rates:plan_rates",
     "read_recording": "io.recordings",
     "read_run": "io.runs",
+    "run": "analysis.run:solve_run",
     "simulate": "solve.simulate",
     "spectrum": "analysis.spectra",
     "steady": "analysis.steady",
     "waterfall": "analysis.spectra",
-    "ChannelError": "errors",
-    "LineError": "errors",
-    "MicrovibError": "errors",
-    "ObjectError": "errors",
-    "OptionError": "errors",
-    "ScenarioError": "errors",
-    "SimulationError": "errors",
-    "SynchronismLost": "errors",
+    "write_run": "reports.run.folder",
 }
 """Module of each name, and what it is called there where that is another word."""
 
@@ -55,6 +60,7 @@ if TYPE_CHECKING:
     from microvib.analysis.accuracy import accuracy
     from microvib.analysis.limits import Limit, judge
     from microvib.analysis.lines import lines
+    from microvib.analysis.run import solve_run as run
     from microvib.analysis.spectra import psd, spectrum, waterfall
     from microvib.analysis.steady import steady
     from microvib.errors import (
@@ -70,14 +76,18 @@ if TYPE_CHECKING:
     from microvib.io.recordings import read_recording
     from microvib.io.runs import read_run
     from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
+    from microvib.io.sources import open_source
     from microvib.model.expected import expected_lines
     from microvib.model.linear import coupled_modes
     from microvib.model.scenario import Scenario
-    from microvib.reports.figures import plot
+    from microvib.reports.plots import plot
+    from microvib.reports.run.folder import write_run
     from microvib.signals.line_table import LineTable
     from microvib.solve.batch import simulate_torques as batch
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate
+    from microvib.studies.compare import compare
+    from microvib.studies.identify.fit import identify
     from microvib.studies.rates import plan_rates as rates
     from microvib.studies.rates import rate_grid
     from microvib.testdata.recording import Recording
@@ -102,22 +112,27 @@ __all__ = [
     "accuracy",
     "batch",
     "catalog_names",
+    "compare",
     "coupled_modes",
     "dump_scenario",
     "expected_lines",
+    "identify",
     "judge",
     "lines",
     "load_scenario",
+    "open_source",
     "plot",
     "psd",
     "rate_grid",
     "rates",
     "read_recording",
     "read_run",
+    "run",
     "simulate",
     "spectrum",
     "steady",
     "waterfall",
+    "write_run",
 ]
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from microvib.analysis.lines import lines as estimate
 from microvib.analysis.spectra import spectrum
 from microvib.model.linear import coupled_modes
 from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, plain_sheet
@@ -27,9 +26,8 @@ _POINTS = 2000
 """Groups of samples that a time history is drawn of, at least where there are more."""
 
 
-def plot(motion: Motion, table: LineTable | None = None) -> Figure:
+def draw_overview(motion: Motion, table: LineTable) -> Figure:
     """Overview of a run: history and a stretch of it, spectrum with named lines, zoom on the array mode."""
-    table = table or estimate(motion)
     figure, axes = new_figure(12.0, 7.2, 2, 2)
     draw_history(axes[0, 0], motion)
     draw_stretch(axes[0, 1], motion)

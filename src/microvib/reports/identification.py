@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import package_versions, to_json
@@ -19,6 +19,9 @@ from microvib.reports.typography import file_name
 from microvib.studies.evidence import Evidence, Simulated, predicted
 from microvib.studies.identify import Deviation, Estimate, Fit, Leaning
 from microvib.units import pretty
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 CALIBRATED = "Calibrated, not predicted: these figures were fitted to."
 _HOW_TO_READ = (
@@ -268,14 +271,19 @@ def _is_torque(figure_name: str) -> bool:
     return "amplitude" in figure_name or "nearest_bin" in figure_name
 
 
-def _before_and_after_picture(fit: Fit) -> Figure:
+def draw_before_and_after(fit: Fit) -> Drawing:
+    """Amplitudes of lines in the test, before and after the fit."""
     amplitudes = [f for f in _figures(fit) if _is_torque(f[0])][:12]
     drawing, axes = sheets.sheet(3.4)
     test, before, after = ([float(f[k]) for f in amplitudes] for k in (1, 2, 3))
     groups = {"test": test, "before": before, "after": after}
     figures.draw_pairs(axes[0, 0], [f[0].removesuffix(" amplitude") for f in amplitudes], groups)
+    return drawing
+
+
+def _before_and_after_picture(fit: Fit) -> Figure:
     return drawn(
-        drawing,
+        draw_before_and_after(fit),
         "Amplitudes of the test, before and after",
         "Amplitudes of the lines in the test, before and after the fit.",
     )

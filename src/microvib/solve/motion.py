@@ -14,7 +14,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LOADS, TIME, Channel
 from microvib.solve.command import Command
 
-_OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
+OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
 
 
@@ -60,6 +60,15 @@ class Motion:
     def __getitem__(self, name: str) -> np.ndarray:
         return channel_of(self.channels, name, self.scenario.array)
 
+    def __repr__(self) -> str:
+        record, title = self.scenario.record, self.scenario.title or "without a title"
+        kept = ", ".join(self._ipython_key_completions_())
+        return f"Motion of '{title}': {self.time.size} samples at {record.sample_rate:g} Hz, {record.duration:g} s, of {kept}"
+
+    def _ipython_key_completions_(self) -> list[str]:
+        loads = self.interface_loads() is not None
+        return [*self.channels, *(INTERFACE if loads else ())]
+
     @property
     def sample_rate(self) -> float:
         """Samples per second [Hz]."""
@@ -97,7 +106,7 @@ def interface_loads(channels: Mapping[str, np.ndarray], array: Array) -> np.ndar
     P = array.interface
     if not array.modes and array.interface_inertia is not None:
         P = np.zeros((6, 0))
-    if P is None or not set(_OF_INTERFACE) <= set(channels):
+    if P is None or not set(OF_INTERFACE) <= set(channels):
         return None
     alpha = channels["alpha_l"]
     w_rate = -(channels["eta_rate"] * array.D + channels["eta"] * array.Lambda)
@@ -143,8 +152,8 @@ def series_of(channels: Mapping[str, np.ndarray], name: str, array: Array) -> np
 def _why(channels: Mapping[str, np.ndarray], name: str) -> str:
     if name not in INTERFACE:
         return ""
-    if not set(_OF_INTERFACE) <= set(channels):
-        return f", of which {', '.join(_OF_INTERFACE)} were not kept"
+    if not set(OF_INTERFACE) <= set(channels):
+        return f", of which {', '.join(OF_INTERFACE)} were not kept"
     return ", whose array has no participation in six components (interface_participation of its modes)"
 
 

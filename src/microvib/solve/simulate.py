@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import SimulationError, SynchronismLost
+from microvib.errors import ChannelError, SimulationError, SynchronismLost, did_you_mean, expect
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
-from microvib.solve.channels import CHANNELS, MODAL
+from microvib.solve.channels import CHANNELS, INTERFACE, MODAL
 from microvib.solve.command import Command
-from microvib.solve.motion import Beginning, Invariants, Motion
+from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
 from microvib.solve.pack import Packed, pack
 from microvib.solve.sampling import Decimator, sample_intervals
 
@@ -39,6 +39,7 @@ def simulate(
     at rest; ``solver["steady"]`` says which. Raises SynchronismLost where the motor no longer follows, SimulationError where
     the solution does not stay finite.
     """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     if scenario.record.start == "rest":
         return from_rest(scenario, progress=progress, channels=channels)
     from microvib.solve.steady.state import find_steady  # which runs this module's ``Simulation`` itself
@@ -95,9 +96,15 @@ class Simulation:
     ) -> None:
         self.scenario = scenario
         self._progress = progress or (lambda done, total: None)
-        unknown = [name for name in channels or () if name not in CHANNELS | MODAL]
+        known = CHANNELS | MODAL
+        unknown = [name for name in channels or () if name not in known]
+        if isinstance(channels, str):
+            raise ChannelError(f"channels: a list of names is expected, such as ('T_d',), not the text {channels!r}")
+        if unknown and unknown[0] in INTERFACE:
+            raise ChannelError(f"channel '{unknown[0]}' is made of others; keep {', '.join(OF_INTERFACE)}")
         if unknown:
-            raise SimulationError(f"channel '{unknown[0]}' does not exist; there are {', '.join(CHANNELS | MODAL)}")
+            near = did_you_mean(unknown[0], known)
+            raise ChannelError(f"channel '{unknown[0]}' does not exist; {near}there are {', '.join(known)}")
         self._wanted = channels
         self._packed = packed or pack(scenario)
         self._command = command or Command(scenario)

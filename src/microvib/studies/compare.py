@@ -6,18 +6,21 @@ import csv
 import io
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple, get_args
 
 import numpy as np
 
 from microvib.analysis.lines import lines, lines_of_recording
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, expect
 from microvib.io.line_files import PaperLines
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
+from microvib.solve.motion import Motion
 from microvib.solve.simulate import Progress, simulate
+from microvib.testdata.recording import Recording
 
 COLUMNS = (
     "line", "a_frequency_hz", "b_frequency_hz", "a_amplitude_n_m", "b_amplitude_n_m", "difference_n_m", "relative_error",
@@ -98,20 +101,37 @@ class Row:
         return AGREES if self.significance <= COVERAGE else DIFFERS
 
 
+class Comparison(NamedTuple):
+    """Both sides and the lines that at least one of them has."""
+
+    a: Side
+    b: Side
+    rows: list[Row]
+
+
+Compared = Source | Motion | Recording
+
+
 def compare(
-    a: Source,
-    b: Source,
+    a: Compared,
+    b: Compared,
     *,
     names: tuple[str, str] = ("A", "B"),
     scenario: Scenario | None = None,
     channel: str = "Mz",
     progress: Progress | None = None,
-) -> tuple[Side, Side, list[Row]]:
-    """Both sides and the lines that at least one of them has.
+) -> Comparison:
+    """Lines of two sides, each a scenario, a motion, a run's folder, a recording or a table of lines.
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
     look for in recordings where neither side is a scenario, nor the paper; ``names`` are of sides that have none themselves.
     """
+    for side in (a, b):
+        expect(
+            side,
+            get_args(Compared),
+            "a scenario, a motion, a recording or a table of lines (mv.open_source has all names)",
+        )
     guide = _guide(a, b, scenario)
     given = list(zip((a, b), names, strict=True))
     sides: dict[int, Side] = {}
@@ -124,13 +144,14 @@ def compare(
         raise MicrovibError(f"{first.name}, {second.name}: {text}", remedy="scenario")
     second = _with_names_of(first, second)
     either = dict.fromkeys([*first.lines, *second.lines])
-    return first, second, [Row(x, first.lines.get(x, Figures()), second.lines.get(x, Figures())) for x in either]
+    rows = [Row(x, first.lines.get(x, Figures()), second.lines.get(x, Figures())) for x in either]
+    return Comparison(first, second, rows)
 
 
-def _guide(a: Source, b: Source, scenario: Scenario | None) -> Scenario | None:
+def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | None:
     """Which lines to look for in recordings: a side that is a scenario says it, or one's run, or the user."""
     found: list[Scenario | None] = [x for x in (a, b) if isinstance(x, Scenario)]
-    found += [x.scenario for x in (a, b) if isinstance(x, RunFolder)]
+    found += [x.scenario for x in (a, b) if isinstance(x, (RunFolder, Motion))]
     if scenario is None and any(isinstance(x, PaperLines) for x in (a, b)):
         scenario = load_scenario("state-1")  # of which the paper's tables are
     return next((x for x in [*found, scenario] if x is not None), None)
@@ -147,7 +168,7 @@ def _with_names_of(a: Side, b: Side) -> Side:
 
 
 def _side(
-    source: Source,
+    source: Compared,
     name: str,
     guide: Scenario | None,
     channel: str,
@@ -157,6 +178,10 @@ def _side(
     match source:
         case Scenario():
             return _simulated(name, source, clock, progress)
+        case Motion():
+            return _of_motion(name, source)
+        case Recording():
+            return _side(Prepared(source), name, guide, channel, clock, progress)
         case RunFolder():
             return _folder(source)
         case Prepared(recording, background):
@@ -176,9 +201,12 @@ def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Pro
     if clock is not None:
         scenario = scenario.with_({"tracking.clock_ratio": clock})
     motion = simulate(scenario, channels=("T_d",), progress=progress)
-    title = f"{name} at clock {clock:.6f}" if clock is not None else name
-    ratio = scenario.tracking.clock_ratio
-    return Side(title, "simulation", _figures(lines(motion)), ratio, motion["T_d"], motion.sample_rate, scenario)
+    return _of_motion(f"{name} at clock {clock:.6f}" if clock is not None else name, motion)
+
+
+def _of_motion(name: str, motion: Motion) -> Side:
+    ratio = motion.scenario.tracking.clock_ratio
+    return Side(name, "simulation", _figures(lines(motion)), ratio, motion["T_d"], motion.sample_rate, motion.scenario)
 
 
 def _folder(run: RunFolder) -> Side:

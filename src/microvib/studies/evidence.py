@@ -16,6 +16,7 @@ from microvib.io.sources import Source
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, LineTable
+from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band
 
 PAPER_CLOCK = 0.994
@@ -87,13 +88,15 @@ def chosen(
     return kept
 
 
-def evidence_of(source: Source, scenario: Scenario, channel: str = "Mz", name: str = "") -> Evidence:
+def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "Mz", name: str = "") -> Evidence:
     """Evidence of a recording (its drive-axis torque in ``channel``), a table of lines that is called ``name``, or the paper."""
     match source:
         case PaperLines("test"):
             return paper_evidence(scenario)
         case LineTable():
             return _of_table(source, scenario, name)
+        case Recording():
+            return evidence_of(Prepared(source), scenario, channel, name)
         case Prepared(recording, background):
             table = lines_of_recording(recording, channel, scenario, background)
             found = tuple(

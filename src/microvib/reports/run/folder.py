@@ -11,7 +11,7 @@ from typing import Any
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.run import RunResult, solve_run
-from microvib.errors import ScenarioError
+from microvib.errors import ScenarioError, expect
 from microvib.io.results import check_room, write_folder
 from microvib.io.runs import lines_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
@@ -46,7 +46,7 @@ def run_scenario(
 
 def write_run(
     result: RunResult,
-    out: Path,
+    out: Path | str,
     *,
     overwrite: bool = False,
     limit: Limit | None = None,
@@ -58,6 +58,7 @@ def write_run(
     The report judges lines by ``limit``, and is also written as ``form`` says. ``begun`` is when the run began, on the clock of
     ``time.perf_counter``.
     """
+    expect(result, RunResult, "what a run found (mv.run)")
     files: dict[str, Any] = {}
     motion, form = result.motion, form or Form()
     if motion is not None:
@@ -69,7 +70,7 @@ def write_run(
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
     files |= run_texts(result, run_summary(result, **total) | judged_by)
-    write_folder(out, files, overwrite)
+    write_folder(Path(out), files, overwrite)
     return tuple(files)
 
 

@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OptionError
+from microvib.errors import MicrovibError, OptionError, expect
+from microvib.io.line_files import PaperLines
+from microvib.io.recordings import Prepared
 from microvib.model.scenario import Scenario
-from microvib.studies.evidence import Evidence, Simulated
+from microvib.signals.line_table import LineTable
+from microvib.studies.evidence import Evidence, Simulated, evidence_of
 from microvib.studies.identify.figures import cost
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.intervals import Interval, profiles
-from microvib.studies.identify.keys import FitKey
+from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Problem, Trust
 from microvib.studies.identify.search import Local, Optimum, confirm, local_at, material, search
 from microvib.studies.identify.verdict import (
@@ -27,6 +30,7 @@ from microvib.studies.identify.verdict import (
     leanings,
     rival,
 )
+from microvib.testdata.recording import Recording
 
 MODEL_ERROR = 0.004
 """Relative accuracy of model and instrument chain that no amplitude is trusted beyond: filters, steps, window."""
@@ -64,10 +68,14 @@ class Fit:
         return self.goodness.explained and self.converged and not self.interrupted
 
 
+Tells = Evidence | Recording | Prepared | LineTable | PaperLines
+Test = Tells | tuple[Tells, dict[str, object]]
+
+
 def identify(
     scenario: Scenario,
-    evidence: Sequence[tuple[Evidence, dict[str, object]]],
-    keys: Sequence[FitKey],
+    evidence: Sequence[Test],
+    keys: Sequence[FitKey | str],
     *,
     seed: int = 1,
     starts: int = 96,
@@ -78,7 +86,8 @@ def identify(
 ) -> Fit:
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
 
-    Each evidence comes with the changes of the scenario that make its test (another state, another rate). ``model_error`` is
+    Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in a pair it comes with the changes
+    of the scenario that make its test (another state, another rate). Keys are as ``parse_fit`` takes them. ``model_error`` is
     the relative standard deviation that each amplitude is trusted to beyond its own uncertainty, ``common_error`` that of all
     amplitudes of a recording together. Interrupting (Ctrl-C) ends the search and returns what was best so far. Same seed, same
     result.
@@ -86,9 +95,12 @@ def identify(
     A range that the user did not state is widened until the best lies inside. Where the fit does not explain the evidence
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and said to be.
     """
-    _check(evidence, keys)
-    tests, notes = _without_the_start(evidence, keys)
-    problem = Problem(scenario, tests, keys, Trust(model_error, common_error), progress)
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    fitted = [parse_fit(scenario, key) if isinstance(key, str) else key for key in keys]
+    told = [_told(one, scenario) for one in evidence]
+    _check(told, fitted)
+    tests, notes = _without_the_start(told, fitted)
+    problem = Problem(scenario, tests, fitted, Trust(model_error, common_error), progress)
     if not problem.figures:
         raise MicrovibError("the evidence has no observation above its floor")
     found = _Found(problem)
@@ -98,6 +110,19 @@ def identify(
     except KeyboardInterrupt:
         interrupted = True
     return found.fit(scenario, seed, interrupted, notes)
+
+
+def _told(test: Test, scenario: Scenario) -> tuple[Evidence, dict[str, object]]:
+    """What a test tells, and the changes that make it."""
+    told, changes = test if isinstance(test, tuple) else (test, {})
+    if isinstance(told, Evidence):
+        return told, changes
+    expect(
+        told,
+        (Recording, LineTable, Prepared, PaperLines),
+        "a recording, a table of lines or evidence of one (mv.open_source)",
+    )
+    return evidence_of(told, scenario.with_(changes) if changes else scenario), changes
 
 
 def _check(evidence: Sequence[tuple[Evidence, dict[str, object]]], keys: Sequence[FitKey]) -> None:

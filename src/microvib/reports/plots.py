@@ -1,0 +1,71 @@
+"""The front door of figures: ``plot(whatever)``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from microvib.analysis.lines import lines
+from microvib.analysis.spectra import Sampled, samples_of
+from microvib.errors import expect
+from microvib.reports import figures, sheets
+from microvib.signals.line_table import LineTable
+from microvib.signals.spectrum import Density, Spectrum, Waterfall
+from microvib.solve.motion import Motion
+from microvib.studies.compare import Comparison
+from microvib.studies.identify.fit import Fit
+from microvib.studies.rates import RatePlan
+from microvib.units import Given, pretty, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Plotted = Motion | Spectrum | Density | Waterfall | RatePlan | Comparison | Fit | Mapping[str, Sampled]
+
+
+def plot(what: Plotted, table: LineTable | None = None, *, highest: Given = "200 Hz") -> Figure:
+    """A figure of a motion (history, microsteps, spectrum with named lines, array mode), of a spectrum, a density or a waterfall,
+    of a rate plan (Campbell diagram), of a comparison (both spectra), of a fit (test, before, after), or of several sources with
+    samples over each other, by name.
+
+    ``table`` has the lines that are named, ``highest`` ends the axis of spectra. It belongs to no global state of matplotlib:
+    a notebook shows it, ``savefig`` writes it.
+    """
+    top = quantity("highest", highest, "Hz", positive=True)
+    match what:
+        case Motion():
+            return figures.draw_overview(what, table or lines(what))
+        case RatePlan():
+            from microvib.reports.rates import draw_campbell
+
+            return draw_campbell(what)
+        case Fit():
+            from microvib.reports.identification import draw_before_and_after
+
+            return draw_before_and_after(what)
+        case Comparison():
+            return _overlay(
+                {side.name: (side.torque, side.sample_rate) for side in what[:2] if side.torque is not None}, top
+            )
+        case Mapping():
+            return _overlay({name: samples_of(source)[:2] for name, source in what.items()}, top)
+    expect(
+        what,
+        (Spectrum, Density, Waterfall),
+        "a motion, a spectrum, a density, a waterfall, a rate plan, a comparison or a fit",
+    )
+    figure, axes = sheets.sheet(3.2)
+    ax, unit = axes[0, 0], pretty(what.unit)
+    if isinstance(what, Spectrum):
+        figures.draw_amplitudes(ax, what, unit, top, table)
+    elif isinstance(what, Density):
+        figures.draw_density(ax, what, unit, top)
+    else:
+        figures.draw_waterfall(ax, what, unit, top)
+    return figure
+
+
+def _overlay(sides: Mapping[str, tuple[Any, float]], highest: float) -> Figure:
+    figure, axes = sheets.sheet(3.6)
+    figures.draw_overlay(axes[0, 0], [(name, x, rate) for name, (x, rate) in sides.items()], highest)
+    return figure
