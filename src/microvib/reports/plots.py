@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from microvib.analysis.lines import lines
 from microvib.analysis.spectra import Sampled, samples_of
 from microvib.errors import expect
 from microvib.reports import figures, sheets
+from microvib.reports.identification import draw_before_and_after
+from microvib.reports.rates import draw_campbell
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall
 from microvib.solve.motion import Motion
@@ -32,40 +34,42 @@ def plot(what: Plotted, table: LineTable | None = None, *, highest: Given = "200
     a notebook shows it, ``savefig`` writes it.
     """
     top = quantity("highest", highest, "Hz", positive=True)
+    figure = _drawn(what, table, top)
+    if not isinstance(what, Motion):  # on a sheet as narrow as a report's page
+        for ax in figure.axes:
+            sheets.set_texts(ax)
+    return figure
+
+
+def _drawn(what: Plotted, table: LineTable | None, highest: float) -> Figure:
     match what:
         case Motion():
             return figures.draw_overview(what, table or lines(what))
         case RatePlan():
-            from microvib.reports.rates import draw_campbell
-
             return draw_campbell(what)
         case Fit():
-            from microvib.reports.identification import draw_before_and_after
-
             return draw_before_and_after(what)
         case Comparison():
-            return _overlay(
-                {side.name: (side.torque, side.sample_rate) for side in what[:2] if side.torque is not None}, top
-            )
+            sides = [side for side in (what.a, what.b) if side.torque is not None]
+            return _overlay([(side.name, side.torque, side.sample_rate) for side in sides], highest)
         case Mapping():
-            return _overlay({name: samples_of(source)[:2] for name, source in what.items()}, top)
+            return _overlay([(name, *samples_of(source)[:2]) for name, source in what.items()], highest)
     expect(
-        what,
-        (Spectrum, Density, Waterfall),
-        "a motion, a spectrum, a density, a waterfall, a rate plan, a comparison or a fit",
-    )
+        what, (Spectrum, Density, Waterfall), "a motion, spectrum, density, waterfall, rate plan, comparison or fit, or"
+        " sources by name"
+    )  # fmt: skip
     figure, axes = sheets.sheet(3.2)
     ax, unit = axes[0, 0], pretty(what.unit)
     if isinstance(what, Spectrum):
-        figures.draw_amplitudes(ax, what, unit, top, table)
+        figures.draw_amplitudes(ax, what, unit, highest, table)
     elif isinstance(what, Density):
-        figures.draw_density(ax, what, unit, top)
+        figures.draw_density(ax, what, unit, highest)
     else:
-        figures.draw_waterfall(ax, what, unit, top)
+        figures.draw_waterfall(ax, what, unit, highest)
     return figure
 
 
-def _overlay(sides: Mapping[str, tuple[Any, float]], highest: float) -> Figure:
+def _overlay(sides: Sequence[tuple[str, Any, float]], highest: float) -> Figure:
     figure, axes = sheets.sheet(3.6)
-    figures.draw_overlay(axes[0, 0], [(name, x, rate) for name, (x, rate) in sides.items()], highest)
+    figures.draw_overlay(axes[0, 0], sides, highest)
     return figure

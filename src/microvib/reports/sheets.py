@@ -64,7 +64,7 @@ def svg(figure: Figure) -> str:
 
     _with_fallback(figure)
     for ax in figure.axes:
-        _set_texts(ax)
+        set_texts(ax)
     stream = io.StringIO()
     with (
         matplotlib.rc_context({"svg.hashsalt": "microvib", "svg.fonttype": "path"}),
@@ -76,7 +76,7 @@ def svg(figure: Figure) -> str:
     return stream.getvalue()
 
 
-def _set_texts(ax: Axes) -> None:
+def set_texts(ax: Axes) -> None:
     """Sizes for print. A title keeps to its place, and powers of ten need no formulas: finding either takes as long as drawing."""
     from matplotlib.ticker import LogFormatterSciNotation
 
