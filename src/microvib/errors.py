@@ -74,8 +74,9 @@ class LineError(MicrovibError, KeyError):
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The known name that a misspelt one is likely to stand for, as part of a sentence; empty where none is near."""
-    near = difflib.get_close_matches(name, list(known), 1, 0.7)
-    return f"did you mean {near[0]}? " if near else ""
+    names = {each.lower(): each for each in known}
+    near = difflib.get_close_matches(name.lower(), list(names), 1, 0.7)
+    return f"did you mean {names[near[0]]}? " if near else ""
 
 
 @contextmanager
