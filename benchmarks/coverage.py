@@ -39,6 +39,7 @@ class Made:
 
     evidence: Evidence
     truth: dict[str, float]
+    """Every parameter's, drawn or not: the search may fit others along."""
 
 
 def made(start: Scenario, random: np.random.Generator) -> Made:
@@ -49,7 +50,7 @@ def made(start: Scenario, random: np.random.Generator) -> Made:
     torque = mv.simulate(start.with_si({**truth, **clock}), channels=("T_d",))["T_d"]
     table = lines_of_samples(torque + random.normal(0.0, NOISE, torque.size), RATE, start, measured=True)
     found = tuple(_wrong(o, random) for o in observations(table))
-    return Made(Evidence("made", found, table.clock_ratio, DURATION, RATE), truth)
+    return Made(Evidence("made", found, table.clock_ratio, DURATION, RATE), {**own, **truth})
 
 
 def _wrong(o: Observation, random: np.random.Generator) -> Observation:
@@ -85,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         count["explained"] += fit.goodness.explained
         count["not come to its end"] += not fit.converged
         for e in fit.estimates:
-            truth = one.truth.get(e.key, math.nan)
+            truth = one.truth[e.key]
             count[f"{e.key} identifiable"] += e.identifiable
             count[f"{e.key} in its 95 % interval"] += e.interval[0] <= truth <= e.interval[1]
             count[f"{e.key} within two standard errors"] += abs(e.estimate - truth) <= 2.0 * e.standard_error
