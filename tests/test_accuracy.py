@@ -15,8 +15,8 @@ from microvib.analysis.limits import judge
 from microvib.analysis.run import solve_run
 from microvib.cli.main import main
 from microvib.io.runs import read_run
+from microvib.solve.integration import again
 from microvib.solve.sampling import LOBES
-from microvib.solve.simulate import again
 
 OFF, WANDERS = 86, 11
 """Random sets whose lines need finer steps, and whose motion depends on the smallest detail."""

@@ -8,8 +8,8 @@ from microvib.analysis import stream as long_runs
 from microvib.analysis.lines import lines
 from microvib.solve import kernel
 from microvib.solve.channels import CHANNELS
+from microvib.solve.integration import Simulation
 from microvib.solve.pack import pack
-from microvib.solve.simulate import Simulation
 
 SHORT = {"record.settle": 1.0, "record.duration": 4.0}
 

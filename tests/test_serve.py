@@ -225,10 +225,12 @@ def test_files_of_a_run(client, finished):
 
 
 def test_a_steady_run_says_that_it_is_steady(client):
-    found = result(client, start(client, {**SHORT, "record.settle": "0 s"}, steady=True))
+    run = start(client, {**SHORT, "record.settle": "0 s"}, steady=True)
+    found = result(client, run)
     lines = {line["line"]: line for line in found["lines"]}
     assert lines["array_mode_1"]["status"] == "not in a steady state"
     assert found["solver"]["multiplier"] < 1.0
+    assert "start: steady" in client.get(f"/api/runs/{run}/files/scenario.yaml").text
 
 
 def test_events_tell_how_far_a_run_is(client):

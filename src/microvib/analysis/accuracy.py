@@ -11,8 +11,8 @@ import numpy as np
 from microvib.errors import SimulationError, expect
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable
+from microvib.solve.integration import again
 from microvib.solve.motion import Motion
-from microvib.solve.simulate import again
 
 BOUND = 5e-3
 """Relative change of a line above which finer steps are advised."""

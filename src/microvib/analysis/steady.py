@@ -9,8 +9,8 @@ from microvib.analysis.lines import lines
 from microvib.errors import expect
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
+from microvib.solve.integration import Progress, from_rest
 from microvib.solve.motion import Invariants, Motion
-from microvib.solve.simulate import Progress, from_rest
 from microvib.solve.steady.state import SteadyState, find_steady
 
 

@@ -12,8 +12,8 @@ from microvib.analysis.accuracy import account, accuracy, noted, stretch
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable, Rest
+from microvib.solve.integration import Progress, Simulation
 from microvib.solve.motion import Invariants, Motion
-from microvib.solve.simulate import Progress, Simulation
 
 SEEN = ("ok", "decaying", "growing")
 BLOCK_SAMPLES = 1 << 19

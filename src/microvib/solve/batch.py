@@ -13,9 +13,9 @@ from microvib.errors import SimulationError, expect
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, stepper
 from microvib.solve.command import Command
+from microvib.solve.integration import stopped
 from microvib.solve.pack import Packed, pack
 from microvib.solve.sampling import SampleIntervals, half_length, sample_intervals, taps
-from microvib.solve.simulate import stopped
 from microvib.solve.vector import WIDTH
 
 MICROSTEPS_AT_ONCE = 4096

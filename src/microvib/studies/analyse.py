@@ -20,7 +20,8 @@ from microvib.signals.spectrum import (
     power_spectral_density,
     waterfall,
 )
-from microvib.solve.simulate import Progress, simulate
+from microvib.solve.integration import Progress
+from microvib.solve.simulate import simulate
 from microvib.testdata.recording import COMPONENTS, Recording, check
 from microvib.units import Band, Given, Si, band, pretty
 

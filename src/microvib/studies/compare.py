@@ -18,8 +18,9 @@ from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
+from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
-from microvib.solve.simulate import Progress, simulate
+from microvib.solve.simulate import simulate
 from microvib.testdata.recording import Recording
 
 COLUMNS = (

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from microvib.model.scenario import Scenario
+from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
-from microvib.solve.simulate import Progress, simulate
+from microvib.solve.simulate import simulate
 from microvib.testdata.bench import measure as record
 from microvib.testdata.bench_design import Bench
 from microvib.testdata.recording import COMPONENTS, Recording

@@ -17,7 +17,7 @@ from microvib.errors import OptionError, SimulationError, expect
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import FAINT
-from microvib.solve.simulate import Progress
+from microvib.solve.integration import Progress
 from microvib.units import Band, Given, Si, quantity
 from microvib.units import band as ends
 

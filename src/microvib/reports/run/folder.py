@@ -18,8 +18,8 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import to_json
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Form
+from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
-from microvib.solve.simulate import Progress
 
 
 def run_scenario(

@@ -15,8 +15,8 @@ import numpy as np
 
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
+from microvib.solve.integration import Progress, Simulation, balance, channels_of
 from microvib.solve.motion import Invariants, Motion, channel_of
-from microvib.solve.simulate import Progress, Simulation, balance, channels_of
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search
 

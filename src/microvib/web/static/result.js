@@ -4,15 +4,6 @@ import { DASH, fixed, h, number, quantity } from "./dom.js";
 import { KINDS, marginOf, verdictOf } from "./limit.js";
 import { shortTable, table } from "./tables.js";
 
-const TORQUES = {
-  T_d: "on the spacecraft",
-  T_e: "motor, on the rotor",
-  T_f_m: "friction of the rotor",
-  T_f: "friction of the output",
-  T_g: "gear, on the output",
-  T_l: "load of the array",
-};
-
 const mN =
   (digits = 4) =>
   (value) =>
@@ -54,7 +45,7 @@ export function tablesOf(run) {
   });
   const budget = table(
     [
-      { key: "torque", title: "torque", show: (value) => `${value} ${TORQUES[value] ?? ""}` },
+      { key: "torque", title: "torque", show: (value, row) => `${value} ${row.meaning}` },
       { key: "mean", title: "mean", unit: "mN m", show: mN() },
       { key: "rms", title: "RMS", unit: "mN m", show: mN() },
       { key: "peak", title: "largest", unit: "mN m", show: mN() },

@@ -1,0 +1,211 @@
+"""One integration in time, block by block: ``Simulation``; from rest, from a given state, and what must have held."""
+
+from __future__ import annotations
+
+import time as clock_time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import ChannelError, SimulationError, SynchronismLost, did_you_mean
+from microvib.model.record import PASSBAND
+from microvib.model.scenario import Scenario
+from microvib.solve import kernel
+from microvib.solve.channels import CHANNELS, INTERFACE, MODAL
+from microvib.solve.command import Command
+from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
+from microvib.solve.pack import Packed, pack
+from microvib.solve.sampling import Decimator, sample_intervals
+
+Progress = Callable[[float, float], None]
+CHUNK_TIME = 1.0
+"""Simulated seconds between two reports of progress; also bounds the memory of a long run."""
+CHUNK_BYTES = 32_000_000
+"""Memory of one chunk's rows, at most."""
+
+
+def from_rest(
+    scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None
+) -> Motion:
+    """``simulate`` from rest at t = 0, whatever ``record.start`` says."""
+    run = Simulation(scenario, progress=progress, channels=channels)
+    blocks = list(run)
+    joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    t = scenario.record.settle + np.arange(scenario.record.samples) / scenario.record.sample_rate
+    return Motion(scenario, t, joined, run.invariants, run.solver, run.beginning)
+
+
+def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float) -> np.ndarray:
+    """T_d [N m] over the first ``duration`` [s] of a record, from the same state, with steps ``finer`` times finer.
+
+    Raises SimulationError as ``simulate`` does.
+    """
+    changed = scenario.with_si({"solver.refinement": finer * scenario.solver.refinement, "record.duration": duration})
+    packed = pack(changed)
+    own = packed.state.y, packed.state.stick, packed.state.clock
+    for mine, given in zip(own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True):
+        mine[:] = given
+    run = Simulation(changed, channels=("T_d",), packed=packed, command=beginning.command)
+    return np.concatenate([block["T_d"] for block in run])
+
+
+class Simulation:
+    """One simulation as a stream of blocks ``{channel: samples}``; invariants are known when it is through.
+
+    It starts at rest at t = 0, or goes on from the state ``packed`` at its time, under ``command``.
+    """
+
+    invariants: Invariants
+    solver: dict[str, Any]
+    beginning: Beginning
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        progress: Progress | None = None,
+        channels: tuple[str, ...] | None = None,
+        packed: Packed | None = None,
+        command: Command | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self._progress = progress or (lambda done, total: None)
+        known = CHANNELS | MODAL
+        unknown = [name for name in channels or () if name not in known]
+        if isinstance(channels, str):
+            raise ChannelError(f"channels: a list of names is expected, such as ('T_d',), not the text {channels!r}")
+        if unknown and unknown[0] in INTERFACE:
+            raise ChannelError(f"channel '{unknown[0]}' is made of others; keep {', '.join(OF_INTERFACE)}")
+        if unknown:
+            near = did_you_mean(unknown[0], known)
+            raise ChannelError(f"channel '{unknown[0]}' does not exist; {near}there are {', '.join(known)}")
+        self._wanted = channels
+        self._packed = packed or pack(scenario)
+        self._command = command or Command(scenario)
+
+    def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
+        begun = clock_time.perf_counter()
+        record, packed = self.scenario.record, self._packed
+        t = start = float(packed.state.clock[kernel.NOW])
+        intervals = sample_intervals(self.scenario, start)
+        self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
+        before, momentum_before = packed.snapshot(), packed.momentum
+        n_chan = packed.channels
+        samples = kernel.Samples(first, width, np.zeros((0, n_chan)), np.zeros(n_chan), np.zeros(2, dtype=np.int64))
+        while t < first:
+            t = self._advance(min(t + CHUNK_TIME, first), end, samples)
+        moving = packed.state
+        self.beginning = Beginning(np.concatenate([moving.y, moving.stick, moving.clock]), self._command)
+        decimator = Decimator(self._factor)
+        # One buffer for all chunks: fresh memory for each would cost as much as filling it.
+        per_chunk = int(np.clip(CHUNK_TIME / width, 512, CHUNK_BYTES // (8 * n_chan)))
+        buffer = np.zeros((per_chunk, n_chan))
+        done = made = 0
+        while made < record.samples:
+            count = min(per_chunk, intervals.rows - done)
+            if count > 0:
+                rows = buffer[:count]
+                samples = samples._replace(rows=rows)
+                samples.cursor[:] = 0, done
+                self._advance(first + (done + count) * width, end, samples)
+                assert samples.cursor[0] == count
+                if done == 0:
+                    rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
+                done += count
+            else:  # pad the filter's last block
+                rows = np.repeat(rows[-1:], per_chunk, axis=0)
+            block = decimator.push(rows)[: record.samples - made]
+            made += block.shape[0]
+            if block.shape[0]:
+                yield self._name(block)
+        self.invariants = balance(packed, before, momentum_before, end - start)
+        self._finish(end - start, clock_time.perf_counter() - begun)
+
+    def _advance(self, stop: float, end: float, samples: Any) -> float:
+        clock = self._packed.state.clock
+        status = self._packed.advance(stop, samples, *self._command.microsteps(float(clock[kernel.NOW]), stop))
+        now = float(clock[kernel.NOW])
+        if status != kernel.OK:
+            raise stopped(self.scenario, status, now)
+        self._progress(stop, end)
+        return stop
+
+    def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
+        block = channels_of(samples, self._packed.drive.H.size)
+        keep = self._wanted or tuple(block)
+        return {name: np.ascontiguousarray(block[name]) for name in keep}
+
+    def _finish(self, simulated: float, seconds: float) -> None:
+        count = self._packed.state.counters
+        settings = self.scenario.solver
+        self.solver = {
+            "method": "RODAS4, order 4(3), with located friction events",
+            "tolerance": settings.tolerance,
+            "max_step_s": settings.max_step,
+            "refinement": settings.refinement,
+            "steps": int(count[kernel.STEPS]),
+            "rejected_steps": int(count[kernel.REJECTED]),
+            "event_location_steps": int(count[kernel.EVENT_STEPS]),
+            "microsteps": int(count[kernel.MICROSTEPS]),
+            "sticks": int(count[kernel.STICKS]),
+            "breakaways": int(count[kernel.BREAKAWAYS]),
+            "sampling": (
+                f"interval means at {self._factor} x the sample rate, then a linear-phase filter, flat within 1e-4 to"
+                f" {PASSBAND} x the sample rate"
+            ),
+            "simulated_s": simulated,
+            "wall_s": seconds,
+            "times_real_time": simulated / seconds,
+        }
+
+
+def balance(packed: Packed, before: np.ndarray, momentum_before: float, span: float) -> Invariants:
+    """What should have held over the last ``span`` [s], since the snapshot ``before`` and its angular momentum [N m s]."""
+    state = packed.state
+    change = packed.snapshot() - before
+    stored = float(np.sum(change[kernel.ENERGIES : kernel.POWERS]))
+    energy_in, joule, friction, damping = (float(e) for e in state.energy)
+    dissipated = joule + friction + damping
+    residual = abs(energy_in - stored - dissipated)
+    passed = max(abs(energy_in - joule) + friction + damping, 1e-9 * energy_in)  # nothing passes a drive that holds
+    unbalanced = float(abs(packed.momentum - momentum_before + state.clock[kernel.IMPULSE]))
+    torque = float(state.clock[kernel.LARGEST])
+    return Invariants(
+        torque_forms=float(state.clock[kernel.MISMATCH]) / torque if torque > 0.0 else 0.0,
+        momentum=unbalanced / (torque * span) if torque > 0.0 else 0.0,
+        energy=residual / energy_in if energy_in > 0.0 else 0.0,
+        energy_mechanical=residual / passed if passed > 0.0 else 0.0,
+        energy_in=energy_in,
+        energy_dissipated=dissipated,
+        energy_stored=stored,
+    )
+
+
+def stopped(scenario: Scenario, status: int, now: float) -> SimulationError:
+    """What a status of the kernel at the time ``now`` [s] means to the user."""
+    if status == kernel.LOST_SYNCHRONISM:
+        return SynchronismLost(_lost(scenario, now), now)
+    what = "the solution is not finite" if status == kernel.NOT_FINITE else "the step became too small"
+    return SimulationError(
+        f"simulation stopped at t = {now:.6g} s: {what}; check the orders of magnitude of the drive's parameters"
+    )
+
+
+def _lost(scenario: Scenario, now: float) -> str:
+    times, rates = scenario.tracking.breakpoints()
+    rate = float(np.interp(now, times, rates))
+    f_d = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * rate)
+    return (
+        f"loss of synchronism at t = {now:.4g} s: the rotor is half an electrical turn off its command, at a commanded array"
+        f" rate of {np.degrees(rate):.4g} deg/s ({f_d:.4g} microsteps per second); lower tracking.rate, ramp up to it, or raise"
+        " motor.current"
+    )
+
+
+def channels_of(rows: np.ndarray, modes: int) -> dict[str, np.ndarray]:
+    """Rows of the kernel (n, channels) by name; its powers come out as energies, modal channels are (n, modes)."""
+    named = {name: rows[:, k] for k, name in enumerate(CHANNELS)}
+    named["eta"] = rows[:, kernel.N_CHANNELS : kernel.N_CHANNELS + modes]
+    named["eta_rate"] = rows[:, kernel.N_CHANNELS + modes :]
+    return named
