@@ -1,4 +1,4 @@
-"""How far a run is off by its integration in time: the record's beginning once more with finer steps."""
+"""Error of a run from its integration in time: the beginning of the record is run again with finer steps."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from microvib.solve.motion import Motion
 BOUND = 5e-3
 """Relative change of a line above which finer steps are advised."""
 LEAST = 0.01
-"""Part of the largest line from which a line counts."""
+"""Fraction of the largest line above which a line counts."""
 SHARE = 1.0 / 20.0
-"""Part of the time simulated that is run again; at twice finer steps, a tenth of the work."""
+"""Fraction of the simulated time that is run again; with steps twice as fine, a tenth of the work."""
 FULL_STEPS = 2.0
-"""Full steps of the motor that are run again at least."""
+"""Full steps of the motor that are run again, at least."""
 MOST = 16.0
-"""Seconds that are run again at most."""
+"""Time [s] that is run again, at most."""
 MAX_REFINEMENT = 64
 """Of ``solver.refinement``."""
 SENSITIVE = 0.1
@@ -41,7 +41,7 @@ _CONVERGES = 0.25
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What the integration in time leaves uncertain, by the difference from a run with finer steps from the same state."""
+    """Uncertainty from the integration in time, by the difference from a run with finer steps from the same state."""
 
     stretch_s: float
     """Length of the beginning of the record that was run again [s]."""
@@ -60,7 +60,7 @@ class Accuracy:
 
     @property
     def doubt(self) -> float:
-        """Part of an amplitude that the integration may be off."""
+        """Relative error of an amplitude from the integration."""
         return max(self.line, SENSITIVE) if self.sensitive else self.line
 
     def __str__(self) -> str:
@@ -133,14 +133,14 @@ def stretch(scenario: Scenario) -> float:
 
 
 def _counted(table: LineTable) -> list[Line]:
-    """Lines that stand out and last."""
+    """Lines that stand out and persist."""
     seen = [x for x in table if x.status == "ok" and x.amplitude_n_m > 0.0]
     top = max((x.amplitude_n_m for x in seen), default=0.0)
     return [x for x in seen if x.amplitude_n_m >= LEAST * top]
 
 
 class _Difference:
-    """Two torques (n,) from the same state: how far they and their lines are apart."""
+    """Two torques (n,) from the same state: the differences between them and between their lines."""
 
     def __init__(self, T_d: np.ndarray, finer: np.ndarray, counted: list[Line], sample_rate: float) -> None:
         size = float(np.std(finer)) or 1.0
@@ -155,7 +155,7 @@ class _Difference:
                 self.line, self.name = float(change), x.line
 
     def grows(self) -> bool:
-        """Whether it grows from the first quarter on, to what is worth speaking of."""
+        """Whether it grows from the first quarter on, to a significant size."""
         return max(self._quarters) > max(_GROWS * self._quarters[0], _NOTHING)
 
 

@@ -18,16 +18,16 @@ from microvib.units import Band, Given, Si, band, quantity
 
 Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
-"""Part of an amplitude that the integration and the fit of lines may be off at least (docs/numerics.md); a table may know more."""
+"""Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table may know a larger one."""
 BEYOND = 10.0
 """Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
 detent torque add there, and on bins that several lines share."""
 STIRS = 0.1
 """Part of what rings in a record by which a line may change until that has died away: friction couples them."""
 CALM = 12.0
-"""e-foldings after which nothing is left of a start."""
+"""e-foldings after which the transient of a start has vanished."""
 _SETTLED = 0.01
-"""Part of the largest steady line from which what rings counts as settled."""
+"""Fraction of the largest steady line below which ringing counts as settled."""
 _LIMITED = 3.0
 """Factor on the amplitude of a line whose fit ended at a limit."""
 _MAX_ORDERS = 5000
@@ -91,12 +91,12 @@ class Margin:
 
     @property
     def passes(self) -> bool:
-        """Whether the amplitude is below the limit beyond doubt."""
+        """Whether the amplitude is certainly below the limit."""
         return self.verdict == "pass"
 
     @property
     def fails(self) -> bool:
-        """Whether the amplitude is above the limit beyond doubt."""
+        """Whether the amplitude is certainly above the limit."""
         return self.verdict == "fail"
 
 
@@ -110,7 +110,7 @@ class Judgement:
     limit: Limit
     margins: tuple[Margin, ...]
     unknown: tuple[Line, ...]
-    """Lines of which no amplitude is known."""
+    """Lines without a known amplitude."""
     gaps: tuple[str, ...] = ()
     """What in the band was not judged, why, and what would have to change; a sentence without a stop each."""
 
@@ -139,7 +139,7 @@ class Judgement:
         return f"{head}{verdict}{self._worst()}.{self.not_judged()}"
 
     def not_judged(self, most: int = 3) -> str:
-        """What was not judged, as a sentence; empty where there is nothing."""
+        """What was not judged, as a sentence; empty if there is nothing."""
         if not self.gaps:
             return ""
         more = f"; and {len(self.gaps) - most} more" if len(self.gaps) > most else ""
@@ -244,13 +244,13 @@ def _unsettled(line: Line, too_large: float, scenario: Scenario | None) -> str:
 
 
 def _up(value: float) -> str:
-    """A figure rounded up to three digits."""
+    """A number rounded up to three digits."""
     digits = 10.0 ** (math.floor(math.log10(value)) - 2) if value > 0.0 else 1.0
     return f"{math.ceil(value / digits - 1e-9) * digits:.6g}"
 
 
 def _left(table: LineTable, limit: Limit) -> list[str]:
-    """Peaks above the limit that are none of the table's lines."""
+    """Peaks above the limit that are not lines of the table."""
     if table.rest is None:
         return ["lines that are not in the table were not sought"]
     frequency, amplitude = table.rest.within(limit.low, limit.high)
@@ -269,7 +269,7 @@ def _no_clock(scenario: Scenario | None) -> list[str]:
 
 
 def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
-    """What the drive may have above the highest frequency that the record was looked at."""
+    """Lines and modes that the drive may have above the highest frequency examined."""
     top = PASSBAND * table.sample_rate
     if limit.high <= top:
         return []

@@ -1,4 +1,4 @@
-"""Lines of a run that is too long to keep: block by block, in bounded memory."""
+"""Lines of a run that is too long to keep in memory, block by block."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
 
 
 def _row(table: LineTable, line: Line) -> Line | None:
-    """That line in another block; an unexpected one goes by its frequency, since its number means nothing there."""
+    """That line in another block; an unexpected one is found by its frequency, since its number means nothing there."""
     if line.kind != "other":
         return table[line.line]
     near = (x for x in table if x.kind == "other" and abs(x.frequency_hz - line.frequency_hz) * table.duration < 1.0)

@@ -23,7 +23,7 @@ __all__ = ["DEFAULT_MODES", "MAX_MODES", "ModalSource", "load_design", "modal_so
 
 DEFAULT_MODES = 10
 """Modes taken of finite elements where their number is not given."""
-Design = ArrayDesign | SimulatorDesign
+StructureDesign = ArrayDesign | SimulatorDesign
 DESCRIPTIONS = (".yaml", ".yml")
 TABLES = (".csv",)
 RESULTS = (".op2", ".op4", ".pch", ".f06", ".out", ".txt")
@@ -36,7 +36,7 @@ class ModalSource:
 
     name: str
     model: ModalModel
-    design: Design | None = None
+    design: StructureDesign | None = None
     modes: Modes | None = None
 
 
@@ -70,7 +70,7 @@ def modal_source(
     )
 
 
-def load_design(source: str, folder: Path = Path()) -> Design:
+def load_design(source: str, folder: Path = Path()) -> StructureDesign:
     """Description of an array or a simulator (what has a frame) from the catalog or a YAML file; ScenarioError if it is not one."""
     text = (
         catalog_text(source)
@@ -78,11 +78,11 @@ def load_design(source: str, folder: Path = Path()) -> Design:
         else read_text(folder / source, "structure", reference_names())
     )
     data = parse_yaml(text, source)
-    kind: type[Design] = SimulatorDesign if isinstance(data, dict) and "frame" in data else ArrayDesign
+    kind: type[StructureDesign] = SimulatorDesign if isinstance(data, dict) and "frame" in data else ArrayDesign
     return validated(kind, data, origin=source)
 
 
-def _from_design(design: Design, name: str, count: int) -> ModalSource:
+def _from_design(design: StructureDesign, name: str, count: int) -> ModalSource:
     try:
         from microvib.structures.fem.described import modal_model, solved
     except ModuleNotFoundError as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.io.modal_sources import Design, ModalSource
+from microvib.io.modal_sources import ModalSource, StructureDesign
 from microvib.io.modal_table import modes_csv
 from microvib.io.results import write_folder
 from microvib.io.tables import read_table
@@ -178,7 +178,7 @@ def _facts(model: ModalModel) -> list[Fact]:
     ]
 
 
-def _shapes(design: Design, modes: Modes) -> Block:
+def _shapes(design: StructureDesign, modes: Modes) -> Block:
     from microvib.reports.mode_shapes import draw_shapes
     from microvib.structures.fem.described import kinds, meanings
 
@@ -188,7 +188,7 @@ def _shapes(design: Design, modes: Modes) -> Block:
     return drawn(draw_shapes(modes, found, min(_MAX_DRAWN, len(found))), "Mode shapes", caption)
 
 
-def _motion(design: Design, modes: Modes) -> list[Section]:
+def _motion(design: StructureDesign, modes: Modes) -> list[Section]:
     from microvib.reports.mode_shapes import animation
     from microvib.structures.fem.described import kinds
 

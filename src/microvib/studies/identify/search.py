@@ -69,7 +69,7 @@ class Descent:
         return x
 
     def _look(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and their slopes, both at once: simulated abreast they cost little more than the residuals alone."""
+        """Residuals and their slopes, both at once: simulated in parallel they cost little more than the residuals alone."""
         known = self.seen.get(v.tobytes())
         if known is None:
             known = self.seen[v.tobytes()] = slopes(self.problem, self._whole(v), self.steps, self.free, self.central)
