@@ -1,4 +1,4 @@
-"""What can go wrong, as sentences for the person who can mend it."""
+"""Errors, as sentences for the person who can fix them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ScenarioError(MicrovibError):
 
 
 class SimulationError(MicrovibError):
-    """A simulation that could not be carried to its end."""
+    """A simulation that could not be completed."""
 
 
 class SynchronismLost(SimulationError):
@@ -73,7 +73,7 @@ class LineError(MicrovibError, KeyError):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The known name that a misspelt one is likely to stand for, as part of a sentence; empty where none is near."""
+    """The known name that a misspelt one probably stands for, as part of a sentence; empty if none is close."""
     names = {each.lower(): each for each in known}
     near = difflib.get_close_matches(name.lower(), list(names), 1, 0.7)
     return f"did you mean {names[near[0]]}? " if near else ""

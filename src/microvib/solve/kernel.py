@@ -318,7 +318,7 @@ def _channels(y, clock, stick, p, f, q, out):
 # Each stage of a step solves (g I - df/dy) u = r with g = 1 / (GAMMA h). The matrix is sparse, and one elimination in closed
 # form serves all stages: ``_factor`` works out the coefficients, ``_solve`` applies them to a right-hand side r. Cost is linear in
 # the number of modes. Write u_i, u_x for a phase's current and its integral, u_theta, u_m for the rotor's angle and rate, u_tl, u_l
-# for the output's, u_eta, u_w for a mode.
+# for the output's, u_eta, u_w for a mode; G = epsilon' - 1/h is d theta_l/d theta_m where the gear does not twist, e2 = epsilon''.
 #
 # 1. Angles:  g u_theta - u_m = r_theta  gives  u_theta = (r_theta + u_m) / g;  likewise u_tl.
 #
@@ -350,7 +350,7 @@ def _channels(y, clock, stick, p, f, q, out):
 #                                   b2 = J_L r_l + gear + sum of H (...) as in 3.
 #    with rotor = K_m (s beta_A - c beta_B) - stiffness/g + slope_m. ``stiffness`` is the slope of the rotor's torque by theta_m at
 #    fixed currents and gear twist, ``slope_m`` and ``slope_l`` those of the frictions by the rates. A stuck body has no equation:
-#    its u is zero.
+#    its u is zero. The angles, windings and modes then follow from u_m and u_l by 1. to 3.
 #
 # With a rigid reducer omega_l = G omega_m, so that u_l = lead u_m + shift with lead = G + e2 omega_m/g and
 # shift = e2 omega_m r_theta/g, and a single equation is left, with the inertia J_m + G^2 J_L.
