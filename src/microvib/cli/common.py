@@ -30,22 +30,6 @@ set_option = click.option(
     help="Change a dotted key, e.g. reducer.stiffness='9000 N*m/rad'.",
 )
 
-prepare_option = click.option(
-    "--prepare",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="How to prepare recordings: a YAML file with units, channels, response, cross_talk, axes, trimming, background.",
-)
-channel_option = click.option(
-    "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
-)
-limit_option = click.option(
-    "--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m': margins in the report."
-)
-band_option = click.option(
-    "--band", metavar="LOW:HIGH", help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere]."
-)
-
 
 def options(*each: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Several options as one, in the order of the help."""
@@ -56,6 +40,25 @@ def options(*each: Callable[[Any], Any]) -> Callable[[Any], Any]:
         return command
 
     return with_all
+
+
+recording_options = options(
+    click.option(
+        "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
+    ),
+    click.option(
+        "--prepare",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="How to prepare recordings: a YAML file with units, channels, response, cross_talk, axes, trimming, background.",
+    ),
+)
+limit_options = options(
+    click.option("--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m': margins in the report."),
+    click.option(
+        "--band", metavar="LOW:HIGH", help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere]."
+    ),
+)
 
 
 def _form(pdf: bool, report_data: Path | None) -> Form:

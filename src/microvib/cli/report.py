@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import band_option, limit_option, report_options
+from microvib.cli.common import limit_options, report_options
 from microvib.errors import OptionError, OutputError
 
 if TYPE_CHECKING:
@@ -19,8 +19,7 @@ _KINDS = (".html", ".pdf")
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@limit_option
-@band_option
+@limit_options
 @click.option(
     "-o",
     "--output",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import band_option, limit_option, load, report_options, set_option
+from microvib.cli.common import limit_options, load, report_options, set_option
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 from microvib.errors import OptionError
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Start in the steady state (record.start=steady), without settling; lines are then exact.",
 )
-@limit_option
-@band_option
+@limit_options
 @report_options
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,

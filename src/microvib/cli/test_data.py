@@ -11,11 +11,10 @@ import click
 
 from microvib.cli.common import (
     Target,
-    channel_option,
     guide,
     load,
     preparation,
-    prepare_option,
+    recording_options,
     set_option,
     target_options,
 )
@@ -28,8 +27,7 @@ from microvib.units import quantity
 @click.command()
 @click.argument("source")
 @target_options("Folder for tables and report [default: print only].")
-@channel_option
-@prepare_option
+@recording_options
 @click.option("--scenario", help="Drive of a recording, which gives the expected lines [default: none].")
 @click.option(
     "--window",
@@ -63,8 +61,7 @@ def analyse(
 @click.argument("a")
 @click.argument("b")
 @target_options("Folder for table and report [default: print only].")
-@channel_option
-@prepare_option
+@recording_options
 @click.option("--scenario", help="Drive of the recordings, where neither A nor B is a scenario.")
 def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, target: Target) -> None:
     """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
@@ -120,8 +117,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 )
 @set_option
 @target_options("Folder for fit, scenario and report [default: print only].")
-@channel_option
-@prepare_option
+@recording_options
 @click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="Lines to fit to, such as '0.5:200 Hz'.")
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
 @click.option(

@@ -1,0 +1,77 @@
+"""The door from a name to what it stands for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from microvib.errors import MicrovibError
+from microvib.io.line_files import PaperLines
+from microvib.io.recordings import Prepared, write_recording
+from microvib.io.scenario_file import catalog_text
+from microvib.io.sources import RunFolder, open_source
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import LineTable
+from microvib.testdata.preparation import Preparation
+from microvib.testdata.recording import Recording
+
+LINES = "line,frequency_hz,amplitude_n_m,phase_rad\ndrive_1,53.1,0.04,unread\ndrive_2,,0.01,\n"
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "mine.YAML").write_text(catalog_text("state-1"))
+    (tmp_path / "lines.csv").write_text(LINES)
+    x = np.random.default_rng(1).normal(size=64)
+    write_recording(Recording({"Mz": x}, 64.0, {"Mz": "N*m"}, "made"), tmp_path / "record.csv")
+    for name, content in (("run", {"lines.csv": LINES, "scenario.yaml": catalog_text("state-2")}), ("other", {})):
+        (tmp_path / name).mkdir()
+        for file, text in content.items():
+            (tmp_path / name / file).write_text(text)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("mine.YAML", Scenario), ("lines.csv", LineTable), ("record.csv", Prepared), ("run", RunFolder)],
+)
+def test_a_file_is_what_it_holds(files, name, kind):
+    assert isinstance(open_source(str(files / name)), kind)
+
+
+def test_names_of_the_catalog_and_of_the_paper():
+    assert "test state 3" in open_source("state-3").title
+    test, simulation = (open_source(name) for name in ("paper", "paper-simulation"))
+    assert isinstance(test, PaperLines)
+    assert (test.column, simulation.column) == ("test", "simulation")
+    assert test.table["drive_1"].bin_amplitude_n_m == 0.04344  # Table 6
+    assert test == open_source("paper-test")
+
+
+def test_a_table_of_lines_says_what_it_says_and_no_more(files):
+    table = open_source(str(files / "lines.csv"))
+    assert (table["drive_1"].frequency_hz, table["drive_1"].amplitude_n_m) == (53.1, 0.04)
+    assert np.isnan(
+        [table["drive_2"].frequency_hz, table["drive_1"].phase_rad, table["drive_1"].bin_amplitude_n_m]
+    ).all()
+
+
+def test_a_folder_is_read_as_far_as_it_is_there(files):
+    run = open_source(str(files / "run"))
+    assert (len(run.lines), run.motion, run.scenario.array.modes[0].frequency > 0.0) == (2, None, True)
+    with pytest.raises(MicrovibError, match=r"neither lines\.csv nor motion\.nc"):
+        open_source(str(files / "other"))
+
+
+def test_recordings_are_prepared(files):
+    prepared = open_source(str(files / "record.csv"), Preparation(detrend=0))
+    assert abs(prepared.recording["Mz"].mean()) < 1e-12
+    assert abs(open_source(str(files / "record.csv")).recording["Mz"].mean()) > 1e-3
+
+
+@pytest.mark.parametrize("name", ["nothing", "thesis.docx", "state-9", ""])
+def test_what_is_not_known_is_one_sentence(files, monkeypatch, name):
+    monkeypatch.chdir(files / "other")
+    with pytest.raises(MicrovibError) as failed:
+        open_source(name)
+    assert "\n" not in str(failed.value)
