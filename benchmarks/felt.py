@@ -33,29 +33,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--tree", type=Path, default=Path(__file__).parents[1], help="checkout to measure (default: this)"
     )
     parser.add_argument("--rounds", type=int, default=5, help="rounds, of which the least time counts (default: 5)")
-    parser.add_argument("--warm", action="store_true", help="leave out what comes first")
+    parser.add_argument("--warm", action="store_true", help="with this user's own caches, without what comes first")
     options = parser.parse_args(arguments)
     print(f"{'':44s} {'CPU s':>8s} {'clock s':>8s}")
     with tempfile.TemporaryDirectory() as folder:
-        place = Place(Path(folder), options.tree)
-        if not options.warm:
-            for name, words in ROWS[:2]:
-                _print(f"first {name}", [place.timed(words)])
-        else:
-            for _, words in ROWS[:2]:
-                place.timed(words)
+        place = Place(Path(folder), options.tree, fresh=not options.warm)
+        for name, words in ROWS[:2]:
+            first = place.timed(words)
+            if not options.warm:
+                _print(f"first {name}", [first])
         rounds = [[place.timed(words) for _, words in ROWS] for _ in range(options.rounds)]
     for k, (name, _) in enumerate(ROWS):
         _print(name, [times[k] for times in rounds])
 
 
 class Place:
-    """A folder for results and caches that are empty at first, as after an installation."""
+    """A folder for results, and for ``fresh`` caches that are empty at first, as after an installation."""
 
-    def __init__(self, folder: Path, tree: Path) -> None:
+    def __init__(self, folder: Path, tree: Path, fresh: bool) -> None:
         self.folder, self.runs = folder, 0
-        caches = dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR"), str(folder / "caches"))
-        self.environment = {**os.environ, **caches, "PYTHONPATH": str(tree.resolve() / "src")}
+        self.environment = {**os.environ, "PYTHONPATH": str(tree.resolve() / "src")}
+        if fresh:
+            names = ("XDG_CACHE_HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR")
+            self.environment |= dict.fromkeys(names, str(folder / "caches"))
 
     def timed(self, words: Sequence[str]) -> tuple[float, float]:
         """Seconds of the processor and of the clock that Python takes with these words."""
