@@ -12,6 +12,7 @@ import microvib as mv
 from microvib.model.friction import Friction, SlipRing
 from microvib.model.linear import _coupled_modes
 from microvib.solve import kernel
+from microvib.solve.channels import CHANNELS
 from microvib.solve.command import Command
 from microvib.solve.pack import pack
 from microvib.structures.springs import spring_rate_times_arm_squared, torsion_frequency
@@ -41,13 +42,23 @@ def test_eq_1_microsteps_come_at_the_driving_frequency_of_eq_26(state_1):
 
 
 def of_motor(scenario, i_A, i_B, theta_m, omega_m=0.0):
-    """Motor torque and the voltages that the turning rotor adds to both phases, as the equations of motion have them."""
+    """Motor torque and the voltages that the turning rotor adds to both phases, as the kernel computes them.
+
+    A derivative gain shows in the phase voltages how the currents change: u = K_P (i* - i) + K_I x - K_D di/dt (Eq. 2).
+    """
+    scenario = scenario.with_si({"driver.derivative_gain": 0.01})
+    driver, motor = scenario.driver, scenario.motor
     packed = pack(scenario)
-    y, f, q = packed.state.y, np.zeros(packed.state.y.size), np.zeros(7)
-    y[[kernel.IA, kernel.IB, kernel.TM, kernel.WM]] = i_A, i_B, theta_m, omega_m
-    kernel.derivative(y, packed.state.clock, packed.state.stick, packed.drive, f, q)
-    L, R = scenario.motor.winding_inductance, scenario.motor.winding_resistance
-    return q[0], L * f[kernel.IA] + R * i_A - q[4], L * f[kernel.IB] + R * i_B - q[5]
+    packed.state.y[[kernel.IA, kernel.IB, kernel.TM, kernel.WM]] = i_A, i_B, theta_m, omega_m
+    now = dict(zip(CHANNELS, packed.snapshot(), strict=False))
+    integrals = packed.state.y[[kernel.XA, kernel.XB]]
+    emf = []
+    for phase, x in zip("AB", integrals, strict=True):
+        i, u = now[f"i_{phase}"], now[f"u_{phase}"]
+        demand = driver.proportional_gain * (now[f"i_ref_{phase}"] - i) + driver.integral_gain * x
+        change = (demand - u) / driver.derivative_gain
+        emf.append(motor.winding_inductance * change + motor.winding_resistance * i - u)
+    return now["T_e"], *emf
 
 
 def test_eq_3_back_emf_balances_the_power_of_eq_4(no_detent):
