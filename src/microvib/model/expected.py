@@ -1,4 +1,4 @@
-"""Which lines the physics puts into the disturbance torque, and where."""
+"""Which lines the physics predicts in the disturbance torque, and where."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from microvib.units import Given, quantity
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
 
 SIDEBANDS = 2
-"""Sidebands on each side of a driving line, at full-step distance, that are looked for."""
+"""Sidebands on each side of a driving line, at full-step distance, that are expected."""
 
 
 @dataclass(frozen=True)
 class ExpectedLine:
-    """A line that is looked for: its name, where it should be and how far to search about there [Hz]."""
+    """An expected line: its name, its frequency and the band to search [Hz]."""
 
     name: str
     kind: Kind

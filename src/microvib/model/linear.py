@@ -1,4 +1,4 @@
-"""The drive linearised about tracking: what the array's modes become when they are seen through the drive.
+"""The drive linearised about tracking: the array's modes as seen through the drive.
 
 The electromagnetic spring is taken without detent torque (whose stiffness changes sign four times per electrical turn and
 averages to nothing), frictions by their viscous part, the transmission error as nothing.
@@ -79,7 +79,7 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     """Driving lines of T_d in closed form: the microsteps' staircase through the linearised drive (Eq. 16-18, 20).
 
     The command is a ramp and a sawtooth of one microstep's height delta, whose order k has the amplitude delta/(pi k); it pulls
-    at the rotor through the electromagnetic spring z K_m I. Currents are taken to follow at once, friction is viscous only,
+    at the rotor through the electromagnetic spring z K_m I. Currents are assumed to follow instantly, friction is viscous only,
     and detent torque and stick do not exist, so that there are no full-step lines. Empty where the rate is zero or changes.
     """
     f_d = scenario.driving_frequency

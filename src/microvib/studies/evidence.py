@@ -1,4 +1,4 @@
-"""Evidence: lines that were measured, with their uncertainties, from recordings or from tables."""
+"""Evidence: measured lines with their uncertainties, from recordings or tables."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
 
 
 def observations(table: LineTable) -> tuple[Observation, ...]:
-    """What a table tells of lines that stand out: amplitudes, phases of driving lines, frequency and decay of modes."""
+    """Observations from the lines of a table that stand out: amplitudes, phases of driving lines, frequency and decay of modes."""
     found = []
     first = next((line for line in table if line.line == "drive_1" and line.status == "ok"), None)
     for line in table:
@@ -146,7 +146,7 @@ class Simulated:
 
 
 def predicted(lines: Simulated, wanted: Observation) -> float:
-    """What simulated lines say for one observation; nan where they do not have it."""
+    """The simulated figure for one observation; nan if the lines do not have it."""
     by_name = {line.line: line for line in lines.table}
     line = by_name.get(wanted.line)
     if line is None:

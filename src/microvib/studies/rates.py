@@ -23,7 +23,7 @@ from microvib.units import band as ends
 
 HARMONICS = 8
 LEAST = 1e-3
-"""Lines below this part of a case's largest are dropped."""
+"""Lines below this fraction of a case's largest are dropped."""
 LIGHT = 0.2
 """Damping ratio above which a resonance of the drive can be ignored."""
 BISECTIONS = 8
@@ -65,7 +65,7 @@ class RateCase:
 
 @dataclass(frozen=True)
 class Resonance:
-    """A rate at which a line of the clock meets a mode."""
+    """A rate at which a line of the clock coincides with a mode."""
 
     microsteps: int
     rate: float
@@ -92,7 +92,7 @@ class Forbidden:
 
 @dataclass(frozen=True)
 class RatePlan:
-    """What a plan found; cases by microstep count and rate."""
+    """Result of a plan; cases by microstep count and rate."""
 
     scenario: Scenario
     cases: tuple[RateCase, ...]
@@ -173,9 +173,9 @@ def plan_rates(
 
     ``rates`` are those of a ``rate_grid``, or listed; without ``microsteps`` the scenario's count is taken.
     ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
-    its rate within which a resonance is too near. ``linear`` takes the closed form
-    of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved for itself, so
-    that results do not depend on their order; threads share them, since the kernel runs without the interpreter's lock.
+    its rate within which a resonance is too near. ``linear`` uses the closed form
+    of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved
+    independently, so that results do not depend on their order; threads share them, since the kernel runs without the interpreter's lock.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
@@ -299,7 +299,7 @@ def _meetings(
 
 
 def _near(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
-    """Rates to look at: while the shaft sticks now and then, the mode is between its coupled and its clamped frequency."""
+    """Rates to examine: while the shaft sticks part of the time, the mode is between its coupled and its clamped frequency."""
     mode = next(m for m in modes if m.name == meeting.mode)
     clamped = mode.fixed_frequency or mode.frequency
     if abs(clamped / mode.frequency - 1.0) > 0.1:
@@ -354,7 +354,7 @@ def _forbidden(
 
 
 def rate_grid(low: Given, high: Given, count: int = 200) -> tuple[Si, ...]:
-    """``count`` rates in even steps, ``rate_grid("0.01 deg/s", "0.3 deg/s")``; OptionError where they make no range."""
+    """``count`` rates in even steps, ``rate_grid("0.01 deg/s", "0.3 deg/s")``; OptionError if they do not make a range."""
     low, high = (quantity(key, rate, "rad/s", example="deg/s") for key, rate in (("from", low), ("to", high)))
     if not 0.0 < low < high:
         first, last = (f"{math.degrees(rate):g} deg/s" for rate in (low, high))

@@ -1,6 +1,6 @@
-"""Identification: parameters of the drive from measured lines, with what they are worth.
+"""Identification: parameters of the drive from measured lines, with verdicts on them.
 
-A global look, local fits and a second look (``search``) make weighted differences between measured and simulated figures small
+A global search, local fits and a second search (``search``) minimise weighted differences between measured and simulated figures
 (``problem``). Goodness of fit comes first (``goodness``): a model that does not explain the data identifies nothing. Intervals are
 those of the profile of the cost where its curvature alone is wrong (``intervals``); ``verdict`` says what each estimate is worth.
 The clock is not fitted: the evidence tells it directly.

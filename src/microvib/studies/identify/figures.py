@@ -30,7 +30,7 @@ def as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object]
 
 
 def lines_of(torque: Torque, test: Scenario, evidence: Evidence) -> Simulated:
-    """Lines of a simulated test that its evidence speaks of."""
+    """Lines of a simulated test for which there is evidence."""
     asked = {o.line for o in evidence.observations} | {"drive_1"}
     spectrum = amplitude_spectrum(torque.T_d, torque.sample_rate)
     table = lines_among(torque.T_d, torque.sample_rate, test, asked)

@@ -33,7 +33,7 @@ from microvib.studies.identify.verdict import (
 from microvib.testdata.recording import Recording
 
 MODEL_ERROR = 0.004
-"""Relative accuracy of model and instrument chain that no amplitude is trusted beyond: filters, steps, window."""
+"""Limit on the relative accuracy of any amplitude, from model and instrument chain: filters, steps, window."""
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,17 @@ class Fit:
     interrupted: bool
     goodness: Goodness
     deviations: tuple[Deviation, ...]
-    """All figures beside the fitted model's."""
+    """All figures, with those of the fitted model."""
     leanings: tuple[Leaning, ...]
-    """What was not fitted and moves the estimates, the strongest first."""
+    """Parameters not fitted that move the estimates, strongest first."""
     converged: bool
-    """Whether a second, finer look found nothing better."""
+    """Whether a second, finer search found nothing better."""
     notes: tuple[str, ...] = ()
     """What was done to the evidence, in words."""
 
     @property
     def usable(self) -> bool:
-        """Whether the model explains the data and the search came to its end: what is to be taken over must at least do that."""
+        """Whether the model explains the data and the search converged: the least that is required before results are adopted."""
         return self.goodness.explained and self.converged and not self.interrupted
 
 
@@ -93,7 +93,7 @@ def identify(
     result.
 
     A range that the user did not state is widened until the best lies inside. Where the fit does not explain the evidence
-    and an array mode's frequency was measured, its clamped frequency is fitted as well, and said to be.
+    and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     fitted = [parse_fit(scenario, key) if isinstance(key, str) else key for key in keys]
@@ -113,7 +113,7 @@ def identify(
 
 
 def _told(test: Test, scenario: Scenario) -> tuple[Evidence, dict[str, object]]:
-    """What a test tells, and the changes that make it."""
+    """The evidence of a test, and the changes that make it."""
     told, changes = test if isinstance(test, tuple) else (test, {})
     if isinstance(told, Evidence):
         return told, changes
@@ -170,7 +170,7 @@ class _Found:
         self.converged = False
 
     def find(self, seed: int, starts: int, finishes: int) -> None:
-        """Search, second look, and, where the model explains the evidence, intervals."""
+        """Search, second search and, if the model explains the evidence, intervals."""
         self.problem, optima = search(self.problem, seed, starts, finishes)
         self.best = optima[0]
         self.best, self.local, self.converged = confirm(self.problem, self.best)
@@ -194,7 +194,7 @@ class _Found:
         self.converged = False
 
     def fit(self, scenario: Scenario, seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
-        """All of it as a result."""
+        """Everything as a result."""
         if self.best is None:
             self.problem, x, r = self.problem.so_far()
             self.best = Optimum(x, r, cost(r))

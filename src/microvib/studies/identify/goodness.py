@@ -11,9 +11,9 @@ from microvib.studies.evidence import predicted
 from microvib.studies.identify.problem import Problem
 
 REJECTED = 1e-3
-"""Probability of a chi-square as large, were the model right, below which a model does not explain the data."""
+"""Probability of so large a chi-square with a correct model, below which a model does not explain the data."""
 OFF = 3.0
-"""Standard deviations from which a figure is off."""
+"""Standard deviations above which a figure counts as off."""
 FEW = 3
 """Degrees of freedom below which the data hardly check the model."""
 
@@ -39,7 +39,7 @@ class Goodness:
 
     @property
     def limit(self) -> float:
-        """Chi-square per degree of freedom that a right model exceeds in one of a thousand cases."""
+        """Chi-square per degree of freedom that a correct model exceeds in one of a thousand cases."""
         from scipy.stats import chi2
 
         return float(chi2.isf(REJECTED, max(self.freedom, 1))) / max(self.freedom, 1)

@@ -1,4 +1,4 @@
-"""Intervals of 95 %: linearised ones where the cost confirms them, else from the profile of the cost."""
+"""95 % intervals: linearised where the cost confirms them, otherwise from the profile of the cost."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ MAX_POINTS = 10
 
 @dataclass(frozen=True)
 class Interval:
-    """An interval of 95 % of one coordinate."""
+    """The 95 % interval of one coordinate."""
 
     low: float
     high: float
     open_low: bool = False
-    """Whether the cost does not rise enough down to the end of what is allowed."""
+    """Whether the cost does not rise enough up to the bound."""
     open_high: bool = False
     profiled: bool = False
     """Whether it comes from the profile, because the linearised one was not confirmed."""
@@ -50,7 +50,7 @@ def profiles(problem: Problem, best: Optimum, local: Local) -> Profiles:
     """Interval of each parameter. The profile: its cost at the best values of all others.
 
     The linearised interval counts where the profile agrees with it half way and at its end, on both sides. Otherwise the ends
-    are where the profile has risen as far as an interval of 95 % asks for.
+    are where the profile has risen as far as a 95 % interval requires.
     """
     problem.enters("intervals")
     ends = [_Side(problem, best, local, k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)]
@@ -135,7 +135,7 @@ class _Side:
         return inside + (0.5 if top > 2.0 * Z else part) * (outside - inside)
 
     def height(self, t: float) -> float:
-        """Square root of the rise of the cost at distance ``t``, over the scatter: Z at the end of an interval of 95 %."""
+        """Square root of the rise of the cost at distance ``t``, over the scatter: Z at the end of a 95 % interval."""
         if t in self.known:
             return self.known[t][0]
         problem, k = self.problem, self.k

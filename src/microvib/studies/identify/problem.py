@@ -1,4 +1,4 @@
-"""What an identification makes small: weighted differences between measured and simulated figures."""
+"""The cost of an identification: weighted differences between measured and simulated figures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Item = TypeVar("Item")
 Done = TypeVar("Done")
 
 PRIOR = 0.1
-"""Weight of the wish to stay near the start, per width of a range: it decides only where the evidence says nothing."""
+"""Weight of a prior near the start, per width of a range: it decides only where there is no evidence."""
 
 FitProgress = Callable[[str, int, float, dict[str, float]], None]
 """stage, simulations so far, cost of the best, its parameters"""

@@ -1,4 +1,4 @@
-"""The search for the best parameters: a global look, local fits, wider ranges where they are too narrow, and a second look."""
+"""The search for the best parameters: a global search, local fits, wider ranges where they are too narrow, and a second search."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ AGAIN, FULL = 12, 60
 AT_ONCE, MAX_FITS = 2, 8
 """Local fits before it is asked whether the evidence is explained, whatever the number of cores; and at most, of a round."""
 PART = 32
-"""Points of the global look from one word of progress to the next."""
+"""Points of the global search between two reports of progress."""
 LOOKS = 4
-"""Second looks at most."""
+"""Most second searches."""
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,9 @@ def _sobol(problem: Problem, count: int, seed: int) -> list[np.ndarray]:
 
 
 def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
-    """The best looked at once more: finer, with central differences, from itself and from beside it.
+    """Search again at the optimum: finer, with central differences, from the optimum itself and from points around it.
 
-    Where that finds something better it is looked at in turn; the last answer is whether the last look found nothing.
+    If that finds something better, the search is repeated there; the last value tells whether the last search found nothing.
     """
     problem.enters("second look")
     for _ in range(LOOKS):

@@ -1,4 +1,4 @@
-"""What estimates are worth: one verdict each, and what they lean on that was not fitted."""
+"""Verdicts on the estimates, and their dependence on parameters that were not fitted."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum
 
 WIDE = 0.2
-"""Standard error over the value from which a parameter is not identifiable."""
+"""Standard error over value above which a parameter is not identifiable."""
 TIED = 0.995
-"""Correlation from which two estimates cannot be told apart."""
+"""Correlation above which two estimates cannot be told apart."""
 NUDGE = 0.01
-"""Relative change of a parameter that was not fitted, to see what leans on it."""
+"""Relative change of a parameter that was not fitted, to see which estimates depend on it."""
 ASSUMED_TIME = 0.1
 """Relative error of a settling time that nobody measured."""
 SETTLE = "record.settle"
@@ -41,7 +41,7 @@ class Estimate:
     identifiable: bool
     verdict: str
     interval: tuple[float, float] = (math.nan, math.nan)
-    """Interval of 95 %; nan where it is withheld, the end of the range where it is open."""
+    """95 % interval; nan where it is withheld, the end of the range where it is open."""
     profiled: bool = False
     """Whether the interval comes from the profile of the cost instead of its curvature."""
 
@@ -57,7 +57,7 @@ class Leaning:
 
 @dataclass(frozen=True)
 class Findings:
-    """All that verdicts are made from."""
+    """Everything that the verdicts are based on."""
 
     problem: Problem
     best: Optimum
@@ -148,7 +148,7 @@ def correlations(local: Local) -> np.ndarray:
 
 
 def rival(problem: Problem, best: Optimum, others: Sequence[Optimum], local: Local) -> Optimum | None:
-    """An optimum elsewhere that lies within the rise that an interval of 95 % allows."""
+    """An optimum elsewhere that lies within the rise that a 95 % interval allows."""
     for other in others:
         apart = np.max(np.abs(other.x - best.x) / local.spread)
         if other.cost - best.cost < Z**2 * local.scatter and apart > 3.0 * Z:
