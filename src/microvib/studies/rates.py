@@ -175,7 +175,8 @@ def plan_rates(
     ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
     its rate within which a resonance is too near. ``linear`` uses the closed form
     of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved
-    independently, so that results do not depend on their order; threads share them, since the kernel runs without the interpreter's lock.
+    independently, so that results do not depend on their order; threads share them, since the kernel releases the lock
+    of the interpreter.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
