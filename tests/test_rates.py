@@ -186,7 +186,7 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
     with (out / "rates.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert {row["microsteps"] for row in rows} == {"16", "32"}
-    assert all(row["status"] == "steady" or row["status"].startswith("in time: of the motions") for row in rows)
+    assert all(row["status"] == "steady" or row["status"].startswith("in time: several motions") for row in rows)
     assert sum(row["status"] == "steady" for row in rows) > 0.8 * len(rows)
     drive = next(row for row in rows if row["line"] == "drive_2")
     assert float(drive["order"]) == pytest.approx(2.0)
