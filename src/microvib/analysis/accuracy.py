@@ -28,7 +28,7 @@ MAX_REFINEMENT = 64
 """Of ``solver.refinement``."""
 SENSITIVE = 0.1
 """Part of an amplitude that is taken for the doubt of a motion which depends on details below the tolerance. What two runs differ
-by is no bound: in random sets it was 0.05 to 24 % (benchmarks/README.md)."""
+by is not a bound: in random sets it was 0.05 to 24 % (benchmarks/README.md)."""
 KEY = "error_estimate"
 """Of a solver's account."""
 _NOTHING = 1e-3

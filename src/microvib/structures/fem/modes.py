@@ -40,7 +40,7 @@ class Modes:
 
 
 def solve(structure: Structure, count: int) -> Modes:
-    """The lowest ``count`` modes; StructureError where the structure is no structure."""
+    """The lowest ``count`` modes; StructureError where ``check_structure`` refuses it."""
     check_structure(structure)
     system = assemble(structure)
     values, vectors = lowest_modes(system.K, system.M, count)

@@ -120,7 +120,7 @@ def line_statistics(results: Results, limit: float | None, band: tuple[float, fl
     """Statistics, level by level, of the largest line of each case and of every line in ``band`` that any case has.
 
     Rows go level by level, in each the largest line of all (ANY) first, then the lines by falling mean. Levels are never pooled:
-    which of them a unit runs at is no matter of chance. Of a sample for Sobol indices only the independent part counts; nothing
+    which of them a unit runs at is not a matter of chance. Of a sample for Sobol indices only the independent part counts; nothing
     is told of one-at-a-time samples. Unexpected lines (``other_*``) count in ANY only: their names mean nothing across cases.
     """
     counted = independent(results.campaign.design)

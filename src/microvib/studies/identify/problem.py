@@ -88,7 +88,7 @@ class Problem:
         return Problem(self.scenario, self.evidence, keys, self.trust, ledger=self._ledger)
 
     def with_scenario(self, changes: dict[str, object]) -> Problem:
-        """The same with a changed scenario, apart from the search: what it meets is no best so far."""
+        """The same with a changed scenario, apart from the search: what it meets does not count as best so far."""
         return Problem(self.scenario.with_si(changes), self.evidence, self.keys, self.trust)
 
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
