@@ -1,5 +1,9 @@
 """What a notebook sees: completion, tables that show themselves, sentences for what is typed wrong."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -170,3 +174,51 @@ def test_what_is_wrong_is_told_in_a_sentence(motion_1, mistake):
         wrong(motion_1)
     assert sentence in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_shell_completes_keys_lines_channels_and_names(state_1, motion_1, table):
+    from IPython.core.completer import provisionalcompleter
+    from IPython.core.interactiveshell import InteractiveShell
+
+    shell = InteractiveShell()
+    shell.user_ns.update(mv=mv, scenario=state_1, table=table, motion=motion_1)
+    for typed, expected in {
+        "scenario.reducer.sti": "stiffness",
+        'scenario["array.modes.0.fr': "array.modes.0.frequency",
+        'table["drive_1_mi': "drive_1_minus_1",
+        "table.to_": "to_dataframe",
+        'motion["omega_': "omega_m",
+        "mv.read_rec": "read_recording",
+        "mv.rates(scenario, keep": "keep_away=",
+    }.items():
+        with provisionalcompleter():
+            found = [each.text for each in shell.Completer.completions(typed, len(typed))]
+        assert any(expected in each for each in found), (typed, found)
+
+
+OUTSIDE = """
+import microvib as mv
+
+scenario: mv.Scenario = mv.load_scenario("state-1").with_({"tracking.rate": "0.05 deg/s"})
+table: mv.LineTable = mv.lines(mv.steady(scenario))
+largest: float = max(line.amplitude_n_m for line in table)
+verdict: str = mv.judge(table, mv.Limit("10 mN*m", "0.5 Hz", mv.Si(150.0)), scenario).verdict
+plan = mv.rates(scenario, mv.rate_grid("0.01 deg/s", "0.1 deg/s"), limit="10 mN*m", band="0.5:5 Hz")
+mv.plot(plan).savefig("plan.png")
+rows: list[str] = [row.verdict for row in mv.compare(mv.simulate(scenario), mv.read_recording("a.uff")).rows]
+mv.rate_grid(0.01, 0.1)
+"""
+
+
+@pytest.mark.long
+def test_types_are_seen_from_outside_and_tell_bare_numbers(tmp_path):
+    (tmp_path / "outside.py").write_text(OUTSIDE)
+    (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = true\n")
+    home = Path(mv.__file__).parents[1]
+    checked = subprocess.run(
+        [sys.executable, "-m", "mypy", "outside.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(home)},
+        text=True, stdout=subprocess.PIPE, check=False,
+    )  # fmt: skip
+    errors = [line for line in checked.stdout.splitlines() if ": error:" in line]
+    assert len(errors) == 2
+    assert all("rate_grid" in line and 'expected "str | Si"' in line for line in errors)
