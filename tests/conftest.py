@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from support.scenarios import baseline
 
@@ -23,3 +25,11 @@ def state_1() -> mv.Scenario:
 def motion_1(state_1: mv.Scenario) -> mv.Motion:
     """State 1 at the clock of the paper's test."""
     return mv.simulate(state_1.with_({"tracking.clock_ratio": 0.994}))
+
+
+@pytest.fixture(scope="session")
+def worked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that commands work on; what they write goes elsewhere."""
+    from support.commands import work_in
+
+    return work_in(tmp_path_factory.mktemp("worked"))

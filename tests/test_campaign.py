@@ -18,6 +18,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from support import commands
 from support.scenarios import limit_of
 
 import microvib as mv
@@ -674,16 +675,21 @@ def alive(pid: int) -> bool:
         return False
 
 
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory) -> list[bytes]:
+    """Chunks of a run that nothing happened to."""
+    campaign = made(tmp_path_factory.mktemp("calm"), spread(count=60), "calm", 4)
+    compute_missing(campaign, Fragile())
+    return bytes_of(campaign)
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 @pytest.mark.parametrize(
     "what", ["interrupt", *(pytest.param(x, marks=pytest.mark.long) for x in ("worker", "coordinator", "group"))]
 )
-def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, what):
+def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, calm, what):
     """Kill in the middle, resume, and compare with a run that nothing happened to."""
-    sized = spread(count=60)
-    calm = made(tmp_path, sized, "calm", 4)
-    compute_missing(calm, Fragile())
-    campaign = made(tmp_path, sized, "killed", 4)
+    campaign = made(tmp_path, spread(count=60), "killed", 4)
     process = microvib("run", campaign.folder, "--workers", 2, start_new_session=True)
     wait_for(lambda: len(campaign.done()) >= 2)
     workers = children(process.pid)
@@ -707,33 +713,31 @@ def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, what):
         assert "Interrupted; computed cases are kept" in err
         assert "Traceback" not in err
     kept = {k: campaign.file(k).stat().st_mtime_ns for k in campaign.done()}
-    again = microvib("resume", campaign.folder, "--workers", 2)
-    out, err = again.communicate(timeout=120)
-    assert again.returncode == 0, err
-    assert bytes_of(campaign) == bytes_of(calm)
+    compute_missing(open_campaign(campaign.folder), Fragile())
+    assert bytes_of(campaign) == calm
     assert all(campaign.file(k).stat().st_mtime_ns == when for k, when in kept.items())  # not computed twice
 
 
 def test_slurm_shards_are_a_job_array_that_can_be_resumed(tmp_path, monkeypatch):
-    """A stand-in for sbatch runs two of three shards, as if the third had been cancelled."""
+    """A stand-in for sbatch runs the first of two shards, as if the second had been cancelled; then there is one left."""
     tools = tmp_path / "bin"
     tools.mkdir()
     sbatch = '#!/bin/sh\nfor k in ${RUN_SHARDS}; do SLURM_ARRAY_TASK_ID=$k sh "$2" >> "$2.log" 2>&1 || exit 1; done\necho 17\n'
     for name, text in (("sbatch", sbatch), ("squeue", "#!/bin/sh\necho invalid job id >&2; exit 1\n")):
         (tools / name).write_text(text)
         (tools / name).chmod((tools / name).stat().st_mode | stat.S_IXUSR)
-    environment = os.environ | {"PATH": f"{tools}:{os.environ['PATH']}"}
-    calm, campaign = made(tmp_path, spread(), "calm", 2), made(tmp_path, spread(), "jobs", 2)
-    compute_missing(calm, Fragile())
-    for shards, left in (("0 2", 2), ("0 1", 0)):
-        job = microvib(
-            "resume", campaign.folder, "--on", "slurm", "--workers", 3, env=environment | {"RUN_SHARDS": shards}
+    monkeypatch.setenv("PATH", f"{tools}:{os.environ['PATH']}")
+    monkeypatch.setenv("RUN_SHARDS", "0")
+    undisturbed, campaign = made(tmp_path, spread(), "undisturbed", 4), made(tmp_path, spread(), "jobs", 4)
+    compute_missing(undisturbed, Fragile())
+    for left in (1, 0):
+        done = commands.microvib(
+            "campaign", "resume", str(campaign.folder), "--on", "slurm", "--workers", "2", cwd=tmp_path
         )
-        out, err = job.communicate(timeout=120)
-        assert job.returncode == 0, err
-        assert "Submitted job 17" in out
+        assert done.exit_code == 0, done.stderr
+        assert "Submitted job 17" in done.stdout
         assert len(campaign.missing()) == left
-    assert bytes_of(campaign) == bytes_of(calm)
+    assert bytes_of(campaign) == bytes_of(undisturbed)
     assert json.loads((campaign.folder / "slurm.json").read_text())["job"] == "17"
 
 
@@ -842,8 +846,14 @@ def computed(tmp_path: Path, of: Study):
     return open_results(campaign)
 
 
-def test_statistics_worst_cases_and_exceedance(tmp_path):
-    results = computed(tmp_path, spread(count=8))
+@pytest.fixture(scope="module")
+def sixteen(tmp_path_factory):
+    """Results of eight draws at each of two levels."""
+    return computed(tmp_path_factory.mktemp("sixteen"), spread(count=8))
+
+
+def test_statistics_worst_cases_and_exceedance(sixteen):
+    results = sixteen
     rows = {(row.level.number, row.line): row for row in line_statistics(results, 1e-9, EVERYTHING)}
     drive = results.of("drive_1")
     for level in (0, 1):
@@ -862,8 +872,8 @@ def test_statistics_worst_cases_and_exceedance(tmp_path):
     data.close()
 
 
-def test_the_report_has_the_worst_cases_as_a_table(tmp_path):
-    results = computed(tmp_path, spread(count=8))
+def test_the_report_has_the_worst_cases_as_a_table(sixteen):
+    results = sixteen
     summary = summarise(results, None, EVERYTHING)
     document = campaign_report(summary, {})
     section = next(x for x in document.sections if x.title == "Worst cases")
@@ -877,7 +887,7 @@ def test_the_report_has_the_worst_cases_as_a_table(tmp_path):
     assert [float(x) for x in cells["reducer.stiffness"][1:-1]] == pytest.approx(stiffness[cases], rel=1e-3)
     assert cells["reducer.stiffness"][-1] == f"{results.campaign.design.base.reducer.stiffness:.4g}"
     assert {row.cells[0] for row in of_lines.rows} == set(summary.worst)
-    assert str(tmp_path) not in html(document)
+    assert str(results.campaign.folder.parent) not in html(document)
 
 
 def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):

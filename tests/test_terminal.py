@@ -14,40 +14,14 @@ import pytest
 pytest.importorskip("pty", reason="pseudo-terminals are of POSIX")
 
 import click
+from support.commands import SHORT
 from support.terminal import in_terminal, screen
 
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import BUG, TRACEBACK, status_of
 from microvib.errors import MicrovibError
 
-SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
 LONG = ["--set", "record.duration=20000 s"]
-STUDY = """
-scenario: state-1
-set: {record.settle: 0.2 s, record.duration: 1 s, record.sample_rate: 1024 Hz}
-vary: {driver.microsteps: [8, 16]}
-sampling: {method: random, count: 1}
-"""
-
-LONG_STUDY = """
-scenario: state-1
-set: {record.settle: 0.2 s, record.duration: 1 s, record.sample_rate: 1024 Hz}
-vary: {friction.breakaway: {distribution: uniform, within: 20 percent}}
-sampling: {method: random, count: 4000}
-"""
-
-EXPECTED = {"error": 1, "usage": 2, "docs": (0, 1)}  # the site is not in every installation
-ONE_AFTER_ANOTHER = """
-import json, sys
-from microvib.cli.main import main
-for name, arguments in json.loads(sys.argv[1]).items():
-    status = 0
-    try:
-        main(arguments, prog_name="microvib")
-    except SystemExit as end:
-        status = end.code
-    print(f"== {name} == {status}", flush=True)
-"""
 
 
 def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -59,92 +33,12 @@ def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
-    """A recording, a finished run, a campaign that is computed: what the commands work on."""
-    where = tmp_path_factory.mktemp("terminal")
-    (where / "study.yaml").write_text(STUDY)
-    (where / "long.yaml").write_text(LONG_STUDY)
-    (where / "modes.csv").write_text("frequency_hz,damping,effective_inertia_kg_m2,inertia_kg_m2\n1.19,0.01,8,9\n")
-    made = {
-        "run": ["run", "state-1", *SHORT, "--out", "old"],
-        "measure": ["measure", "state-1", *SHORT, "-o", "old.csv"],
-        "create": ["campaign", "create", "study.yaml", "batch"],
-        "create long": ["campaign", "create", "long.yaml", "long"],
-        "campaign": ["campaign", "run", "batch", "--workers", "1"],
-    }
-    program = [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(made)]
-    done = subprocess.run(program, cwd=where, check=True, capture_output=True, text=True, timeout=240)
-    assert re.findall(r"^== .* == (\d+)$", done.stdout, re.M) == ["0"] * len(made), done.stderr
-    return where
-
-
-COMMANDS = {
-    "run": ["run", "state-1", *SHORT],
-    "run --steady": ["run", "state-1", "--steady", "--lines-only", *SHORT],
-    "report": ["report", "old"],
-    "compare": ["compare", "old", "old.csv", "--channel", "Mz"],
-    "analyse": ["analyse", "old.csv"],
-    "measure": ["measure", "state-1", *SHORT, "-o", "new.csv"],
-    "identify": [
-        "identify",
-        "state-1",
-        "old/lines.csv",
-        "--fit",
-        "reducer.stiffness",
-        "--starts",
-        "2",
-        *SHORT,
-    ],
-    "rates": ["rates", "state-1", "--from", "0.05 deg/s", "--to", "0.06 deg/s", "--count", "2", "--linear"],
-    "modes": ["modes", "modes.csv"],
-    "sas size": ["sas", "size", "--inertia", "8.18", "--frequency", "1.19"],
-    "campaign run": ["campaign", "run", "batch"],
-    "campaign status": ["campaign", "status", "batch"],
-    "campaign merge": ["campaign", "merge", "batch"],
-    "campaign report": ["campaign", "report", "batch"],
-    "campaign case": ["campaign", "case", "batch", "1"],
-    "scenarios": ["scenarios"],
-    "show": ["show", "state-1"],
-    "new": ["new", "drive.yaml"],
-    "schema": ["schema"],
-    "docs": ["docs", "--path"],
-    "help": ["--help"],
-    "error": ["show", "nowhere", "--set", "a=b"],
-    "usage": ["nothing"],
-}
-
-
-def in_one_terminal(commands: dict[str, list[str]], cwd: Path, **settings) -> dict[str, tuple[int, list[str]]]:
-    """Status and screen of each command, run in one terminal and one process, whose imports they share."""
-    program = [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(commands)]
-    shown = in_terminal(program=program, cwd=cwd, **settings)
-    assert shown.status == 0, shown.text
-    ended, begin = {}, 0
-    for k, line in enumerate(shown.screen):
-        if mark := re.fullmatch(r"== (.+) == (\d+)", line):
-            ended[mark[1]] = int(mark[2]), shown.screen[begin:k]
-            begin = k + 1
-    assert list(ended) == list(commands), shown.text
-    return ended
-
-
-def test_every_command_in_a_narrow_terminal(folder):
-    """40 columns: nothing of a bar is left, no figure is broken at the edge, no traceback, the status that a pipe gets."""
-    for name, (status, lines) in in_one_terminal(COMMANDS, folder, columns=40).items():
-        said = "\n".join(lines)
-        expected = EXPECTED.get(name, 0)
-        assert status in (expected if isinstance(expected, tuple) else (expected,)), (name, said)
-        assert lines, name
-        for unwanted in ("Traceback", "bug in microvib", "━", "\x1b", " of 2 s", "computing", "searching"):
-            assert unwanted not in said, (name, said)
-
-
 @pytest.mark.parametrize(
     "environment", [{"TERM": "dumb"}, {"NO_COLOR": "1"}, {"TERM": "no-such-terminal"}, {"COLUMNS": "0"}]
 )
-def test_a_run_in_terminals_of_all_sorts(folder, tmp_path, environment):
-    shown = in_terminal("run", "state-1", *SHORT, "--out", str(tmp_path / "out"), cwd=folder, environment=environment)
+def test_a_run_in_terminals_of_all_sorts(worked, tmp_path, environment):
+    arguments = ["run", "state-1", *SHORT, "--lines-only", "--out", str(tmp_path / "out")]
+    shown = in_terminal(*arguments, cwd=worked, environment=environment)
     assert shown.status == 0, shown.text
     assert "Written:" in shown.text
     assert "simulating" not in shown.text
@@ -166,9 +60,9 @@ def test_the_screen_is_read_as_a_terminal_shows_it():
     assert screen("abcdef", 4) == ["abcd", "ef"]
 
 
-def test_a_bar_is_drawn_while_it_goes_on_and_gone_at_the_end(folder, tmp_path):
+def test_a_bar_is_drawn_while_it_goes_on_and_gone_at_the_end(worked, tmp_path):
     arguments = ["measure", "state-1", *SHORT, "--set", "record.settle=20 s", "-o", str(tmp_path / "a.csv")]
-    shown = in_terminal(*arguments, cwd=folder)
+    shown = in_terminal(*arguments, cwd=worked)
     assert shown.status == 0, shown.text
     assert re.search(r"simulating.*━.* of \d+ s", shown.raw)
     assert "━" not in shown.text
@@ -186,12 +80,12 @@ INTERRUPTED = (130, -2)
         (["run", "state-1", "--lines-only", *LONG, "--out", "out"], " of 20030 s"),
         (["rates", "state-1", "--from", "0.01 deg/s", "--to", "0.3 deg/s", "--count", "5000", "--out", "out"], " cases"),
         (["validate", "--out", "out"], "running"),
-        (["campaign", "run", "{folder}/long"], " of 4000 cases"),
+        (["campaign", "run", "{worked}/long"], " of 4000 cases"),
     ],
     ids=lambda x: x[0] if isinstance(x, list) else "",
 )  # fmt: skip
-def test_an_interrupt_ends_every_long_command_with_one_sentence(folder, tmp_path, arguments, sign):
-    arguments = [text.format(folder=folder) for text in arguments]
+def test_an_interrupt_ends_every_long_command_with_one_sentence(worked, tmp_path, arguments, sign):
+    arguments = [text.format(worked=worked) for text in arguments]
     shown = in_terminal(*arguments, cwd=tmp_path, columns=300, until=lambda written: sign in written)
     assert shown.status in INTERRUPTED, shown.text
     assert [line for line in shown.screen if line.strip(" ^C")] == [shown.screen[-1]], shown.text
@@ -199,8 +93,8 @@ def test_an_interrupt_ends_every_long_command_with_one_sentence(folder, tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_identification_that_is_interrupted_keeps_the_best_and_says_so(folder, tmp_path):
-    tested = str(folder / "old" / "lines.csv")
+def test_an_identification_that_is_interrupted_keeps_the_best_and_says_so(worked, tmp_path):
+    tested = str(worked / "old" / "lines.csv")
     search = ["identify", "state-1", tested, "--fit", "reducer.stiffness", "--starts", "4096", *SHORT, "--out", "out"]
     shown = in_terminal(*search, cwd=tmp_path, columns=300, until=lambda written: "global: " in written)
     assert shown.status in INTERRUPTED, shown.text
@@ -251,15 +145,15 @@ def test_streams_that_are_closed_broken_or_full(tmp_path, line, status, said):
         assert done.stderr == said
 
 
-def test_a_run_without_standard_error_works_and_nothing_is_written_into_its_files(folder, tmp_path):
+def test_a_run_without_standard_error_works_and_nothing_is_written_into_its_files(worked, tmp_path):
     line = "microvib run state-1 --set 'record.settle=0.5 s' --set 'record.duration=2 s' --out out"
     quiet = shell(f"{line} <&- >&- 2>&-", tmp_path)
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
-    assert (tmp_path / "out" / "lines.csv").read_text() == (folder / "old" / "lines.csv").read_text()
+    assert (tmp_path / "out" / "lines.csv").read_text() == (worked / "old" / "lines.csv").read_text()
 
 
-def test_results_are_written_although_nobody_reads_the_text(folder, tmp_path):
-    done = shell(f"microvib analyse '{folder}/old.csv' --out out | true", tmp_path)
+def test_results_are_written_although_nobody_reads_the_text(worked, tmp_path):
+    done = shell(f"microvib analyse '{worked}/old.csv' --out out | true", tmp_path)
     assert "Traceback" not in done.stderr
     assert (tmp_path / "out" / "report.html").is_file()
 
@@ -304,8 +198,8 @@ def test_a_bug_is_called_a_bug_and_shows_its_traceback_on_request(capsys, monkey
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_drawings_do_not_depend_on_the_window_system(folder, tmp_path):
-    line = f"MPLBACKEND=nonsense microvib analyse '{folder}/old.csv' --out out"
+def test_drawings_do_not_depend_on_the_window_system(worked, tmp_path):
+    line = f"MPLBACKEND=nonsense microvib analyse '{worked}/old.csv' --out out"
     done = shell(line, tmp_path)
     assert done.returncode == 0, done.stderr
 

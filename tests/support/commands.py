@@ -21,6 +21,38 @@ for name, arguments in json.loads(sys.argv[1]).items():
 """A program that runs commands by name, and says with which status each has ended."""
 
 
+SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
+_STUDY = """
+scenario: state-1
+set: {record.settle: 0.2 s, record.duration: 1 s, record.sample_rate: 1024 Hz}
+"""
+_FILES = {
+    "study.yaml": _STUDY + "vary: {driver.microsteps: [8, 16]}\nsampling: {method: random, count: 1}\n",
+    "long.yaml": _STUDY
+    + """vary: {friction.breakaway: {distribution: uniform, within: 20 percent}}
+sampling: {method: random, count: 4000}
+""",
+    "modes.csv": "frequency_hz,damping,effective_inertia_kg_m2,inertia_kg_m2\n1.19,0.01,8,9\n",
+}
+_BEFORE = (
+    ["run", "state-1", *SHORT, "--out", "old"],
+    ["measure", "state-1", *SHORT, "-o", "old.csv"],
+    ["campaign", "create", "study.yaml", "batch"],
+    ["campaign", "create", "long.yaml", "long"],
+    ["campaign", "run", "batch", "--workers", "1"],
+)
+
+
+def work_in(folder: Path) -> Path:
+    """Make what commands work on: study files, a finished run, a recording, a campaign that is computed and one that is not."""
+    for name, text in _FILES.items():
+        (folder / name).write_text(text)
+    for arguments in _BEFORE:
+        done = microvib(*arguments, cwd=folder)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
 def microvib(*arguments: str, cwd: Path) -> Result:
     """A command in a folder, in this process, whose imports it shares; test_commands.py runs each as a program, too."""
     with chdir(cwd):

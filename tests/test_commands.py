@@ -1,0 +1,201 @@
+"""Every command and subcommand as a program, in a terminal and through a pipe: what it ends with, what it says, how it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.request import urlopen
+
+import click
+import pytest
+
+pytest.importorskip("pty", reason="pseudo-terminals are of POSIX")
+
+from support.commands import ONE_AFTER_ANOTHER, SHORT
+from support.terminal import in_terminal
+
+from microvib.cli.main import main
+
+RATES = ["rates", "state-1", "--from", "0.05 deg/s", "--to", "0.06 deg/s", "--count", "2", "--linear"]
+DONE = {
+    "run": ["run", "state-1", *SHORT],
+    "run --steady": ["run", "state-1", "--steady", "--lines-only", *SHORT],
+    "report": ["report", "old"],
+    "compare": ["compare", "old", "old.csv", "--channel", "Mz"],
+    "analyse": ["analyse", "old.csv"],
+    "measure": ["measure", "state-1", *SHORT, "-o", "new.csv"],
+    "identify": ["identify", "state-1", "old/lines.csv", "--fit", "reducer.stiffness", "--starts", "2", *SHORT],
+    "rates": RATES,
+    "modes": ["modes", "modes.csv"],
+    "sas size": ["sas", "size", "--inertia", "8.18", "--frequency", "1.19"],
+    "campaign create": ["campaign", "create", "study.yaml", "another"],
+    "campaign run": ["campaign", "run", "batch"],
+    "campaign resume": ["campaign", "resume", "batch"],
+    "campaign status": ["campaign", "status", "batch"],
+    "campaign merge": ["campaign", "merge", "batch"],
+    "campaign report": ["campaign", "report", "batch"],
+    "campaign case": ["campaign", "case", "batch", "1"],
+    "scenarios": ["scenarios"],
+    "show": ["show", "state-1"],
+    "new": ["new", "drive.yaml"],
+    "schema": ["schema"],
+    "docs": ["docs", "--path"],
+}
+"""A command line of each command, in the folder of ``worked``."""
+LONG = {"validate": ["validate"]}
+REFUSED = {
+    "run": (["run", "state-9"], "no such file and no catalog scenario"),
+    "report": (["report", "nowhere"], "nowhere"),
+    "compare": (["compare", "nowhere", "state-1"], "nowhere"),
+    "analyse": (["analyse", "nothing.uff"], "nothing.uff: cannot be read: No such file"),
+    "measure": (["measure", "state-1", "-o", "x.wav"], "'.wav' is not known"),
+    "identify": (["identify", "state-1", "paper", "--fit", "reducer.stifness"], "reducer.stifness"),
+    "validate": (["validate", "--out", "old"], "already holds results"),
+    "rates": ([*RATES[:2], "--from", "1 kg", *RATES[4:]], "'1 kg' has the wrong dimension"),
+    "modes": (["modes", "reference-arry"], "reference-arry"),
+    "sas size": (["sas", "size", "--inertia", "8 m", "--frequency", "1 Hz"], "'8 m' has the wrong dimension"),
+    "campaign create": (["campaign", "create", "modes.csv", "another"], "modes.csv"),
+    "campaign run": (["campaign", "run", "old"], "is not a campaign"),
+    "campaign resume": (["campaign", "resume", "old"], "is not a campaign"),
+    "campaign status": (["campaign", "status", "old"], "is not a campaign"),
+    "campaign merge": (["campaign", "merge", "old"], "is not a campaign"),
+    "campaign report": (["campaign", "report", "old"], "is not a campaign"),
+    "campaign case": (["campaign", "case", "batch", "7"], "7"),
+    "serve": (["serve", "--no-browser", "--port", "0", "--host", "0.0.0.0"], "--allow-remote"),
+    "show": (["show", "state-1", "--set", "a=b"], "a: "),
+    "new": (["new", "study.yaml"], "already exists"),
+}
+"""A command line that is refused, and words of the sentence that says why."""
+MISUSED = {
+    "scenarios": ["scenarios", "nowhere"],
+    "schema": ["schema", "nowhere"],
+    "docs": ["docs", "--nothing"],
+    "microvib": ["nothing"],
+}
+"""Command lines that no command takes; of those that are not above, nothing else can be wrong."""
+ANY = {"docs": (0, 1)}
+"""The site is not in every installation."""
+
+
+def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[str]:
+    """Names of all commands below one that do something themselves."""
+    if isinstance(command, click.Group):
+        for name, below in command.commands.items():
+            yield from leaves(below, (*words, name))
+    else:
+        yield " ".join(words)
+
+
+def test_every_command_is_in_the_tables():
+    names = set(leaves(main))
+    assert len(names) >= 22
+    assert {name.partition(" --")[0] for name in (*DONE, *LONG)} == names - {"serve"}
+    assert set(REFUSED) | set(MISUSED) == names | {"microvib"}
+
+
+@pytest.fixture
+def copied(worked: Path, tmp_path: Path) -> Path:
+    """A copy of the folder that commands work on, whatever they then write there."""
+    shutil.copytree(worked, tmp_path / "work")
+    return tmp_path / "work"
+
+
+def named(text: str) -> dict[str, tuple[int, str]]:
+    """Status and text of each command that ONE_AFTER_ANOTHER has run."""
+    parts = re.split(r"^== (.+) == (\d+)\n?", text, flags=re.M)
+    return {name: (int(status), said) for said, name, status in zip(parts[::3], parts[1::3], parts[2::3], strict=False)}
+
+
+def shown(commands: dict[str, list[str]], cwd: Path, **settings) -> dict[str, tuple[int, str]]:
+    """Status and screen of each command, run in one terminal and one process, whose imports they share."""
+    ended = in_terminal(program=[sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(commands)], cwd=cwd, **settings)
+    assert ended.status == 0, ended.text
+    found = named(ended.text + "\n")
+    assert list(found) == list(commands), ended.text
+    return found
+
+
+def piped(commands: dict[str, list[str]], cwd: Path) -> dict[str, tuple[int, str]]:
+    """Status and text of each command, both streams in one pipe."""
+    program = [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(commands)]
+    ended = subprocess.run(program, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True)
+    found = named(ended.stdout)
+    assert list(found) == list(commands), ended.stdout
+    return found
+
+
+def bare(text: str) -> str:
+    """A text without the breaks of its lines, and without figures, of which some are times."""
+    return re.sub(r"\d+", "#", re.sub(r"\s", "", text))
+
+
+def checked(commands: dict[str, list[str]], copied: Path, tmp_path: Path) -> None:
+    """40 columns: nothing of a bar is left, no figure is broken at the edge, no traceback; and a pipe gets the same."""
+    shutil.copytree(copied, tmp_path / "pipe")
+    in_pipe = piped(commands, tmp_path / "pipe")
+    for name, (status, said) in shown(commands, copied, columns=40).items():
+        assert status in ANY.get(name, (0,)), (name, said)
+        assert said, name
+        for unwanted in ("Traceback", "bug in microvib", "━", "\x1b", " of 2 s", "computing", "searching"):
+            assert unwanted not in said, (name, said)
+        assert (status, bare(said)) == (in_pipe[name][0], bare(in_pipe[name][1])), name
+
+
+def test_every_command_in_a_narrow_terminal_says_what_a_pipe_gets(copied, tmp_path):
+    checked(DONE, copied, tmp_path)
+
+
+@pytest.mark.long
+def test_long_commands_too(copied, tmp_path):
+    checked(LONG, copied, tmp_path)
+
+
+def test_every_refusal_is_one_sentence_in_a_terminal_and_in_a_pipe(copied):
+    lines = {name: line for name, (line, _) in REFUSED.items()}
+    before = sorted(copied.rglob("*"))
+    screens, pipes = shown(lines, copied, columns=40), piped(lines, copied)
+    for name, (_, words) in REFUSED.items():
+        status, sentence = pipes[name]
+        assert status == 1, (name, sentence)
+        assert sentence.startswith("Error: "), (name, sentence)
+        assert sentence.count("\n") == 1, (name, sentence)
+        assert words in sentence, name
+        assert (screens[name][0], bare(screens[name][1])) == (1, bare(sentence)), name
+    assert sorted(copied.rglob("*")) == before
+
+
+def test_misuse_is_told_with_what_is_right(tmp_path):
+    for name, (status, said) in (shown(MISUSED, tmp_path, columns=60) | piped(MISUSED, tmp_path)).items():
+        assert status == 2, (name, said)
+        assert said.startswith("Usage: "), said
+        assert "Try " in said
+        assert len(re.findall(r"^Error: ", said, re.M)) == 1
+
+
+def test_help_and_version(tmp_path):
+    lines = {"help": ["--help"], "version": ["--version"], **{name: [*name.split(), "--help"] for name in leaves(main)}}
+    for name, (status, said) in shown(lines, tmp_path, columns=80).items():
+        assert status == 0
+        assert name == "version" or "Usage: microvib" in said, name
+        assert max(map(len, said.splitlines())) <= 80, name
+
+
+def answers(written: str) -> bool:
+    """Whether the server does, whose address was printed: its workers are then still starting."""
+    found = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+\s", written)
+    if found is None:
+        return False
+    with urlopen(found[0].strip(), timeout=60) as page:
+        return b"<html" in page.read()
+
+
+def test_serve_in_a_terminal_ends_with_ctrl_c(tmp_path):
+    arguments = ["serve", "--port", "0", "--no-browser"]
+    ended = in_terminal(*arguments, cwd=tmp_path, columns=200, until=answers)
+    assert ended.status == 0, ended.text
+    assert "Traceback" not in ended.text
