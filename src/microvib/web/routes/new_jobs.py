@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
+from microvib.errors import OptionError
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.rates import rate_grid
@@ -47,11 +48,10 @@ def start_run(want: Run, store: At) -> Started:
 def _check_size(scenario: Scenario, most: int) -> None:
     size, samples = record_bytes(scenario), scenario.record.samples
     if size > most:
-        raise Refused(
-            422,
-            f"record.duration: {samples:.3g} samples are more than the page keeps, {most / size * samples:.3g} for this"
-            " drive; shorten record.duration, lower record.sample_rate, or keep the lines only, by `microvib run`",
+        raise OptionError(
             "record.duration",
+            f"{samples:.3g} samples are more than the page keeps, {most / size * samples:.3g} for this drive; shorten"
+            " record.duration, lower record.sample_rate, or keep the lines only, by `microvib run`",
         )
 
 
@@ -130,7 +130,7 @@ def start_rates(want: RatesOf, store: At) -> Started:
     scenario = requested(store, want.scenario)
     counts = list(dict.fromkeys(want.microsteps)) or [scenario.driver.microsteps]
     if want.count * len(counts) > store.limits.cases:
-        raise Refused(422, f"count: rates times microstep counts are at most {store.limits.cases} here", "count")
+        raise OptionError("count", f"rates times microstep counts are at most {store.limits.cases} here")
     rates = rate_grid(want.low, want.high, want.count)
     limit = None if want.limit is None else quantity("limit", want.limit, "N*m", positive=True)
     within = (Si(0.0), Si("inf")) if want.band is None else band(want.band)
@@ -147,12 +147,10 @@ def start_sas(want: SasOf, store: At) -> Started:
     if want.from_scenario is not None:
         array = requested(store, want.from_scenario).array
         if not array.modes:
-            raise Refused(
-                422, "array.modes: is empty; a simulator stands for an array with a torsion mode", "array.modes"
-            )
+            raise OptionError("array.modes", "is empty; a simulator stands for an array with a torsion mode")
         wanted = {"inertia": f"{array.inertia!r} kg*m^2", "frequency": f"{array.modes[0].frequency!r} Hz"}
     for key, value in wanted.items():
         if not value:
-            raise Refused(422, f"{key}: missing; inertia and frequency of the array are expected", key)
+            raise OptionError(key, "missing; inertia and frequency of the array are expected")
     options = {**wanted, "states": want.states, "amplitude": want.amplitude, "rate": want.rate}
     return start(store, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options)

@@ -14,6 +14,7 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
 from microvib.analysis.limits import Limit
+from microvib.errors import OptionError
 from microvib.signals.screen import outline
 from microvib.solve.channels import KNOWN
 from microvib.web.jobs import series
@@ -175,7 +176,7 @@ def verdict_of(id: Id, store: At, limit: Shown, band: Shown = None) -> Verdict:
     folder = store.folder(finished_run(store, id))
     wanted = Limit.of(limit or None, band or None)
     if wanted is None:
-        raise Refused(422, "limit: missing; a torque is needed, such as 30 mN*m", "limit")
+        raise OptionError("limit", "missing; a torque is needed, such as 30 mN*m")
     return Verdict.model_validate(ask(store, "verdict", folder=str(folder), limit=wanted))
 
 
