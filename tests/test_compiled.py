@@ -197,3 +197,26 @@ def test_what_is_kept_is_what_numba_makes_on_the_spot(state_1, monkeypatch):
     assert len(kernel.advance.dispatcher.signatures) == 1
     for name, samples in ours.channels.items():
         assert np.array_equal(samples, theirs.channels[name]), name
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("triple", ["aarch64-unknown-linux-gnu", "arm64-apple-darwin22.0.0", "x86_64-pc-windows-msvc"])
+def test_code_for_other_machines_is_made_or_refused(triple):
+    """In a process of its own, for what LLVM cannot do ends it. The tone fit's has instructions of x86 and is left to numba."""
+    script = f"""
+import lzma
+import llvmlite.binding as llvm
+from microvib.compiled import machine
+from microvib.signals import tone_kernel
+from microvib.solve import kernel, stepper
+llvm.initialize_all_targets(); llvm.initialize_all_asmprinters()
+for module in (kernel, stepper, tone_kernel):
+    code = lzma.decompress(module.code.file.read_bytes().partition(b"\\n")[2])
+    try:
+        print(len(machine._machine_code(code, {triple!r}, "generic", "")) > 10_000)
+    except RuntimeError as error:
+        print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=300)
+    fit = "True" if triple.startswith("x86_64") else "the code has instructions of x86"
+    assert run.stdout.splitlines() == ["True", "True", fit]
