@@ -176,7 +176,7 @@ def test_a_parameter_without_effect_is_not_identifiable(recording, start):
 
 def test_lines_are_chosen_by_band_and_name(recording, start):
     evidence = read_evidence(recording, start)
-    (low,) = chosen([evidence], start, [(0.5, 120.0)])
+    (low,) = chosen([evidence], start, ["0.5:120 Hz"])
     assert {o.line for o in low.observations} < {o.line for o in evidence.observations}
     assert {"drive_1", "drive_2"} <= {o.line for o in low.observations}
     assert "drive_3" not in {o.line for o in low.observations}
