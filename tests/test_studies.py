@@ -185,7 +185,7 @@ def test_lines_are_chosen_by_band_and_name(recording, start):
     with pytest.raises(MicrovibError, match=r"^without drive_99: no evidence has this line; there are"):
         chosen([evidence], start, without=["drive_99"])
     with pytest.raises(MicrovibError, match="band: leaves no line"):
-        chosen([evidence], start, [(2000.0, 2001.0)])
+        chosen([evidence], start, ["2000:2001 Hz"])
 
 
 def test_amplitudes_of_the_starts_ringing_count_only_where_its_time_is_known(recording, start):
