@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+import h5py
 import numpy as np
 
 from microvib.errors import MicrovibError
@@ -41,8 +42,6 @@ class Hdf5Error(MicrovibError):
 @contextmanager
 def open_hdf5(path: Path | str) -> Iterator[Group]:
     """Root group of a file; Hdf5Error for whatever is wrong with the file while it is open."""
-    import h5py
-
     try:
         with h5py.File(path, "r", driver="sec2") as f:
             root = h5py.h5g.open(f.id, b"/")
@@ -91,8 +90,6 @@ class _Object:
 
     def attribute(self, name: str) -> str | float | None:
         """A text or a number of the object; None if there is none, or where it is a list or anything else."""
-        import h5py
-
         key = name.encode()
         if not h5py.h5a.exists(self.id, key):
             return None
@@ -119,8 +116,6 @@ class Group(_Object):
 
     def _links(self) -> dict[bytes, int]:
         """Address of each member by its name."""
-        import h5py
-
         found: dict[bytes, int] = {}
         refused: list[str] = []
 
@@ -160,8 +155,6 @@ class Group(_Object):
         return member
 
     def _opened(self, name: bytes, address: int) -> Group | Dataset | None:
-        import h5py
-
         opened = h5py.h5o.open(self.id, name)
         if h5py.h5o.get_info(opened).addr != address:
             raise Hdf5Error(f"{self.where}: what is called {name!r} is not what its link leads to")
@@ -180,16 +173,12 @@ class Dataset(_Object):
     @property
     def numeric(self) -> bool:
         """Whether it holds plain numbers of at most eight bytes."""
-        import h5py
-
         kind = self.id.get_type()
         return isinstance(kind, (h5py.h5t.TypeIntegerID, h5py.h5t.TypeFloatID)) and kind.get_size() <= 8
 
     @property
     def refers(self) -> bool:
         """Whether it holds references to objects of its file, as cells of MATLAB do."""
-        import h5py
-
         return bool(self.id.get_type().equal(h5py.h5t.STD_REF_OBJ))
 
     @property
@@ -204,8 +193,6 @@ class Dataset(_Object):
 
     def numbers(self, column: int | None = None, *, whole: bool = False) -> np.ndarray:
         """Its numbers, or one column of a table; Hdf5Error where it has none, too many, or, of a ``whole``, some not written."""
-        import h5py
-
         if not self.numeric:
             raise Hdf5Error(f"{self.where} holds no plain numbers")
         shape = self.shape if column is None else self.shape[:1]
@@ -219,8 +206,6 @@ class Dataset(_Object):
 
     def texts(self) -> list[str]:
         """Its texts, in order of storage; Hdf5Error where they are not texts, or too many."""
-        import h5py
-
         kind = self.id.get_type()
         if not isinstance(kind, h5py.h5t.TypeStringID) or len(self.shape) > 1 or kind.get_size() > LONGEST_TEXT:
             raise Hdf5Error(f"{self.where} is not a list of texts of at most {LONGEST_TEXT} characters")
@@ -242,8 +227,6 @@ class Dataset(_Object):
 
     def referred(self) -> list[Group | Dataset | None]:
         """Objects that it refers to, None for an empty reference; Hdf5Error where it holds anything else."""
-        import h5py
-
         if not self.refers:
             raise Hdf5Error(f"{self.where} does not hold references to objects")
         if math.prod(self.shape) > MAX_OBJECTS:
@@ -256,8 +239,6 @@ class Dataset(_Object):
         return found
 
     def _chunks(self) -> tuple[int, ...] | None:
-        import h5py
-
         plan = self.id.get_create_plist()
         return cast(tuple[int, ...], plan.get_chunk()) if plan.get_layout() == h5py.h5d.CHUNKED else None
 
@@ -289,8 +270,6 @@ class Dataset(_Object):
 
 def _checked(opened: Any, parent: _Object, name: str) -> Group | Dataset | None:
     """An object that was opened, if it lies in the file and holds its data itself; None for a named type."""
-    import h5py
-
     depth, file = parent.depth + 1, parent.file
     file.count_object()
     where = f"{file.title}: {name}"

@@ -14,8 +14,7 @@ def new_netcdf(path: Path) -> Iterator[Any]:
     """An ``h5netcdf.File`` to fill, written to ``path``; OSError, with its reason, where the disk did not take it whole."""
     import h5netcdf
 
-    with path.open("wb+", buffering=0) as raw:
-        kept = _Kept(raw)
+    with _Kept(path, "wb+") as kept:
         try:
             with h5netcdf.File(kept, "w") as file:
                 yield file
@@ -26,47 +25,27 @@ def new_netcdf(path: Path) -> Iterator[Any]:
             raise kept.failure
 
 
-class _Kept(io.RawIOBase):
+class _Kept(io.FileIO):
     """A file that remembers its first failure to write and lets HDF5 finish: the library crashes if told while it closes."""
 
-    def __init__(self, raw: io.FileIO) -> None:
-        self._raw = raw
-        self.failure: OSError | None = None
-
-    def readable(self) -> bool:
-        return True
-
-    def writable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        return self._raw.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._raw.tell()
-
-    def readinto(self, buffer: Any) -> int | None:
-        return self._raw.readinto(buffer)
+    failure: OSError | None = None
 
     def write(self, data: Any) -> int:
         size = len(data)
-        end = self._raw.tell() + size
+        end = self.tell() + size
         if self.failure is None:
             try:
                 left = memoryview(data)
                 while left:  # a write may be taken in part
-                    left = left[self._raw.write(left) :]
+                    left = left[super().write(left) :]
             except OSError as error:
                 self.failure = error
-        self._raw.seek(end)
+        self.seek(end)
         return size
 
     def truncate(self, size: int | None = None) -> int:
         try:
-            return self._raw.truncate(size)
+            return super().truncate(size)
         except OSError as error:
             self.failure = self.failure or error
-            return self._raw.tell() if size is None else size
+            return self.tell() if size is None else size
