@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,11 @@ import microvib as mv
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Where nothing is named, what takes long is left to a command of its own."""
+    """Where nothing is named, what takes long is left to a command of its own; Ctrl-C works in what tests start.
+
+    Where the tests themselves were started in the background, the interrupt is ignored, which would be handed on.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.args_source is not config.ArgsSource.ARGS and not config.option.markexpr:
         config.option.markexpr = "not long"
 

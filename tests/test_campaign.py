@@ -407,15 +407,15 @@ def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("microvib.studies.campaign.design.CHECKED", (0.5,))
     campaign = made(tmp_path, study(vary={"tracking.rate": rates, "motor.winding_resistance": spread},
                                     sampling={"method": "random", "count": 8}))  # fmt: skip
-    real = computing.expected_lines
+    real = computing.lines_of_samples
     broken = campaign.design.scenario(0).motor.winding_resistance
 
-    def sometimes(scenario, *args):
+    def sometimes(x, sample_rate, scenario, harmonics):
         if scenario.motor.winding_resistance == broken and scenario.tracking.rate < np.radians(0.065):
             raise ZeroDivisionError("deliberate")
-        return real(scenario, *args)
+        return real(x, sample_rate, scenario, harmonics)
 
-    monkeypatch.setattr(computing, "expected_lines", sometimes)
+    monkeypatch.setattr(computing, "lines_of_samples", sometimes)
     compute_missing(campaign, Fragile())
     merge(campaign)
     results = open_results(campaign)

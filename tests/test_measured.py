@@ -84,7 +84,7 @@ WHOLE = "time,Mz\ns,N*m\n"
         (WHOLE + table(T, MZ) + "0.6\n", "row 2049 of its numbers has 1 of 2 columns"),
         (WHOLE + table(T, MZ) + "0.6,\n", "row 2049"),
         (WHOLE + table(T, MZ) + "end of record\n", "row 2049"),
-        ("time,Mz,Mz\n" + table(T, MZ, MZ), "channel Mz is there twice"),
+        ("time,Mz,Mz\n" + table(T, MZ, MZ), "channel Mz occurs twice"),
         ("time,Mz\nparsec,N*m\n" + table(T, MZ), "row 1|not a unit of time|no header"),
         ("time [V],Mz [N*m]\n" + table(T, MZ), r"time axis time is in 'V'.* units: {time: s}"),
         (

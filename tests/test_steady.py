@@ -145,7 +145,7 @@ def test_a_mode_without_damping_has_a_steady_state_all_the_same(state_1):
         ({"reducer.transmission_error": [{"order": 2, "amplitude": 1e-5}]}, "transmission error repeats .* 1600 microsteps"),
     ],
 )  # fmt: skip
-def test_where_nothing_repeats_the_run_in_time_steps_in(state_1, changes, why):
+def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, changes, why):
     scenario = state_1.with_si({"record.settle": 4.0, "record.duration": 3.0, **changes})
     with pytest.raises(NotPeriodic, match=why):
         steady_state(scenario)
@@ -157,11 +157,11 @@ def test_where_nothing_repeats_the_run_in_time_steps_in(state_1, changes, why):
 
 def test_a_motion_that_depends_on_how_it_began_is_not_taken():
     # Stick and slip take several microsteps in turn, and which of them slips most is settled at the start.
-    with pytest.raises(NotPeriodic, match="there are several"):
+    with pytest.raises(NotPeriodic, match="several motions repeat"):
         steady_state(random_scenario(40))
     # Where this output is wound back, long and short slips alternate, and go on to: a run from rest does so too.
     slow = mv.load_scenario("state-1").with_({"tracking.rate": "0.01 deg/s", "driver.microsteps": 32})
-    with pytest.raises(NotPeriodic, match="there are several"):
+    with pytest.raises(NotPeriodic, match="several motions repeat"):
         steady_state(slow)
     # Friction that falls with the rate: smooth slip is stable, and so is an oscillation that sticks.
     with pytest.raises(NotPeriodic, match="one that sticks and slips"):
