@@ -107,7 +107,7 @@ def test_an_interrupt_while_the_program_is_still_starting_is_quiet(tmp_path):
         "import sys, threading, _thread\nimport microvib.cli.common as c\nsys.modules.pop('microvib.cli.serve', None)"
     )
     program += (
-        "\nclass Late:\n  def find_spec(self, name, *a):\n    if name.endswith('commands.web'): raise KeyboardInterrupt"
+        "\nclass Late:\n  def find_spec(self, name, *a):\n    if name.endswith('cli.serve'): raise KeyboardInterrupt"
     )
     program += "\nsys.meta_path.insert(0, Late())\nfrom microvib.cli.main import main\nmain()"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)

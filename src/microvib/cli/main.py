@@ -11,11 +11,7 @@ from typing import Any
 import click
 
 try:
-    from microvib.cli import campaign, docs, scenarios, test_data
-    from microvib.cli import rates as families
-    from microvib.cli import report as reports
-    from microvib.cli import serve as web
-    from microvib.cli import structures as arrays
+    from microvib.cli import campaign, docs, rates, report, scenarios, serve, structures, test_data
     from microvib.cli.streams import status_of
 except KeyboardInterrupt:  # before anything began there is nothing to say
     sys.exit(130)
@@ -64,17 +60,17 @@ def main() -> None:
 
 for _command in (
     scenarios.run,
-    reports.report,
+    report.report,
     test_data.compare,
     test_data.analyse,
     test_data.measure,
     test_data.identify,
     test_data.validate,
-    families.rates,
+    rates.rates,
     campaign.campaign,
-    arrays.modes,
-    arrays.sas,
-    web.serve,
+    structures.modes,
+    structures.sas,
+    serve.serve,
     scenarios.scenarios,
     scenarios.show,
     scenarios.new,
