@@ -86,7 +86,10 @@ def words_of(line: str) -> list[str]:
     return words + (entry(SHORTER, line) or [])
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if lines_of(page)])
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=() if page == "README.md" else pytest.mark.long) for page in PAGES if lines_of(page)],
+)
 def test_the_lines_of_a_page_run_as_printed(page, tmp_path):
     for name, text in {**GIVEN.get(page, {}), **printed(page)}.items():
         (tmp_path / name).write_text(fewer(text))
