@@ -201,8 +201,7 @@ class Dataset(_Object):
         if whole and not self.complete:
             raise Hdf5Error(f"{self.where}: not all of its values were written")
         table = h5py.Dataset(self.id)
-        values: np.ndarray = np.asarray(table[...] if column is None else table[:, column])
-        return values
+        return np.asarray(table[...] if column is None else table[:, column])
 
     def texts(self) -> list[str]:
         """Its texts, in order of storage; Hdf5Error where they are not texts, or too many."""

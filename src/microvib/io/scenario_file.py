@@ -220,8 +220,7 @@ def parse_value(text: str) -> Any:
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """Nested plain data of a scenario, quantities as text with units that reads back exactly."""
-    data: dict[str, Any] = _plain(scenario, None)
-    return data
+    return _plain(scenario, None)
 
 
 def _plain(value: Any, quantity: Quantity | None) -> Any:

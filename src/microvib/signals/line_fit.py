@@ -267,8 +267,7 @@ def _order(expected: Sequence[ExpectedLine], tones: Tones) -> np.ndarray:
 
 def _at(values: np.ndarray, order: np.ndarray) -> np.ndarray:
     """Values of tones (m,) as those of lines (lines,)."""
-    placed: np.ndarray = np.append(values, np.nan)[order]
-    return placed
+    return np.append(values, np.nan)[order]
 
 
 def _placed(spread: Uncertainty, expected: Sequence[ExpectedLine], tones: Tones) -> Uncertainty:

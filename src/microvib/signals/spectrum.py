@@ -77,8 +77,7 @@ class Density:
     @property
     def cumulative_rms(self) -> np.ndarray:
         """RMS of all that lies up to each bin, (m,): the root of the integral of the density from 0 Hz."""
-        rms: np.ndarray = np.sqrt(np.cumsum(self.density) * self.resolution)
-        return rms
+        return np.sqrt(np.cumsum(self.density) * self.resolution)
 
     def band_rms(self, low: Given, high: Given) -> float:
         """RMS between two frequencies; a bin that is cut counts with its part. SpectrumError if low is not below high."""
@@ -162,8 +161,7 @@ def window_values(name: Window, samples: int) -> np.ndarray:
     if name not in _COSINES:
         raise SpectrumError(f"window: '{name}' is not known; allowed are {', '.join(get_args(Window))}")
     phase = 2.0 * np.pi * np.arange(samples) / samples
-    values: np.ndarray = sum((a * np.cos(k * phase) for k, a in enumerate(_COSINES[name])), start=np.zeros(samples))
-    return values
+    return sum((a * np.cos(k * phase) for k, a in enumerate(_COSINES[name])), start=np.zeros(samples))
 
 
 def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rectangular") -> Spectrum:
@@ -235,8 +233,7 @@ def tone(x: np.ndarray, sample_rate: float, frequency: float) -> np.ndarray:
     n = x.shape[-1]
     w = window_values("hann", n)
     turning = w * np.exp(-2j * np.pi * frequency / sample_rate * np.arange(n))
-    amplitudes: np.ndarray = (x - x.mean(axis=-1, keepdims=True)) @ turning * (2.0 / w.sum())
-    return amplitudes
+    return (x - x.mean(axis=-1, keepdims=True)) @ turning * (2.0 / w.sum())
 
 
 def tone_amplitude(x: np.ndarray, sample_rate: float, frequency: float) -> float:

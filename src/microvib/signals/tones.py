@@ -60,8 +60,7 @@ class Tones:
     @property
     def clock(self) -> np.ndarray:
         """Which tones belong to the step clock, (m,)."""
-        clock: np.ndarray = ~self.free & np.array([line.kind != "array mode" for line in self.lines], dtype=bool)
-        return clock
+        return ~self.free & np.array([line.kind != "array mode" for line in self.lines], dtype=bool)
 
     def only(self, some: np.ndarray) -> Tones:
         """The tones for which ``some`` (m,) is true."""
@@ -135,30 +134,25 @@ class HannSpectrum:
     @cached_property
     def magnitude(self) -> np.ndarray:
         """Amplitudes of the bins, (n//2 + 1,)."""
-        magnitude: np.ndarray = np.abs(self.values)
-        return magnitude
+        return np.abs(self.values)
 
     def near(self, frequencies: np.ndarray) -> np.ndarray:
         """Bins within reach of any of the ``frequencies``."""
         cycles = frequencies * self.duration
-        bins: np.ndarray = hann.bins_in(cycles, cycles, REACH, self.values.size)
-        return bins
+        return hann.bins_in(cycles, cycles, REACH, self.values.size)
 
     def equations(self, tones: Tones, k: np.ndarray) -> np.ndarray:
         """Columns (2 m + 1, 2 n) of the equations at the bins ``k``: cosine and minus sine of each tone, a constant."""
         cycles, decay = self._in_record(tones)
-        columns: np.ndarray = hann.equations(cycles, decay, k, self.values, self.table)[0]
-        return columns
+        return hann.equations(cycles, decay, k, self.values, self.table)[0]
 
     def residual(self, tones: Tones, k: np.ndarray) -> np.ndarray:
         """Residual of the best fit of the tones at the bins ``k``: real parts, then imaginary ones."""
-        rest: np.ndarray = hann.residual(*self._in_record(tones), k, self.values, self.table)
-        return rest
+        return hann.residual(*self._in_record(tones), k, self.values, self.table)
 
     def amplitudes(self, tones: Tones) -> np.ndarray:
         """Complex amplitudes a of all tones, x = Re(a exp(i w t)), (m,), from one least-squares fit to the bins about them."""
-        result: np.ndarray = hann.amplitudes(*self._in_record(tones), self.values, self.table)
-        return result
+        return hann.amplitudes(*self._in_record(tones), self.values, self.table)
 
     def without(self, tones: Tones, amplitudes: np.ndarray) -> HannSpectrum:
         """The spectrum less some tones, each subtracted from the bins where it is above rounding."""
@@ -167,8 +161,7 @@ class HannSpectrum:
 
     def floors(self, frequencies: np.ndarray) -> np.ndarray:
         """Median amplitude of bins 4 to 20 away from each of the ``frequencies``."""
-        floors: np.ndarray = hann.floors(frequencies * self.duration, self.values)
-        return floors
+        return hann.floors(frequencies * self.duration, self.values)
 
     def floor(self, frequency: float) -> float:
         """The noise floor about one frequency."""
@@ -233,14 +226,12 @@ class Joint:
     @property
     def sizes(self) -> np.ndarray:
         """Amplitudes, averaged over the record, (m,)."""
-        sizes: np.ndarray = np.abs(self.amplitudes) * mean_of_decay(self.tones.decay * self.spectrum.duration)[0]
-        return sizes
+        return np.abs(self.amplitudes) * mean_of_decay(self.tones.decay * self.spectrum.duration)[0]
 
     def near(self, frequency: np.ndarray) -> np.ndarray:
         """Which tones (m,) have to be fitted together with tones at ``frequency`` (k,) [Hz]."""
         apart = np.abs(self.tones.frequency[:, None] - frequency[None, :]) * self.spectrum.duration
-        near: np.ndarray = (apart < NEAR).any(axis=1)
-        return near
+        return (apart < NEAR).any(axis=1)
 
     def with_tones(self, more: Tones) -> Joint:
         """A new fit with ``more`` tones, together with which the existing ones near them are fitted again."""
@@ -325,8 +316,7 @@ def uncertainties(joint: Joint, ratio: float | None = None) -> tuple[Uncertainty
 
 def _spread(directions: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Standard uncertainty along each of the ``directions`` (m, p), (m,)."""
-    spread: np.ndarray = np.sqrt(np.maximum(np.sum((directions @ covariance) * directions, axis=1), 0.0))
-    return spread
+    return np.sqrt(np.maximum(np.sum((directions @ covariance) * directions, axis=1), 0.0))
 
 
 def _stack(values: np.ndarray) -> np.ndarray:
@@ -365,15 +355,13 @@ def _noise(joint: Joint, near: np.ndarray) -> np.ndarray:
     centres = joint.tones.frequency * joint.spectrum.duration
     closest = np.argmin(np.abs(near[:, None] - centres[None, :]), axis=1)
     noise = np.sqrt((_FEW * floors) ** 2 + _HIDES**2 * np.maximum(left**2 - (_USUAL * floors) ** 2, 0.0))
-    result: np.ndarray = noise[closest]
-    return result
+    return noise[closest]
 
 
 def disturbed(joint: Joint) -> np.ndarray:
     """Which tones (m,) do not explain their bins, or change within the record: the residual there is larger than noise."""
     floors, left = _floors(joint)
-    found: np.ndarray = left > _USUAL * floors
-    return found
+    return left > _USUAL * floors
 
 
 def _floors(joint: Joint) -> tuple[np.ndarray, np.ndarray]:
@@ -390,5 +378,4 @@ def _sandwich(columns: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.nd
     scale[scale == 0.0] = 1.0
     scaled = columns / scale[:, None]
     inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-12, hermitian=True) / scale[:, None]
-    result: np.ndarray = inverse @ (scaled @ hann.correlated(scaled, near, noise).T) @ inverse.T
-    return result
+    return inverse @ (scaled @ hann.correlated(scaled, near, noise).T) @ inverse.T

@@ -73,10 +73,7 @@ class ModalModel:
     def fraction(self) -> np.ndarray:
         """Effective mass over rigid-body mass, (6, s) (Table 1); nan in a direction without mass."""
         total = np.diag(self.mass)[:, None]
-        fraction: np.ndarray = np.divide(
-            self.effective, total, out=np.full(self.effective.shape, np.nan), where=total > 0.0
-        )
-        return fraction
+        return np.divide(self.effective, total, out=np.full(self.effective.shape, np.nan), where=total > 0.0)
 
     @property
     def J_h(self) -> float:

@@ -61,14 +61,12 @@ def _rope(bench: Bench, twist: np.ndarray, drive_axis: str, rng: np.random.Gener
 
 def _table(s: np.ndarray, w: float, resonance: Resonance) -> np.ndarray:
     """Reading over load: the share that goes through the resonance is amplified."""
-    H: np.ndarray = resonance.share * w * w / (s * s + 2.0 * resonance.damping * w * s + w * w) + 1.0 - resonance.share
-    return H
+    return resonance.share * w * w / (s * s + 2.0 * resonance.damping * w * s + w * w) + 1.0 - resonance.share
 
 
 def _platform(s: np.ndarray, w: float, resonance: Resonance) -> np.ndarray:
     """Reading over load: what moves above the sensors takes its share of the load above the resonance."""
-    H: np.ndarray = 1.0 - resonance.share * s * s / (s * s + 2.0 * resonance.damping * w * s + w * w)
-    return H
+    return 1.0 - resonance.share * s * s / (s * s + 2.0 * resonance.damping * w * s + w * w)
 
 
 Transfer = Callable[[np.ndarray, float, Resonance], np.ndarray]
@@ -95,8 +93,7 @@ def _charge_amplifiers(x: np.ndarray, bench: Bench) -> np.ndarray:
     from scipy.signal import butter, sosfilt
 
     sos = butter(1, bench.high_pass, "highpass", fs=bench.analog_rate, output="sos")
-    out: np.ndarray = sosfilt(sos, x - x[:, :1], axis=1)
-    return out
+    return sosfilt(sos, x - x[:, :1], axis=1)
 
 
 def _noise(bench: Bench, samples: int, rng: np.random.Generator) -> np.ndarray:
@@ -110,8 +107,7 @@ def _noise(bench: Bench, samples: int, rng: np.random.Generator) -> np.ndarray:
         white[:] = np.fft.irfft(np.fft.rfft(white) * np.sqrt(1.0 + bench.noise_corner / f), samples)
     angle = 2.0 * np.pi * bench.mains * np.arange(samples) / rate + rng.uniform(0.0, 2.0 * np.pi, (6, 1))
     pick_up: np.ndarray = np.array([bench.mains_force] * 3 + [bench.mains_torque] * 3)[:, None] * np.sin(angle)
-    noise: np.ndarray = white + pick_up
-    return noise
+    return white + pick_up
 
 
 def _without_aliases(x: np.ndarray, bench: Bench) -> np.ndarray:
@@ -120,8 +116,7 @@ def _without_aliases(x: np.ndarray, bench: Bench) -> np.ndarray:
     from scipy.signal import butter, sosfilt
 
     sos = butter(bench.filter_order, bench.filter_corner, fs=bench.analog_rate, output="sos")
-    out: np.ndarray = sosfilt(sos, x, axis=1)
-    return out
+    return sosfilt(sos, x, axis=1)
 
 
 def _converted(x: np.ndarray, bench: Bench, notes: list[str]) -> np.ndarray:
@@ -142,5 +137,4 @@ def _converted(x: np.ndarray, bench: Bench, notes: list[str]) -> np.ndarray:
     clipped = [name for name, over in zip(COMPONENTS, np.any(np.abs(out) > limit, axis=1), strict=True) if over]
     if clipped:
         notes.append(f"clipped at the range of the converter: {', '.join(clipped)}")
-    clipped_off: np.ndarray = np.clip(out, -limit, limit)
-    return clipped_off
+    return np.clip(out, -limit, limit)

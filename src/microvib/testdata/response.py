@@ -58,8 +58,7 @@ class Stage(Part):
     def at(self, frequency: np.ndarray, sample_rate: float) -> np.ndarray:
         """Complex response at each ``frequency`` [Hz], (m,); nan beyond the ends of a table."""
         if self.kind == "boxcar":
-            H: np.ndarray = np.sinc(frequency * (self.length or 1.0 / sample_rate)).astype(complex)
-            return H
+            return np.sinc(frequency * (self.length or 1.0 / sample_rate)).astype(complex)
         if self.kind == "table":
             f, magnitude, phase = np.array(self.rows).T
             turned = np.unwrap(np.deg2rad(phase))
@@ -73,8 +72,7 @@ class Stage(Part):
             zpk = signal.bessel(self.order, w, self.passes, analog=True, output="zpk", norm="mag")
         else:
             zpk = signal.butter(self.order, w, self.passes, analog=True, output="zpk")
-        filtered: np.ndarray = signal.freqs_zpk(*zpk, worN=2.0 * np.pi * frequency)[1]
-        return filtered
+        return signal.freqs_zpk(*zpk, worN=2.0 * np.pi * frequency)[1]
 
     def __str__(self) -> str:
         if self.kind == "boxcar":

@@ -32,5 +32,4 @@ def located(uset: Any) -> dict[int, np.ndarray]:
 
 def rigid_motion(uset: Any) -> np.ndarray:
     """Six rigid-body motions about the origin of the basic frame, in the output coordinate systems of the grids, (n, 6)."""
-    motion: np.ndarray = pyyeti("n2p").rbgeom_uset(uset)
-    return motion
+    return pyyeti("n2p").rbgeom_uset(uset)

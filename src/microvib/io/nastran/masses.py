@@ -58,5 +58,4 @@ def _about_reference(masses: Masses, grids: Mapping[int, np.ndarray], wtmass: fl
     if places[0] is None or places[1] is None:
         return None
     motion = moved(places[0] - places[1])
-    about: np.ndarray = wtmass * (motion.T @ masses.whole @ motion)
-    return about
+    return wtmass * (motion.T @ masses.whole @ motion)

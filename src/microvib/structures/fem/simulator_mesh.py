@@ -92,8 +92,7 @@ def _plate(mesh: Mesh, design: SimulatorDesign, seat: int) -> dict[tuple[float, 
 
 
 def _inside(xyz: np.ndarray, x: float, half: float) -> np.ndarray:
-    inside: np.ndarray = (np.abs(xyz[:, 0] - x) < half + 1e-6) & (np.abs(xyz[:, 1]) < half + 1e-6)
-    return inside
+    return (np.abs(xyz[:, 0] - x) < half + 1e-6) & (np.abs(xyz[:, 1]) < half + 1e-6)
 
 
 Nodes = dict[tuple[float, float], int]

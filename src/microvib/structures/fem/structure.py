@@ -89,8 +89,7 @@ def nodes_of(part: Part) -> np.ndarray:
         return np.array([part.node])
     if isinstance(part, Link):
         return np.append(part.slaves, part.master)
-    nodes: np.ndarray = np.unique(part.nodes)
-    return nodes
+    return np.unique(part.nodes)
 
 
 @dataclass(frozen=True)

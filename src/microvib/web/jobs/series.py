@@ -14,8 +14,7 @@ from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN
 
 def within(f: np.ndarray, low: float | None, high: float | None) -> np.ndarray:
     """Which frequencies lie from ``low`` to ``high`` [Hz]."""
-    keep: np.ndarray = (f >= (low or 0.0)) & (f <= (np.inf if high is None else high))
-    return keep
+    return (f >= (low or 0.0)) & (f <= (np.inf if high is None else high))
 
 
 def channel(folder: Path, name: str) -> np.ndarray | None:

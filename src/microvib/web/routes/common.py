@@ -48,8 +48,7 @@ def refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 def _store(request: Request) -> Store:
-    found: Store = request.app.state.store
-    return found
+    return request.app.state.store
 
 
 At = Annotated[Store, Depends(_store)]
