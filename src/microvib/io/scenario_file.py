@@ -18,7 +18,7 @@ from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, scenario_from, set_key
 from microvib.model.sentences import validated
 from microvib.testdata.bench_design import Bench
-from microvib.units import Quantity, convert
+from microvib.units import convert
 
 if TYPE_CHECKING:
     from microvib.structures.modal import ModalModel
@@ -125,7 +125,7 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {"array": source}
     if model.notes:
         sources["array.inertia"] = " ".join([f"{source}.", *model.notes])  # once, not at each mode
-    return {**data, "array": _without_empty(_plain(model.array(), None)), "sources": sources}
+    return {**data, "array": plain(model.array(), text=True), "sources": sources}
 
 
 def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
@@ -218,22 +218,6 @@ def parse_value(text: str) -> Any:
     return text if value is None and text.strip() not in ("null", "~", "") else value
 
 
-def scenario_data(scenario: Scenario) -> dict[str, Any]:
-    """Nested plain data of a scenario, quantities as text with units that reads back exactly."""
-    return _plain(scenario, None)
-
-
-def _plain(value: Any, quantity: Quantity | None) -> Any:
-    if isinstance(value, Part):
-        fields = type(value).model_fields
-        return {name: _plain(getattr(value, name), type(value).quantity_of(name)) for name in fields}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item, quantity) for item in value]
-    if isinstance(value, float) and quantity is not None:
-        return quantity.format(value) if quantity.unit else value
-    return value
-
-
 def dump_part(part: Part) -> str:
     """YAML text of a scenario or a description: complete, and the same again when it is loaded."""
     from ruamel.yaml import YAML
@@ -242,32 +226,14 @@ def dump_part(part: Part) -> str:
     yaml.default_flow_style = False
     yaml.width = 4096
     stream = io.StringIO()
-    yaml.dump(_without_empty(_plain(part, None)), stream)
+    yaml.dump(plain(part, text=True), stream)
     return stream.getvalue()
 
 
-_last: tuple[Scenario | None, str] = (None, "")
-"""The scenario that was written last and its text: what a run writes asks for it several times, 20 ms each."""
-
-
-@lru_cache(maxsize=1)  # a run writes it to several places
+@lru_cache(maxsize=1)  # a run writes it to several places, 20 ms each
 def dump_scenario(scenario: Scenario) -> str:
     """YAML text of a scenario."""
-    global _last
-    last, text = _last
-    if last is not scenario:
-        text = dump_part(scenario)
-        _last = scenario, text
-    return text
-
-
-def _without_empty(data: Any) -> Any:
-    """Leave out optional keys that are not given; ``null`` is not allowed for all of them."""
-    if isinstance(data, dict):
-        return {key: _without_empty(value) for key, value in data.items() if value is not None}
-    if isinstance(data, list):
-        return [_without_empty(item) for item in data]
-    return data
+    return dump_part(scenario)
 
 
 def json_schema() -> dict[str, Any]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.model.part import Part, Six
 from microvib.units import Quantity
@@ -31,11 +32,9 @@ class Mode(Part):
         default=None, description="participation in Fx Fy Fz [kg^0.5] and Mx My Mz [kg^0.5 m] at the interface"
     )
 
-    @model_validator(mode="after")
-    def _one_participation(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         if self.participation is not None and self.effective_inertia is not None:
-            raise ValueError("participation and effective_inertia are alternatives; give one of them")
-        return self
+            yield "participation and effective_inertia are alternatives; give one of them"
 
     @property
     def H(self) -> float | None:
@@ -60,59 +59,43 @@ class Array(Part):
     )
     drive_axis: Literal["x", "y", "z"] = Field(default="z", description="drive axis in the interface frame")
 
-    @model_validator(mode="after")
-    def _inertias_agree(self) -> Self:
-        for axis_mode, mode in enumerate(self.modes):
-            given = mode.interface_participation
-            if (
-                given is not None
-                and mode.H is not None
-                and not math.isclose(abs(given[self._axis]), abs(mode.H), rel_tol=1e-6, abs_tol=1e-9)
-            ):
-                raise ValueError(
-                    f"modes.{axis_mode}: interface_participation about {self.drive_axis} is {given[self._axis]:g} kg^0.5*m"
-                    f" and participation {mode.H:g} kg^0.5*m; they must be equal"
+    def _misfits(self) -> Iterator[str]:
+        J, rigid, axis = self.inertia, self.rigid_inertia, self._axis
+        rows = [mode.interface_participation for mode in self.modes]
+        for k, (row, H) in enumerate(zip(rows, [mode.H for mode in self.modes], strict=True)):
+            if row and H is not None and not math.isclose(abs(row[axis]), abs(H), rel_tol=1e-6, abs_tol=1e-9):
+                yield (
+                    f"modes.{k}: interface_participation about {self.drive_axis} is {row[axis]:g} kg^0.5*m and"
+                    f" participation {H:g} kg^0.5*m; they must be equal"
                 )
-        rows = [mode.interface_participation is not None for mode in self.modes]
         if any(rows) and not all(rows):
-            raise ValueError(
-                f"modes.{rows.index(False)}.interface_participation: missing; give it for all modes, or for none"
+            yield f"modes.{rows.index(None)}.interface_participation: missing; give it for all modes, or for none"
+        if self.interface_inertia and not math.isclose(self.interface_inertia[axis], J, rel_tol=1e-3):
+            yield (
+                f"interface_inertia: {self.interface_inertia[axis]:g} kg*m^2 about {self.drive_axis} disagrees with inertia,"
+                f" {J:g} kg*m^2; they must be equal"
             )
-        if self.interface_inertia is not None and not math.isclose(
-            self.interface_inertia[self._axis], self.inertia, rel_tol=1e-3
-        ):
-            raise ValueError(
-                f"interface_inertia: {self.interface_inertia[self._axis]:g} kg*m^2 about {self.drive_axis} disagrees with"
-                f" inertia, {self.inertia:g} kg*m^2; they must be equal"
+        given = [self._given(mode) for mode in self.modes]
+        if None in given and (len(self.modes) > 1 or rigid is None):
+            yield (
+                f"modes.{given.index(None)}: participation is missing; give participation or effective_inertia of each mode,"
+                " or rigid_inertia where there is one mode"
             )
-        unknown = [k for k, mode in enumerate(self.modes) if self._given(mode) is None]
-        if unknown and (len(self.modes) > 1 or self.rigid_inertia is None):
-            raise ValueError(
-                f"modes.{unknown[0]}: participation is missing; give participation or effective_inertia of each mode, or"
-                " rigid_inertia where there is one mode"
+        if rigid is not None and rigid > J * (1 + SLACK):
+            yield f"rigid_inertia: {rigid:g} kg*m^2 is more than the inertia, {J:g} kg*m^2"
+        if None in given:
+            return
+        effective = sum((H or 0.0) ** 2 for H in given)
+        if effective > J * (1 + SLACK):
+            yield (
+                f"modes: effective inertias H^2 add up to {effective:g} kg*m^2, more than the inertia, {J:g} kg*m^2; they must"
+                " not exceed it"
             )
-        if self.rigid_inertia is not None and self.rigid_inertia > self.inertia * (1 + SLACK):
-            raise ValueError(
-                f"rigid_inertia: {self.rigid_inertia:g} kg*m^2 is more than the inertia, {self.inertia:g} kg*m^2"
-            )
-        if not unknown:
-            self._check_sum()
-        return self
-
-    def _check_sum(self) -> None:
-        effective = sum((self._given(mode) or 0.0) ** 2 for mode in self.modes)
-        if effective > self.inertia * (1 + SLACK):
-            raise ValueError(
-                f"modes: effective inertias H^2 add up to {effective:g} kg*m^2, more than the inertia,"
-                f" {self.inertia:g} kg*m^2; they must not exceed it"
-            )
-        residual = self.inertia - effective
-        if self.rigid_inertia is not None and not math.isclose(
-            self.rigid_inertia, residual, rel_tol=1e-3, abs_tol=1e-6 * self.inertia
-        ):
-            raise ValueError(
-                f"rigid_inertia: {self.rigid_inertia:g} kg*m^2 disagrees with inertia - sum H^2 = {residual:g} kg*m^2;"
-                " leave it out, or correct the modes"
+        residual = J - effective
+        if rigid is not None and not math.isclose(rigid, residual, rel_tol=1e-3, abs_tol=1e-6 * J):
+            yield (
+                f"rigid_inertia: {rigid:g} kg*m^2 disagrees with inertia - sum H^2 = {residual:g} kg*m^2; leave it out, or"
+                " correct the modes"
             )
 
     @property

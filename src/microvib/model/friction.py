@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from collections.abc import Iterator
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -37,13 +38,9 @@ class Friction(Part):
     viscous: Annotated[float, Quantity("N*m*s/rad", "viscous friction", "sigma", ge=0, usual=(1e-7, 1e4))]
     slip_ring: SlipRing | None = None
 
-    @model_validator(mode="after")
-    def _breakaway_not_below_coulomb(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         if self.breakaway < self.coulomb:
-            raise ValueError(
-                f"breakaway: {self.breakaway:g} N*m is below coulomb, {self.coulomb:g} N*m; it must be at least that"
-            )
-        return self
+            yield f"breakaway: {self.breakaway:g} N*m is below coulomb, {self.coulomb:g} N*m; it must be at least that"
 
     @property
     def sliding_torque(self) -> float:

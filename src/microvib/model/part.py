@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, model_validator
 from pydantic.fields import FieldInfo
 
 from microvib.units import Quantity, Si
@@ -48,6 +48,16 @@ class Part(_Base):
         field = cls.model_fields.get(name)
         return None if field is None else quantity_in(field)
 
+    def _misfits(self) -> Iterator[str]:
+        """Sentences on what does not go together, which begin with the key; the first is told."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        for sentence in self._misfits():
+            raise ValueError(sentence)
+        return self
+
 
 def quantity_in(field: FieldInfo) -> Quantity | None:
     """The ``Quantity`` that a field declares, also inside ``Annotated[...] | None``."""
@@ -68,15 +78,23 @@ def _search(annotation: Any) -> Quantity | None:
     return None
 
 
-def plain(value: Any, quantity: Quantity | None = None) -> Any:
-    """A part as nested dicts and lists, of which the same part can be made; its quantities are known to be in SI."""
+def plain(value: Any, quantity: Quantity | None = None, *, text: bool = False) -> Any:
+    """A part as nested dicts and lists, of which the same part can be made; what is None is left out.
+
+    Its quantities are known to be in SI or, with ``text``, are texts with units that read back exactly.
+    """
     if isinstance(value, Part):
-        return {name: plain(getattr(value, name), value.quantity_of(name)) for name in type(value).model_fields}
+        given = {name: x for name in type(value).model_fields if (x := getattr(value, name)) is not None}
+        return {name: plain(x, value.quantity_of(name), text=text) for name, x in given.items()}
     if isinstance(value, (tuple, list)):
-        return [plain(item, quantity) for item in value]
+        return [plain(item, quantity, text=text) for item in value]
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    return Si(value) if isinstance(value, float) and quantity is not None else value
+        return {key: plain(item, text=text) for key, item in value.items()}
+    if not isinstance(value, float) or quantity is None:
+        return value
+    if text:
+        return quantity.format(value) if quantity.unit else value
+    return Si(value)
 
 
 def entries(key: str, value: Any, quantity: Quantity | None) -> Iterator[tuple[str, Any, Quantity | None]]:

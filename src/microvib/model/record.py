@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -25,18 +26,13 @@ class Record(Part):
         description="how the motion begins: at rest at t = 0, or in the steady state of the window's rate where there is one",
     )
 
-    @model_validator(mode="after")
-    def _countable(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         samples = self.duration * self.sample_rate
+        product = f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is"
         if samples < 8:
-            raise ValueError(
-                f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:g} samples; at least 8 are needed"
-            )
+            yield f"{product} {samples:g} samples; at least 8 are needed"
         if samples > MAX_SAMPLES:
-            raise ValueError(
-                f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is {samples:.3g} samples; at most {MAX_SAMPLES:.0e}"
-            )
-        return self
+            yield f"{product} {samples:.3g} samples; at most {MAX_SAMPLES:.0e}"
 
     @property
     def samples(self) -> int:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Self
+from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.errors import ScenarioError, did_you_mean
 from microvib.model.array import Array
@@ -40,36 +40,25 @@ class Scenario(Part):
     record: Record
     solver: Solver = Solver()
 
-    @model_validator(mode="after")
-    def _something_to_turn(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         if not self.reducer.rigid and self.output_inertia < 1e-6 * self.array.inertia:
-            raise ValueError(
+            yield (
                 "array: hardly anything is rigidly attached to the shaft (J_h and reducer.output_inertia add up to"
                 f" {self.output_inertia:.3g} kg*m^2, under a millionth of the inertia); a compliant"
                 " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
             )
-        self._check_current()
-        for key in self.sources:
-            if not self._has(key):
-                raise ValueError(f"sources: '{key}' is not a key of this scenario")
-        return self
-
-    def _check_current(self) -> None:
         driver, motor = self.driver, self.motor
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0:
-            raise ValueError(
-                "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
-            )
+            yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
         if driver.proportional_gain == 0.0 and driver.supply_voltage is not None:
-            raise ValueError(
-                "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
-            )
+            yield "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
         needed = motor.winding_resistance * motor.current
         if driver.supply_voltage is not None and driver.supply_voltage < needed:
-            raise ValueError(
+            yield (
                 f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {motor.current:g} A through"
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
+        yield from (f"sources: '{key}' is not a key of this scenario" for key in self.sources if not self._has(key))
 
     def __hash__(self) -> int:
         return hash(tuple(getattr(self, name) for name in type(self).model_fields if name != "sources"))  # a dict

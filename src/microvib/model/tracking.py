@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from collections.abc import Iterator
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -38,17 +39,14 @@ class Tracking(Part):
         1.0
     )
 
-    @model_validator(mode="after")
-    def _one_command(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         if (self.rate is None) == (self.profile is None):
-            raise ValueError("give either rate, a constant rate of the array in deg/s, or profile, a list of legs")
-        if self.profile is not None:
-            if not self.profile:
-                raise ValueError("profile: an empty list commands nothing; give at least one leg with a rate")
-            for k, leg in enumerate(self.profile[:-1]):
-                if leg.hold is None:
-                    raise ValueError(f"profile.{k}.hold: only the last leg may leave hold out; give a time in s")
-        return self
+            yield "give either rate, a constant rate of the array in deg/s, or profile, a list of legs"
+        if self.profile == ():
+            yield "profile: an empty list commands nothing; give at least one leg with a rate"
+        for k, leg in enumerate((self.profile or ())[:-1]):
+            if leg.hold is None:
+                yield f"profile.{k}.hold: only the last leg may leave hold out; give a time in s"
 
     def breakpoints(self) -> tuple[np.ndarray, np.ndarray]:
         """Piecewise linear rate: times [s] and rates [rad/s] of the array, (m,) each; a jump repeats its time.

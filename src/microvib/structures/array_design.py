@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -20,14 +21,11 @@ class Panels(Part):
     gap: Annotated[float, Quantity("m", "distance between neighbours", ge=0, le=10)] = 0.0
     missing: tuple[int, ...] = Field(default=(), description="panels that are not there, counted from 1 at the yoke")
 
-    @model_validator(mode="after")
-    def _some_left(self) -> Self:
-        wrong = [k for k in self.missing if not 1 <= k <= self.count]
-        if wrong:
-            raise ValueError(f"missing: there is no panel {wrong[0]}; allowed are 1 to {self.count}")
+    def _misfits(self) -> Iterator[str]:
+        wrong = (k for k in self.missing if not 1 <= k <= self.count)
+        yield from (f"missing: there is no panel {k}; allowed are 1 to {self.count}" for k in wrong)
         if len(set(self.missing)) >= self.count:
-            raise ValueError("missing: no panel is left; at least one must be there")
-        return self
+            yield "missing: no panel is left; at least one must be there"
 
 
 class Ply(Part):
@@ -109,11 +107,9 @@ class Tube(Part):
     height: Annotated[float, Quantity("m", "outer height, along the normal", gt=0, le=1, display="mm")]
     wall: Annotated[float, Quantity("m", "wall thickness", gt=0, le=0.1, display="mm")]
 
-    @model_validator(mode="after")
-    def _hollow(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         if 2.0 * self.wall >= min(self.width, self.height):
-            raise ValueError(f"wall: {self.wall:g} m fills the tube; it must be less than half of width and height")
-        return self
+            yield f"wall: {self.wall:g} m fills the tube; it must be less than half of width and height"
 
 
 class Yoke(Part):
@@ -172,16 +168,14 @@ class ArrayDesign(Part):
     mesh: Annotated[float, Quantity("m", "largest side of an element", gt=0, display="mm")] = 0.1
     drive_axis: Literal["x"] = Field(default="x", description="drive axis of the description")
 
-    @model_validator(mode="after")
-    def _hinges_fit(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         if self.panels.count > 1 and not self.hinges.between:
-            raise ValueError("hinges.between: missing; several panels need hinges between them")
+            yield "hinges.between: missing; several panels need hinges between them"
         for name in ("root", "between"):
             for k, hinge in enumerate(getattr(self.hinges, name)):
                 reach = abs(hinge.position) + hinge.footprint / 2.0
                 if reach > self.panels.chord / 2.0 * (1.0 + 1e-9) or 2.0 * hinge.footprint > self.panels.span:
-                    raise ValueError(
+                    yield (
                         f"hinges.{name}.{k}: its footprint reaches {reach:g} m from the drive axis, beyond the panel; allowed is"
                         f" {self.panels.chord / 2.0:g} m across and half of the span along"
                     )
-        return self

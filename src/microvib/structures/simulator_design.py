@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.model.part import Part
 from microvib.structures.array_design import Damping, Tube
@@ -76,15 +76,11 @@ class Shaft(Part):
     connector_mass: Annotated[float, Quantity("kg", "connector to the drive", ge=0)]
     connector_diameter: Annotated[float, Quantity("m", "diameter of the connector", ge=0, display="mm")]
 
-    @model_validator(mode="after")
-    def _order(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         if self.bore >= self.diameter:
-            raise ValueError(
-                f"bore: {self.bore:g} m leaves no wall; it must be less than the diameter, {self.diameter:g} m"
-            )
+            yield f"bore: {self.bore:g} m leaves no wall; it must be less than the diameter, {self.diameter:g} m"
         if math.isclose(self.plate_at, self.bearing_at):
-            raise ValueError("bearing_at: the bearing is where the plate is; it must lie above or below it")
-        return self
+            yield "bearing_at: the bearing is where the plate is; it must lie above or below it"
 
     @property
     def length(self) -> float:
@@ -148,15 +144,11 @@ class Adjustment(Part):
     )
     screw: Annotated[float, Quantity("m", "least length of the preload screw at the rail", ge=0, display="mm")] = 0.0
 
-    @model_validator(mode="after")
-    def _ranges(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         for name in ("arm", "radius"):
             low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
             if low >= high:
-                raise ValueError(
-                    f"{name}_max: {high:g} m is not allowed; it must be greater than {name}_min, {low:g} m"
-                )
-        return self
+                yield f"{name}_max: {high:g} m is not allowed; it must be greater than {name}_min, {low:g} m"
 
 
 class Tolerances(Part):
@@ -191,12 +183,35 @@ class SimulatorDesign(Part):
     mesh: Annotated[float, Quantity("m", "largest side of an element", gt=0, display="mm")] = 0.1
     drive_axis: Literal["z"] = Field(default="z", description="drive axis of the description")
 
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        wrong = next(_misfits(self), None)
-        if wrong is not None:
-            raise ValueError(wrong)
-        return self
+    def _misfits(self) -> Iterator[str]:
+        a, f, p = self.adjustment, self.frame, self.plate
+        shortest = max(f.bridge, p.hub + p.slider_width) / 2.0
+        longest = (p.length - p.slider_width) / 2.0
+        room = f.rail - a.screw
+        if f.bridge / 2.0 >= f.rail:
+            yield f"frame.bridge: {f.bridge:g} m is wider than the rails are apart, {2 * f.rail:g} m"
+        if p.slider_width > p.width or p.hub > p.width:
+            yield f"plate.width: {p.width:g} m is less than its sliders and hub need, {max(p.slider_width, p.hub):g} m"
+        if a.arm_min <= shortest:
+            at = "under the bridge or at the plate's hub"
+            yield f"adjustment.arm_min: {a.arm_min:g} m, {at}; allowed is more than {shortest:g} m"
+        if a.arm_max > longest:
+            yield f"adjustment.arm_max: {a.arm_max:g} m, off the plate; allowed is at most {longest:g} m"
+        if a.radius_min <= a.arm_max:
+            yield f"adjustment.radius_min: {a.radius_min:g} m, at the spring seats; allowed is more than arm_max, {a.arm_max:g} m"
+        if a.radius_max > f.half_length:
+            yield f"adjustment.radius_max: {a.radius_max:g} m, off the frame; allowed is at most {f.half_length:g} m"
+        if self.hook_end > room:
+            yield (
+                f"preload: the springs end {self.hook_end:.4g} m from the middle line; allowed is at most {room:g} m,"
+                " frame.rail less adjustment.screw"
+            )
+        for key, value, low, high in (
+            ("arm", self.arm, a.arm_min, a.arm_max),
+            ("counterweight.radius", self.counterweight.radius, a.radius_min, a.radius_max),
+        ):
+            if not low <= value <= high:
+                yield f"{key}: {value:g} m is not allowed; the adjustment goes from {low:g} to {high:g} m"
 
     @property
     def hook_end(self) -> float:
@@ -273,34 +288,3 @@ class SimulatorDesign(Part):
     def frequency(self) -> float:
         """Torsional frequency with the interface clamped [Hz], shaft, plate and frame rigid (Eq. 24 with 1/2pi)."""
         return math.sqrt(self.stiffness / self.moving_inertia) / (2.0 * math.pi)
-
-
-def _misfits(design: SimulatorDesign) -> Iterator[str]:
-    """What does not fit together, as sentences."""
-    a, f, p = design.adjustment, design.frame, design.plate
-    shortest = max(f.bridge, p.hub + p.slider_width) / 2.0
-    longest = (p.length - p.slider_width) / 2.0
-    room = f.rail - a.screw
-    if f.bridge / 2.0 >= f.rail:
-        yield f"frame.bridge: {f.bridge:g} m is wider than the rails are apart, {2 * f.rail:g} m"
-    if p.slider_width > p.width or p.hub > p.width:
-        yield f"plate.width: {p.width:g} m is less than its sliders and hub need, {max(p.slider_width, p.hub):g} m"
-    if a.arm_min <= shortest:
-        yield f"adjustment.arm_min: {a.arm_min:g} m, under the bridge or at the plate's hub; allowed is more than {shortest:g} m"
-    if a.arm_max > longest:
-        yield f"adjustment.arm_max: {a.arm_max:g} m, off the plate; allowed is at most {longest:g} m"
-    if a.radius_min <= a.arm_max:
-        yield f"adjustment.radius_min: {a.radius_min:g} m, at the spring seats; allowed is more than arm_max, {a.arm_max:g} m"
-    if a.radius_max > f.half_length:
-        yield f"adjustment.radius_max: {a.radius_max:g} m, off the frame; allowed is at most {f.half_length:g} m"
-    if design.hook_end > room:
-        yield (
-            f"preload: the springs end {design.hook_end:.4g} m from the middle line; allowed is at most {room:g} m, frame.rail less"
-            " adjustment.screw"
-        )
-    for key, value, low, high in (
-        ("arm", design.arm, a.arm_min, a.arm_max),
-        ("counterweight.radius", design.counterweight.radius, a.radius_min, a.radius_max),
-    ):
-        if not low <= value <= high:
-            yield f"{key}: {value:g} m is not allowed; the adjustment goes from {low:g} to {high:g} m"

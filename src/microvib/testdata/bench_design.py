@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from microvib.model.part import Part, Six
 from microvib.units import Quantity
@@ -75,25 +76,21 @@ class Bench(Part):
         4.0
     )
 
-    @model_validator(mode="after")
-    def _within_the_band(self) -> Self:
+    def _misfits(self) -> Iterator[str]:
         for name in ("table", "platform"):
             for k, resonance in enumerate(getattr(self, name)):
                 if resonance.frequency >= self.sample_rate:
-                    raise ValueError(
-                        f"{name}.{k}.frequency: {resonance.frequency:g} Hz is not below the sample rate, {self.sample_rate:g} Hz"
-                    )
+                    yield f"{name}.{k}.frequency: {resonance.frequency:g} Hz is not below the sample rate, {self.sample_rate:g} Hz"
         if self.filter_corner is not None and self.filter_corner >= 0.5 * self.sample_rate:
-            raise ValueError(
+            yield (
                 f"filter_corner: {self.filter_corner:g} Hz is not below half the sample rate, {0.5 * self.sample_rate:g} Hz;"
                 " it could not keep aliases out"
             )
         if self.sample_rate * (self.lead + self.duration) * OVERSAMPLING > MAX_SAMPLES:
-            raise ValueError(
+            yield (
                 f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is too much; a recording has at most"
                 f" {MAX_SAMPLES // OVERSAMPLING} samples"
             )
-        return self
 
     @property
     def samples(self) -> int:

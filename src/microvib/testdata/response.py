@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from microvib.model.part import Part
 from microvib.testdata.channels import LOADS
@@ -36,24 +37,18 @@ class Stage(Part):
         default=(), description="rows of the table: frequency [Hz], magnitude, phase [deg]; what file names is put here"
     )
 
-    @model_validator(mode="after")
-    def _of_its_kind(self) -> Self:
-        filters = self.kind in ("butterworth", "bessel")
-        for name, belongs in (
-            ("length", self.kind == "boxcar"),
-            ("order", filters),
-            ("corner", filters),
-            ("file", self.kind == "table"),
-        ):
+    def _misfits(self) -> Iterator[str]:
+        own = {"boxcar": ("length",), "table": ("file",)}.get(self.kind, ("order", "corner"))
+        for name in ("length", "order", "corner", "file"):
+            belongs = name in own
             given = getattr(self, name) is not None or (name == "file" and self.rows)
             if given and not belongs:
-                raise ValueError(f"{name}: does not go with {self.kind}")
+                yield f"{name}: does not go with {self.kind}"
             if belongs and not given and name != "length":
-                raise ValueError(f"{name}: missing; {self.kind} needs it")
+                yield f"{name}: missing; {self.kind} needs it"
         frequencies = [row[0] for row in self.rows]
         if self.rows and (len(self.rows) < 2 or any(a >= b for a, b in pairwise(frequencies))):
-            raise ValueError("rows: at least two frequencies, rising, are expected")
-        return self
+            yield "rows: at least two frequencies, rising, are expected"
 
     def at(self, frequency: np.ndarray, sample_rate: float) -> np.ndarray:
         """Complex response at each ``frequency`` [Hz], (m,); nan beyond the ends of a table."""

@@ -13,8 +13,9 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.errors import OptionError, ScenarioError, error_context
-from microvib.io.scenario_file import load_scenario, read_text, scenario_data
+from microvib.io.scenario_file import load_scenario, read_text
 from microvib.io.yaml_text import parse_yaml
+from microvib.model.part import plain
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.studies.campaign.study_file import Correlation, Study
@@ -188,7 +189,7 @@ def _variation(base: Scenario, key: str, spec: Any, folder: Path) -> Levels | Un
 
     arrays = []
     for name in spec:
-        data = scenario_data(base) | {"array": {key.split(".")[1]: str(name)}}
+        data = plain(base, text=True) | {"array": {key.split(".")[1]: str(name)}}
         arrays.append(with_array(data, folder, f"vary.{key}")["array"])
     return Levels("array", tuple(arrays), tuple(str(name) for name in spec))
 
