@@ -237,10 +237,10 @@ def _mat_5(*elements: bytes) -> bytes:
 
 
 def _nested(depth: int) -> bytes:
-    inner = _matrix(6, (1, 1), b"", _element(9, struct.pack("<d", 1.0)))
-    for _ in range(depth):
-        inner = _matrix(1, (1, 1), b"", inner)
-    return inner
+    """Cells within cells: all that is before the next one is the same but for the length."""
+    inner, cell = _matrix(6, (1, 1), b"", _element(9, struct.pack("<d", 1.0))), _matrix(1, (1, 1), b"")
+    lengths = (len(inner) + k * len(cell) - 8 for k in range(depth, 0, -1))
+    return b"".join(struct.pack("<2I", 14, length) + cell[8:] for length in lengths) + inner
 
 
 @pytest.mark.parametrize(
