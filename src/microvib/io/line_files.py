@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from microvib.errors import MicrovibError
-from microvib.io.tables import PAPER_LINES, read_table
+from microvib.io.tables import PAPER_LINES, finite, read_table
 from microvib.signals.line_table import Line, LineTable
 
 _FIGURES = ("frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m", "bin_frequency_hz", "bin_amplitude_n_m")
@@ -26,8 +26,6 @@ class PaperLines:
 
 def is_line_table(path: Path) -> bool:
     """Whether a CSV file is a table of lines and not a recording."""
-    if not path.is_file():
-        return False
     try:
         with path.open("rb") as stream:
             return stream.readline(1000).removeprefix(b"\xef\xbb\xbf").split(b",")[0].strip() == b"line"
@@ -66,16 +64,5 @@ def _table(rows: list[tuple[str, dict[str, float]]]) -> LineTable:
 
 
 def _figures(where: str, row: dict[str, str | None]) -> dict[str, float]:
-    return {column: _figure(f"{where}: {column}", (row.get(column) or "").strip()) for column in _FIGURES}
-
-
-def _figure(where: str, text: str) -> float:
-    if not text:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        raise MicrovibError(f"{where} '{text[:60]}' is not a number") from None
-    if not math.isfinite(value):
-        raise MicrovibError(f"{where} is {text[:60]}; a finite number is expected")
-    return value
+    texts = {column: (row.get(column) or "").strip() for column in _FIGURES}
+    return {column: finite(f"{where}: {column}", text) if text else math.nan for column, text in texts.items()}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from pathlib import Path
 
 import numpy as np
 
+from microvib.io.tables import finite
 from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
 
 PARTICIPATIONS = tuple(f"participation_{d.lower()}" for d in DIRECTIONS)
@@ -102,13 +102,4 @@ def _inertia(path: Path, rows: list[dict[str, str]], effective: np.ndarray) -> f
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> np.ndarray:
-    values = []
-    for number, row in enumerate(rows, 2):
-        try:
-            value = float(row[name])
-        except (TypeError, ValueError, KeyError):
-            raise ModalError(f"{path}, row {number}: {name} '{row.get(name)}' is not a number") from None
-        if not math.isfinite(value):
-            raise ModalError(f"{path}, row {number}: {name} is {value}; a finite number is expected")
-        values.append(value)
-    return np.array(values)
+    return np.array([finite(f"{path}, row {k}: {name}", row.get(name), ModalError) for k, row in enumerate(rows, 2)])

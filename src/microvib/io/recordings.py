@@ -23,17 +23,6 @@ from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
 from microvib.testdata.response import Stage
 
-__all__ = [
-    "READERS",
-    "WRITERS",
-    "Prepared",
-    "check_output",
-    "load_preparation",
-    "read_prepared",
-    "read_recording",
-    "write_recording",
-]
-
 LARGEST = 2_000_000_000
 """Bytes of the largest recording that is read."""
 

@@ -6,6 +6,8 @@ import csv
 import hashlib
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -60,15 +62,8 @@ def _variable(f: Any, channel: Channel, values: Any) -> None:
 
 def lines_csv(table: LineTable) -> str:
     """CSV text of a table of lines, one row each; what could not be estimated is left empty."""
-    first = (
-        "line",
-        "expected_hz",
-        "frequency_hz",
-        "amplitude_n_m",
-        "phase_rad",
-        "bin_frequency_hz",
-        "bin_amplitude_n_m",
-    )
+    figures = ("expected_hz", "frequency_hz", "amplitude_n_m", "phase_rad", "bin_frequency_hz", "bin_amplitude_n_m")
+    first = ("line", *figures)
     names = [*first, *(f.name for f in fields(Line) if f.name not in first)]
     return rows_csv(names, ([getattr(line, name) for name in names] for line in table))
 
@@ -103,28 +98,41 @@ def summary(
 
 def read_run(folder: Path | str) -> Run:
     """The run in ``folder``. MicrovibError where a file is missing, is none of a run, or was changed since."""
+    import h5netcdf
+
     folder = Path(folder)
     missing = [name for name in _NEEDED if not (folder / name).is_file()]
     if missing:
         raise MicrovibError(f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected")
-    summary = _summary(folder / "summary.json")
+    with _expected(folder / "summary.json", "a summary of a run of this version") as path:
+        said = json.loads(path.read_text(encoding="utf-8"))
+        invariants = Invariants(**{k: math.nan if x is None else float(x) for k, x in said["invariants"].items()})
+        digest, solver, versions, record = (said[key] for key in ("scenario_sha256", "solver", "versions", "record"))
+        limit = _limit(said.get("limit"))
     written = folder / "scenario.yaml"
-    if hashlib.sha256(written.read_bytes()).hexdigest() != summary["scenario_sha256"]:
+    if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
         raise MicrovibError(f"{written}: was changed since the run; run it again: microvib run {written}")
     scenario = load_scenario(written)
-    time, channels = _channels(folder / "motion.nc")
-    motion = Motion(scenario, time, channels, summary["invariants"], summary["solver"])
-    return Run(motion, _table(folder / "lines.csv", summary), summary["versions"], summary["limit"])
+    with _expected(folder / "motion.nc", "a motion of a run") as path, h5netcdf.File(path, "r") as f:
+        channels = {name: np.asarray(f[name]) for name in (*CHANNELS, *MODAL) if name in f}
+        motion = Motion(scenario, np.asarray(f["time"]), channels, invariants, solver)
+    with _expected(folder / "lines.csv", "a table of lines of a run") as path:
+        left = said.get("left_by_lines")
+        table = LineTable(
+            _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
+            rest=left and Rest(*(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))),
+            own_error=said.get("own_error", 0.0),
+        )  # fmt: skip
+    return Run(motion, table, versions, limit)
 
 
-def _summary(path: Path) -> dict[str, Any]:
+@contextmanager
+def _expected(path: Path, what: str) -> Iterator[Path]:
+    """The file; what goes wrong with it in the block says that it is not ``what`` it should be."""
     try:
-        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        known = {key: math.nan if value is None else float(value) for key, value in data["invariants"].items()}
-        needed = {key: data[key] for key in ("scenario_sha256", "solver", "versions", "record")}
-        return {**data, **needed, "invariants": Invariants(**known), "limit": _limit(data.get("limit"))}
+        yield path
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise MicrovibError(f"{path}: is not a summary of a run of this version") from None
+        raise MicrovibError(f"{path}: is not {what}") from None
 
 
 def _limit(data: dict[str, float | None] | None) -> tuple[float, float, float] | None:
@@ -135,32 +143,11 @@ def _limit(data: dict[str, float | None] | None) -> tuple[float, float, float] |
     return float(torque or math.nan), float(low or 0.0), math.inf if high is None else float(high)
 
 
-def _channels(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    import h5netcdf
-
-    try:
-        with h5netcdf.File(path, "r") as f:
-            channels = {name: np.asarray(f[name]) for name in (*CHANNELS, *MODAL) if name in f}
-            return np.asarray(f["time"]), channels
-    except (OSError, KeyError):
-        raise MicrovibError(f"{path}: is not a motion of a run") from None
-
-
-def _table(path: Path, summary: dict[str, Any]) -> LineTable:
+def _lines(path: Path) -> tuple[Line, ...]:
     texts = {field.name for field in fields(Line) if field.type == "str"}
-    try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            rows: list[dict[str, Any]] = [
-                {key: text if key in texts else float(text or math.nan) for key, text in row.items()}
-                for row in csv.DictReader(stream)
-            ]
-        record = summary["record"]
-        lines = tuple(Line(**row) for row in rows)
-        left = summary.get("left_by_lines")
-        rest = None if left is None else Rest(*(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m")))
-        return LineTable(
-            lines, summary.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"], rest=rest,
-            own_error=summary.get("own_error", 0.0),
-        )  # fmt: skip
-    except (OSError, ValueError, TypeError, KeyError):
-        raise MicrovibError(f"{path}: is not a table of lines of a run") from None
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows: list[dict[str, Any]] = [
+            {key: text if key in texts else float(text or math.nan) for key, text in row.items()}
+            for row in csv.DictReader(stream)
+        ]
+    return tuple(Line(**row) for row in rows)

@@ -12,6 +12,8 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from microvib.errors import MicrovibError
+
 
 def rows_csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """CSV text of rows under a header; figures with nine digits, what is not known left empty."""
@@ -46,6 +48,17 @@ def _finite(data: Any) -> Any:
     if isinstance(data, float):
         return float(data) if math.isfinite(data) else None
     return data
+
+
+def finite(where: str, text: str | None, kind: type[MicrovibError] = MicrovibError) -> float:
+    """The number that a cell of a table holds; an error of this ``kind`` where it is none, or not finite."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        raise kind(f"{where} '{str(text)[:60]}' is not a number") from None
+    if not math.isfinite(value):
+        raise kind(f"{where} is {value}; a finite number is expected")
+    return value
 
 
 def package_versions() -> dict[str, str]:
