@@ -110,12 +110,8 @@ class _Object:
 class Group(_Object):
     """A group whose members are reached by hard links only."""
 
-    def names(self) -> list[str]:
-        """Names of the members; Hdf5Error where one leads out of the file, or could."""
-        return [name.decode("utf-8", "replace") for name in self._links()]
-
     def _links(self) -> dict[bytes, int]:
-        """Address of each member by its name."""
+        """Address of each member by its name; Hdf5Error where one leads out of the file, or could."""
         found: dict[bytes, int] = {}
         refused: list[str] = []
 

@@ -16,16 +16,14 @@ def _warm() -> None:
     from microvib.io.scenario_file import load_scenario
     from microvib.solve.simulate import simulate
 
+    # With what its modules import when they need it.
     for name in (
         "microvib.web.jobs.tasks",
-        "microvib.web.jobs.results",
-        "microvib.web.routes.forms",
         "scipy.signal",
         "scipy.stats",
         "matplotlib.backends.backend_agg",
-        "microvib.reports.run.report",
         "h5netcdf",
-    ):  # what tasks import when they need it
+    ):
         import_module(name)
     lines(simulate(load_scenario("state-1", {"record.settle": "0 s", "record.duration": "0.1 s"})))
 

@@ -10,6 +10,12 @@ import numpy as np
 
 from microvib.analysis.budget import Share, budget
 from microvib.model.scenario import Scenario
+from microvib.reports.identification import fit_text
+from microvib.reports.rates import best_text, found_text
+from microvib.reports.rendering import address
+from microvib.reports.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows
+from microvib.reports.sas_drawing import draw_simulator
+from microvib.reports.sheets import svg
 from microvib.signals.line_table import LineTable
 from microvib.signals.screen import outline
 from microvib.solve.channels import CHANNELS
@@ -137,8 +143,6 @@ def _side(side: Side) -> dict[str, Any]:
 
 def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
     """Estimates with what they are worth, figures before and after, and the changes to take over."""
-    from microvib.reports.identification import fit_text
-
     start = {key: value for key, value, _ in scenario.entries()}
     quantities = {key: quantity for key, _, quantity in fit.scenario.entries()}
     parameters = [
@@ -169,8 +173,6 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
 
 def rates_result(plan: RatePlan) -> dict[str, Any]:
     """Lines over rate and microstep count; rates in rad/s."""
-    from microvib.reports.rates import best_text, found_text
-
     best = plan.best()
     cases = [
         {
@@ -194,11 +196,6 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
 
 def sas_result(result: Any) -> dict[str, Any]:
     """A sizing's table, text, figures and drawing."""
-    from microvib.reports.rendering import address
-    from microvib.reports.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows
-    from microvib.reports.sas_drawing import draw_simulator
-    from microvib.reports.sheets import svg
-
     sizing = result.sizing
     data = sas_data(result)
     return {

@@ -9,22 +9,35 @@ import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from microvib.analysis.limits import Limit, judge
+from microvib.analysis.run import solve_run
 from microvib.errors import MicrovibError
+from microvib.io.recordings import Prepared, read_recording
+from microvib.io.runs import write_motion
+from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import to_json
+from microvib.model.scenario import Scenario
+from microvib.reports import rendering
+from microvib.reports.run.folder import run_summary, run_texts
+from microvib.reports.run.report import run_report
+from microvib.signals.line_table import LineTable
+from microvib.solve.channels import CHANNELS, MODAL
+from microvib.solve.motion import Motion
+from microvib.studies.analyse import analyse
+from microvib.studies.compare import compare
+from microvib.studies.evidence import evidence_of
+from microvib.studies.identify import identify, parse_fit
+from microvib.studies.rates import plan_rates
+from microvib.studies.sizing import sized
+from microvib.testdata.recording import Recording
+from microvib.units import Band, Si
+from microvib.web.jobs import results
 from microvib.web.jobs.worker import Tell
-
-if TYPE_CHECKING:
-    from microvib.analysis.limits import Limit
-    from microvib.model.scenario import Scenario
-    from microvib.signals.line_table import LineTable
-    from microvib.solve.motion import Motion
-    from microvib.testdata.recording import Recording
-    from microvib.units import Band, Si
-
+from microvib.web.routes.forms import Spec, view_of
 
 Upload = tuple[str, str]
 """A recording's file, and what its owner calls it."""
@@ -36,9 +49,6 @@ def _write(folder: str, data: dict[str, Any]) -> None:
 
 def run(folder: str, scenario: Scenario, tell: Tell) -> None:
     """Simulate a scenario; leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
-    from microvib.analysis.run import solve_run
-    from microvib.reports.run.folder import run_summary, run_texts
-    from microvib.web.jobs.results import run_result
 
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
@@ -49,7 +59,7 @@ def run(folder: str, scenario: Scenario, tell: Tell) -> None:
     _keep(Path(folder), result.motion, result.table)
     for name, text in run_texts(result, summed).items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
-    _write(folder, run_result(result.motion, result.table, summed))
+    _write(folder, results.run_result(result.motion, result.table, summed))
 
 
 def _keep(where: Path, motion: Motion, table: LineTable) -> None:
@@ -60,32 +70,20 @@ def _keep(where: Path, motion: Motion, table: LineTable) -> None:
         np.save(where / "loads.npy", loads)
     axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
     (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
-    with (where / "run.pickle").open("wb") as stream:
-        pickle.dump((replace(motion, channels={}), table), stream)
+    (where / "run.pickle").write_bytes(pickle.dumps((replace(motion, channels={}), table)))
 
 
 def _kept(where: Path) -> tuple[Motion, LineTable]:
-    from microvib.solve.channels import CHANNELS, MODAL
-
-    motion, table = _without_samples(where)
-    files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}
-    return replace(motion, channels={name: np.load(file) for name, file in files.items() if file.is_file()}), table
-
-
-def _without_samples(where: Path) -> tuple[Motion, LineTable]:
-    with (where / "run.pickle").open("rb") as stream:  # written by a worker of this very server
-        found: tuple[Motion, LineTable] = pickle.load(stream)
-    return found
+    """A run without its samples."""
+    return pickle.loads((where / "run.pickle").read_bytes())  # written by a worker of this very server
 
 
 def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None = None) -> None:
     """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for, as ``mark`` and its name."""
-    from microvib.io.runs import write_motion
-    from microvib.reports import rendering
-    from microvib.reports.run.report import run_report
-
     where = Path(folder)
-    motion, table = _kept(where)
+    bare, table = _kept(where)
+    files = {channel: where / f"{channel}.npy" for channel in (*CHANNELS, *MODAL)}
+    motion = replace(bare, channels={channel: np.load(file) for channel, file in files.items() if file.is_file()})
     new = where / f"{os.getpid()}-{mark}{name}"  # two may ask at once
     if name == "motion.nc":
         write_motion(motion, new)
@@ -98,22 +96,19 @@ def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None
 
 def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
     """Lines of a run against a limit."""
-    from microvib.analysis.limits import judge
-
-    motion, table = _without_samples(Path(folder))
+    motion, table = _kept(Path(folder))
     judged = judge(table, limit, motion.scenario)
     margins = [
-        {
-            "line": m.line.line,
-            "decibel": m.decibel if math.isfinite(m.decibel) else None,
-            "verdict": m.verdict,
-            "why": m.why,
-        }
-        for m in judged.margins
+        {"line": m.line.line, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why} for m in judged.margins
     ]
-    band = {"low": limit.low, "high": limit.high if math.isfinite(limit.high) else None}
-    said = {"text": str(judged), "verdict": judged.verdict, "gaps": judged.gaps, "torque": limit.torque}
-    return {**said, **band, "margins": margins}
+    return {
+        "text": str(judged), "verdict": judged.verdict, "gaps": judged.gaps, "torque": limit.torque, "low": limit.low,
+        "high": _finite(limit.high), "margins": margins,
+    }  # fmt: skip
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
 
 
 def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
@@ -131,8 +126,6 @@ def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
 
 def _read(path: str, name: str) -> Recording:
     """A recording under the name that its owner gave it, as are errors and notes about it."""
-    from microvib.io.recordings import read_recording
-
     try:
         found = read_recording(path)
     except MicrovibError as error:
@@ -142,46 +135,31 @@ def _read(path: str, name: str) -> Recording:
 
 def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """A scenario that needs finite elements, as the form shows it."""
-    from microvib.web.routes.forms import Spec, view_of
-
     return view_of(Spec(**spec))
 
 
 def analysis(folder: str, recording: Upload, scenario: Scenario, channel: str, tell: Tell) -> None:
     """Lines with uncertainties and spectra of a recording."""
-    from microvib.io.recordings import Prepared
-    from microvib.studies.analyse import analyse
-    from microvib.web.jobs.results import analysis_result
-
     tell(0, None, "", "reading and finding the lines")
     found = analyse(Prepared(_read(*recording)), scenario=scenario, channel=channel)
     np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
     np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
-    _write(folder, analysis_result(found))
+    _write(folder, results.analysis_result(found))
 
 
 def comparison(folder: str, recording: Upload, run: str, run_title: str, channel: str, tell: Tell) -> None:
     """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that the recording shows."""
-    from microvib.io.recordings import Prepared
-    from microvib.io.scenario_file import load_scenario
-    from microvib.studies.compare import compare
-    from microvib.web.jobs.results import comparison_result
-
     found = compare(
         Prepared(_read(*recording)), load_scenario(run), names=(recording[1], run_title), channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
-    _write(folder, comparison_result(*found))
+    _write(folder, results.comparison_result(*found))
 
 
 def identification(
     folder: str, recordings: list[Upload], scenario: Scenario, channel: str, fit: list[str], starts: int, tell: Tell
 ) -> None:
     """Parameters from recordings."""
-    from microvib.io.recordings import Prepared
-    from microvib.studies.evidence import evidence_of
-    from microvib.studies.identify import identify, parse_fit
-    from microvib.web.jobs.results import identification_result
 
     def progress(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
         values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
@@ -192,7 +170,7 @@ def identification(
         (evidence_of(Prepared(_read(*one)), scenario, channel), {}) for one in recordings
     ]
     found = identify(scenario, tests, keys, starts=starts, progress=progress)
-    _write(folder, identification_result(found, scenario))
+    _write(folder, results.identification_result(found, scenario))
 
 
 def rates(
@@ -200,20 +178,14 @@ def rates(
     linear: bool, tell: Tell,
 ) -> None:  # fmt: skip
     """A rate plan."""
-    from microvib.studies.rates import plan_rates
-    from microvib.web.jobs.results import rates_result
-
     plan = plan_rates(
         scenario, rates, microsteps, limit=limit, band=band, linear=linear,
         progress=lambda done, total: tell(done, total, "cases", "solving"),
     )  # fmt: skip
-    _write(folder, rates_result(plan))
+    _write(folder, results.rates_result(plan))
 
 
 def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
     """A simulator's sizing."""
-    from microvib.studies.sizing import sized
-    from microvib.web.jobs.results import sas_result
-
     tell(0, None, "", "sizing, and checking with finite elements")
-    _write(folder, sas_result(sized(**{key: value for key, value in options.items() if value is not None})))
+    _write(folder, results.sas_result(sized(**{key: value for key, value in options.items() if value is not None})))
