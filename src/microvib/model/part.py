@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, model_validator
 from pydantic.fields import FieldInfo
@@ -59,23 +59,27 @@ class Part(_Base):
         return self
 
 
+def nested(annotation: Any) -> Iterator[Any]:
+    """An annotation and all that it is made of, from outside to inside."""
+    yield annotation
+    for argument in get_args(annotation):
+        yield from nested(argument)
+
+
 def quantity_in(field: FieldInfo) -> Quantity | None:
     """The ``Quantity`` that a field declares, also inside ``Annotated[...] | None``."""
-    for item in field.metadata:
-        if isinstance(item, Quantity):
-            return item
-    return _search(field.annotation)
+    return next((x for x in (*field.metadata, *nested(field.annotation)) if isinstance(x, Quantity)), None)
 
 
-def _search(annotation: Any) -> Quantity | None:
-    for item in getattr(annotation, "__metadata__", ()):
-        if isinstance(item, Quantity):
-            return item
-    for argument in getattr(annotation, "__args__", ()):
-        found = _search(argument)
-        if found is not None:
-            return found
-    return None
+def part_in(annotation: Any) -> type[Part] | None:
+    """The class of the part, or of the parts, that a field holds."""
+    return next((x for x in nested(annotation) if isinstance(x, type) and issubclass(x, Part)), None)
+
+
+def whole_numbers(field: FieldInfo) -> str:
+    """The range of a field that holds a whole number, in words; empty without one."""
+    low, high = (next((getattr(m, end) for m in field.metadata if hasattr(m, end)), None) for end in ("ge", "le"))
+    return "" if low is None else f"a whole number from {low} to {high}"
 
 
 def plain(value: Any, quantity: Quantity | None = None, *, text: bool = False) -> Any:

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from microvib.errors import ScenarioError, did_you_mean, shown
-from microvib.model.part import Part
+from microvib.model.part import Part, part_in, whole_numbers
 
 P = TypeVar("P", bound=Part)
 MAX_SENTENCES = 8
@@ -23,7 +23,7 @@ def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -
     """
     name = part.__name__.lower()
     if not isinstance(data, dict):
-        first = next((key for key, field in part.model_fields.items() if _part_in(field.annotation)), "title")
+        first = next((key for key, field in part.model_fields.items() if part_in(field.annotation)), "title")
         raise ScenarioError(
             f"{origin or name}: a mapping of keys is expected, such as '{first}:', not {type(data).__name__}"
         )
@@ -69,7 +69,7 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
     if kind == "literal_error":
         return f"{key}: {shown(found)} is not allowed; write {context.get('expected')}{_meaning(root, where)}"
     if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
-        return f"{key}: {shown(found)} is not allowed; a whole number{_range(root, where)} is expected{_meaning(root, where)}"
+        return f"{key}: {shown(found)} is not allowed; {_range(root, where)} is expected{_meaning(root, where)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"{key}: {shown(found)} is not allowed; keys are expected here: {', '.join(_keys_at(root, where)) or 'text to text'}"
     if kind == "tuple_type":
@@ -91,7 +91,7 @@ def _near(key: str, known: list[str], root: type[Part]) -> str:
 def _all_keys(part: type[Part], prefix: str = "") -> Iterator[str]:
     for name, field in part.model_fields.items():
         yield f"{prefix}{name}"
-        inner = _part_in(field.annotation)
+        inner = part_in(field.annotation)
         if inner is not None:
             yield from _all_keys(
                 inner, f"{prefix}{name}.0." if "tuple" in str(field.annotation) else f"{prefix}{name}."
@@ -108,18 +108,8 @@ def _field_at(root: type[Part], where: list[str]) -> tuple[type[Part] | None, An
         if part is None or name not in part.model_fields:
             return None, None
         field = part.model_fields[name]
-        part = _part_in(field.annotation)
+        part = part_in(field.annotation)
     return part, field
-
-
-def _part_in(annotation: Any) -> type[Part] | None:
-    if isinstance(annotation, type) and issubclass(annotation, Part):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _part_in(argument)
-        if found is not None:
-            return found
-    return None
 
 
 def _keys_at(root: type[Part], where: list[str]) -> list[str]:
@@ -141,8 +131,4 @@ def _meaning(root: type[Part], where: list[str]) -> str:
 
 def _range(root: type[Part], where: list[str]) -> str:
     _, field = _field_at(root, where)
-    low = high = None
-    for rule in getattr(field, "metadata", ()):
-        low = getattr(rule, "ge", low)
-        high = getattr(rule, "le", high)
-    return "" if low is None else f" from {low} to {high}"
+    return (field and whole_numbers(field)) or "a whole number"

@@ -7,12 +7,11 @@ import secrets
 import shutil
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from microvib.web.jobs.processes import ENDED, Job, Workers
 from microvib.web.server.limits import Limits
@@ -46,7 +45,7 @@ class Store:
         self._jobs: dict[str, Job] = {}
         self._uploads: dict[str, Upload] = {}
         self._lock = threading.Lock()
-        self.views: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self.views: dict[str, dict[str, Any]] = {}
         """Scenarios with finite elements, as the form shows them."""
         self.reading = threading.Lock()
         """Held while a scenario is read in the server itself."""
@@ -88,10 +87,7 @@ class Store:
     def job(self, id: str) -> Job | None:
         """A job, which now counts as used."""
         with self._lock:
-            job = self._jobs.pop(id, None)
-            if job is not None:
-                self._jobs[id] = job
-        return job
+            return _used(self._jobs, id)
 
     def jobs(self) -> list[Job]:
         """All jobs."""
@@ -135,7 +131,7 @@ class Store:
         """Keep what a worker found out about a scenario."""
         self.views[spec] = view
         while len(self.views) > 16:
-            self.views.popitem(last=False)
+            del self.views[next(iter(self.views))]
 
     def keep(self, name: str, path: Path) -> Upload:
         """Keep a recording that was read."""
@@ -151,10 +147,7 @@ class Store:
     def upload(self, id: str) -> Upload | None:
         """A recording, which now counts as used."""
         with self._lock:
-            upload = self._uploads.pop(id, None)
-            if upload is not None:
-                self._uploads[id] = upload
-        return upload
+            return _used(self._uploads, id)
 
     def close(self) -> None:
         """End all computations."""
@@ -169,6 +162,17 @@ class Store:
         until = time.monotonic() + seconds
         for workers in (self._long, self._quick, self._checks):
             workers.join(until)
+
+
+Kept = TypeVar("Kept")
+
+
+def _used(kept: dict[str, Kept], id: str) -> Kept | None:
+    """One of what is kept in the order of its use, which is now the last."""
+    found = kept.pop(id, None)
+    if found is not None:
+        kept[id] = found
+    return found
 
 
 def _size(folder: Path) -> int:

@@ -22,7 +22,7 @@ from microvib.io.scenario_file import (
     scenario_of,
 )
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.part import Part
+from microvib.model.part import nested, part_in, whole_numbers
 from microvib.model.scenario import Scenario
 from microvib.reports.parameters import derived
 from microvib.units import Quantity
@@ -75,7 +75,7 @@ class Spec(BaseModel):
 def groups() -> list[dict[str, Any]]:
     """Groups of fields, as the drive is built."""
     return [
-        {"key": key, "title": title, "fields": _fields(_part(Scenario.model_fields[key].annotation), f"{key}.")}
+        {"key": key, "title": title, "fields": _fields(part_in(Scenario.model_fields[key].annotation), f"{key}.")}
         for key, title in TITLES.items()
     ]
 
@@ -83,7 +83,7 @@ def groups() -> list[dict[str, Any]]:
 def _fields(part: Any, prefix: str) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for name, field in part.model_fields.items():
-        inner = _part(field.annotation)
+        inner = part_in(field.annotation)
         if inner is not None and not _is_list(field.annotation):
             nested = _fields(inner, f"{prefix}{name}.")
             found += [{**item, "optional": item["optional"] or _may_be_none(field)} for item in nested]
@@ -94,13 +94,13 @@ def _fields(part: Any, prefix: str) -> list[dict[str, Any]]:
 
 def _field(part: Any, name: str, field: FieldInfo, prefix: str) -> dict[str, Any]:
     quantity = part.quantity_of(name)
-    inner = _part(field.annotation)
+    inner = part_in(field.annotation)
     made: dict[str, Any] = {
         "key": prefix + name,
         "symbol": quantity.symbol if quantity else "",
         "meaning": quantity.meaning if quantity else field.description or "",
         "unit": (quantity.display or quantity.unit) if quantity else "",
-        "range": quantity.allowed if quantity else _range(field),
+        "range": quantity.allowed if quantity else whole_numbers(field),
         "kind": _kind(field, quantity),
         "optional": _may_be_none(field) or not field.is_required(),
     }
@@ -124,30 +124,17 @@ def _kind(field: FieldInfo, quantity: Quantity | None) -> str:
     return "choice" if _choices(field.annotation) else "text"
 
 
-def _range(field: FieldInfo) -> str:
-    low = next((m.ge for m in field.metadata if hasattr(m, "ge")), None)
-    high = next((m.le for m in field.metadata if hasattr(m, "le")), None)
-    return "" if low is None else f"a whole number from {low} to {high}"
-
-
 def _may_be_none(field: FieldInfo) -> bool:
     return type(None) in get_args(field.annotation)
 
 
 def _is_list(annotation: Any) -> bool:
-    return get_origin(annotation) is tuple or any(_is_list(a) for a in get_args(annotation) if a is not annotation)
+    return any(get_origin(inner) is tuple for inner in nested(annotation))
 
 
 def _choices(annotation: Any) -> list[str]:
-    if get_origin(annotation) is Literal:
-        return [str(choice) for choice in get_args(annotation)]
-    return [choice for argument in get_args(annotation) for choice in _choices(argument)]
-
-
-def _part(annotation: Any) -> Any:
-    if isinstance(annotation, type) and issubclass(annotation, Part):
-        return annotation
-    return next((part for a in get_args(annotation) if (part := _part(a)) is not None), None)
+    words = (get_args(inner) for inner in nested(annotation) if get_origin(inner) is Literal)
+    return [str(word) for each in words for word in each]
 
 
 @lru_cache(maxsize=8)
