@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.cli.common import options, report_options, say_doubts, say_written
+from microvib.cli.common import PATH, options, report_options, say_doubts, say_written
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import MicrovibError, OptionError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _EVERY = 15.0
 """Seconds between two lines of progress where there is no terminal."""
 
-folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+folder_argument = click.argument("folder", metavar="DIR", type=PATH)
 
 
 @click.group()
@@ -33,7 +33,7 @@ def campaign() -> None:
 
 
 @campaign.command()
-@click.argument("study", type=click.Path(path_type=Path))
+@click.argument("study", type=PATH)
 @folder_argument
 @click.option("--chunk", type=click.IntRange(1, 100_000), help="Cases computed and written together.")
 def create(study: Path, folder: Path, chunk: int | None) -> None:
@@ -63,11 +63,11 @@ def _opened(folder: Path) -> Campaign:
 
 
 _run_options = options(
-    click.option("--on", type=click.Choice(["local", "dask", "slurm"]), default="local", show_default=True, help="Where."),
+    click.option("--on", type=click.Choice(["local", "dask", "slurm"]), default="local", help="Where."),
     click.option("--workers", type=click.IntRange(1, 4096), help="Processes, on Slurm jobs [default: all cores; on Slurm 8]."),
     click.option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786."),
     click.option("--shard", metavar="K/N", help="Compute only every N-th chunk, from the K-th (0 to N-1) on."),
-    click.option("--todo", type=click.Path(path_type=Path), hidden=True, help="Chunks that the shards share."),
+    click.option("--todo", type=PATH, hidden=True, help="Chunks that the shards share."),
     click.option("--sbatch", "directives", multiple=True, metavar="OPTION", help="For Slurm, e.g. '--time=02:00:00'."),
     click.option("--no-submit", is_flag=True, help="On Slurm, write the job script only."),
 )  # fmt: skip
@@ -193,7 +193,7 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
 @campaign.command()
 @folder_argument
 @click.argument("number", type=click.IntRange(0))
-@click.option("--out", type=click.Path(path_type=Path), help="Write the case's scenario to this file.")
+@click.option("--out", type=PATH, help="Write the case's scenario to this file.")
 def case(folder: Path, number: int, out: Path | None) -> None:
     """Compute case NUMBER of DIR again, alone, and compare with the stored result."""
     from microvib.reports.campaign.text import again_text

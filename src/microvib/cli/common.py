@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from microvib.testdata.preparation import Preparation
 
 Command = Callable[..., None]
+PATH = click.Path(path_type=Path)
 MAX_DOUBTS = 8
 """Values of a scenario that are told as unusual."""
 
@@ -43,12 +44,10 @@ def options(*each: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 recording_options = options(
-    click.option(
-        "--channel", default="Mz", show_default=True, help="Channel of a recording with the drive-axis torque."
-    ),
+    click.option("--channel", default="Mz", help="Channel of a recording with the drive-axis torque."),
     click.option(
         "--prepare",
-        type=click.Path(path_type=Path),
+        type=PATH,
         metavar="FILE",
         help="How to prepare recordings: a YAML file with units, channels, response, cross_talk, axes, trimming, background.",
     ),
@@ -78,7 +77,7 @@ def report_options(command: Command) -> Command:
     @click.option("--pdf", is_flag=True, help="Also write the report as PDF (extra `report`).")
     @click.option(
         "--report-data",
-        type=click.Path(path_type=Path),
+        type=PATH,
         metavar="FILE",
         envvar="MICROVIB_REPORT_DATA",
         help="Author, document number, issue, date and signatures of the report: a YAML file.",
@@ -118,7 +117,7 @@ def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None 
     """
 
     def with_options(command: Command) -> Command:
-        @click.option("--out", type=click.Path(path_type=Path), help=text)
+        @click.option("--out", type=PATH, help=text)
         @click.option("--overwrite", is_flag=True, help="Replace existing results in the folder.")
         @report_options
         @wraps(command)

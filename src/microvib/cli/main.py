@@ -34,6 +34,9 @@ class _Command(click.Group):
         return super().parse_args(ctx, args)
 
 
+_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
+
+
 def _show_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
     if asked:
         from microvib import __version__
@@ -42,7 +45,7 @@ def _show_version(context: click.Context, parameter: click.Parameter, asked: boo
         context.exit()
 
 
-@click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=_Command, context_settings=_SETTINGS)
 @click.option(
     "--version",
     is_flag=True,

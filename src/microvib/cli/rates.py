@@ -14,7 +14,7 @@ from microvib.units import quantity
 @click.argument("scenario")
 @click.option("--from", "low", required=True, metavar="RATE", help="Lowest rate of the array, e.g. '0.01 deg/s'.")
 @click.option("--to", "high", required=True, metavar="RATE", help="Highest rate of the array.")
-@click.option("--count", default=200, show_default=True, type=click.IntRange(2, 10_000), help="Rates in the range.")
+@click.option("--count", default=200, type=click.IntRange(2, 10_000), help="Rates in the range.")
 @click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
 @click.option("--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m'.")
 @click.option("--band", metavar="LOW:HIGH", help="Consider only lines in this band, e.g. '0.5:5 Hz'.")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import limit_options, report_options
+from microvib.cli.common import PATH, limit_options, report_options
 from microvib.errors import OptionError, OutputError
 
 if TYPE_CHECKING:
@@ -18,12 +18,12 @@ _KINDS = (".html", ".pdf")
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @limit_options
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="The one file to write, .html or .pdf [default: report.html of the folder, with --pdf report.pdf too].",
 )
 @report_options

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import limit_options, load, report_options, set_option
+from microvib.cli.common import PATH, limit_options, load, report_options, set_option
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 from microvib.errors import OptionError
@@ -22,12 +22,10 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("scenario")
 @set_option
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results [default: the scenario's name].")
+@click.option("--out", type=PATH, help="Folder for the results [default: the scenario's name].")
 @click.option("--overwrite", is_flag=True, help="Replace an existing run in the folder.")
 @click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
-@click.option(
-    "--harmonics", default=8, show_default=True, type=click.IntRange(1, 200), help="Members of each family of lines."
-)
+@click.option("--harmonics", default=8, type=click.IntRange(1, 200), help="Members of each family of lines.")
 @click.option(
     "--steady",
     is_flag=True,
@@ -144,7 +142,7 @@ def show(scenario: str, settings: tuple[str, ...]) -> None:
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PATH)
 def new(file: Path) -> None:
     """Write FILE, a commented scenario to start from. Never overwrites."""
     from microvib.io.scenario_file import catalog_text

@@ -6,10 +6,8 @@ import click
 
 
 @click.command()
-@click.option(
-    "--port", default=8321, show_default=True, type=click.IntRange(0, 65_535), help="Port; 0 picks a free one."
-)
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option("--port", default=8321, type=click.IntRange(0, 65_535), help="Port; 0 picks a free one.")
+@click.option("--host", default="127.0.0.1", help="Address to listen on.")
 @click.option(
     "--allow-remote", is_flag=True, help="Let other machines connect to --host, with the token in the address."
 )

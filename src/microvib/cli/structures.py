@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from microvib.cli.common import Target, target_options
+from microvib.cli.common import PATH, Target, target_options
 from microvib.cli.modal_options import import_from, modal_options
 
 
@@ -41,12 +41,10 @@ def sas() -> None:
 @click.option("--frequency", help="Torsional frequency, e.g. '1.19 Hz'.")
 @click.option("--array", help="Size it for this array instead: a table of modes, a description, or reference-array.")
 @click.option("--state", "states", multiple=True, metavar="F:J", help="A further state to reach, e.g. 1.19:15.69.")
-@click.option(
-    "--states", "file", type=click.Path(path_type=Path), help="Table of further states [default: the paper's Table 2]."
-)
-@click.option("--amplitude", default="2 deg", show_default=True, help="Largest angle between frame and plate.")
-@click.option("--rate", default="0.06 deg/s", show_default=True, help="Rate at which the drive starts and stops.")
-@click.option("--design", default="reference-sas", show_default=True, help="Simulator to size: a description.")
+@click.option("--states", "file", type=PATH, help="Table of further states [default: the paper's Table 2].")
+@click.option("--amplitude", default="2 deg", help="Largest angle between frame and plate.")
+@click.option("--rate", default="0.06 deg/s", help="Rate at which the drive starts and stops.")
+@click.option("--design", default="reference-sas", help="Simulator to size: a description.")
 @target_options("Folder for tables, drawing, report [default: sas].", lambda options: "sas")
 def sas_size(target: Target, **options: Any) -> None:
     """Size a simulator for --inertia and --frequency, or for --array, and say how it is set for further states.

@@ -9,15 +9,7 @@ from typing import Any
 
 import click
 
-from microvib.cli.common import (
-    Target,
-    guide,
-    load,
-    preparation,
-    recording_options,
-    set_option,
-    target_options,
-)
+from microvib.cli.common import PATH, Target, guide, load, preparation, recording_options, set_option, target_options
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import OptionError
@@ -29,13 +21,7 @@ from microvib.units import quantity
 @target_options("Folder for tables and report [default: print only].")
 @recording_options
 @click.option("--scenario", help="Drive of a recording, which gives the expected lines [default: none].")
-@click.option(
-    "--window",
-    type=click.Choice(["rectangular", "hann", "flat-top"]),
-    default="hann",
-    show_default=True,
-    help="Window.",
-)
+@click.option("--window", type=click.Choice(["rectangular", "hann", "flat-top"]), default="hann", help="Window.")
 @click.option(
     "--resolution", metavar="HZ", help="Bins of density and waterfall, such as '0.5 Hz' [default: 8 / record]."
 )
@@ -82,11 +68,9 @@ def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | 
 @click.command()
 @click.argument("scenario")
 @set_option
-@click.option("--bench", default="force-table", show_default=True, help="Bench: a catalog name or a YAML file.")
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Recording to write: .uff, .mat or .csv."
-)
-@click.option("--seed", default=1, show_default=True, help="Seed of the noise; the same seed gives the same recording.")
+@click.option("--bench", default="force-table", help="Bench: a catalog name or a YAML file.")
+@click.option("-o", "--output", type=PATH, required=True, help="Recording to write: .uff, .mat or .csv.")
+@click.option("--seed", default=1, help="Seed of the noise; the same seed gives the same recording.")
 def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
     """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
     from microvib.io.recordings import check_output, write_recording
@@ -120,22 +104,16 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 @recording_options
 @click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="Lines to fit to, such as '0.5:200 Hz'.")
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
-@click.option(
-    "--starts", default=96, show_default=True, type=click.IntRange(2, 100_000), help="Points of the global search."
-)
-@click.option(
-    "--seed", default=1, show_default=True, help="Seed of the global search; the same seed gives the same result."
-)
+@click.option("--starts", default=96, type=click.IntRange(2, 100_000), help="Points of the global search.")
+@click.option("--seed", default=1, help="Seed of the global search; the same seed gives the same result.")
 @click.option(
     "--model-error",
     default="0.4 percent",
-    show_default=True,
     help="Error of each amplitude beyond its own uncertainty (standard deviation).",
 )
 @click.option(
     "--common-error",
     default="0 percent",
-    show_default=True,
     help="Error common to all amplitudes of a recording, its scale (standard deviation).",
 )
 def identify(
