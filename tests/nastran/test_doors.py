@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from microvib.cli.modal_options import import_from, modal_options
+from microvib.cli.structures import import_from, modal_options
 from microvib.errors import MicrovibError
 from microvib.io.nastran import read_modal_model
 from microvib.io.scenario_file import catalog_text, load_scenario
@@ -64,12 +64,12 @@ def test_options_of_a_command(tmp_path, frame, write_op2):
     @click.command()
     @modal_options
     def command(**given):
-        model = read_modal_model(path, import_from(path, given, modes=2))
+        model = read_modal_model(path, import_from(path, given))
         click.echo(f"{model.frequency.size} {model.drive_axis} {model.inertia:.6g} {model.damping[0]:g}")
 
     args = ["--units", "mm-t-s", "--interface", "100,-200,300", "--drive-axis", "0,1,0", "--damping", "2 percent"]
     result = CliRunner().invoke(command, args)
-    assert result.output.split() == ["2", "z", f"{frame().about(HOME)[2][4, 4]:.6g}", "0.02"]
+    assert result.output.split() == ["4", "z", f"{frame().about(HOME)[2][4, 4]:.6g}", "0.02"]
     assert import_from(path, {"units": None}) is None
     with pytest.raises(MicrovibError, match=r"interface: .* is not allowed"):
         import_from(path, {"units": "SI", "interface": "here", "drive_axis": "z"})
