@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from microvib.cli import site
+from microvib.cli import docs as site
 from microvib.cli.main import main
 
 ROOT = Path(__file__).parents[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -24,55 +24,62 @@ class SpectrumError(MicrovibError):
     """A spectrum that cannot be had from these samples; says which setting, and what is allowed."""
 
 
-@dataclass(frozen=True)
-class Spectrum:
-    """One-sided amplitude spectrum: a tone on a bin reads its amplitude, zero to peak."""
+@dataclass(frozen=True, repr=False)
+class _Estimate:
+    """What is estimated in bins of frequency, and how."""
 
     frequency: np.ndarray
     """Bins [Hz], (m,)."""
-    amplitude: np.ndarray
-    """Amplitudes in the unit of the signal, (m,)."""
-    window: Window
-    samples: int
-    sample_rate: float
-    """Samples per second [Hz]."""
-    unit: str = "N*m"
-    """Of the signal."""
-
-    @property
-    def resolution(self) -> float:
-        """Distance of the bins [Hz]."""
-        return self.sample_rate / self.samples
-
-    def __repr__(self) -> str:
-        return str(self)
-
-    def __str__(self) -> str:
-        return f"amplitude spectrum, one-sided, 0-to-peak; {_made_by(self.window, self.samples, self.sample_rate, 1)}"
-
-
-@dataclass(frozen=True)
-class Density:
-    """One-sided power spectral density (Welch): its integral over frequency is the mean square."""
-
-    frequency: np.ndarray
-    """Bins [Hz], (m,)."""
-    density: np.ndarray
-    """Unit of the signal squared per Hz, (m,)."""
     window: Window
     segment: int
-    """Samples of one segment."""
-    averages: int
-    overlap: float
+    """Samples that are transformed at a time."""
     sample_rate: float
     """Samples per second [Hz]."""
-    unit: str = "N*m"
+    averages: int = field(default=1, kw_only=True)
+    overlap: float = field(default=0.0, kw_only=True)
+    """Part of a segment that the next one shares."""
+    unit: str = field(default="N*m", kw_only=True)
     """Of the signal."""
 
     @property
     def resolution(self) -> float:
         """Distance of the bins [Hz]."""
         return self.sample_rate / self.segment
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _made(self) -> str:
+        overlapping = f", overlap {100 * self.overlap:g} %" if self.overlap else ""
+        averaging = f"{self.averages} averages" if self.averages > 1 else "no averaging"
+        return (
+            f"{self.window} window, {self.segment} samples at {self.sample_rate:g} Hz, {1.0 / self.resolution:g} s,"
+            f" resolution {self.resolution:g} Hz, {averaging}{overlapping}"
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class Spectrum(_Estimate):
+    """One-sided amplitude spectrum: a tone on a bin reads its amplitude, zero to peak."""
+
+    amplitude: np.ndarray
+    """Amplitudes in the unit of the signal, (m,)."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of the signal."""
+        return self.segment
+
+    def __str__(self) -> str:
+        return f"amplitude spectrum, one-sided, 0-to-peak; {self._made()}"
+
+
+@dataclass(frozen=True, repr=False)
+class Density(_Estimate):
+    """One-sided power spectral density (Welch): its integral over frequency is the mean square."""
+
+    density: np.ndarray
+    """Unit of the signal squared per Hz, (m,)."""
 
     @property
     def cumulative_rms(self) -> np.ndarray:
@@ -105,55 +112,23 @@ class Density:
         """The density that is not in ``background``: powers subtracted, at least 0; for a background that is independent."""
         if background.frequency.shape != self.frequency.shape or background.sample_rate != self.sample_rate:
             raise SpectrumError("the background's density needs the same sample rate and segment as the recording's")
-        rest = np.maximum(self.density - background.density, 0.0)
-        return replace(self, density=rest)
-
-    def __repr__(self) -> str:
-        return str(self)
+        return replace(self, density=np.maximum(self.density - background.density, 0.0))
 
     def __str__(self) -> str:
-        made = _made_by(self.window, self.segment, self.sample_rate, self.averages, self.overlap)
-        return f"power spectral density (Welch), one-sided; {made}"
+        return f"power spectral density (Welch), one-sided; {self._made()}"
 
 
-@dataclass(frozen=True)
-class Waterfall:
+@dataclass(frozen=True, repr=False)
+class Waterfall(_Estimate):
     """Amplitude spectra, one-sided and zero-to-peak, of successive stretches."""
 
     time: np.ndarray
     """Middles of the stretches from the first sample [s], (t,)."""
-    frequency: np.ndarray
-    """Bins [Hz], (m,)."""
     amplitude: np.ndarray
     """Amplitudes in the unit of the signal, (t, m)."""
-    window: Window
-    segment: int
-    overlap: float
-    sample_rate: float
-    """Samples per second [Hz]."""
-    unit: str = "N*m"
-    """Of the signal."""
-
-    @property
-    def resolution(self) -> float:
-        """Distance of the bins [Hz]."""
-        return self.sample_rate / self.segment
-
-    def __repr__(self) -> str:
-        return str(self)
 
     def __str__(self) -> str:
-        made = _made_by(self.window, self.segment, self.sample_rate, 1, self.overlap)
-        return f"waterfall of {self.time.size} amplitude spectra, one-sided, 0-to-peak; each {made}"
-
-
-def _made_by(window: str, samples: int, rate: float, averages: int, overlap: float = 0.0) -> str:
-    overlapping = f", overlap {100 * overlap:g} %" if overlap else ""
-    averaging = f"{averages} averages" if averages > 1 else "no averaging"
-    return (
-        f"{window} window, {samples} samples at {rate:g} Hz, {samples / rate:g} s, resolution {rate / samples:g} Hz,"
-        f" {averaging}{overlapping}"
-    )
+        return f"waterfall of {self.time.size} amplitude spectra, one-sided, 0-to-peak; each {self._made()}"
 
 
 def window_values(name: Window, samples: int) -> np.ndarray:
@@ -168,7 +143,7 @@ def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rect
     """Amplitude spectrum of the mean-free signal ``x`` (n,); 2 |X| / sum of the window."""
     w = window_values(window, x.size)
     X = np.fft.rfft((x - x.mean()) * w)
-    return Spectrum(np.arange(X.size) * sample_rate / x.size, 2.0 * np.abs(X) / w.sum(), window, x.size, sample_rate)
+    return Spectrum(np.arange(X.size) * sample_rate / x.size, window, x.size, sample_rate, 2.0 * np.abs(X) / w.sum())
 
 
 def power_spectral_density(
@@ -187,7 +162,7 @@ def power_spectral_density(
         x, sample_rate, window_values(window, segment), segment, lap, detrend="constant", scaling="density"
     )
     averages = 1 + (x.size - segment) // (segment - lap)
-    return Density(frequency, density, window, segment, averages, lap / segment, sample_rate)
+    return Density(frequency, window, segment, sample_rate, density, averages=averages, overlap=lap / segment)
 
 
 def waterfall(
@@ -200,7 +175,7 @@ def waterfall(
     spectra = [amplitude_spectrum(x[k : k + segment], sample_rate, window) for k in starts]
     middle = (starts + 0.5 * segment) / sample_rate
     amplitude = np.array([s.amplitude for s in spectra])
-    return Waterfall(middle, spectra[0].frequency, amplitude, window, segment, lap / segment, sample_rate)
+    return Waterfall(spectra[0].frequency, window, segment, sample_rate, middle, amplitude, overlap=lap / segment)
 
 
 def _segment(samples: int, sample_rate: float, given: Given | None) -> int:
