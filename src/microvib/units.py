@@ -22,16 +22,7 @@ if TYPE_CHECKING:
 _NUMBER = re.compile(r"\s*([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf))\s*")
 _UNIT = re.compile(r"(1?/)?[A-Za-z_][A-Za-z0-9_*/^.() -]*")
 _EXPONENT = re.compile(r"\^-?\d{1,2}(\.\d{1,2})?(?![\d.^])")
-_PRINTED = (
-    ("^0.5", "^½"),
-    ("^-1", "⁻¹"),
-    ("^2", "²"),
-    ("^3", "³"),
-    ("*", " "),
-    ("deg", "°"),
-    ("ohm", "Ω"),
-    ("percent", "%"),
-)
+_PRINTED = {"^0.5": "^½", "^-1": "⁻¹", "^2": "²", "^3": "³", "*": " ", "deg": "°", "ohm": "Ω", "percent": "%"}
 """Units as they are declared, and as print shows them."""
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _GLUED = r"(?<![A-Za-z_])(da|[GMkhdcmun]?)"
@@ -334,6 +325,6 @@ class Quantity:
 
 def pretty(unit: str) -> str:
     """A unit as print shows it: ``kg*m^2`` becomes ``kg m²``."""
-    for plain, printed in _PRINTED:
+    for plain, printed in _PRINTED.items():
         unit = unit.replace(plain, printed)
     return unit

@@ -37,9 +37,13 @@ def measure(bench: Bench, loads: np.ndarray, twist: np.ndarray, drive_axis: str 
         _through(x, bench.analog_rate, resonance, _table)
     if bench.cross_talk is not None:
         x = np.array(bench.cross_talk) @ x
-    x = _charge_amplifiers(x, bench) + _noise(bench, x.shape[1], rng)
+    if bench.high_pass > 0.0:  # charge amplifiers, reset at the start of the lead
+        x = _butterworth(x - x[:, :1], 1, bench.high_pass, "highpass", bench.analog_rate)
+    x = x + _noise(bench, x.shape[1], rng)
+    if bench.filter_corner is not None:
+        x = _butterworth(x, bench.filter_order, bench.filter_corner, "lowpass", bench.analog_rate)
     notes = [f"virtual bench: {bench.title or 'without a title'}, seed {seed}"]
-    channels = dict(zip(COMPONENTS, _converted(_without_aliases(x, bench), bench, notes), strict=True))
+    channels = dict(zip(COMPONENTS, _converted(x, bench, notes), strict=True))
     units = {name: "N" if name.startswith("F") else "N*m" for name in COMPONENTS}
     return Recording(channels, bench.sample_rate, units, bench.title, tuple(notes))
 
@@ -86,14 +90,10 @@ def _through(x: np.ndarray, rate: float, resonance: Resonance, transfer: Transfe
     row[:] = start + np.fft.irfft(np.fft.rfft(row - start, size) * transfer(s, w, resonance), size)[: row.size]
 
 
-def _charge_amplifiers(x: np.ndarray, bench: Bench) -> np.ndarray:
-    """First-order high-pass, reset at the start of the lead."""
-    if bench.high_pass == 0.0:
-        return x
+def _butterworth(x: np.ndarray, order: int, corner: float, kind: str, rate: float) -> np.ndarray:
     from scipy.signal import butter, sosfilt
 
-    sos = butter(1, bench.high_pass, "highpass", fs=bench.analog_rate, output="sos")
-    return sosfilt(sos, x - x[:, :1], axis=1)
+    return sosfilt(butter(order, corner, kind, fs=rate, output="sos"), x, axis=1)
 
 
 def _noise(bench: Bench, samples: int, rng: np.random.Generator) -> np.ndarray:
@@ -108,15 +108,6 @@ def _noise(bench: Bench, samples: int, rng: np.random.Generator) -> np.ndarray:
     angle = 2.0 * np.pi * bench.mains * np.arange(samples) / rate + rng.uniform(0.0, 2.0 * np.pi, (6, 1))
     pick_up: np.ndarray = np.array([bench.mains_force] * 3 + [bench.mains_torque] * 3)[:, None] * np.sin(angle)
     return white + pick_up
-
-
-def _without_aliases(x: np.ndarray, bench: Bench) -> np.ndarray:
-    if bench.filter_corner is None:
-        return x
-    from scipy.signal import butter, sosfilt
-
-    sos = butter(bench.filter_order, bench.filter_corner, fs=bench.analog_rate, output="sos")
-    return sosfilt(sos, x, axis=1)
 
 
 def _converted(x: np.ndarray, bench: Bench, notes: list[str]) -> np.ndarray:

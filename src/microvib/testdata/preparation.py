@@ -10,7 +10,7 @@ from pydantic import Field
 
 from microvib.model.part import Part, Six
 from microvib.testdata.channels import as_load, is_time, is_unit, load_per, per
-from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
+from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Chain, without_response
 from microvib.units import Quantity
 
@@ -110,19 +110,11 @@ def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
     return recording if not given else recording.noted(f"sensitivity {given}", channels=channels, units=units)
 
 
-def _six(recording: Recording) -> np.ndarray:
-    return np.array([recording.load(name) for name in COMPONENTS])
-
-
-def _with_six(recording: Recording, six: np.ndarray, note: str) -> Recording:
-    return recording.noted(note, channels={**recording.channels, **dict(zip(COMPONENTS, six, strict=True))})
-
-
 def _moved(recording: Recording, r: np.ndarray) -> Recording:
     """Torques about the point ``r`` [m] of the table's frame instead of its origin: M - r x F."""
-    six = _six(recording)
+    six = recording.six()
     six[3:] -= np.cross(r, six[:3], axisb=0, axisc=0)
-    return _with_six(recording, six, f"torques about {r.tolist()} m")
+    return recording.with_six(six, f"torques about {r.tolist()} m")
 
 
 def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:
@@ -137,5 +129,5 @@ def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:
         raise RecordingError(
             f"{recording.title}: axes: {', '.join(axes)} is not a right-handed frame; name each axis once, with signs to suit"
         )
-    six = _six(recording)
-    return _with_six(recording, np.vstack([R @ six[:3], R @ six[3:]]), f"axes {', '.join(axes)}")
+    six = recording.six()
+    return recording.with_six(np.vstack([R @ six[:3], R @ six[3:]]), f"axes {', '.join(axes)}")

@@ -99,6 +99,14 @@ class Recording:
             remedy="prepare",
         )
 
+    def six(self) -> np.ndarray:
+        """The six components, (6, n)."""
+        return np.array([self.load(name) for name in COMPONENTS])
+
+    def with_six(self, six: np.ndarray, note: str) -> Recording:
+        """A copy with other components, which says what was done to them."""
+        return self.noted(note, channels={**self.channels, **dict(zip(COMPONENTS, six, strict=True))})
+
     def mapped(self, names: Mapping[str, str]) -> Recording:
         """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to reverse it."""
         channels, units = {}, {}
@@ -112,9 +120,7 @@ class Recording:
         matrix = np.asarray(matrix, dtype=float)
         if matrix.shape != (6, 6) or not np.all(np.isfinite(matrix)) or np.linalg.cond(matrix) > 1e6:
             raise RecordingError(f"{self.title}: the cross-talk matrix must be 6 x 6, finite and invertible")
-        loads = np.linalg.solve(matrix, np.array([self.load(name) for name in COMPONENTS]))
-        channels = dict(self.channels) | dict(zip(COMPONENTS, loads, strict=True))
-        return self.noted("cross-talk matrix applied", channels=channels)
+        return self.with_six(np.linalg.solve(matrix, self.six()), "cross-talk matrix applied")
 
     def trimmed(self, start: float, stop: float) -> Recording:
         """The part from ``start`` to ``stop`` [s]."""
@@ -179,26 +185,22 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
         raise RecordingError(
             f"{where} is clipped: {clipped} samples in runs at its largest or smallest value, {x.max():.4g}"
         )
-    dropped = _longest_run(np.diff(x) == 0.0)
+    dropped = int(np.max(_runs(np.diff(x) == 0.0), initial=0))
     if dropped >= 8:
         raise RecordingError(f"{where} repeats one value for {dropped + 1} samples; samples were dropped and held")
 
 
 def _clipped(x: np.ndarray) -> int:
     """Samples in runs of three or more at the largest or the smallest value; 0 unless there are several such runs."""
-    total = runs = 0
-    for level in (x.max(), x.min()):
-        at = x == level
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.view(np.int8), [0]])))
-        lengths = edges[1::2] - edges[::2]
-        long = lengths[lengths >= 3]
-        total, runs = total + int(long.sum()), runs + long.size
-    return total if runs >= 2 else 0
+    runs = np.concatenate([_runs(x == level) for level in (x.max(), x.min())])
+    long = runs[runs >= 3]
+    return int(long.sum()) if long.size >= 2 else 0
 
 
-def _longest_run(flags: np.ndarray) -> int:
+def _runs(flags: np.ndarray) -> np.ndarray:
+    """Lengths of the runs of what is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
-    return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+    return edges[1::2] - edges[::2]
 
 
 def regular_rate(t: np.ndarray) -> tuple[float, str]:
