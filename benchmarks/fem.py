@@ -24,7 +24,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 def microvib(A: Any) -> Solve:
     """SuperLU told that the matrix is symmetric, as microvib calls it."""
-    from microvib.structures.fem.eigen import factorise
+    from microvib.structures.fem.modes import factorise
 
     solve: Solve = factorise(A)
     return solve
@@ -79,7 +79,7 @@ def one(name: str, mesh: float, count: int = 20) -> dict[str, Any]:
     from microvib.io.modal_sources import load_design
     from microvib.structures.fem.array_mesh import structure_of
     from microvib.structures.fem.assembly import assemble
-    from microvib.structures.fem.eigen import SHIFT
+    from microvib.structures.fem.modes import SHIFT
 
     design = load_design("reference-array").model_copy(update={"mesh": mesh})
     times, cpu = [time.perf_counter()], time.process_time()
@@ -142,7 +142,7 @@ def plate(element: Any, data: Any, probe: Any, n: int, p: Any) -> tuple[float, i
     import scipy.sparse as sp
     from pyfe3d import DOUBLE, INT
 
-    from microvib.structures.fem.eigen import lowest_modes
+    from microvib.structures.fem.modes import lowest_modes
 
     x = np.linspace(0.0, 1.0, n + 1)
     xyz = np.array([(a, b, 0.0) for a in x for b in x])

@@ -12,8 +12,7 @@ from microvib.io.recordings import read_prepared, read_recording, write_recordin
 from microvib.io.scenario_file import bench_names, load_bench
 from microvib.signals.spectrum import tone_amplitude
 from microvib.studies.measure import measure as measure_scenario
-from microvib.testdata.bench import GRAVITY, measure
-from microvib.testdata.bench_design import Bench, Resonance, Rope
+from microvib.testdata.bench import GRAVITY, Bench, Resonance, Rope, measure
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import COMPONENTS
 

@@ -17,7 +17,7 @@ from support.scenarios import baseline
 import microvib as mv
 from microvib.cli.streams import status_of
 from microvib.errors import MicrovibError, OptionError, OutputError
-from microvib.io.results import RUN_FILES, write_folder
+from microvib.io.writing import RUN_FILES, write_folder
 
 SHORT = ["--set", "record.settle=1 s", "--set", "record.duration=4 s"]
 

@@ -11,7 +11,7 @@ from microvib.model.expected import expected_lines
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.spectrum import power_spectral_density, waterfall
 from microvib.studies.rates import at_rate, plan_rates, rate_grid
-from microvib.testdata.bench_design import Bench
+from microvib.testdata.bench import Bench
 from microvib.testdata.preparation import Preparation
 from microvib.units import Si
 

@@ -9,8 +9,7 @@ from support.scenarios import in_si
 from microvib.errors import MicrovibError
 from microvib.io.recordings import load_preparation, read_prepared, write_recording
 from microvib.signals.spectrum import power_spectral_density, tone, tone_amplitude
-from microvib.testdata.bench import measure
-from microvib.testdata.bench_design import Bench
+from microvib.testdata.bench import Bench, measure
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import response

@@ -24,10 +24,9 @@ import pytest
 from microvib.io.writing import workspace
 from microvib.web.jobs.store import Store
 from microvib.web.jobs.worker import without_folders
-from microvib.web.server.access import Access
+from microvib.web.server.access import Access, opening_file
 from microvib.web.server.application import create_app
 from microvib.web.server.connection import Server, configuration
-from microvib.web.server.entrance import opening_file
 from microvib.web.server.limits import Limits
 
 pytestmark = pytest.mark.long

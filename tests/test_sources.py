@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from microvib.errors import MicrovibError
-from microvib.io.line_files import PaperLines
 from microvib.io.recordings import Prepared, write_recording
 from microvib.io.scenario_file import catalog_text
 from microvib.io.sources import RunFolder, open_source
+from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.testdata.preparation import Preparation

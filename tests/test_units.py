@@ -134,7 +134,7 @@ def _declared():
         "structures.deck",
         "structures.simulator_design",
         "studies.campaign.study_file",
-        "testdata.bench_design",
+        "testdata.bench",
         "testdata.preparation",
     ):
         importlib.import_module(f"microvib.{module}")

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from microvib.errors import OutputError
-from microvib.io.results import check_folder, write_folder
-from microvib.io.writing import clear, workspace, write_file, write_files
+from microvib.io.writing import check_folder, clear, workspace, write_file, write_files, write_folder
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="locks and signals of POSIX")
 KILLED = """

@@ -19,8 +19,7 @@ from support.scenarios import baseline
 from microvib.io.scenario_file import dump_scenario
 from microvib.reports.document import Document, Live, Section
 from microvib.reports.rendering import html
-from microvib.web.server.access import Access
-from microvib.web.server.entrance import opening_file
+from microvib.web.server.access import Access, opening_file
 
 pytestmark = PAGE
 

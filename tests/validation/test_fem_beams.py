@@ -8,8 +8,7 @@ from support.scenarios import in_si
 from microvib.structures.array_design import Yoke
 from microvib.structures.fem.array_mesh import tube_section
 from microvib.structures.fem.assembly import assemble
-from microvib.structures.fem.eigen import lowest_modes
-from microvib.structures.fem.modes import solve
+from microvib.structures.fem.modes import lowest_modes, solve
 from microvib.structures.fem.structure import Link, Lump, Mesh, Section, Spring
 
 E, G, RHO = 70e9, 26.3e9, 2700.0

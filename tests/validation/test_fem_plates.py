@@ -11,7 +11,7 @@ from pyfe3d.shellprop_utils import isotropic_plate, laminated_plate
 from scipy.linalg import eigh
 
 from microvib.structures.fem.assembly import assemble
-from microvib.structures.fem.eigen import lowest_modes
+from microvib.structures.fem.modes import lowest_modes
 from microvib.structures.fem.structure import Mesh
 
 A, B = 1.2, 0.9

@@ -122,7 +122,7 @@ def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None 
         @report_options
         @wraps(command)
         def with_target(*arguments: Any, out: Path | None, overwrite: bool, form: Form, **options: Any) -> None:
-            from microvib.io.results import check_folder, free_folder
+            from microvib.io.writing import check_folder, free_folder
 
             out = free_folder(folder(options)) if out is None and folder is not None else out
             if out is not None:

@@ -39,7 +39,7 @@ def run(
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.limits import Limit, judge
-    from microvib.io.results import check_folder, free_folder
+    from microvib.io.writing import check_folder, free_folder
     from microvib.reports.run.folder import run_scenario
 
     if form.pdf and lines_only:

@@ -17,7 +17,7 @@ from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, scenario_from, set_key
 from microvib.model.sentences import validated
-from microvib.testdata.bench_design import Bench
+from microvib.testdata.bench import Bench
 from microvib.units import convert
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from microvib.io.results import write_folder
-from microvib.io.writing import Writer
+from microvib.io.writing import Writer, write_folder
 from microvib.reports.document import Block, Document, Form, Table
 from microvib.reports.fonts import fallback_for, package_fonts
 from microvib.reports.typography import typeset

@@ -12,10 +12,10 @@ import numpy as np
 
 from microvib.analysis.lines import lines, lines_of_recording
 from microvib.errors import MicrovibError, expect
-from microvib.io.line_files import PaperLines
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
+from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress

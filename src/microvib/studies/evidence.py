@@ -11,9 +11,9 @@ import numpy as np
 from microvib.analysis.lines import lines_of_recording
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.formats import READERS
-from microvib.io.line_files import PaperLines
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
+from microvib.io.tables import PaperLines
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, LineTable

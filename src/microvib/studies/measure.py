@@ -8,8 +8,8 @@ from microvib.model.scenario import Scenario
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
+from microvib.testdata.bench import Bench
 from microvib.testdata.bench import measure as record
-from microvib.testdata.bench_design import Bench
 from microvib.testdata.recording import COMPONENTS, Recording
 
 _NEEDED = ("T_d", "theta_l", "alpha_l", "eta", "eta_rate")

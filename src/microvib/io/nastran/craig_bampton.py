@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from microvib.io.nastran.library import lines_of, located, pyyeti, rigid_motion
-from microvib.io.nastran.punched import read_punched
+from microvib.io.nastran.printed import read_punched
 from microvib.structures.deck import ORIGIN, Deck, Import, Point
 from microvib.structures.modal import ModalError, natural_frequency
 

@@ -12,10 +12,10 @@ from typing import Any
 from microvib.analysis.limits import Limit
 from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError, expect
-from microvib.io.results import check_room, write_folder
 from microvib.io.runs import lines_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import to_json
+from microvib.io.writing import check_room, write_folder
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Form
 from microvib.solve.integration import Progress

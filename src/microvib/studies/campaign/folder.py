@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.results import write_folder
 from microvib.io.scenario_file import dump_part, dump_scenario
 from microvib.io.tables import package_versions, to_json
-from microvib.io.writing import write_file
+from microvib.io.writing import write_file, write_folder
 from microvib.studies.campaign.cases import Chunk, Label, Work
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.manifest import MANIFEST, SAMPLES, SCENARIO, STUDY, Manifest

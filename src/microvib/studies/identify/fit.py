@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.errors import MicrovibError, OptionError, expect
-from microvib.io.line_files import PaperLines
 from microvib.io.recordings import Prepared
+from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Simulated, evidence_of

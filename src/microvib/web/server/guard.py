@@ -12,8 +12,7 @@ from typing import Any
 
 from starlette.requests import ClientDisconnect
 
-from microvib.web.server.access import Access
-from microvib.web.server.entrance import inside, leads_in, token_of
+from microvib.web.server.access import Access, inside, leads_in, token_of
 from microvib.web.server.limits import Limits
 
 Scope = MutableMapping[str, Any]

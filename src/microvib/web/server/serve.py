@@ -19,10 +19,9 @@ from microvib.errors import OptionError
 from microvib.io.writing import workspace
 from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
-from microvib.web.server.access import Access
+from microvib.web.server.access import Access, opening_file
 from microvib.web.server.application import create_app
 from microvib.web.server.connection import WAITING, Server, configuration
-from microvib.web.server.entrance import opening_file
 from microvib.web.server.limits import Limits
 
 
