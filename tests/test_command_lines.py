@@ -30,7 +30,7 @@ NOT_RUN = {
     "-m pytest": "this is one of its tests",
     "microvib serve": "serves until it is stopped; tests/test_serve.py starts and stops it",
     "curl ": "asks a server that runs; tests/test_serve.py asks",
-    "/shared/batch": "a cluster with Slurm; tests/test_campaign.py looks at what it is given",
+    "/shared/batch": "a cluster with Slurm; tests/campaign/test_killed.py looks at what it is given",
     "microvib identify state-1 paper": "minutes, as its page says; tests/test_studies.py identifies",
 }
 """Lines that are left out, by words that they have, and why."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,7 @@ def _text(f: Any, name: str, dim: str, values: np.ndarray, meaning: str) -> None
 
 @dataclass(frozen=True)
 class Results:
-    """Merged results, read column by column."""
+    """Merged results, read column by column; what each column is looked up by is read once."""
 
     campaign: Campaign
     path: Path
@@ -166,12 +167,12 @@ class Results:
             root.members()  # none of them leads out of the file, where xarray would follow
         return xr.open_dataset(self.path, engine="h5netcdf")
 
-    @property
+    @cached_property
     def lines(self) -> tuple[str, ...]:
         """Names of the lines."""
         return tuple(self._texts("line"))
 
-    @property
+    @cached_property
     def state(self) -> np.ndarray:
         """MISSING, DONE or FAILED of each case, (cases,)."""
         return self._read("state")

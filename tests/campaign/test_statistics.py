@@ -1,0 +1,182 @@
+"""What a campaign says of its lines: distributions by level, effects, worst cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.campaigns import EVERYTHING, SHORT, Fragile, computed, made, spread, study
+
+from microvib.reports.campaign.report import campaign_report, summarise
+from microvib.reports.campaign.text import report_text
+from microvib.reports.document import Table
+from microvib.reports.rendering import html
+from microvib.studies.campaign.design import design
+from microvib.studies.campaign.effects import _first_and_total, sobol, tornado
+from microvib.studies.campaign.results import MISSING, merge, open_results
+from microvib.studies.campaign.run import compute_missing
+from microvib.studies.campaign.statistics import (
+    ANY,
+    at_any_level,
+    draws_needed,
+    governing,
+    largest_line,
+    line_statistics,
+    proportion,
+    quantile,
+    worst_cases,
+)
+
+
+def test_levels_are_never_pooled(tmp_path):
+    """Five rates and eight draws: always above the limit at one rate, never at the others. A pooled figure would say 20 %."""
+    rates = {"tracking.rate": [f"{x} deg/s" for x in (0.04, 0.05, 0.06, 0.07, 0.08)]}
+    some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
+    results = computed(tmp_path, study(vary=rates | some, sampling={"method": "random", "count": 8}))
+    top = largest_line(results, EVERYTHING).reshape(5, 8)
+    worst = int(top.min(axis=1).argmax())
+    limit = 0.5 * (top[worst].min() + np.delete(top, worst, axis=0).max())
+    assert top[worst].min() > limit > np.delete(top, worst, axis=0).max()  # between the worst rate and the others
+    rows = [row for row in line_statistics(results, limit, EVERYTHING) if row.line == ANY]
+    assert [row.above for row in rows] == [8 * (k == worst) for k in range(5)]
+    assert [row.unknown for row in rows] == [8 * (k != worst) for k in range(5)]  # another limit than the study's
+    assert {row.level.draws for row in rows} == {8}
+    assert rows[worst].exceedance.low == pytest.approx(0.025 ** (1 / 8))  # of eight draws, not of forty
+    assert (at_any_level(results, limit, EVERYTHING).above, at_any_level(results, limit, EVERYTHING).draws) == (8, 8)
+
+
+def test_of_levels_alone_no_probability_is_told(tmp_path):
+    results = computed(tmp_path, study(vary={"driver.microsteps": [4, 8, 16, 32]}))
+    rows = [row for row in line_statistics(results, 1e-9, EVERYTHING) if row.line == ANY]
+    assert [row.above for row in rows] == [1, 1, 1, 1]
+    assert all(row.exceedance is None and np.isnan(row.median.value) for row in rows)
+    assert at_any_level(results, 1e-9, EVERYTHING) is None
+    summary = summarise(results, 1e-9, EVERYTHING)
+    assert " % (" not in report_text(summary)
+
+
+def test_cases_that_could_not_be_judged_are_neither_above_nor_below(tmp_path):
+    some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
+    low = {"set": SHORT | {"record.sample_rate": "100 Hz"}, "sampling": {"method": "random", "count": 8}}
+    results = computed(tmp_path, study(vary=some, limit="1 mN*m", band="60:400 Hz", **low))
+    row = line_statistics(results, 1e-3, (60.0, 400.0))
+    assert row == [] or (row[0].above, row[0].unknown) == (0, 8)
+    any_level = at_any_level(results, 1e-3, (60.0, 400.0))
+    assert (any_level.above, any_level.unknown) == (0, 8)
+    assert (any_level.exceedance.low, any_level.exceedance.high) == (0.0, 1.0)
+
+
+def test_a_percentile_needs_draws_that_bound_it():
+    x = np.random.default_rng(1).random(400)
+    for q, least in ((0.5, 6), (0.95, 72), (0.99, 368)):
+        assert draws_needed(q) == least
+        assert np.isnan(quantile(x[: least - 1], q).value)
+        assert np.isfinite([quantile(x[:least], q).low, quantile(x[:least], q).high]).all()
+
+
+def test_quantile_intervals_cover_as_often_as_they_say():
+    rng = np.random.default_rng(5)
+    covered = [(e := quantile(rng.exponential(size=400), 0.95)).low <= -np.log(0.05) <= e.high for _ in range(400)]
+    assert 0.92 <= np.mean(covered) <= 0.99
+    assert np.isnan(quantile(rng.random(50), 0.99).high)  # fifty cases do not bound it
+
+
+def test_proportions():
+    none = proportion(0, 100)
+    assert (none.value, none.low) == (0.0, 0.0)
+    assert none.high == pytest.approx(1.0 - 0.025 ** (1 / 100))  # the exact bound
+
+
+def test_sobol_indices_of_a_function_with_known_ones():
+    """Ishigami's function: S = 0.3139, 0.4424, 0; S_T = 0.5576, 0.4424, 0.2437."""
+    n, d = 4096, 3
+    keys = ("motor.current", "reducer.stiffness", "array.inertia")
+    some = {key: {"distribution": "normal", "relative_deviation": "1 percent"} for key in keys}
+    made = design(study(vary=some, sampling={"method": "sobol-indices", "count": n}))
+    u = np.column_stack([x._frozen().cdf(made.samples[:, k]) for k, x in enumerate(made.uncertain)])
+    x = np.pi * (2.0 * u - 1.0)
+    f = np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+    first, total = _first_and_total(f.reshape(1, d + 2, n), n)
+    np.testing.assert_allclose(first, [0.3139, 0.4424, 0.0], atol=0.02)
+    np.testing.assert_allclose(total, [0.5576, 0.4424, 0.2437], atol=0.02)
+
+
+@pytest.fixture(scope="module")
+def sixteen(tmp_path_factory):
+    """Results of eight draws at each of two levels."""
+    return computed(tmp_path_factory.mktemp("sixteen"), spread(count=8))
+
+
+def test_statistics_worst_cases_and_exceedance(sixteen):
+    results = sixteen
+    rows = {(row.level.number, row.line): row for row in line_statistics(results, 1e-9, EVERYTHING)}
+    drive = results.of("drive_1")
+    for level in (0, 1):
+        row, own = rows[level, "drive_1"], drive.reshape(2, 8)[level]
+        assert row.median.value == pytest.approx(np.median(own))
+        assert row.worst == 8 * level + int(np.argmax(own))
+        assert (row.count, row.above, row.exceedance.value) == (8, 8, 1.0)
+        assert row.level.text == f"driver.microsteps {(8, 16)[level]}"
+    assert governing(list(rows.values()))[0].worst == worst_cases(results, ANY, EVERYTHING)[0][0]
+    assert worst_cases(results, "drive_1", EVERYTHING)[0] == (int(np.argmax(drive)), drive.max())
+    band = line_statistics(results, None, (0.0, 5.0))
+    assert all(row.line == ANY or row.frequency[1] <= 5.0 for row in band)
+    data = results.dataset
+    assert dict(data.sizes) == {"case": 16, "line": len(results.lines)}
+    assert data["reducer.stiffness"].attrs["units"] == "N*m/rad"
+    data.close()
+
+
+def test_the_report_has_the_worst_cases_as_a_table(sixteen):
+    results = sixteen
+    summary = summarise(results, None, EVERYTHING)
+    document = campaign_report(summary, {})
+    section = next(x for x in document.sections if x.title == "Worst cases")
+    worst, of_lines = [x for x in section.blocks if isinstance(x, Table)]
+    cases = [case for case, _ in summary.worst[ANY]]
+    assert [c.title for c in worst.columns] == ["what", "unit", *(f"case {k}" for k in cases), "scenario"]
+    cells = {row.cells[0]: row.cells[1:] for row in worst.rows}
+    assert float(cells["largest line"][1]) == pytest.approx(1e3 * summary.worst[ANY][0][1], rel=1e-3)
+    stiffness = results.scalar("reducer.stiffness")
+    assert cells["reducer.stiffness"][0] == "N m/rad"
+    assert [float(x) for x in cells["reducer.stiffness"][1:-1]] == pytest.approx(stiffness[cases], rel=1e-3)
+    assert cells["reducer.stiffness"][-1] == f"{results.campaign.design.base.reducer.stiffness:.4g}"
+    assert {row.cells[0] for row in of_lines.rows} == set(summary.worst)
+    assert str(results.campaign.folder.parent) not in html(document)
+
+
+def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):
+    campaign = made(tmp_path, spread(), chunk=3)
+    compute_missing(campaign, Fragile(), shard=(0, 2))
+    merge(campaign)
+    results = open_results(campaign)
+    assert int(np.sum(results.state == MISSING)) == 6
+    assert [row.count for row in line_statistics(results, None, EVERYTHING) if row.line == ANY] == [3, 3]
+    assert {row.level.failed for row in line_statistics(results, None, EVERYTHING)} == {3}
+
+
+def test_effects_one_at_a_time_are_those_of_the_cases(tmp_path):
+    results = computed(tmp_path, spread(sampling={"method": "one-at-a-time"}, vary={
+        "reducer.stiffness": {"distribution": "uniform", "within": "20 percent"},
+        "array.inertia": {"distribution": "uniform", "within": "1 percent"},
+    }))  # fmt: skip
+    found = tornado(results, "drive_1", EVERYTHING)
+    drive = results.of("drive_1")
+    by_key = {e.key: (e.low, e.high) for e in found.effects}
+    assert by_key == {"reducer.stiffness": (drive[1], drive[2]), "array.inertia": (drive[3], drive[4])}
+    assert found.effects[0].key == "reducer.stiffness"
+    assert line_statistics(results, None, EVERYTHING) == []
+
+
+def test_effects_of_a_sample_and_sobol_indices_name_what_matters(tmp_path):
+    keys = {
+        "reducer.stiffness": {"distribution": "uniform", "within": "20 percent"},
+        "array.inertia": {"distribution": "uniform", "within": "0.1 percent"},
+    }
+    settled = {"record.settle": "3 s", "record.duration": "2 s", "record.sample_rate": "1024 Hz"}
+    results = computed(tmp_path, study(vary=keys, set=settled, sampling={"method": "sobol-indices", "count": 8}))
+    found = tornado(results, "drive_2", EVERYTHING)
+    assert found.effects[0].key == "reducer.stiffness"
+    assert found.explained > 0.8
+    indices = sobol(results, "drive_2", EVERYTHING)
+    assert indices.total[0].value > 10 * abs(indices.total[1].value)
+    assert sobol(results, "drive_2", EVERYTHING) == indices  # the bootstrap too
