@@ -19,7 +19,7 @@ import numpy as np
 from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
 from microvib.signals.clock import agreeing, estimate_clock_ratio
-from microvib.signals.line_search import FALLS, Found, search
+from microvib.signals.line_search import FALLS, search
 from microvib.signals.line_table import DETECTION, FAINT, Figures, LineTable, Rest, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.spectrum import tone_amplitude
@@ -48,17 +48,15 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
     If none are expected, all that stand out are found, without names. If the bands of the clock's lines have a width, the clock is
     searched within them; otherwise it is known, as in a simulation.
     """
-    spectrum, found, ratio = _fitted(x, sample_rate, expected)
-    joint, searched = found.joint, _is_searched(expected)
+    joint, refused, ratio = _fitted(x, sample_rate, expected)
+    searched = _is_searched(expected)
     spread, ratio_spread = uncertainties(joint, ratio if searched else None)
     ratio_spread = ratio_spread if searched or ratio is None else 0.0
-    refused = found.refused | _not_apart(joint, spread)
-    others = _others(joint, spread, Orders.of(expected, ratio))
-    rows = _figures(expected, joint, refused).rows(_placed(spread, expected, joint.tones))
-    rows += _figures([line for line, _ in others], joint, {}, [tone for _, tone in others]).rows(
-        _placed(spread, [tone for _, tone in others], joint.tones)
-    )
-    return LineTable(rows, ratio, ratio_spread, spectrum.samples, sample_rate, rest=_left(joint.rest))
+    refused |= _not_apart(joint, spread)
+    joint, others = _named(joint, spread, Orders.of(expected, ratio))
+    lines = (*expected, *others)
+    rows = _figures(lines, joint, refused).rows(_placed(spread, lines, joint.tones))
+    return LineTable(rows, ratio, ratio_spread, joint.spectrum.samples, sample_rate, rest=_left(joint.rest))
 
 
 def _left(rest: HannSpectrum) -> Rest:
@@ -83,15 +81,19 @@ def figures_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence
         replace(line, low=line.frequency, high=line.frequency) if line.kind != "array mode" else line
         for line in expected
     ]
-    _, found, _ = _fitted(x, sample_rate, known, everywhere=False)
-    return _figures(expected, found.joint, found.refused)
+    joint, refused, _ = _fitted(x, sample_rate, known, everywhere=False)
+    return _figures(expected, joint, refused)
 
 
 def _fitted(
     x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], everywhere: bool = True
-) -> tuple[HannSpectrum, Found, float | None]:
-    """The one recipe: the clock, known or searched; what else stands in the record; all that is near each other together."""
-    spectrum = _spectrum(x, sample_rate)
+) -> tuple[Joint, dict[str, str], float | None]:
+    """The one recipe: the clock, known or searched; what else stands in the record; all that is near each other together.
+
+    The fit, the names of lines without figures of their own with the reason, and the clock ratio.
+    """
+    x = np.asarray(x, dtype=float)
+    spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
     wanted, refused = _sort_out(expected, spectrum.duration)
     clock = [line for line in wanted if line.kind != "array mode"]
     modes, left_out = _largest([line for line in wanted if line.kind == "array mode"], spectrum)
@@ -100,15 +102,15 @@ def _fitted(
     ratio = (estimate_clock_ratio(clock, spectrum) if searched else 1.0) if clock else None
     for _ in range(_ROUNDS):
         orders = Orders.of(expected, ratio)
-        found = search(Joint.of(spectrum, steady(clock, ratio or 1.0)), modes, orders, everywhere=everywhere)
-        tones = found.joint.tones
+        joint, hidden = search(Joint.of(spectrum, steady(clock, ratio or 1.0)), modes, orders, everywhere=everywhere)
+        tones = joint.tones
         if not searched or ratio is None:
             break
         before = ratio
-        tones, ratio = moved(tones, spectrum, before, _telling(found.joint, clock, before))
+        tones, ratio = moved(tones, spectrum, before, _telling(joint, clock, before))
         if abs((ratio or 0.0) - before) * max(line.frequency for line in clock) * spectrum.duration < _STILL:
             break
-    return spectrum, Found(Joint.of(spectrum, tones), refused | found.refused), ratio
+    return Joint.of(spectrum, tones), refused | hidden, ratio
 
 
 def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
@@ -121,11 +123,6 @@ def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.nd
 
 def _is_searched(expected: Sequence[ExpectedLine]) -> bool:
     return any(line.high > line.low for line in expected if line.kind != "array mode")
-
-
-def _spectrum(x: np.ndarray, sample_rate: float) -> HannSpectrum:
-    x = np.asarray(x, dtype=float)
-    return HannSpectrum.of(x - x.mean(), sample_rate)
 
 
 def with_background(table: LineTable, background: np.ndarray) -> LineTable:
@@ -157,7 +154,7 @@ def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
         apart = np.abs(tones.frequency - tones.frequency[i]) * duration
         near = [j for j in np.argsort(apart, kind="stable").tolist() if j != i and apart[j] < NEAR]
         larger = next((tones.lines[j] for j in near if sizes[j] > sizes[i]), None)
-        if larger is not None and spread.amplitude[i] > _WORSE * _alone(joint, i):
+        if larger is not None and spread.amplitude[i] > _WORSE * uncertainties(joint.alone(i))[0].amplitude[0]:
             why[tones.lines[i].name] = f"not separable from {AN_OTHER if larger.kind == 'other' else larger.name}"
         elif more[i] and tones.clock[i]:
             why[tones.lines[i].name] = f"not separable from {AN_OTHER} within a bin, or not steady"
@@ -166,21 +163,16 @@ def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
     return why
 
 
-def _alone(joint: Joint, i: int) -> float:
-    """Standard uncertainty of the amplitude of tone ``i`` if there were no other."""
-    return float(uncertainties(joint.alone(i))[0].amplitude[0])
-
-
-def _others(joint: Joint, spread: Uncertainty, orders: Orders | None) -> list[tuple[ExpectedLine, ExpectedLine]]:
-    """Unlisted lines, the strongest first, with their place among the clock's orders; beside each the line of its tone."""
+def _named(joint: Joint, spread: Uncertainty, orders: Orders | None) -> tuple[Joint, list[ExpectedLine]]:
+    """The fit with names of unlisted lines and their place among the clock's orders, and these lines, the strongest first."""
     tones, duration = joint.tones, joint.spectrum.duration
+    lines = list(tones.lines)
     mine = [i for i in np.argsort(-joint.sizes, kind="stable").tolist() if tones.lines[i].kind == "other"]
-    named = []
     for number, i in enumerate(mine, 1):
         frequency, within = float(tones.frequency[i]), max(3.0 * float(spread.frequency[i]), 0.02 / duration)
         origin = (orders.name(frequency, within) or "no simple order of the driving frequency") if orders else ""
-        named.append((replace(tones.lines[i], name=f"other_{number}", origin=origin), tones.lines[i]))
-    return named
+        lines[i] = replace(lines[i], name=f"other_{number}", origin=origin)
+    return replace(joint, tones=replace(tones, lines=tuple(lines))), [lines[i] for i in mine]
 
 
 def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[ExpectedLine], dict[str, str]]:
@@ -219,18 +211,13 @@ def _largest(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> tuple[lis
     }
 
 
-def _figures(
-    expected: Sequence[ExpectedLine], joint: Joint, refused: dict[str, str], of: Sequence[ExpectedLine] | None = None
-) -> Figures:
-    """Figures of the tones and of the lines that are ``refused`` for a reason, which are nan but for the nearest bin.
-
-    ``of`` are the lines by which the tones know the ``expected`` ones, where these have been renamed.
-    """
+def _figures(expected: Sequence[ExpectedLine], joint: Joint, refused: dict[str, str]) -> Figures:
+    """Figures of the tones and of the lines that are ``refused`` for a reason, which are nan but for the nearest bin."""
     tones, rest, duration = joint.tones, joint.rest, joint.spectrum.duration
     fold = tones.decay * duration
     size, floor = joint.sizes, rest.floors(tones.frequency)
     status = _statuses(tones, size, floor, fold)
-    order = _order(of or expected, tones)
+    order = _order(expected, tones)
     hidden = [refused.get(line.name, FAINT) != FAINT for line in expected]
     order = np.where(np.array(hidden, dtype=bool), len(tones), order)
     frequency = _at(tones.frequency, order)
@@ -238,7 +225,7 @@ def _figures(
     bins = np.minimum(np.rint(np.where(np.isnan(frequency), wanted, frequency) * duration), rest.values.size - 1)
     return Figures(
         expected=tuple(expected),
-        status=tuple(refused.get(x.name) or status[t.name] for x, t in zip(expected, of or expected, strict=True)),
+        status=tuple(refused.get(line.name) or status[line.name] for line in expected),
         frequency=frequency,
         amplitude=_at(size, order),
         phase=_at(np.angle(joint.amplitudes), order),

@@ -7,7 +7,7 @@ residual, until no peak stands out of the noise floor.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,19 +32,14 @@ _MISFIT = 0.3
 """Fraction of a decaying tone that may be misfit: with friction, a mode does not ring down exactly exponentially."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """The joint fit of everything found, and the reasons why some modes have no figures of their own."""
-
-    joint: Joint
-    refused: dict[str, str]
-
-
-def search(joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *, everywhere: bool = True) -> Found:
+def search(
+    joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *, everywhere: bool = True
+) -> tuple[Joint, dict[str, str]]:
     """Find ``modes`` and unexpected lines in the residual of ``joint``, the fit of the clock's lines; the strongest first.
 
     If there are expected lines, unexpected ones are only sought with ``orders``, which tell them from lines of the clock. Without
-    ``everywhere`` they are only sought near other lines.
+    ``everywhere`` they are only sought near other lines. The joint fit of everything found, and by their names the reasons why some
+    modes have no figures of their own.
     """
     return _Search(joint, modes, orders, everywhere).found()
 
@@ -67,19 +62,19 @@ class _Search:
                 near[max(centre - REACH, 0) : centre + REACH + 1] = True
             self.barred |= ~near
 
-    def found(self) -> Found:
+    def found(self) -> tuple[Joint, dict[str, str]]:
         for _ in range(_ATTEMPTS):
             k = self._highest()
             if k is None:
                 break
-            group = next((g for g in self.groups if any(_holds(line, k, self.duration) for line in g)), None)
+            group = next((g for g in self.groups if any(self._holds(line, k) for line in g)), None)
             if group is not None:
                 self._fit_modes(group)
             elif not self._fit_other(k):
                 self.barred[max(k - 4, 0) : k + 5] = True
         for group in list(self.groups):
             self._fit_modes(group)
-        return Found(self.joint, self.refused)
+        return self.joint, self.refused
 
     def _highest(self) -> int | None:
         """Bin of the highest peak of the residual that stands out of the floor; None if none does."""
@@ -136,15 +131,16 @@ class _Search:
     def _rename(self, modes: list[ExpectedLine]) -> None:
         """Array modes need evidence: decay, or a frequency off every simple order of the clock. Others become unexpected lines."""
         for line in modes:
-            i = self._place(line.name)
+            i = [other.name for other in self.joint.tones.lines].index(line.name)
             spread = self._spread(self.joint, i)
             fold = abs(self.joint.tones.decay[i]) * self.duration
             if self.orders is None or fold > max(0.05, 3.0 * spread.decay[0] * self.duration):
                 continue
-            name = self.orders.name(float(self.joint.tones.frequency[i]), self._within(spread.frequency[0]))
+            frequency = float(self.joint.tones.frequency[i])
+            name = self.orders.name(frequency, max(3.0 * spread.frequency[0], 0.02 / self.duration))
             if name is not None:
                 self.refused[line.name] = f"not separable from {name}"
-                self._put(i, self._other(float(self.joint.tones.frequency[i])))
+                self._put(i, self._other(frequency))
 
     def _fit_other(self, k: int) -> bool:
         """Fit an unexpected line at bin ``k``, on the nearest order of the clock or anywhere; False if none fits."""
@@ -187,36 +183,24 @@ class _Search:
         misfit = (apart < REACH) & tones.falls & (sizes[i] < _MISFIT * sizes)
         return bool(np.any(apart < _ALIKE) or np.any(misfit))
 
-    def _hold(self, i: int) -> None:
-        """Fit tone ``i`` again as a steady one."""
+    def _put(self, i: int, line: ExpectedLine) -> None:
+        """Assign tone ``i`` to another line, and fit it again as a steady one."""
         tones = self.joint.tones
-        line, frequency = tones.lines[i], float(tones.frequency[i])
         keep = np.arange(len(tones)) != i
         local = self.joint.rest.without(tones.only(~keep), -self.joint.amplitudes[~keep])
         without = Joint(self.joint.spectrum, tones.only(keep), self.joint.amplitudes[keep], local)
-        free = falling([line], np.array([frequency]), np.zeros(1))
+        free = falling([line], tones.frequency[~keep], np.zeros(1))
         self.joint = without.with_tones(replace(free, falls=np.zeros(1, dtype=bool)))
-
-    def _put(self, i: int, line: ExpectedLine) -> None:
-        """Assign tone ``i`` to another line, as a steady tone."""
-        lines = list(self.joint.tones.lines)
-        lines[i] = line
-        self.joint = replace(self.joint, tones=replace(self.joint.tones, lines=tuple(lines)))
-        self._hold(i)
 
     def _other(self, frequency: float) -> ExpectedLine:
         bin_ = 1.0 / self.duration
         return ExpectedLine(f"other at {frequency!r}", "other", frequency, frequency - bin_, frequency + bin_, "")
 
-    def _place(self, name: str) -> int:
-        return next(i for i, line in enumerate(self.joint.tones.lines) if line.name == name)
-
     def _spread(self, fit: Joint, i: int) -> Uncertainty:
         return uncertainties(fit.alone(i))[0]
 
-    def _within(self, spread: float) -> float:
-        """How far [Hz] a frequency of this standard uncertainty may be from an order and still count as on it."""
-        return max(3.0 * spread, 0.02 / self.duration)
+    def _holds(self, line: ExpectedLine, k: int) -> bool:
+        return line.low * self.duration - 1.5 <= k <= line.high * self.duration + 1.5
 
 
 def _groups(modes: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:
@@ -243,7 +227,3 @@ def _parted(row: list[ExpectedLine]) -> list[list[ExpectedLine]]:
     gaps = np.diff([line.frequency for line in row])[least - 1 : len(row) - least]
     cut = least + int(np.argmax(gaps))
     return [*_parted(row[:cut]), *_parted(row[cut:])]
-
-
-def _holds(line: ExpectedLine, k: int, duration: float) -> bool:
-    return line.low * duration - 1.5 <= k <= line.high * duration + 1.5
