@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from microvib.model.part import Part
-from microvib.structures.modal import ModalError, ModalModel
+from microvib.structures.modal import ModalError, ModalModel, rigid_motions
 from microvib.structures.modal_checks import check_deck, check_mass, with_findings
 from microvib.units import Quantity
 
@@ -108,20 +108,23 @@ class Deck:
 def modal_model(deck: Deck, options: Import, title: str = "deck") -> ModalModel:
     """Modes at the interface point, in the interface frame, in SI; ModalError says what is wrong with the deck."""
     check_deck(deck.frequency, deck.mass)
-    shift, turn = _shift(deck, options), _axes(deck, options)
+    shift, turn = np.zeros(3), _axes(deck, options)
+    if options.interface != deck.reference:
+        shift = _position(deck, deck.reference, "reference") - _position(deck, options.interface, "interface")
     axis = options.drive_axis if isinstance(options.drive_axis, str) else "z"
     if not deck.signed and not (np.allclose(shift, 0.0) and np.allclose(turn, np.eye(3))):
         raise ModalError(
             f"gives magnitudes of effective mass only, which cannot be moved from {_words(deck.reference)} or"
             " turned; ask for participation factors, MEFFMASS(ALL), or give this point and an axis of the basic frame"
         )
-    motion = moved(shift) @ np.kron(np.eye(2), turn.T)
+    motion = rigid_motions(shift[None], np.zeros(3)) @ np.kron(np.eye(2), turn.T)
     length, kilogram = UNIT_SYSTEMS[options.units]
     scale = np.sqrt(kilogram) * np.repeat([1.0, length], 3)
     mass = scale[:, None] * (motion.T @ (deck.mass + deck.mass.T) @ motion / 2.0) * scale
     participation = scale[:, None] * (motion.T @ deck.participation)
-    if not deck.signed:
-        participation, mass = _about_axis(participation, mass, 3 + "xyz".index(axis))
+    if not deck.signed:  # what the modes do in other directions at the same time is not known
+        only = np.eye(6)[3 + "xyz".index(axis)]
+        participation, mass = only[:, None] * participation, only[:, None] * mass * only
     order = np.argsort(deck.frequency, kind="stable")
     notes = (*deck.notes, _frame_note(deck, options))
     xi = np.full(order.size, options.damping)
@@ -130,13 +133,6 @@ def modal_model(deck: Deck, options: Import, title: str = "deck") -> ModalModel:
     if count > order.size:
         raise ModalError(f"has {order.size} modes; {count} are asked for")
     return with_findings(check_mass(model).first(count), options.units)
-
-
-def _shift(deck: Deck, options: Import) -> np.ndarray:
-    """Vector from the interface point to the reference point, (3,)."""
-    if options.interface == deck.reference:
-        return np.zeros(3)
-    return np.asarray(_position(deck, deck.reference, "reference") - _position(deck, options.interface, "interface"))
 
 
 def _position(deck: Deck, point: int | Point, role: str) -> np.ndarray:
@@ -179,20 +175,6 @@ def _with_z_along(direction: np.ndarray) -> np.ndarray:
     x = near - (near @ z) * z
     x /= np.linalg.norm(x)
     return np.array([x, np.cross(z, x), z])
-
-
-def moved(shift: np.ndarray) -> np.ndarray:
-    """Rigid-body motion of a point from that of another, ``shift`` (3,) from the latter to the former, (6, 6)."""
-    motion = np.eye(6)
-    motion[:3, 3:] = [[0.0, shift[2], -shift[1]], [-shift[2], 0.0, shift[0]], [shift[1], -shift[0], 0.0]]
-    return motion
-
-
-def _about_axis(participation: np.ndarray, mass: np.ndarray, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """The drive axis alone: without signs, what the modes do in other directions at the same time is not known."""
-    only = np.zeros(6)
-    only[row] = 1.0
-    return only[:, None] * participation, only[:, None] * mass * only
 
 
 def _frame_note(deck: Deck, options: Import) -> str:

@@ -24,6 +24,17 @@ def natural_frequency(eigenvalue: Any) -> Any:
     return np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
 
 
+def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Displacements and rotations of nodes (n, 3) that move as one rigid body about ``origin``, (6 n, 6)."""
+    R = np.zeros((len(xyz), 6, 6))
+    R[:] = np.eye(6)
+    x, y, z = (xyz - origin).T
+    R[:, 1, 3], R[:, 2, 3] = -z, y
+    R[:, 0, 4], R[:, 2, 4] = z, -x
+    R[:, 0, 5], R[:, 1, 5] = -y, x
+    return R.reshape(-1, 6)
+
+
 @dataclass(frozen=True)
 class ModalModel:
     """Fixed-interface modes, mass-normalised, seen from the interface point."""

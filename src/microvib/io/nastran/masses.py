@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.structures.deck import ORIGIN, Point, moved
-from microvib.structures.modal import ModalError
+from microvib.structures.deck import ORIGIN, Point
+from microvib.structures.modal import ModalError, rigid_motions
 
 ALIKE = (0.999, 1.5)
 """Mass of the whole model over that of its free degrees of freedom: mass on clamped points explains no more."""
@@ -57,5 +57,5 @@ def _about_reference(masses: Masses, grids: Mapping[int, np.ndarray], wtmass: fl
     ]
     if places[0] is None or places[1] is None:
         return None
-    motion = moved(places[0] - places[1])
+    motion = rigid_motions(places[0][None], places[1])
     return wtmass * (motion.T @ masses.whole @ motion)

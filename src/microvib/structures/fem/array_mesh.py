@@ -19,6 +19,16 @@ LARGEST = 2_000_000
 _HONEYCOMB_MODULUS = 1e3  # Pa; a core carries shear only, and the laminate theory wants some modulus
 
 
+KINDS = {
+    "B": "out-of-plane bending",
+    "I": "in-plane bending",
+    "T": "torsion about the drive axis",
+    "P": "bending of the panels across",
+    "A": "along the drive axis",
+}
+"""What a mode mostly is, by its kinetic energy."""
+
+
 def structure_of(design: ArrayDesign) -> Structure:
     """Mesh of a description; StructureError where it would be too large or cannot be made."""
     check_size(6.0 * design.panels.count * design.panels.span * design.panels.chord / design.mesh**2, design.mesh)
@@ -167,6 +177,37 @@ def _masses(mesh: Mesh, design: ArrayDesign, panels: list[Panel]) -> None:
         if distance[nearest] > max(design.mesh, 1e-3):
             raise StructureError(f"masses.{k}: there is no panel at x {item.x:g} m, y {item.y:g} m")
         mesh.parts.append(Lump(f"mass {k + 1}", int(index[nearest]), item.mass))
+
+
+def kinds(modes: Modes) -> tuple[str, ...]:
+    """Kind of each mode, a key of ``KINDS``.
+
+    The motion along the normal is split, at each station along the axis, into what the station does as a whole (bending), its
+    turning about the axis (torsion) and the rest.
+    """
+    m, u = modes.node_masses, modes.shapes
+    xyz = modes.structure.xyz - modes.structure.xyz[modes.structure.interface]
+    _, station = np.unique(np.round(xyz[:, 0], 6), return_inverse=True)
+    station = station.ravel()
+    y = xyz[:, 1]
+
+    def per_station(values: np.ndarray) -> np.ndarray:
+        return np.array([np.bincount(station, row) for row in values.T])
+
+    w = u[:, 2, :]
+    mass, width = np.bincount(station, m), np.bincount(station, m * y**2)
+    bending = (per_station(m[:, None] * w) ** 2 / np.maximum(mass, 1e-12)).sum(axis=1)
+    torsion = (per_station((m * y)[:, None] * w) ** 2 / np.maximum(width, 1e-12)).sum(axis=1)
+    total = (m[:, None] * w**2).sum(axis=0)
+    energies = {
+        "B": bending,
+        "I": (m[:, None] * u[:, 1, :] ** 2).sum(axis=0),
+        "T": torsion,
+        "P": total - bending - torsion,
+        "A": (m[:, None] * u[:, 0, :] ** 2).sum(axis=0),
+    }
+    names = list(energies)
+    return tuple(names[k] for k in np.argmax(np.array(list(energies.values())), axis=0))
 
 
 def questions(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:

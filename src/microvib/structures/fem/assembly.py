@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from microvib.structures.fem.elements import element_matrices
 from microvib.structures.fem.structure import Beams, Link, Lump, Shells, Spring, Structure
+from microvib.structures.modal import rigid_motions
 
 ROUNDING = 1e-12
 """Entry of an element's matrix over the root of its diagonals that is taken for zero."""
@@ -37,17 +38,6 @@ def assemble(structure: Structure, clamped: bool = True) -> System:
     T = _reduction(structure, clamped)
     R = rigid_motions(structure.xyz, structure.xyz[structure.interface])
     return System((T.T @ K @ T).tocsc(), (T.T @ M @ T).tocsc(), T, M, R)
-
-
-def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Displacements and rotations of nodes that move as one rigid body about ``origin``, (6 n, 6)."""
-    R = np.zeros((len(xyz), 6, 6))
-    R[:] = np.eye(6)
-    x, y, z = (xyz - origin).T
-    R[:, 1, 3], R[:, 2, 3] = -z, y
-    R[:, 0, 4], R[:, 2, 4] = z, -x
-    R[:, 0, 5], R[:, 1, 5] = -y, x
-    return R.reshape(-1, 6)
 
 
 def _sum(structure: Structure) -> tuple[Any, Any]:

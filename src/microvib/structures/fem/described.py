@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from types import ModuleType
 
 from microvib.structures.array_design import ArrayDesign
-from microvib.structures.fem import array_mesh, modes, simulator_mesh
-from microvib.structures.fem.modes import Modes
+from microvib.structures.fem import array_mesh, simulator_mesh
+from microvib.structures.fem.modes import Modes, solve
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
 
 Description = ArrayDesign | SimulatorDesign
 
 
+def _mesh(design: Description) -> ModuleType:
+    return array_mesh if isinstance(design, ArrayDesign) else simulator_mesh
+
+
 @lru_cache(maxsize=16)
 def solved(design: Description, count: int) -> Modes:
     """Lowest ``count`` modes of a description; kept in memory."""
-    if isinstance(design, ArrayDesign):
-        return modes.solve(array_mesh.structure_of(design), count)
-    return modes.solve(simulator_mesh.structure_of(design), count)
+    return solve(_mesh(design).structure_of(design), count)
 
 
 def modal_model(design: Description, count: int) -> ModalModel:
@@ -32,9 +35,9 @@ def modal_model(design: Description, count: int) -> ModalModel:
 
 def kinds(design: Description, solution: Modes) -> tuple[str, ...]:
     """Kind of each mode of a description."""
-    return modes.kinds(solution) if isinstance(design, ArrayDesign) else simulator_mesh.kinds(solution)
+    return _mesh(design).kinds(solution)
 
 
 def meanings(design: Description) -> dict[str, str]:
     """What the kinds of modes stand for."""
-    return modes.KINDS if isinstance(design, ArrayDesign) else simulator_mesh.KINDS
+    return _mesh(design).KINDS

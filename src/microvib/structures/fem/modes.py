@@ -51,16 +51,6 @@ def factorise(A: Any) -> Any:
     return factor.solve
 
 
-KINDS = {
-    "B": "out-of-plane bending",
-    "I": "in-plane bending",
-    "T": "torsion about the drive axis",
-    "P": "bending of the panels across",
-    "A": "along the drive axis",
-}
-"""What a mode mostly is, by its kinetic energy."""
-
-
 @dataclass(frozen=True)
 class Modes:
     """Fixed-interface modes of a structure, mass-normalised."""
@@ -93,35 +83,3 @@ def solve(structure: Structure, count: int) -> Modes:
     shapes = (everywhere * sign).reshape(-1, 6, count)
     check_mechanisms(structure, frequency, shapes, node_masses)
     return Modes(structure, frequency, shapes, participation * sign, system.R.T @ MR, node_masses)
-
-
-def kinds(modes: Modes, axis: int = 0, normal: int = 2) -> tuple[str, ...]:
-    """Kind of each mode, a key of ``KINDS``: of an array along ``axis`` whose panels' normal is ``normal``.
-
-    The motion along the normal is split, at each station along the axis, into what the station does as a whole (bending), its
-    turning about the axis (torsion) and the rest.
-    """
-    across = 3 - axis - normal
-    m, u = modes.node_masses, modes.shapes
-    xyz = modes.structure.xyz - modes.structure.xyz[modes.structure.interface]
-    _, station = np.unique(np.round(xyz[:, axis], 6), return_inverse=True)
-    station = station.ravel()
-    y = xyz[:, across]
-
-    def per_station(values: np.ndarray) -> np.ndarray:
-        return np.array([np.bincount(station, row) for row in values.T])
-
-    w = u[:, normal, :]
-    mass, width = np.bincount(station, m), np.bincount(station, m * y**2)
-    bending = (per_station(m[:, None] * w) ** 2 / np.maximum(mass, 1e-12)).sum(axis=1)
-    torsion = (per_station((m * y)[:, None] * w) ** 2 / np.maximum(width, 1e-12)).sum(axis=1)
-    total = (m[:, None] * w**2).sum(axis=0)
-    energies = {
-        "B": bending,
-        "I": (m[:, None] * u[:, across, :] ** 2).sum(axis=0),
-        "T": torsion,
-        "P": total - bending - torsion,
-        "A": (m[:, None] * u[:, axis, :] ** 2).sum(axis=0),
-    }
-    names = list(energies)
-    return tuple(names[k] for k in np.argmax(np.array(list(energies.values())), axis=0))
