@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from support.calculix import in_calculix
 
 from microvib.io.modal_sources import load_design
+from microvib.structures.fem.array_mesh import kinds
 from microvib.structures.fem.described import solved
-from microvib.structures.fem.modes import kinds
 
 
 def main() -> None:

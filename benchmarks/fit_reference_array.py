@@ -24,8 +24,8 @@ from microvib.io.tables import read_table
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign
-from microvib.structures.fem.array_mesh import structure_of
-from microvib.structures.fem.modes import kinds, solve
+from microvib.structures.fem.array_mesh import kinds, structure_of
+from microvib.structures.fem.modes import solve
 
 INERTIA = 7.694  # kg m^2: 7.44/0.967 of Table 1
 TORSION = (0.967, 0.0269, 0.00285, 0.00192)

@@ -12,10 +12,10 @@ from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenari
 from microvib.io.tables import read_table
 from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign
-from microvib.structures.fem.array_mesh import structure_of
+from microvib.structures.fem.array_mesh import kinds, structure_of
 from microvib.structures.fem.coupling import Coupling, coupling, rotating_frequencies, size
 from microvib.structures.fem.described import modal_model, solved
-from microvib.structures.fem.modes import kinds, solve
+from microvib.structures.fem.modes import solve
 from microvib.structures.fem.structure import Link, Lump, Mesh, Spring, StructureError
 
 

@@ -30,9 +30,9 @@ from microvib.reports.run.folder import run_scenario
 from microvib.signals.screen import outline
 from microvib.solve.channels import CHANNELS
 from microvib.testdata.recording import Recording
-from microvib.web.jobs import series
 from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
+from microvib.web.routes.results import series
 from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
 from microvib.web.server.limits import Limits
@@ -156,7 +156,7 @@ def test_no_peak_is_lost_at_any_zoom(client, finished, motion, points):
 def test_the_last_samples_are_in_the_last_group():
     x = np.zeros(1003)
     x[-1] = 5.0
-    found = series.series({"T_d": x}, 0.0, 100.0, None, None, 10)
+    found = series({"T_d": x}, 0.0, 100.0, None, None, 10)
     assert found["channels"]["T_d"]["max"][-1] == 5.0
     assert found["to"] == 10.02
 

@@ -15,9 +15,9 @@ from fastapi.responses import FileResponse, StreamingResponse
 
 from microvib.analysis.limits import Limit
 from microvib.errors import OptionError
-from microvib.signals.screen import outline
-from microvib.solve.channels import KNOWN
-from microvib.web.jobs import series
+from microvib.signals.screen import extremes, outline
+from microvib.signals.spectrum import Window, amplitude_spectrum
+from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN
 from microvib.web.jobs.processes import ENDED, Job
 from microvib.web.jobs.store import Store
 from microvib.web.routes.common import At, Refused, ask, refusals
@@ -128,19 +128,43 @@ def series_of(
     """Samples of some channels, separated by commas; where they are many, extremes of groups."""
     folder, axis = _run(store, id)
     found = {name: _channel(folder, name) for name in dict.fromkeys(channels.split(","))}
-    return Series.model_validate(series.series(found, axis["t0"], axis["sample_rate"], low, high, points))
+    return Series.model_validate(series(found, axis["t0"], axis["sample_rate"], low, high, points))
+
+
+def series(
+    channels: dict[str, np.ndarray], t0: float, rate: float, low: float | None, high: float | None, points: int
+) -> dict[str, Any]:
+    """Samples from ``low`` to ``high`` [s]: each, where they are few enough, else extremes of groups at their middles."""
+    n = min(x.size for x in channels.values())
+    first = 0 if low is None else int(np.clip(np.ceil((low - t0) * rate - 1e-6), 0, n - 1))
+    last = n if high is None else int(np.clip(np.floor((high - t0) * rate + 1e-6) + 1, first + 1, n))
+    size = -(-(last - first) // points)
+    starts = np.arange(first, last, size)
+    middles = 0.5 * (starts + np.minimum(starts + size, last) - 1)
+    found: dict[str, Any] = {}
+    for name, x in channels.items():
+        smallest, largest = extremes(np.asarray(x[first:last]), size)
+        found[name] = {"unit": KNOWN[name].unit, "min": smallest.tolist(), "max": largest.tolist()}
+    return {
+        "from": t0 + first / rate,
+        "to": t0 + (last - 1) / rate,
+        "exact": size == 1,
+        "t": (t0 + middles / rate).tolist(),
+        "channels": found,
+    }
 
 
 @routes.get("/runs/{id}/spectrum", responses=refusals(409))
 def spectrum_of(
     id: Id, store: At, channel: Annotated[str, Query(max_length=50)] = "T_d",
-    window: Literal["rectangular", "hann", "flat-top"] = "hann", points: Points = 4000, low: From = None, high: To = None,
+    window: Window = "hann", points: Points = 4000, low: From = None, high: To = None,
     log: Log = False,
 ) -> SpectrumOf:  # fmt: skip
     """Amplitude spectrum of a channel, 0-to-peak."""
     folder, axis = _run(store, id)
-    found = series.spectrum(_channel(folder, channel), axis["sample_rate"], window, low, high, points, log)
-    return SpectrumOf(unit=KNOWN[channel].unit, **found)
+    s = amplitude_spectrum(np.asarray(_channel(folder, channel)), axis["sample_rate"], window)
+    f, amplitude = _stretch(s.frequency, s.amplitude, low, high, points, log)
+    return SpectrumOf(f=f, amplitude=amplitude, unit=KNOWN[channel].unit, resolution=s.resolution, made=str(s))
 
 
 @routes.get("/analyses/{id}/spectrum", responses=refusals(409))
@@ -152,9 +176,17 @@ def recorded(
     if _job(store, id).kind != "analysis":
         raise Refused(404, "this computation is not an analysis")
     f, y = np.load(_there(store.folder(_done(store, id)) / f"{of}.npy"), mmap_mode="r")
-    keep = series.within(f, low, high)
-    f, y = outline(f[keep], y[keep], points, log)
-    return RecordedSpectrum(f=f.tolist(), values=y.tolist())
+    f, y = _stretch(f, y, low, high, points, log)
+    return RecordedSpectrum(f=f, values=y)
+
+
+def _stretch(
+    f: np.ndarray, y: np.ndarray, low: float | None, high: float | None, points: int, log: bool
+) -> tuple[list[float], list[float]]:
+    """Outline of a spectrum from ``low`` to ``high`` [Hz]."""
+    keep = (f >= (low or 0.0)) & (f <= (np.inf if high is None else high))
+    thin, outlined = outline(f[keep], y[keep], points, log)
+    return thin.tolist(), outlined.tolist()
 
 
 def _run(store: Store, id: str) -> tuple[Path, dict[str, Any]]:
@@ -164,10 +196,12 @@ def _run(store: Store, id: str) -> tuple[Path, dict[str, Any]]:
 
 
 def _channel(folder: Path, name: str) -> np.ndarray:
-    x = series.channel(folder, name)
-    if x is None:
+    """Samples of a run's channel, (n,), mapped from its file."""
+    file = folder / ("loads.npy" if name in INTERFACE else f"{name}.npy")
+    if name not in (*INTERFACE, *CHANNELS) or not file.is_file():
         raise Refused(404, f"this run has no channel '{name}'", "channel")
-    return x
+    x = np.load(file, mmap_mode="r")
+    return x[:, INTERFACE.index(name)] if name in INTERFACE else x
 
 
 @routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
