@@ -49,7 +49,7 @@ _HOME = {
     "run": "analysis.run:solve_run",
     "simulate": "solve.simulate",
     "spectrum": "analysis.spectra",
-    "steady": "analysis.steady",
+    "steady": "analysis.lines",
     "waterfall": "analysis.spectra",
     "write_run": "reports.run.folder",
 }
@@ -59,10 +59,9 @@ if TYPE_CHECKING:
     __version__: str
     from microvib.analysis.accuracy import accuracy
     from microvib.analysis.limits import Limit, judge
-    from microvib.analysis.lines import lines
+    from microvib.analysis.lines import lines, steady
     from microvib.analysis.run import solve_run as run
     from microvib.analysis.spectra import psd, spectrum, waterfall
-    from microvib.analysis.steady import steady
     from microvib.errors import (
         ChannelError,
         LineError,

@@ -41,7 +41,7 @@ def test_levels_are_never_pooled(tmp_path):
     assert [row.unknown for row in rows] == [8 * (k != worst) for k in range(5)]  # another limit than the study's
     assert {row.level.draws for row in rows} == {8}
     assert rows[worst].exceedance.low == pytest.approx(0.025 ** (1 / 8))  # of eight draws, not of forty
-    assert (at_any_level(results, limit, EVERYTHING).above, at_any_level(results, limit, EVERYTHING).draws) == (8, 8)
+    assert (at_any_level(results, limit, EVERYTHING).above, at_any_level(results, limit, EVERYTHING).count) == (8, 8)
 
 
 def test_of_levels_alone_no_probability_is_told(tmp_path):

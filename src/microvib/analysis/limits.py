@@ -90,11 +90,6 @@ class Margin:
         return 20.0 * math.log10(self.factor)
 
     @property
-    def passes(self) -> bool:
-        """Whether the amplitude is certainly below the limit."""
-        return self.verdict == "pass"
-
-    @property
     def fails(self) -> bool:
         """Whether the amplitude is certainly above the limit."""
         return self.verdict == "fail"
@@ -168,23 +163,24 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
     gaps = [m.why for m in margins if m.verdict == "not judged"]
     gaps += [f"{x.line} ({x.status})" for x in unknown if not (_has_calmed(x, scenario) or _is_small(x, limit))]
-    gaps += [*_left(table, limit), *_no_clock(scenario), *_above_passband(table, limit, scenario)]
+    gaps += _left(table, limit)
+    if scenario is not None and scenario.rate is None:
+        gaps.append("lines of the step clock, since the rate changes within the record (a record at one rate)")
+    gaps += _above_passband(table, limit, scenario)
     return Judgement(limit, tuple(margins), unknown, tuple(gaps))
 
 
 def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     """A sentence for each tone that decays and is above a hundredth of the largest steady line at the start of the record."""
     largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
-    sentences = []
-    for x in (x for x in table if x.status == "decaying"):
-        start = x.starting(table.duration)
-        if start > _SETTLED * largest:
-            sentences.append(
-                f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and"
-                f" {1e3 * x.amplitude_n_m:.4g} mN m on average: {_unsettled(x, start / (_SETTLED * largest), scenario)} for a"
-                " hundredth of the largest steady line, or record.start=steady."
-            )
-    return sentences
+    starts = [(x, x.starting(table.duration)) for x in table if x.status == "decaying"]
+    return [
+        f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
+        f" {_unsettled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
+        " record.start=steady."
+        for x, start in starts
+        if start > _SETTLED * largest
+    ]
 
 
 def _frequency(line: Line) -> float:
@@ -208,29 +204,18 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     elif line.status != "ok":
         verdict, why = ("pass" if _LIMITED * amplitude <= most else "not judged"), line.status
     else:
-        clear, stirred = abs(amplitude - most) - doubt, STIRS * min(_rings(ringing, table), amplitude)
+        rings = sum(x.starting(table.duration) for x in ringing)
+        clear, stirred = abs(amplitude - most) - doubt, STIRS * min(rings, amplitude)
         above: Verdict = "fail" if amplitude > most else "pass"
         verdict, why = (above if clear >= stirred else "not judged"), "nearer to the limit than it is known"
         if 0.0 < clear < stirred:
-            why = (
-                f"so near the limit that ringing may decide; {_unsettled(_slowest(ringing), stirred / clear, scenario)}"
-            )
+            slowest = min(ringing, key=lambda x: x.decay_per_s)
+            why = f"so near the limit that ringing may decide; {_unsettled(slowest, stirred / clear, scenario)}"
     if verdict == "fail" and _may_ring(line, table, scenario):
-        verdict, why = (
-            "not judged",
-            "may be an array mode that rings and that the record does not resolve; a longer record.settle",
-        )
+        verdict = "not judged"
+        why = "may be an array mode that rings and that the record does not resolve; a longer record.settle"
     factor = most / amplitude if amplitude > 0.0 else math.inf
     return Margin(line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else "")
-
-
-def _rings(ringing: Sequence[Line], table: LineTable) -> float:
-    """What decays in the record, all together at its start [N m]."""
-    return sum(x.starting(table.duration) for x in ringing)
-
-
-def _slowest(ringing: Sequence[Line]) -> Line:
-    return min(ringing, key=lambda x: x.decay_per_s)
 
 
 def _unsettled(line: Line, too_large: float, scenario: Scenario | None) -> str:
@@ -259,13 +244,6 @@ def _left(table: LineTable, limit: Limit) -> list[str]:
     return [
         f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz that no line accounts for (a longer record.duration may)"
     ]
-
-
-def _no_clock(scenario: Scenario | None) -> list[str]:
-    """A rate that changes makes no lines."""
-    if scenario is None or scenario.rate is not None:
-        return []
-    return ["lines of the step clock, since the rate changes within the record (a record at one rate)"]
 
 
 def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:

@@ -8,12 +8,13 @@ up to the edge of the record's passband, ``model.record.PASSBAND``; ``signals.li
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from microvib.analysis.spectra import samples_of
+from microvib.errors import expect
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
@@ -21,18 +22,52 @@ from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque
-from microvib.solve.motion import Motion, series_of, unit_of
-from microvib.solve.steady.state import SteadyState
+from microvib.solve.integration import Progress, from_rest
+from microvib.solve.motion import Invariants, Motion, series_of, unit_of
+from microvib.solve.steady.state import SteadyState, find_steady
 from microvib.testdata.recording import Recording, RecordingError, check
 from microvib.units import Si
-
-if TYPE_CHECKING:
-    from microvib.analysis.steady import Steady
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
 """Parts of their frequencies by which lines of the clock and array modes of a measured torque may be off."""
 _SHORTEST = 2.0
 """Length of a recording [s] in which lines are looked for."""
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from time integration."""
+
+    lines: LineTable
+    source: SteadyState | Motion
+    fallback: str = ""
+
+    @property
+    def state(self) -> SteadyState | None:
+        """The steady state, if there is one."""
+        return self.source if isinstance(self.source, SteadyState) else None
+
+    @property
+    def invariants(self) -> Invariants:
+        """What should have held; of a steady state the motion is run once more for it."""
+        return self.source.invariants
+
+    @property
+    def solver(self) -> dict[str, Any]:
+        """How it was solved."""
+        return self.source.solver
+
+
+def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None = None) -> Steady:
+    """Lines of the disturbance torque of ``scenario`` in its steady state, without simulating how it settles.
+
+    Where the motion does not repeat with the command, or not in one way only, the scenario is simulated in time instead, and
+    ``fallback`` says why. Raises what ``simulate`` raises.
+    """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    state, why = find_steady(scenario)
+    source = state or from_rest(scenario, channels=("T_d",), progress=progress)
+    return Steady(lines(source, harmonics=harmonics), source, why)
 
 
 def lines(
@@ -53,8 +88,6 @@ def lines(
     is searched within CLOCK_TOLERANCE, and without it lines that stand out are found and not named. See
     ``microvib.model.expected`` for the families and ``microvib.signals.line_fit`` for the estimators. Raises ChannelError.
     """
-    from microvib.analysis.steady import Steady  # which finds its lines here
-
     if isinstance(source, Steady):
         source = source.source
     if isinstance(source, SteadyState):

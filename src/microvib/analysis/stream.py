@@ -83,17 +83,12 @@ class _Bins:
         self._start += block.size
 
     def figures(self) -> list[tuple[float, float]]:
-        return [
-            (
-                number * self._rate / self._samples,
-                2.0 * abs(total) / self._samples if number else 0.0,
-            )  # bin 0: mean taken out
-            for number, total in zip(self._numbers, self._sums, strict=True)
-        ]
+        numbers = np.array(self._numbers)
+        amplitudes = np.where(numbers == 0, 0.0, 2.0 * np.abs(self._sums) / self._samples)  # bin 0: mean taken out
+        return list(zip((numbers * self._rate / self._samples).tolist(), amplitudes.tolist(), strict=True))
 
 
 def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
-    ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     lines = []
     for first, (bin_hz, bin_amplitude) in zip(tables[0], bins.figures(), strict=True):
         column = [row for row in (_row(table, first) for table in tables) if row is not None]
@@ -101,29 +96,27 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
         weights = np.array([x.amplitude_n_m**2 if x.status in SEEN else 0.0 for x in column])
         if not np.any(weights > 0.0):
             weights = np.ones(len(column))
-        loudest = column[int(np.argmax(weights))]
+        means: dict[str, Any] = {
+            name: float(np.average([getattr(x, name) for x in column], weights=by))
+            for name, by in (("frequency_hz", weights), ("decay_per_s", weights), ("amplitude_n_m", None), ("floor_n_m", None))
+        }  # fmt: skip
+        means |= {
+            name: _of_mean([getattr(x, name) for x in column])
+            for name in ("frequency_uncertainty_hz", "amplitude_uncertainty_n_m")
+        }
+        status = column[int(np.argmax(weights))].status
         lines.append(
-            replace(
-                column[0],
-                status=loudest.status,
-                frequency_hz=float(np.average([x.frequency_hz for x in column], weights=weights)),
-                amplitude_n_m=float(np.mean([x.amplitude_n_m for x in column])),
-                frequency_uncertainty_hz=_of_mean([x.frequency_uncertainty_hz for x in column]),
-                amplitude_uncertainty_n_m=_of_mean([x.amplitude_uncertainty_n_m for x in column]),
-                floor_n_m=float(np.mean([x.floor_n_m for x in column])),
-                decay_per_s=float(np.average([x.decay_per_s for x in column], weights=weights)),
-                bin_frequency_hz=bin_hz,
-                bin_amplitude_n_m=bin_amplitude,
-            )
+            replace(column[0], status=status, bin_frequency_hz=bin_hz, bin_amplitude_n_m=bin_amplitude, **means)
         )
-    total = sum(table.samples for table in tables)
-    ratio = float(np.mean(ratios)) if ratios else None
+    ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
-    ratio_spread = _of_mean(spreads) if spreads else None
     left = [table.rest for table in tables if table.rest is not None]
     left += [_unmatched(table, tables[0]) for table in tables[1:]]
     rest = Rest.of(*(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude")))
-    return LineTable(tuple(lines), ratio, ratio_spread, total, tables[0].sample_rate, rest=rest)
+    return LineTable(
+        tuple(lines), float(np.mean(ratios)) if ratios else None, _of_mean(spreads) if spreads else None,
+        sum(table.samples for table in tables), tables[0].sample_rate, rest=rest,
+    )  # fmt: skip
 
 
 def _row(table: LineTable, line: Line) -> Line | None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
-from microvib.reports import figures, sheets
+from microvib.reports import figures
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
 from microvib.reports.numbers import brief, format_number, milli
@@ -42,17 +41,13 @@ def write_analysis(out: Path, a: Analysis, overwrite: bool, form: Form | None = 
     centre, rms = a.density.third_octaves()
     unit = "n" if a.unit == "N" else "n_m"
     files: dict[str, Any] = {} if a.table is None else {"lines.csv": lines_csv(a.table)}
-    files |= {
-        "spectrum.csv": columns_csv({"frequency_hz": a.spectrum.frequency, f"amplitude_{unit}": a.spectrum.amplitude}),
-        "density.csv": columns_csv(
-            {
-                "frequency_hz": a.density.frequency,
-                f"density_{unit}_squared_per_hz": a.density.density,
-                f"cumulative_rms_{unit}": a.density.cumulative_rms,
-            }
-        ),
-        "third_octaves.csv": columns_csv({"centre_hz": centre, f"rms_{unit}": rms}),
-    }
+    tables = {
+        "spectrum": {"frequency_hz": a.spectrum.frequency, f"amplitude_{unit}": a.spectrum.amplitude},
+        "density": {"frequency_hz": a.density.frequency, f"density_{unit}_squared_per_hz": a.density.density,
+                    f"cumulative_rms_{unit}": a.density.cumulative_rms},
+        "third_octaves": {"centre_hz": centre, f"rms_{unit}": rms},
+    }  # fmt: skip
+    files |= {f"{name}.csv": columns_csv(columns) for name, columns in tables.items()}
     return write_study(out, files, analysis_report(a, form), form, overwrite)
 
 
@@ -62,16 +57,12 @@ _MAX_FIRST_PAGE = 8
 def analysis_report(a: Analysis, form: Form | None = None) -> Document:
     """The report of an analysis: lines with uncertainties, amplitude spectrum, density, waterfall, bands."""
     reach = figures.reach(_largest(a))
-    spectrum = _drawn(
-        4.4,
-        lambda ax: figures.draw_amplitudes(ax, a.spectrum, a.unit, reach, a.table),
-        "Amplitude spectrum",
-        a.spectrum,
-    )
-    density = _drawn(
-        2.7, lambda ax: figures.draw_density(ax, a.density, a.unit, reach), "Power spectral density", a.density
-    )
-    fall = _drawn(2.9, lambda ax: figures.draw_waterfall(ax, a.waterfall, a.unit, reach), "Waterfall", a.waterfall)
+    spectrum, density, fall = (
+        _drawn(made, height, alt, reach, a)
+        for made, height, alt in (
+            (a.spectrum, 4.4, "Amplitude spectrum"), (a.density, 2.7, "Power spectral density"), (a.waterfall, 2.9, "Waterfall"),
+        )
+    )  # fmt: skip
     lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
     return study(
         "Analysis report",
@@ -89,21 +80,17 @@ def analysis_report(a: Analysis, form: Form | None = None) -> Document:
     )
 
 
-def _drawn(height: float, draw: Callable[[Any], None], alt: str, made: object) -> Figure:
-    drawing, axes = sheets.sheet(height)
-    draw(axes[0, 0])
+def _drawn(made: figures.Spectral, height: float, alt: str, reach: float, a: Analysis) -> Figure:
     text = str(made)
-    return drawn(drawing, alt, text[:1].upper() + text[1:] + ".")
+    return drawn(figures.draw_spectral(made, a.unit, reach, height, a.table), alt, f"{text[:1].upper()}{text[1:]}.")
 
 
 def _facts(a: Analysis) -> list[Fact]:
-    x = a.recording[a.channel]
-    largest = _largest(a)[:2]
     facts = [
         Fact(f"{milli(line.amplitude_n_m)} m{a.unit}", f"{line.line} at {format_number(line.frequency_hz)} Hz")
-        for line in largest
+        for line in _largest(a)[:2]
     ]
-    facts.append(Fact(f"{milli(float(x.std()))} m{a.unit}", "RMS about the mean"))
+    facts.append(Fact(f"{milli(float(a.recording[a.channel].std()))} m{a.unit}", "RMS about the mean"))
     if a.clock_ratio is not None:
         facts.append(Fact(f"{a.clock_ratio:.6f}", "step clock over nominal"))
     return facts
@@ -115,12 +102,9 @@ def _largest(a: Analysis) -> list[Line]:
 
 
 def _source(a: Analysis) -> list[tuple[str, str]]:
-    recording = a.recording
-    rows = [
-        ("Source", file_name(a.name)),
-        ("Record", f"{recording.samples} samples at {recording.sample_rate:g} Hz, {recording.duration:g} s"),
-    ]
-    return rows + [("Note", note) for note in recording.notes if note]
+    r = a.recording
+    record = f"{r.samples} samples at {r.sample_rate:g} Hz, {r.duration:g} s"
+    return [("Source", file_name(a.name)), ("Record", record), *(("Note", note) for note in r.notes if note)]
 
 
 def _main_lines(a: Analysis) -> tuple[Table, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 
 from microvib.reports.blocks import overlaid, study
-from microvib.reports.document import Block, Document, Fact, Figure, Form, Mark, Section, Table, Text, pairs, table
+from microvib.reports.document import Block, Document, Fact, Form, Mark, Section, Table, Text, pairs, table
 from microvib.reports.numbers import brief, count, format_number, milli, percent
 from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
@@ -24,21 +24,24 @@ _NAMED = 4
 def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
     """Tables 5 and 6 for any pair, as text: the form that does not depend on bins with a verdict, and the nearest bins."""
     shown = worth_a_row(rows)
-    lines = [f"A: {a.name} ({a.kind})", *(f"  {note}" for note in a.notes)]
-    lines += [f"B: {b.name} ({b.kind})", *(f"  {note}" for note in b.notes), clock_sentence(a, b), ""]
-    header = ("A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "B/A %")
-    lines.append(f"{'line':16s}" + "".join(f"{text:>12s}" for text in header))
-    for row in shown:
-        hz = [x.frequency if math.isfinite(x.frequency) else x.bin_frequency for x in (row.a, row.b)]
-        cells = [
-            brief(hz[0], 8),
-            brief(hz[1], 8),
-            brief(row.a.amplitude),
-            brief(row.b.amplitude),
-            percent(row.error),
-        ]
-        cells += [row.verdict, brief(row.a.bin_amplitude), brief(row.b.bin_amplitude), percent(row.bin_error)]
-        lines.append(f"{row.line:16s}" + "".join(f"{cell:>12s}" for cell in cells))
+    lines = [
+        text
+        for mark, s in (("A", a), ("B", b))
+        for text in (f"{mark}: {s.name} ({s.kind})", *(f"  {n}" for n in s.notes))
+    ]
+    table: list[tuple[str, ...]] = [
+        ("line", "A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "B/A %")
+    ]
+    for r in shown:
+        hz = (brief(x.frequency if math.isfinite(x.frequency) else x.bin_frequency, 8) for x in (r.a, r.b))
+        found = brief(r.a.amplitude), brief(r.b.amplitude), percent(r.error), r.verdict
+        bins = brief(r.a.bin_amplitude), brief(r.b.bin_amplitude), percent(r.bin_error)
+        table.append((r.line, *hz, *found, *bins))
+    lines += [
+        clock_sentence(a, b),
+        "",
+        *(f"{line:16s}" + "".join(f"{x:>12s}" for x in cells) for line, *cells in table),
+    ]
     return "\n".join([*lines, "", verdict_sentence(shown)])
 
 
@@ -59,23 +62,18 @@ def worth_a_row(rows: Sequence[Row]) -> list[Row]:
 def verdict_sentence(rows: Sequence[Row]) -> str:
     """How many lines agree within the uncertainties, which do not, and what that is worth."""
     of = {v: [r for r in rows if r.verdict == v] for v in (AGREES, DIFFERS, ONLY_A, ONLY_B, UNJUDGED)}
+    agree, differ = (f"{verb}{'s' if len(of[v]) == 1 else ''}" for verb, v in (("agree", AGREES), ("differ", DIFFERS)))
     judged = len(of[AGREES]) + len(of[DIFFERS])
-    if not judged:
-        rest = "No line is judged: one side has no known uncertainty."
-    else:
+    rest = "No line is judged: one side has no known uncertainty."
+    if judged:
         rest = (
-            f"{len(of[AGREES])} of {count(judged, 'line')} agree{_s(of[AGREES])} within {COVERAGE:g} standard uncertainties of the"
-            f" difference{_names(of[AGREES])}; {len(of[DIFFERS])} differ{_s(of[DIFFERS])}{_names(of[DIFFERS])}."
+            f"{len(of[AGREES])} of {count(judged, 'line')} {agree} within {COVERAGE:g} standard uncertainties of the"
+            f" difference{_names(of[AGREES])}; {len(of[DIFFERS])} {differ}{_names(of[DIFFERS])}."
         )
     for v, text in ((ONLY_A, "only A has"), (ONLY_B, "only B has"), (UNJUDGED, "without uncertainties")):
         if of[v] and (judged or v != UNJUDGED):
             rest += f" {count(len(of[v]), 'line')} {text}{_names(of[v])}."
     return rest
-
-
-def _s(rows: Sequence[Row]) -> str:
-    """The ending of a verb whose subject these lines are."""
-    return "s" if len(rows) == 1 else ""
 
 
 def _names(rows: Sequence[Row]) -> str:
@@ -116,23 +114,26 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
     shown = worth_a_row(rows)
     told = [r for r in shown if math.isfinite(r.a.amplitude) or math.isfinite(r.b.amplitude)]
     main = sorted((r for r in told if math.isfinite(r.error)), key=lambda r: -r.a.amplitude)[:_MAX_FIRST_PAGE]
-    pictures = _spectra(a, b)
     binned = [r for r in shown if math.isfinite(r.bin_error) and (r in main or not main)]
-    notes = [(f"{mark}, prepared", note) for mark, s in (("A", a), ("B", b)) for note in s.notes]
-    first_page: list[Block] = [pairs((("A", _side(a)), ("B", _side(b)), *notes, ("Clock", clock_sentence(a, b))))]
+    sides = {"A": a, "B": b}
+    called = {mark: f"{file_name(s.name)} ({s.kind})" for mark, s in sides.items()}
+    notes = [(f"{mark}, prepared", note) for mark, s in sides.items() for note in s.notes]
+    first_page: list[Block] = [pairs((*called.items(), *notes, ("Clock", clock_sentence(a, b))))]
     first_page += [Text(f"{verdict_sentence(told or shown)} {_WORTH}")]
     first_page += [_line_table([r for r in told if r in main])] if main else []
+    torques = [(f"{k}: {file_name(s.name)}", s.torque, s.sample_rate) for k, s in sides.items() if s.torque is not None]
+    first_page += [overlaid(torques, "Both sides")] if torques else []
     sections = [Section("All lines", (_line_table(told),), new_page=True)] if len(main) < len(told) else []
     sections += [Section("Nearest bins (as Tables 5 and 6)", _bin_blocks(binned))] if binned else []
     return study(
         "Comparison report",
         "Comparison of disturbance lines",
-        f"B against A: {file_name(b.name)} ({b.kind}) against {file_name(a.name)} ({a.kind}).",
+        f"B against A: {called['B']} against {called['A']}.",
         facts=_facts(told, shown),
-        first_page=[*first_page, *pictures],
+        first_page=first_page,
         sections=sections,
         form=form,
-        parts={f"{mark}, scenario": s.scenario for mark, s in (("A", a), ("B", b)) if s.scenario is not None},
+        parts={f"{mark}, scenario": s.scenario for mark, s in sides.items() if s.scenario is not None},
     )
 
 
@@ -147,21 +148,15 @@ def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:
     """How many lines agree; how far they are apart; the largest of them."""
     verdicts = Counter(r.verdict for r in told)
     judged = verdicts[AGREES] + verdicts[DIFFERS]
-    facts = [
-        Fact(f"{verdicts[AGREES]} of {judged}", f"lines agree within {COVERAGE:g} standard uncertainties")
-        if judged
-        else Fact("not judged", "one side has no known uncertainty")
-    ]
+    facts = [Fact("not judged", "one side has no known uncertainty")]
+    if judged:
+        facts = [Fact(f"{verdicts[AGREES]} of {judged}", f"lines agree within {COVERAGE:g} standard uncertainties")]
     errors = [(r, r.error, r.a.amplitude) for r in told if math.isfinite(r.error)]
     errors = errors or [(r, r.bin_error, r.a.bin_amplitude) for r in shown if math.isfinite(r.bin_error)]
     if errors:
         facts.append(Fact(f"{100 * median(abs(e) for _, e, _ in errors):.3g} %", "median difference of amplitudes"))
     largest = sorted(errors, key=lambda item: -item[2])[:2]
     return [*facts, *(Fact(f"{percent(e)} %", f"{r.line}, amplitude of B over A") for r, e, _ in largest)]
-
-
-def _side(side: Side) -> str:
-    return f"{file_name(side.name)} ({side.kind})"
 
 
 def _line_table(rows: Sequence[Row]) -> Table:
@@ -176,10 +171,8 @@ def _line_table(rows: Sequence[Row]) -> Table:
         "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty. Over uncertainty: the difference over its"
         " standard uncertainty. Names with _of_b are lines that only B has."
     )
-    marks: dict[int, Mark] = {
-        k: "off" if r.verdict == DIFFERS else "pass" for k, r in enumerate(rows) if r.verdict in (AGREES, DIFFERS)
-    }
-    return table(header, cells, caption, marks)
+    looks: dict[str, Mark] = {AGREES: "pass", DIFFERS: "off"}
+    return table(header, cells, caption, {k: looks.get(r.verdict, "") for k, r in enumerate(rows)})
 
 
 def _spread(value: float) -> str:
@@ -200,12 +193,3 @@ def _bin_blocks(rows: Sequence[Row]) -> tuple[Text | Table, ...]:
     ]  # fmt: skip
     text = "The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low."
     return Text(text), table(header, cells, "All of them are in `compare.csv`.")
-
-
-def _spectra(a: Side, b: Side) -> tuple[Figure, ...]:
-    sides = [
-        (f"{mark}: {file_name(s.name)}", s.torque, s.sample_rate)
-        for mark, s in (("A", a), ("B", b))
-        if s.torque is not None
-    ]
-    return (overlaid(sides, "Both sides"),) if sides else ()

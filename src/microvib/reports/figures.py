@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from microvib.analysis.spectra import spectrum
 from microvib.model.linear import coupled_modes
-from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, plain_sheet
+from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, one_axes, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.signals.screen import extremes
-from microvib.signals.spectrum import Density, Spectrum, Waterfall
+from microvib.signals.spectrum import Density, Spectrum, Waterfall, amplitude_spectrum
 from microvib.solve.motion import Motion
 
 if TYPE_CHECKING:
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from microvib.analysis.limits import Judgement
 
-
+Spectral = Spectrum | Density | Waterfall
+"""What is drawn over frequency."""
 _POINTS = 2000
 """Groups of samples that a time history is drawn of, at least where there are more."""
 
@@ -67,11 +68,8 @@ def draw_stretch(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
     n = _stretch(motion, microsteps)
     t = (motion.time[:n] - motion.time[0]) * 1e3
     ax.plot(t, 1e3 * motion["T_d"][:n], color=BLUE, linewidth=1.4)
-    ax.set(
-        xlabel="time in the record [ms]",
-        ylabel="torque [mN m]",
-        title=f"Disturbance torque through {microsteps:g} microsteps",
-    )
+    title = f"Disturbance torque through {microsteps:g} microsteps"
+    ax.set(xlabel="time in the record [ms]", ylabel="torque [mN m]", title=title)
     ax.margins(x=0)
     _headroom(ax, 0.2)
     if "stuck_output" in motion.channels and _shade_stuck(ax, t, motion["stuck_output"][:n]):
@@ -86,11 +84,10 @@ def _stretch(motion: Motion, microsteps: float) -> int:
 
 def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> bool:
     """Shade the time that the shaft sticks; whether it does."""
-    where, top = stuck > 0.5, ax.get_xaxis_transform()
+    where = stuck > 0.5
     if np.any(where):
-        ax.fill_between(
-            t, 0, 1, where=where, transform=top, color="#bbbbbb", alpha=0.45, linewidth=0, label="shaft sticks"
-        )
+        grey = ax.fill_between(t, 0, 1, where=where, transform=ax.get_xaxis_transform(), color="#bbbbbb", alpha=0.45)
+        grey.set(linewidth=0, label="shaft sticks")
     return bool(np.any(where))
 
 
@@ -111,10 +108,8 @@ def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
     ax.set_ylim(min(low, 0.5 * height), max(high, 4.0 * height))
     span = [limit.low, min(limit.high, highest)]
     ax.plot(span, [height] * 2, color="black", linewidth=1.4, linestyle="--", label=f"limit {height:.4g} mN m")
-    ax.plot(
-        [x.frequency_hz for x in above], [1e3 * x.amplitude_n_m for x in above], "s", color=RED, markersize=7, fillstyle="none",
-        markeredgewidth=1.4, label="above the limit" if above else None,
-    )  # fmt: skip
+    label = "above the limit" if above else None
+    _dots(ax, above, "s", markersize=7, fillstyle="none", markeredgewidth=1.4, label=label)
     ax.legend(loc="upper right", fontsize=7.5, ncols=2)
 
 
@@ -124,8 +119,10 @@ def draw_amplitudes(ax: Axes, s: Spectrum, unit: str, highest: float, table: Lin
     keep = (s.frequency <= highest) & (s.frequency > 0)
     ax.semilogy(s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
     shown = [x for x in table or () if np.isfinite(x.amplitude_n_m) and x.frequency_hz <= highest]
-    _limits(ax, [1e3 * x.amplitude_n_m for x in shown] or [1e3 * float(s.amplitude[keep].max())])
-    name_lines(ax, shown, highest)
+    heights = [1e3 * x.amplitude_n_m for x in shown] or [1e3 * float(s.amplitude[keep].max())]
+    top = max([a for a in heights if a > 0] or [1.0])
+    ax.set_ylim(top * 1e-4, top * 12)
+    _name_lines(ax, shown, highest)
     ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [m{unit}]", title=f"Spectrum ({_made_by(s)})")
     ax.set_xlim(0, highest)
 
@@ -134,45 +131,28 @@ def _made_by(s: Spectrum) -> str:
     return f"{s.window} window, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
 
 
-def _limits(ax: Axes, amplitudes: Sequence[float]) -> None:
-    top = max([a for a in amplitudes if a > 0] or [1.0])
-    ax.set_ylim(top * 1e-4, top * 12)
+_NAME: dict[str, Any] = {"textcoords": "offset points", "xytext": (4, 4), "fontsize": 7, "rotation": 35, "zorder": 4,
+         "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.7}}  # fmt: skip
+"""How names stand on lines."""
 
 
-def name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
+def _name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
     """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other, the strongest first."""
     bottom = ax.get_ylim()[0]
-    visible = [line for line in shown if 1e3 * line.amplitude_n_m > bottom and line.status != FAINT]
-    ax.plot(
-        [x.frequency_hz for x in visible],
-        [1e3 * x.amplitude_n_m for x in visible],
-        "o",
-        color=RED,
-        markersize=4,
-        zorder=5,
-    )
+    visible = [x for x in shown if 1e3 * x.amplitude_n_m > bottom and x.status != FAINT]
+    _dots(ax, visible, markersize=4, zorder=5)
     placed: list[float] = []
-    top = max((line.amplitude_n_m for line in visible), default=0.0)
-    for line in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
-        if line.amplitude_n_m < 1e-3 * top:
-            continue
-        if any(abs(line.frequency_hz - f) < 0.055 * highest for f in placed):
-            continue
-        placed.append(line.frequency_hz)
-        ax.annotate(
-            f"{line.line}\n{line.frequency_hz:.4g} Hz",
-            (line.frequency_hz, 1e3 * line.amplitude_n_m),
-            xytext=(4, 4),
-            textcoords="offset points",
-            fontsize=7,
-            rotation=35,
-            zorder=4,
-            bbox=_PAPER,
-        )
+    top = max((x.amplitude_n_m for x in visible), default=0.0)
+    for x in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
+        clear = all(abs(x.frequency_hz - f) >= 0.055 * highest for f in placed)
+        if clear and x.amplitude_n_m >= 1e-3 * top:
+            placed.append(x.frequency_hz)
+            ax.annotate(f"{x.line}\n{x.frequency_hz:.4g} Hz", (x.frequency_hz, 1e3 * x.amplitude_n_m), **_NAME)
 
 
-_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.7}
-"""Ground of names that stand on lines."""
+def _dots(ax: Axes, lines: Sequence[Line], marker: str = "o", **style: Any) -> None:
+    """Points at the estimated amplitudes [mN m]."""
+    ax.plot([x.frequency_hz for x in lines], [1e3 * x.amplitude_n_m for x in lines], marker, color=RED, **style)
 
 
 def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
@@ -198,18 +178,15 @@ def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
 def _mark_mode(ax: Axes, motion: Motion, line: Line) -> None:
     """Where a mode is with the shaft held, and where through the drive."""
     clamped = next((m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.line), None)
-    for f, what, colour, dashes in (
-        (clamped, "clamped", GREY, ":"),
-        (line.expected_hz, "through the drive", RED, "--"),
-    ):
+    styles = ((clamped, "clamped", GREY, ":"), (line.expected_hz, "through the drive", RED, "--"))
+    for f, what, colour, dashes in styles:
         if f is not None:
-            label = f"{line.line}, {what} {f:.4g} Hz"
-            ax.axvline(f, color=colour, linestyle=dashes, linewidth=1.2, label=label)
+            ax.axvline(f, color=colour, linestyle=dashes, linewidth=1.2, label=f"{line.line}, {what} {f:.4g} Hz")
 
 
 def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
-    """Points at the estimated amplitudes [mN m]; those of at least a fiftieth of the largest are named."""
-    ax.plot([x.frequency_hz for x in shown], [x.amplitude_n_m * 1e3 for x in shown], "o", color=RED, markersize=5)
+    """Points at the estimated amplitudes; those of at least a fiftieth of the largest are named."""
+    _dots(ax, shown, markersize=5)
     top = max((x.amplitude_n_m for x in shown), default=0.0)
     for x in shown:
         if x.amplitude_n_m >= 0.02 * top > 0.0:
@@ -254,20 +231,21 @@ def _headroom(ax: Axes, share: float) -> None:
 
 def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float = 200.0) -> None:
     """Amplitude spectra of several torques over each other (as Figures 11, 12, 16); the first is drawn widest."""
-    from microvib.signals.spectrum import amplitude_spectrum
-
-    widths = np.linspace(2.6, 0.9, max(len(sides), 2))
-    top = 0.0
+    widths, top = np.linspace(2.6, 0.9, max(len(sides), 2)), 0.0
     for (name, torque, rate), colour, width in zip(sides, COLOURS, widths, strict=False):
         s = amplitude_spectrum(torque, rate, "hann")
         keep = (s.frequency > 0) & (s.frequency <= highest)
+        f, a = s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-9)
         top = max(top, 1e3 * float(s.amplitude[keep].max()))
-        ax.semilogy(
-            s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-9), color=colour, linewidth=width, label=name
-        )
-    ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
+        ax.plot(f, a, color=colour, linewidth=width, label=name)
+    _compared(ax, highest, 1e-5 * top, top)
+
+
+def _compared(ax: Axes, highest: float, bottom: float, top: float) -> None:
+    """Axes of spectra that are compared, and their legend."""
+    ax.set(yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
     ax.set_xlim(0, highest)
-    ax.set_ylim(1e-5 * top, top)
+    ax.set_ylim(bottom, top)
     _headroom_log(ax)
     ax.legend(loc="upper right", fontsize=6.5)
 
@@ -280,8 +258,6 @@ def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest
     """Peaks of several torques' amplitude spectra to ``highest`` [Hz], those of one frequency side by side."""
     from matplotlib.transforms import ScaledTranslation
 
-    from microvib.signals.spectrum import amplitude_spectrum
-
     spectra = [amplitude_spectrum(torque, rate, "hann") for _, torque, rate in sides]
     top = max(1e3 * float(s.amplitude[(s.frequency > 0) & (s.frequency <= highest)].max()) for s in spectra)
     bottom = _STEM_DEPTH * top
@@ -292,11 +268,19 @@ def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest
         where = ax.transData + aside
         ax.vlines(f[peaks], bottom, a[peaks], color=colour, linewidth=1.0, transform=where)
         ax.plot(f[peaks], a[peaks], "osD^v"[k % 5], color=colour, markersize=2.6, transform=where, label=name)
-    ax.set(yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
-    ax.set_xlim(0, highest)
-    ax.set_ylim(bottom, top)
-    _headroom_log(ax)
-    ax.legend(loc="upper right", fontsize=6.5)
+    _compared(ax, highest, bottom, top)
+
+
+def draw_spectral(made: Spectral, unit: str, highest: float, height: float, table: LineTable | None = None) -> Figure:
+    """A sheet of a report with a spectrum, whose lines ``table`` names, a density or a waterfall to ``highest`` [Hz]."""
+    figure, ax = one_axes(height)
+    if isinstance(made, Spectrum):
+        draw_amplitudes(ax, made, unit, highest, table)
+    elif isinstance(made, Density):
+        draw_density(ax, made, unit, highest)
+    else:
+        draw_waterfall(ax, made, unit, highest)
+    return figure
 
 
 def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:
@@ -322,16 +306,13 @@ def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
     keep = (w.frequency > 0) & (w.frequency <= highest)
     amplitude = 1e3 * w.amplitude[:, keep]
     top = float(np.max(amplitude))
-    values = np.maximum(amplitude, 1e-4 * top)
-    mesh = ax.pcolormesh(
-        w.frequency[keep],
-        w.time,
-        values,
-        norm=LogNorm(1e-4 * top, top),
-        cmap="viridis",
-        shading="nearest",
-        rasterized=True,
-    )
+    style: dict[str, Any] = {
+        "norm": LogNorm(1e-4 * top, top),
+        "cmap": "viridis",
+        "shading": "nearest",
+        "rasterized": True,
+    }
+    mesh = ax.pcolormesh(w.frequency[keep], w.time, np.maximum(amplitude, 1e-4 * top), **style)
     ax.figure.colorbar(mesh, ax=ax, label=f"amplitude, 0-to-peak [m{unit}]")
     ax.set(xlabel="frequency [Hz]", ylabel="time in the record [s]")
     ax.grid(False)
@@ -341,15 +322,8 @@ def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[flo
     """Amplitudes [N m] of the same lines on several sides, as points side by side; drawn in mN m."""
     x = np.arange(len(names))
     for k, (label, values) in enumerate(groups.items()):
-        offset = (k - 0.5 * (len(groups) - 1)) * 0.16
-        ax.semilogy(
-            x + offset,
-            1e3 * np.asarray(values),
-            "osD^v"[k % 5],
-            color=COLOURS[k % len(COLOURS)],
-            markersize=5,
-            label=label,
-        )
+        aside, colour = (k - 0.5 * (len(groups) - 1)) * 0.16, COLOURS[k % len(COLOURS)]
+        ax.semilogy(x + aside, 1e3 * np.asarray(values), "osD^v"[k % 5], color=colour, markersize=5, label=label)
     ax.set_xticks(x, names, rotation=20, ha="right")
     ax.set_ylabel("amplitude, 0-to-peak [mN m]")
     _headroom_log(ax)

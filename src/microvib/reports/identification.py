@@ -12,11 +12,11 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import package_versions, to_json
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Document, Fact, Figure, Form, Mark, Section, Table, Text, table
-from microvib.reports.numbers import format_number, percent, plain, signed, with_error
+from microvib.reports.document import Document, Fact, Form, Mark, Section, Table, Text, table
+from microvib.reports.numbers import brief, format_number, percent, plain, signed, with_error
 from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
-from microvib.studies.evidence import Evidence, Simulated, predicted
+from microvib.studies.evidence import predicted
 from microvib.studies.identify import Deviation, Estimate, Fit, Leaning
 from microvib.units import pretty
 
@@ -45,15 +45,14 @@ def fit_text(fit: Fit) -> str:
     lines = [fit.goodness.sentence, *_warnings(fit), *_off_text(fit), ""]
     lines += [f"{'parameter':32s} {'estimate':>12s} {'std error':>10s} {'95 % interval':>25s}  {'unit':12s} verdict"]
     for e in fit.estimates:
-        error = f"{e.standard_error:.2g}" if math.isfinite(e.standard_error) else "withheld"
-        lines.append(
-            f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}".rstrip()
-        )
+        error = brief(e.standard_error, 2) or "withheld"
+        row = f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}"
+        lines.append(row.rstrip())
     lines += ["", f"{'observed':28s} {'test':>12s} {'before':>12s} {'after':>12s} {'before %':>9s} {'after %':>9s}"]
-    for name, test, before, after in _figures(fit):
-        lines.append(
-            f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
-        )
+    lines += [
+        f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
+        for name, test, before, after in _figures(fit)
+    ]
     lines += ["", *(f"1 % more of {one.key}: {_moves(fit, one)}" for one in fit.leanings[:3])]
     lines += _prepared(fit)
     lines.append(f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
@@ -62,12 +61,10 @@ def fit_text(fit: Fit) -> str:
 
 def _warnings(fit: Fit) -> list[str]:
     """What else is to be known before any estimate is read."""
-    found = list(fit.notes)
     if fit.interrupted:
-        found.append("Interrupted: the best so far.")
-    elif not fit.converged:
-        found.append("The search has not converged: a finer one still found something better.")
-    return found
+        return [*fit.notes, "Interrupted: the best so far."]
+    unfinished = "The search has not converged: a finer one still found something better."
+    return [*fit.notes, *([] if fit.converged else [unfinished])]
 
 
 def _prepared(fit: Fit) -> list[str]:
@@ -104,21 +101,16 @@ def _moves(fit: Fit, one: Leaning) -> str:
 
 def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
     """Amplitudes and mode figures of the tests with their values before and after."""
-    rows = []
-    for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True):
-        rows += _of_one(evidence, before, after, len(fit.before) > 1)
-    return rows
-
-
-def _of_one(
-    evidence: Evidence, before: Simulated, after: Simulated, several: bool
-) -> list[tuple[str, float, float, float]]:
-    mark = f" [{file_name(evidence.name)}]" if several else ""
+    several = len(fit.before) > 1
     return [
-        (f"{o.line} {o.form}{mark}", o.value, predicted(before, o), predicted(after, o))
+        (
+            f"{o.line} {o.form}" + (f" [{file_name(evidence.name)}]" if several else ""),
+            o.value, predicted(before, o), predicted(after, o),
+        )
+        for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True)
         for o in evidence.observations
         if o.form != "phase" and (o.line in _MAIN or (o.line.startswith(("drive", "array")) and "us_" not in o.line))
-    ]
+    ]  # fmt: skip
 
 
 def fit_json(fit: Fit) -> dict[str, Any]:
@@ -165,6 +157,8 @@ def write_fit(out: Path, fit: Fit, overwrite: bool, form: Form | None = None) ->
 def fit_report(fit: Fit, form: Form | None = None) -> Document:
     """The report of an identification: goodness first, parameters with what they are worth, lines before and after."""
     tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
+    keys, leanings = [e.key for e in fit.estimates], [(one.key, one.shifts) for one in fit.leanings[:_MAX_LEANING]]
+    prepared = [Text(text, note=True) for text in _prepared(fit)]
     return study(
         "Identification report",
         f"Identification: {fit.scenario.title or 'drive'}",
@@ -172,19 +166,14 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
         facts=[_explained(fit), *(_estimated(e) for e in fit.estimates[:3])],
         first_page=(
             Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit),
-            Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True), _before_and_after_picture(fit),
+            Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True),
+            drawn(draw_before_and_after(fit), "Amplitudes of the test, before and after",
+                  "Amplitudes of the lines in the test, before and after the fit."),
         ),
         sections=(
-            Section(
-                "Before and after",
-                (Text(CALIBRATED), _before_and_after(fit), *(Text(text, note=True) for text in _prepared(fit))),
-                new_page=True,
-            ),
-            Section("What the estimates depend on", (Text(_LEANING), _leanings(fit))),
-            Section(
-                "Correlation of the estimates",
-                (_matrix("parameter", fit, zip(_keys(fit), fit.correlation, strict=True)),),
-            ),
+            Section("Before and after", (Text(CALIBRATED), _before_and_after(fit), *prepared), new_page=True),
+            Section("What the estimates depend on", (Text(_LEANING), _matrix("not fitted", fit, leanings))),
+            Section("Correlation of the estimates", (_matrix("parameter", fit, zip(keys, fit.correlation, strict=True)),)),
             Section("Sensitivities", (Text(_SENSITIVITY), _matrix("figure", fit, fit.sensitivities.items()))),
         ),
         form=form,
@@ -199,14 +188,9 @@ def _explained(fit: Fit) -> Fact:
 
 
 def _estimated(e: Estimate) -> Fact:
-    value = f"{_with_error(e)} {pretty(e.unit)}".rstrip()
-    return Fact(
-        value, f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}", "" if e.identifiable else "fail"
-    )
-
-
-def _with_error(e: Estimate) -> str:
-    return with_error(e.estimate, e.standard_error) if math.isfinite(e.standard_error) else f"{e.estimate:.4g}"
+    value = f"{with_error(e.estimate, e.standard_error)} {pretty(e.unit)}".rstrip()
+    label = f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}"
+    return Fact(value, label, "" if e.identifiable else "fail")
 
 
 def _off_table(fit: Fit) -> tuple[Table, ...]:
@@ -221,40 +205,15 @@ def _off_table(fit: Fit) -> tuple[Table, ...]:
 def _estimates(fit: Fit) -> Table:
     header = ["`parameter`", "estimate ± standard error [1]", "95 % interval [1]", "unit", "range [1]", "verdict"]
     rows = [
-        [e.key, _with_error(e), _interval(e), pretty(e.unit), f"{plain(e.low)} to {plain(e.high)}", e.verdict]
+        [e.key, with_error(e.estimate, e.standard_error), _interval(e), pretty(e.unit), f"{plain(e.low)} to {plain(e.high)}",
+         e.verdict]
         for e in fit.estimates
-    ]
+    ]  # fmt: skip
     marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.estimates) if not e.identifiable}
     return table(header, rows, "", marks)
 
 
-def _leanings(fit: Fit) -> Table:
-    return _matrix("not fitted", fit, ((one.key, one.shifts) for one in fit.leanings[:_MAX_LEANING]))
-
-
 def _before_and_after(fit: Fit) -> Table:
-    rows = [
-        [
-            name,
-            format_number(1e3 * t),
-            format_number(1e3 * b),
-            format_number(1e3 * a),
-            percent(b / t - 1),
-            percent(a / t - 1),
-        ]
-        if _is_torque(name)
-        else [
-            name,
-            format_number(t, 6),
-            format_number(b, 6),
-            format_number(a, 6),
-            percent(b / t - 1),
-            percent(a / t - 1),
-        ]
-        for name, t, b, a in _figures(fit)
-    ]
-    for row, (name, *_) in zip(rows, _figures(fit), strict=True):
-        row.insert(1, "mN m" if _is_torque(name) else "Hz" if "frequency" in name else "1/s")
     header = [
         "figure",
         "unit",
@@ -264,6 +223,11 @@ def _before_and_after(fit: Fit) -> Table:
         "before against test [%]",
         "after against test [%]",
     ]
+    rows = []
+    for name, *values in _figures(fit):
+        unit, digits, scale = ("mN m", 4, 1e3) if _is_torque(name) else ("Hz" if "frequency" in name else "1/s", 6, 1.0)
+        shown = [format_number(value, digits, scale) for value in values]
+        rows.append([name, unit, *shown, *(percent(value / values[0] - 1) for value in values[1:])])
     return table(header, rows)
 
 
@@ -274,27 +238,14 @@ def _is_torque(figure_name: str) -> bool:
 def draw_before_and_after(fit: Fit) -> Drawing:
     """Amplitudes of lines in the test, before and after the fit."""
     amplitudes = [f for f in _figures(fit) if _is_torque(f[0])][:12]
-    drawing, axes = sheets.sheet(3.4)
-    test, before, after = ([float(f[k]) for f in amplitudes] for k in (1, 2, 3))
-    groups = {"test": test, "before": before, "after": after}
-    figures.draw_pairs(axes[0, 0], [f[0].removesuffix(" amplitude") for f in amplitudes], groups)
+    drawing, ax = sheets.one_axes(3.4)
+    groups = {name: [float(f[k]) for f in amplitudes] for k, name in enumerate(("test", "before", "after"), 1)}
+    figures.draw_pairs(ax, [f[0].removesuffix(" amplitude") for f in amplitudes], groups)
     return drawing
 
 
-def _before_and_after_picture(fit: Fit) -> Figure:
-    return drawn(
-        draw_before_and_after(fit),
-        "Amplitudes of the test, before and after",
-        "Amplitudes of the lines in the test, before and after the fit.",
-    )
-
-
-def _keys(fit: Fit) -> list[str]:
-    return [e.key for e in fit.estimates]
-
-
 def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
-    header = [of, *(f"{_short_key(key)} [1]" for key in _keys(fit))]
+    header = [of, *(f"{_short_key(e.key)} [1]" for e in fit.estimates)]
     return table(header, ([name, *(signed(x) for x in row)] for name, row in rows if "phase" not in name))
 
 

@@ -17,7 +17,8 @@ from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
 from microvib.reports.numbers import count, signed, text_table
 from microvib.reports.parameters import parameter_table
-from microvib.reports.rendering import report_files
+from microvib.reports.rendering import write_study
+from microvib.reports.sheets import png
 from microvib.reports.typography import file_name
 from microvib.structures.modal import DIRECTIONS, ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
@@ -48,11 +49,9 @@ def enough_sentence(model: ModalModel) -> str:
     cumulative = np.cumsum(model.fraction[model.axis])
     reached = np.flatnonzero(cumulative >= ENOUGH)
     what = f"90 % of the inertia about {model.drive_axis}"
-    first = (
-        f"{what} is reached with {reached[0] + 1} mode{'s' if reached[0] else ''}."
-        if reached.size
-        else f"{what} is not reached with {model.frequency.size} modes ({100 * cumulative[-1]:.1f} %): ask for more."
-    )
+    first = f"{what} is not reached with {model.frequency.size} modes ({100 * cumulative[-1]:.1f} %): ask for more."
+    if reached.size:
+        first = f"{what} is reached with {count(int(reached[0]) + 1, 'mode')}."
     return (
         f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and determines the lines above"
         f" {model.frequency[-1]:.3g} Hz."
@@ -62,33 +61,24 @@ def enough_sentence(model: ModalModel) -> str:
 def table_text(source: ModalSource) -> str:
     """Table 1 as text."""
     m = source.model
-    lines = [
-        text_table(*table_1(source)),
-        "",
-        f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²",
-    ]
-    if m.spatial:
-        lines[-1] += f", mass {m.mass[0, 0]:.5g} kg"
-    return "\n".join([*lines, enough_sentence(m), *m.notes])
+    whole = f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²"
+    whole += f", mass {m.mass[0, 0]:.5g} kg" if m.spatial else ""
+    return "\n".join([text_table(*table_1(source)), "", whole, enough_sentence(m), *m.notes])
 
 
 def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     """Header and rows of Table 1; beside the paper's for the array that was fitted to it."""
     m, paper = source.model, _paper(source)
-    header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]"]
-    rows = []
+    header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]",
+              "paper [Hz]", "diff. [%]", "paper fraction [1]"]  # fmt: skip
     cumulative = np.cumsum(m.fraction[m.axis])
     effective, fraction = _without_noise(m.effective[m.axis], m.inertia), _without_noise(m.fraction[m.axis], 1.0)
-    for k, kind in enumerate(mode_kinds(source)):
-        rows.append(
-            [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}",
-             f"{fraction[k]:.3g}", f"{cumulative[k]:.4f}"]
-        )  # fmt: skip
-        if paper:
-            rows[-1] += _paper_cells(paper, k, m.frequency[k])
-    if not paper:
-        return header, rows
-    return [*header, "paper [Hz]", "diff. [%]", "paper fraction [1]"][: len(rows[0])], rows
+    rows = [
+        [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}", f"{fraction[k]:.3g}",
+         f"{cumulative[k]:.4f}", *_paper_cells(paper, k, m.frequency[k])]
+        for k, kind in enumerate(mode_kinds(source))
+    ]  # fmt: skip
+    return header[: len(rows[0])], rows
 
 
 def _without_noise(values: np.ndarray, whole: float) -> np.ndarray:
@@ -112,6 +102,8 @@ def _paper(source: ModalSource) -> list[dict[str, str]]:
 
 def _paper_cells(paper: list[dict[str, str]], k: int, frequency: float) -> list[str]:
     """The paper's frequency, the difference from it, and where its table has them the effective fraction."""
+    if not paper:
+        return []
     fractions = "effective_fraction" in paper[0]
     if k >= len(paper):
         return [""] * (3 if fractions else 2)
@@ -123,14 +115,11 @@ def _paper_cells(paper: list[dict[str, str]], k: int, frequency: float) -> list[
 def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """``modes.csv``, the report and, of finite elements, ``modes.png``; names of the files."""
     files: dict[str, Any] = {"modes.csv": modes_csv(source.model)}
-    files |= report_files(modes_report(source, form), form)
     if source.modes is not None:
         from microvib.reports.mode_shapes import draw_shapes
 
-        figure = draw_shapes(source.modes, mode_kinds(source), _MAX_DRAWN)
-        files["modes.png"] = lambda path: figure.savefig(path, format="png", dpi=200)
-    write_folder(out, files, overwrite)
-    return tuple(files)
+        files["modes.png"] = png(draw_shapes(source.modes, mode_kinds(source), _MAX_DRAWN))
+    return write_study(out, files, modes_report(source, form), form, overwrite)
 
 
 def modes_report(source: ModalSource, form: Form | None = None) -> Document:
@@ -140,22 +129,19 @@ def modes_report(source: ModalSource, form: Form | None = None) -> Document:
     first_page += [Text(f"To be checked: {' '.join(model.notes)}")] if model.notes else []
     sections: list[Section] = []
     if source.modes is not None and design is not None:
-        first_page.append(_shapes(design, source.modes))
-        sections = [
-            *_motion(design, source.modes),
-            _convergence(source),
-            *_rope(source),
-            _second_order(source.modes, model),
-        ]
+        shapes, moving = _shapes(design, source.modes)
+        first_page.append(shapes)
+        compared = (_convergence(design, source.modes), *_without_rope(design, source.modes))
+        sections = [*moving, *compared, _second_order(source.modes, model)]
     sections += _spatial(model) if model.spatial else []
     if design is not None:
         origin = (Text(design.source),) if design.source else ()
         sections.append(Section("Description", (*origin, parameter_table(design)), new_page=True))
+    name = file_name(source.name)
     return study(
         "Modes report",
-        f"Modes of {model.title or file_name(source.name)}",
-        f"{file_name(source.name)}: {model.frequency.size} modes with the interface clamped,"
-        f" drive axis {model.drive_axis} (as Table 1).",
+        f"Modes of {model.title or name}",
+        f"{name}: {model.frequency.size} modes with the interface clamped, drive axis {model.drive_axis} (as Table 1).",
         facts=_facts(model),
         first_page=first_page,
         sections=sections,
@@ -166,55 +152,44 @@ def modes_report(source: ModalSource, form: Form | None = None) -> Document:
 
 def _facts(model: ModalModel) -> list[Fact]:
     dominant, held = int(np.argmax(model.effective[model.axis])), float(model.fraction[model.axis].sum())
+    of = f"of the inertia about {model.drive_axis} in {count(model.frequency.size, 'mode')}; common practice requires 90 %"
     return [
-        Fact(
-            f"{100 * held:.1f} %",
-            f"of the inertia about {model.drive_axis} in {count(model.frequency.size, 'mode')}; common practice requires 90 %",
-            "pass" if held >= ENOUGH else "fail",
-        ),
+        Fact(f"{100 * held:.1f} %", of, "pass" if held >= ENOUGH else "fail"),
         Fact(f"{model.frequency[dominant]:.4g} Hz", f"mode {dominant + 1}, the strongest about {model.drive_axis}"),
         Fact(f"{model.inertia:.4g} kg m²", f"inertia about {model.drive_axis}"),
         Fact(f"{model.J_h:.4g} kg m²", "residual J_h, rigid on the shaft"),
     ]
 
 
-def _shapes(design: StructureDesign, modes: Modes) -> Block:
-    from microvib.reports.mode_shapes import draw_shapes
+def _shapes(design: StructureDesign, modes: Modes) -> tuple[Block, list[Section]]:
+    """Shapes of the first modes as a picture and, of a structure that is not too large, in motion."""
+    from microvib.reports.mode_shapes import animation, draw_shapes
     from microvib.structures.fem.described import kinds, meanings
 
     found = kinds(design, modes)
     legend = "; ".join(f"{key} {meaning}" for key, meaning in meanings(design).items() if key in found)
     caption = f"Mode shapes: displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."
-    return drawn(draw_shapes(modes, found, min(_MAX_DRAWN, len(found))), "Mode shapes", caption)
-
-
-def _motion(design: StructureDesign, modes: Modes) -> list[Section]:
-    from microvib.reports.mode_shapes import animation
-    from microvib.structures.fem.described import kinds
-
+    picture = drawn(draw_shapes(modes, found, _MAX_DRAWN), "Mode shapes", caption)
     if len(modes.structure.xyz) > _MAX_NODES:
-        return []
-    found = kinds(design, modes)
-    moving = animation(modes, found, min(_MAX_DRAWN, len(found)))
-    return [Section("In motion", (Live(str(moving)),))]
+        return picture, []
+    return picture, [Section("In motion", (Live(str(animation(modes, found, _MAX_DRAWN))),))]
 
 
-def _convergence(source: ModalSource) -> Section:
+def _convergence(design: StructureDesign, modes: Modes) -> Section:
     """Frequencies on a mesh of twice the size, mode by mode of each kind."""
     from microvib.structures.fem.described import kinds, solved
 
-    design, modes = source.design, source.modes
-    assert design is not None
-    assert modes is not None
     coarse = solved(design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size)
-    fine = _by_kind(modes.frequency, mode_kinds(source))
-    other = _by_kind(coarse.frequency, kinds(design, coarse))
-    rows = []
-    for k, (key, f) in enumerate(fine.items(), 1):
-        g = other.get(key, math.nan)
-        rows.append(
-            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", signed(100 * (g / f - 1))] if key in other else ["", ""])]
-        )
+    fine, other = (_by_kind(found.frequency, kinds(design, found)) for found in (modes, coarse))
+    rows = [
+        [
+            str(k),
+            key[0],
+            f"{f:.5g}",
+            *([f"{other[key]:.5g}", signed(100 * (other[key] / f - 1))] if key in other else ["", ""]),
+        ]
+        for k, (key, f) in enumerate(fine.items(), 1)
+    ]
     text = (
         f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
         f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
@@ -224,14 +199,12 @@ def _convergence(source: ModalSource) -> Section:
     return Section("Convergence", (Text(text), table(header, rows)))
 
 
-def _rope(source: ModalSource) -> list[Section]:
+def _without_rope(design: StructureDesign, modes: Modes) -> list[Section]:
     """Frequencies of a simulator without its rope."""
     from microvib.structures.fem.described import solved
 
-    design, modes = source.design, source.modes
     if not isinstance(design, SimulatorDesign) or design.rope is None:
         return []
-    assert modes is not None
     without = solved(design.model_copy(update={"rope": None}), modes.frequency.size).frequency
     pairs = zip(modes.frequency, without, strict=True)
     rows = [[str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"] for k, (f, g) in enumerate(pairs, 1)]
@@ -254,9 +227,8 @@ def _second_order(modes: Modes, model: ModalModel) -> Section:
     rows = []
     for name, rate in RATES.items():
         s = size(modes, math.radians(rate), model.damping, model.axis - 3)
-        rows.append(
-            [f"{name}, {rate:g} deg/s", *(f"{v:.2g}" for v in (s.coriolis, s.centrifugal, s.frequency, s.torque))]
-        )
+        terms = s.coriolis, s.centrifugal, s.frequency, s.torque
+        rows.append([f"{name}, {rate:g} deg/s", *(f"{v:.2g}" for v in terms)])
     text = (
         "What Eq. 15 has and Eq. 16 drops, computed from the elements for a steady rate: Coriolis coupling over inertia forces,"
         " centrifugal over elastic force, and what both change in the natural frequencies and in the torque that an acceleration of"
@@ -268,29 +240,17 @@ def _second_order(modes: Modes, model: ModalModel) -> Section:
 
 
 def _spatial(model: ModalModel) -> list[Section]:
-    fraction = model.fraction
-    cumulative = np.cumsum(fraction, axis=1)
+    both = np.stack([100 * model.fraction, 100 * np.cumsum(model.fraction, axis=1)], axis=-1)  # (6, modes, 2)
     rows = [
-        [
-            str(k + 1),
-            f"{f:.4g}",
-            *(f"{100 * a:.2f} / {100 * b:.2f}" for a, b in zip(fraction[:, k], cumulative[:, k], strict=True)),
-        ]
+        [str(k + 1), f"{f:.4g}", *(f"{part:.2f} / {whole:.2f}" for part, whole in both[:, k])]
         for k, f in enumerate(model.frequency)
     ]
     mass = _without_noise(model.mass, float(np.abs(model.mass).max()))
     rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(DIRECTIONS, mass, strict=True)]
     text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulative after the slash."
+    effective = table(["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)], rows)
+    inertia = table(["row", *(f"{d} [1]" for d in DIRECTIONS)], rigid)
     return [
-        Section(
-            "Effective mass in six directions",
-            (Text(text), table(["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)], rows)),
-        ),
-        Section(
-            "Rigid body at the interface",
-            (
-                Text("Mass matrix about the interface point, in kg and m."),
-                table(["row", *(f"{d} [1]" for d in DIRECTIONS)], rigid),
-            ),
-        ),
+        Section("Effective mass in six directions", (Text(text), effective)),
+        Section("Rigid body at the interface", (Text("Mass matrix about the interface point, in kg and m."), inertia)),
     ]

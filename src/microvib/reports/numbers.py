@@ -21,6 +21,11 @@ def milli(value: float, digits: int = 4) -> str:
     return format_number(value, digits, 1e3)
 
 
+def brief_milli(value: float) -> str:
+    """A torque [N m] in mN m with at most four digits; empty if there is none."""
+    return brief(1e3 * value)
+
+
 def torque(value: float) -> str:
     """A torque [N m] with its unit: in mN m below one."""
     return f"{format_number(value)} N m" if abs(value) >= 1.0 else f"{milli(value)} mN m"

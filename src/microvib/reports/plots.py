@@ -54,22 +54,12 @@ def _drawn(what: Plotted, table: LineTable | None, highest: float) -> Figure:
             return _overlay([(side.name, side.torque, side.sample_rate) for side in sides], highest)
         case Mapping():
             return _overlay([(name, *samples_of(source)[:2]) for name, source in what.items()], highest)
-    expect(
-        what, (Spectrum, Density, Waterfall), "a motion, spectrum, density, waterfall, rate plan, comparison or fit, or"
-        " sources by name"
-    )  # fmt: skip
-    figure, axes = sheets.sheet(3.2)
-    ax, unit = axes[0, 0], pretty(what.unit)
-    if isinstance(what, Spectrum):
-        figures.draw_amplitudes(ax, what, unit, highest, table)
-    elif isinstance(what, Density):
-        figures.draw_density(ax, what, unit, highest)
-    else:
-        figures.draw_waterfall(ax, what, unit, highest)
-    return figure
+    allowed = "a motion, spectrum, density, waterfall, rate plan, comparison or fit, or sources by name"
+    expect(what, (Spectrum, Density, Waterfall), allowed)
+    return figures.draw_spectral(what, pretty(what.unit), highest, 3.2, table)
 
 
 def _overlay(sides: Sequence[tuple[str, Any, float]], highest: float) -> Figure:
-    figure, axes = sheets.sheet(3.6)
-    figures.draw_overlay(axes[0, 0], sides, highest)
+    figure, ax = sheets.one_axes(3.6)
+    figures.draw_overlay(ax, sides, highest)
     return figure

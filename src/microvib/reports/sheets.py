@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
+from microvib.io.writing import Writer
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -47,6 +49,21 @@ def sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
     return new_figure(PAGE, height, rows, columns)
 
 
+def one_axes(height: float) -> tuple[Figure, Any]:
+    """A sheet of a report with one pair of axes, and these."""
+    figure, axes = sheet(height)
+    return figure, axes[0, 0]
+
+
+def panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, list[Any]]:
+    """A sheet of ``count`` axes in rows across the page, each of ``height`` inches, and these."""
+    rows, columns = -(-count // columns), min(count, columns)
+    figure, axes = sheet(height * rows, rows, columns)
+    for ax in axes.flat[count:]:
+        ax.set_visible(False)
+    return figure, list(axes.flat[:count])
+
+
 def plain_sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
     """A sheet for axes with short tick labels: its margins are fixed, where finding them takes a third of a drawing's time."""
     figure, axes = new_figure(PAGE, height, rows, columns, layout=None)
@@ -74,6 +91,11 @@ def svg(figure: Figure) -> str:
     ):
         figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     return stream.getvalue()
+
+
+def png(figure: Figure) -> Writer:
+    """What writes a figure as PNG to a path."""
+    return lambda path: figure.savefig(path, format="png", dpi=200)
 
 
 def set_texts(ax: Axes) -> None:

@@ -12,7 +12,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from microvib.analysis.steady import steady
+from microvib.analysis.lines import steady
 from microvib.errors import OptionError, SimulationError, expect
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario

@@ -35,23 +35,20 @@ MAX_POINTS = 5000
 
 def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     """Median, 95 % and 99 % point and largest amplitude of each line."""
-    figure, axes = sheets.sheet(1.3 + 0.27 * len(rows))
-    ax, y = axes[0, 0], np.arange(len(rows))[::-1]
-    median, p95 = (1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95"))
+    figure, ax = sheets.one_axes(1.3 + 0.27 * len(rows))
+    y = np.arange(len(rows))[::-1]
+    median, p95, p99 = (1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95", "p99"))
     if np.isfinite(p95).any():
         ax.barh(y, p95 - median, left=median, height=0.5, color=LOW, label="median to 95 % point")
     ax.plot(median, y, "|", color=sheets.BLUE, markersize=13, markeredgewidth=2.2, label="median")
-    p99 = 1e3 * np.array([r.p99.value for r in rows])
     if np.isfinite(p99).any():
         ax.plot(p99, y, "d", color=sheets.RED, markersize=5, label="99 % point")
     ax.plot([1e3 * r.largest for r in rows], y, "x", color="#333333", markersize=5, label="largest")
     _limit(ax, limit)
     ax.set_yticks(y, [_name(r) for r in rows])
-    ax.set_xlabel("amplitude, 0-to-peak [mN m]")
-    ax.set_xscale("log")
+    ax.set(xlabel="amplitude, 0-to-peak [mN m]", xscale="log")
     _plain_decades(ax.xaxis)
-    figure.legend(loc="outside lower center", ncols=5, fontsize=7, frameon=False)
-    return figure
+    return _with_legend(figure, 5)
 
 
 def _name(row: LineStatistics) -> str:
@@ -61,9 +58,17 @@ def _name(row: LineStatistics) -> str:
     return f"{row.line}  {low:.4g} Hz" if high - low < 1e-3 * high else f"{row.line}  {low:.3g} to {high:.3g} Hz"
 
 
-def _limit(ax: Axes, limit: float | None) -> None:
+def _limit(ax: Axes, limit: float | None, label: str = "limit {:g} mN m") -> None:
     if limit is not None:
-        ax.axvline(1e3 * limit, color=sheets.RED, linestyle="-.", linewidth=1.4, label=f"limit {1e3 * limit:g} mN m")
+        height = 1e3 * limit
+        ax.axvline(height, color=sheets.RED, linestyle="-.", linewidth=1.4, label=label.format(height))
+
+
+def _with_legend(figure: Figure, columns: int, handles: Sequence[Any] | None = None) -> Figure:
+    """The figure with a legend below it: of all its axes, or of these handles."""
+    given = {} if handles is None else {"handles": handles}
+    figure.legend(loc="outside lower center", ncols=columns, fontsize=7, frameon=False, **given)
+    return figure
 
 
 def _plain_decades(axis: Any) -> None:
@@ -85,58 +90,36 @@ def _of_level(results: Results, level: Level) -> np.ndarray:
 def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
     """Histogram of each line's amplitude over the draws of one level."""
     counted = _of_level(results, level)
-    figure, axes = _panels(len(lines))
+    figure, axes = sheets.panels(len(lines))
     for ax, line in zip(axes, lines, strict=True):
         x = amplitudes(results, line, band)[counted]
         x = 1e3 * x[np.isfinite(x)]
-        ax.hist(x, bins=_bins(x), color=sheets.BLUE, edgecolor="white", linewidth=0.4)
+        bins = int(np.clip(math.sqrt(x.size), 5, 60))
+        ax.hist(x, bins=bins, color=sheets.BLUE, edgecolor="white", linewidth=0.4)
         for q, style in ((0.5, "-"), (0.95, "--"), (0.99, ":")):
             if x.size >= draws_needed(q):
                 point = float(np.quantile(x, q))
                 ax.axvline(point, color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %")
-        _limit_in_milli(ax, limit, x)
+        if limit is not None and 1e3 * limit < 3.0 * float(x.max(initial=0.0)):  # else the picture would shrink
+            _limit(ax, limit, "limit")
         ax.set(title=line, xlabel="amplitude, 0-to-peak [mN m]", ylabel="draws")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7, frameon=False)
-    return figure
-
-
-def _bins(x: np.ndarray) -> int:
-    return int(np.clip(math.sqrt(x.size), 5, 60))
-
-
-def _limit_in_milli(ax: Axes, limit: float | None, x: np.ndarray) -> None:
-    """The limit, where it is not so far away that the picture would shrink."""
-    if limit is not None and 1e3 * limit < 3.0 * float(x.max(initial=0.0)):
-        ax.axvline(1e3 * limit, color=sheets.RED, linestyle="-.", linewidth=1.4, label="limit")
-
-
-def _panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, list[Any]]:
-    """Small panels across the page, each of ``height`` inches."""
-    rows, columns = math.ceil(count / columns), min(count, columns)
-    figure, axes = sheets.sheet(height * rows, rows, columns)
-    for ax in list(axes.flat)[count:]:
-        ax.set_visible(False)
-    return figure, list(axes.flat)[:count]
+    return _with_legend(figure, 4, axes[0].get_legend_handles_labels()[0])
 
 
 def exceedances(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
     """Part of the draws of one level in which a line is larger than an amplitude."""
     counted = _of_level(results, level)
-    figure, axes = sheets.sheet(3.4)
-    ax = axes[0, 0]
+    figure, ax = sheets.one_axes(3.4)
     styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
     for k, line in enumerate(lines):
         x, part = exceedance(amplitudes(results, line, band)[counted])
         colour = sheets.COLOURS[k % len(sheets.COLOURS)]
         ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
     _limit(ax, limit)
-    ax.set(yscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="fraction of the draws above it")
-    ax.set_xscale("log")
+    ax.set(yscale="log", xscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="fraction of the draws above it")
     _plain_decades(ax.xaxis)
     ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
-    figure.legend(loc="outside lower center", ncols=4, fontsize=7, frameon=False)
-    return figure
+    return _with_legend(figure, 4)
 
 
 def tornados(found: Sequence[Tornado]) -> Figure:
@@ -144,7 +127,7 @@ def tornados(found: Sequence[Tornado]) -> Figure:
     from matplotlib.patches import Patch
 
     keys = min(max(len(t.effects) for t in found), MAX_KEYS)
-    figure, axes = _panels(len(found), height=0.9 + 0.2 * keys, columns=2)
+    figure, axes = sheets.panels(len(found), height=0.9 + 0.2 * keys, columns=2)
     for ax, item in zip(axes, found, strict=True):
         shown = item.effects[:MAX_KEYS]
         y = np.arange(len(shown))[::-1]
@@ -157,9 +140,7 @@ def tornados(found: Sequence[Tornado]) -> Figure:
         explained = f" (R² {item.explained:.2f})" if math.isfinite(item.explained) else ""
         ax.set(title=f"{item.line}{explained}", xlabel="amplitude, 0-to-peak [mN m]")
     texts = {"at its low end": LOW, "at its high end": sheets.BLUE, "between its levels": BETWEEN}
-    handles = [Patch(color=colour, label=text) for text, colour in texts.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
-    return figure
+    return _with_legend(figure, 3, [Patch(color=colour, label=text) for text, colour in texts.items()])
 
 
 def scatters(results: Results, line: str, band: Band) -> Figure | None:
@@ -172,21 +153,21 @@ def scatters(results: Results, line: str, band: Band) -> Figure | None:
     y = 1e3 * amplitudes(results, line, band)
     shown = np.flatnonzero(np.isfinite(y))
     shown = shown[:: max(shown.size // MAX_POINTS, 1)]
-    figure, axes = _panels(len(keys))
+    figure, axes = sheets.panels(len(keys))
     for ax, item in zip(axes, keys, strict=True):
-        scale = _per_display(item.unit, item.display)
-        x = results.scalar(item.key)[shown] * scale
+        x = results.scalar(item.key)[shown] * _per_display(item.unit, item.display)
         ax.plot(x, y[shown], ".", color=sheets.BLUE, markersize=3, alpha=0.6)
-        unit = f" [{pretty(item.display)}]" if item.display else ""
-        ax.set(xlabel=f"{item.key}{unit}", ylabel=f"{line} [mN m]")
+        ax.set(xlabel=_label(item), ylabel=f"{line} [mN m]")
         ax.xaxis.label.set_fontsize(6.5)
     return figure
 
 
+def _label(item: Uncertain | Levels) -> str:
+    return f"{item.key} [{pretty(item.display)}]" if item.display else item.key
+
+
 def _numeric(item: Uncertain | Levels) -> bool:
-    return isinstance(item, Uncertain) or all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) for v in item.values
-    )
+    return isinstance(item, Uncertain) or item.numeric
 
 
 def _per_display(unit: str, display: str) -> float:
@@ -197,7 +178,7 @@ def _per_display(unit: str, display: str) -> float:
 
 def sobol_bars(found: Sequence[Indices]) -> Figure:
     """First-order and total Sobol indices with their intervals."""
-    figure, axes = _panels(len(found), height=0.9 + 0.28 * len(found[0].keys), columns=2)
+    figure, axes = sheets.panels(len(found), height=0.9 + 0.28 * len(found[0].keys), columns=2)
     for ax, item in zip(axes, found, strict=True):
         order = np.argsort([-t.value for t in item.total])
         y = np.arange(order.size)[::-1]
@@ -211,15 +192,13 @@ def sobol_bars(found: Sequence[Indices]) -> Figure:
         ax.set_yticks(y, [item.keys[k] for k in order], fontsize=6.5)
         ax.set(title=f"{item.line}, {item.points} points", xlabel="fraction of the variance")
         ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=7, frameon=False)
-    return figure
+    return _with_legend(figure, 2, axes[0].get_legend_handles_labels()[0])
 
 
 def over_levels(results: Results, lines: Sequence[str], band: Band) -> Figure:
     """Median and 5 to 95 % of each line over the levels of every key that has some."""
     keys = [x for x in results.campaign.design.levels if len(x.values) > 1][:6]
-    figure, axes = _panels(len(keys), height=2.8, columns=2)
+    figure, axes = sheets.panels(len(keys), height=2.8, columns=2)
     for ax, levels in zip(axes, keys, strict=True):
         _over(ax, results, lines, levels, band)
     axes[0].legend(fontsize=7)
@@ -227,27 +206,23 @@ def over_levels(results: Results, lines: Sequence[str], band: Band) -> Figure:
 
 
 def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band: Band) -> None:
-    number = results.campaign.design.level_numbers(levels.key)
-    numeric = _numeric(levels)
-    x = np.array(levels.values, dtype=float) if numeric else np.arange(len(levels.values), dtype=float)
-    x = x * (_per_display(levels.unit, levels.display) if numeric else 1.0)
+    design, numeric = results.campaign.design, levels.numeric
+    x = np.arange(len(levels.values), dtype=float)
+    if numeric:
+        x = np.array(levels.values, dtype=float) * _per_display(levels.unit, levels.display)
+    level = design.level_numbers(levels.key)[:: design.samples.shape[0]]
     for k, line in enumerate(lines):
-        y = amplitudes(results, line, band)
-        cells = y.reshape(-1, results.campaign.design.samples.shape[0])
-        level = number.reshape(cells.shape)[:, 0]
-        groups = [cells[level == n] for n in range(len(levels.values))]
-        median = [
-            1e3 * max((float(np.nanmedian(c)) for c in g if np.isfinite(c).any()), default=math.nan) for g in groups
-        ]
-        low, high = (
-            [1e3 * float(end(g)) if np.isfinite(g).any() else math.nan for g in groups]
-            for end in (np.nanmin, np.nanmax)
+        cells = amplitudes(results, line, band).reshape(level.size, -1)
+        groups = [[c for c in cells[level == n] if np.isfinite(c).any()] for n in range(x.size)]
+        # a level that no case has an amplitude at is left out of the curves
+        median, low, high = (
+            1e3 * np.array([of([float(end(c)) for c in g]) if g else math.nan for g in groups])
+            for of, end in ((max, np.nanmedian), (min, np.nanmin), (max, np.nanmax))
         )
         colour = sheets.COLOURS[k % len(sheets.COLOURS)]
         ax.plot(x, median, marker="os^Dv*"[k % 6], markersize=4, color=colour, linewidth=1.2, label=line)
         ax.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
-    if not numeric or len(x) <= 8:
-        ax.set_xticks(x, levels.labels if not numeric else [f"{v:g}" for v in x])
-    unit = f" [{pretty(levels.display)}]" if levels.display and numeric else ""
-    ax.set(yscale="log", xlabel=f"{levels.key}{unit}", ylabel="amplitude, 0-to-peak [mN m]")
+    if not numeric or x.size <= 8:
+        ax.set_xticks(x, [f"{v:g}" for v in x] if numeric else levels.labels)
+    ax.set(yscale="log", xlabel=_label(levels) if numeric else levels.key, ylabel="amplitude, 0-to-peak [mN m]")
     _plain_decades(ax.yaxis)

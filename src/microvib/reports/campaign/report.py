@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from microvib.analysis.limits import Limit
 from microvib.model.scenario import Scenario
 from microvib.reports.blocks import drawn, study
 from microvib.reports.campaign import figures
-from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, table
-from microvib.reports.numbers import brief, count, given, plain, short, torque
+from microvib.reports.document import Block, Document, Fact, Form, Section, Table, Text, table
+from microvib.reports.numbers import brief_milli, count, given, plain, short, torque
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
 from microvib.studies.campaign.folder import Campaign
@@ -104,7 +104,7 @@ def hertz(r: LineStatistics) -> str:
 
 def interval(e: Estimate) -> str:
     """An interval; empty where the draws are too few for it."""
-    return f"{milli(e.low)} to {milli(e.high)}" if math.isfinite(e.value) else ""
+    return f"{brief_milli(e.low)} to {brief_milli(e.high)}" if math.isfinite(e.value) else ""
 
 
 def above_limit(r: LineStatistics) -> str:
@@ -114,22 +114,20 @@ def above_limit(r: LineStatistics) -> str:
     if r.exceedance is None:
         return "above" if r.above else "not judged" if r.unknown else "below"
     e, doubt = r.exceedance, f", {r.unknown} not judged" if r.unknown else ""
-    return f"{r.above} of {r.count}{doubt}: {100 * e.value:.3g} % ({100 * e.low:.3g} to {100 * e.high:.3g})"
+    return f"{r.above} of {r.count}{doubt}: {100 * e.value:.3g} % ({percents(e)})"
 
 
-def counts(results: Results) -> dict[int, int]:
-    """Number of cases in each state."""
-    state = results.state
-    return {code: int(np.sum(state == code)) for code in (MISSING, DONE, FAILED)}
+def percents(e: Estimate) -> str:
+    """An interval of probabilities in per cent."""
+    return f"{100 * e.low:.3g} to {100 * e.high:.3g}"
 
 
-def milli(value: float) -> str:
-    """A torque [N m] in mN m; empty if there is none."""
-    return brief(1e3 * value)
+def counts(results: Results) -> list[int]:
+    """Number of cases in each state: MISSING, DONE, FAILED."""
+    return [int(n) for n in np.bincount(results.state, minlength=3)]
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A drawing with its caption."""
 
     title: str
@@ -143,16 +141,16 @@ def draw(s: Summary) -> dict[str, Picture]:
     made: dict[str, Picture] = {}
     if s.rows:
         where = " Each line at the level at which it is largest." if s.several else ""
-        text = "Median, 95 % and 99 % point where the draws carry them, and the largest amplitude." + where
+        text = f"Median, 95 % and 99 % point where the draws carry them, and the largest amplitude.{where}"
         made["envelopes"] = Picture("Envelopes", figures.envelopes(shown(s)[:16], s.limit), text)
     if s.rows and s.by_level[0].level.draws > 1:
         level = s.by_level[0].level
         where = f" At {level.text}, the level with the largest line." if s.several else ""
-        lines = [ANY, *s.lines][:6]
-        text = "Fraction of the draws in which a line exceeds an amplitude." + where
-        made["exceedance"] = Picture("Exceedance", figures.exceedances(results, lines, s.limit, s.band, level), text)
-        text = "Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point." + where
-        made["histograms"] = Picture("Histograms", figures.histograms(results, lines, s.limit, s.band, level), text)
+        given = results, [ANY, *s.lines][:6], s.limit, s.band, level
+        text = f"Fraction of the draws in which a line exceeds an amplitude.{where}"
+        made["exceedance"] = Picture("Exceedance", figures.exceedances(*given), text)
+        text = f"Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point.{where}"
+        made["histograms"] = Picture("Histograms", figures.histograms(*given), text)
     if any(len(levels.values) > 1 for levels in design.levels):
         text = "Median over the levels of a key, the largest where other keys have levels too; shaded, all cases at it."
         drawing = figures.over_levels(results, [ANY, *s.lines][:4], s.band)
@@ -173,10 +171,9 @@ def draw(s: Summary) -> dict[str, Picture]:
 
 def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None = None) -> Document:
     """The report of a campaign; its first page says what was varied, the lines against the limit, and the envelopes."""
-    campaign = s.results.campaign
-    rest = {name: picture for name, picture in pictures.items() if name != "envelopes"}
-    lines: list[Block] = [_lines(s)] if s.rows else []
-    lines += [_block(pictures["envelopes"])] if "envelopes" in pictures else []
+    campaign, base = s.results.campaign, s.results.campaign.design.base
+    figure = {name: drawn(drawing, title, caption) for name, (title, drawing, caption) in pictures.items()}
+    lines: list[Block] = [_lines(s), figure["envelopes"]] if s.rows else []
     by_level = s.rows and s.several  # then the first page has the levels, and the lines the next one
     first_page: list[Block] = [_levels(s)] if by_level else lines
     sections = [
@@ -184,21 +181,16 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
         Section("Worst cases", tuple(_worst(s)), new_page=True),
         Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
         Section("How to read the figures", (Text(_how_to_read(s)),)),
-        *(Section(picture.title, (_block(picture),)) for picture in rest.values()),
+        *(Section(pictures[name].title, (block,)) for name, block in figure.items() if name != "envelopes"),
         *_failed(s.results),
         Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
     ]
-    found = counts(s.results)
-    base = campaign.design.base
-    subtitle = f"{found[DONE]} of {campaign.design.cases} cases of {base.title or campaign.design.study.scenario}"
+    done, cases = counts(s.results)[DONE], campaign.design.cases
+    subtitle = f"{done} of {cases} cases of {base.title or campaign.design.study.scenario}"
     title = campaign.design.study.title or f"Campaign {campaign.folder.name}"
     return study(
         "Campaign", title, subtitle, facts=_facts(s), first_page=first_page, sections=sections, form=form, scenario=base
     )  # fmt: skip
-
-
-def _block(picture: Picture) -> Figure:
-    return drawn(picture.drawing, picture.title, picture.caption)
 
 
 def _facts(s: Summary) -> list[Fact]:
@@ -222,27 +214,18 @@ def _limit_facts(s: Summary) -> list[Fact]:
         return []
     allowed, facts = given(s.limit), []
     fails, open_ones = [row for row in s.by_level if row.above], [row for row in s.by_level if row.unknown]
-    kind: Literal["", "pass", "fail"] = "fail" if fails else "" if open_ones or not _complete(s) else "pass"
+    incomplete = any(row.level.failed for row in s.by_level)
+    kind: Literal["", "pass", "fail"] = "fail" if fails else "" if open_ones or incomplete else "pass"
     if s.several:
         doubt = f"; cases that could not be judged at {len(open_ones)}" if open_ones else ""
         facts.append(Fact(f"{len(fails)} of {len(s.by_level)} levels", f"with cases above {allowed}{doubt}", kind))
-        if s.any_level is not None:
-            e, any_ = s.any_level.exceedance, s.any_level
-            doubt = f", {any_.unknown} not judged" if any_.unknown else ""
-            text = f"of {any_.draws} draws above {allowed} at one level or more{doubt} (95 % interval {_percent(e)})"
-            facts.append(Fact(f"{100 * e.value:.3g} %", text, kind))
-        return facts
-    top = s.by_level[0]
-    if top.exceedance is None:
-        return [Fact(above_limit(top), allowed, kind)]
-    doubt = f", {top.unknown} not judged" if top.unknown else ""
-    text = f"of {top.count} draws above {allowed}{doubt} (95 % interval {_percent(top.exceedance)})"
-    return [Fact(f"{100 * top.exceedance.value:.3g} %", text, kind)]
-
-
-def _complete(s: Summary) -> bool:
-    """Whether every case was computed."""
-    return not any(row.level.failed for row in s.by_level)
+    chance = s.any_level if s.several else s.by_level[0]
+    if chance is not None and chance.exceedance is not None:
+        doubt = f", {chance.unknown} not judged" if chance.unknown else ""
+        text = f"of {chance.count} draws above {allowed}{' at one level or more' if s.several else ''}{doubt}"
+        e = chance.exceedance
+        facts.append(Fact(f"{100 * e.value:.3g} %", f"{text} (95 % interval {percents(e)} %)", kind))
+    return facts or [Fact(above_limit(s.by_level[0]), allowed, kind)]
 
 
 def why_not_judged(s: Summary) -> str:
@@ -256,23 +239,16 @@ def why_not_judged(s: Summary) -> str:
             " is above it."
         )
     reasons = Counter(text for text in s.results.gaps if text)
-    return (
-        f"{reasons.most_common(1)[0][0]} (of {count(reasons.total(), 'case')}, the commonest reason)" if reasons else ""
-    )
-
-
-def _percent(e: Estimate) -> str:
-    return f"{100 * e.low:.3g} to {100 * e.high:.3g} %"
+    total = count(reasons.total(), "case")
+    return f"{reasons.most_common(1)[0][0]} (of {total}, the commonest reason)" if reasons else ""
 
 
 def _lines(s: Summary) -> Table:
     header = ["line", "frequency [Hz]", "median [mN m]", "P95 [mN m]", "its interval [mN m]", "P99 [mN m]", "largest [mN m]",
-              "case [1]"]  # fmt: skip
-    header += ["above the limit [1]"] if s.limit is not None else []
-    header += ["at level"] if s.several else []
+              "case [1]", "above the limit [1]", "at level"]  # fmt: skip
     rows = [
-        [r.line, hertz(r), milli(r.median.value), milli(r.p95.value), interval(r.p95), milli(r.p99.value), milli(r.largest),
-         str(r.worst), *([above_limit(r)] if s.limit is not None else []), *([short(r.level.text, 60)] if s.several else [])]
+        [r.line, hertz(r), brief_milli(r.median.value), brief_milli(r.p95.value), interval(r.p95), brief_milli(r.p99.value),
+         brief_milli(r.largest), str(r.worst), above_limit(r), short(r.level.text, 60)]
         for r in shown(s)
     ]  # fmt: skip
     where = ", each at the level at which it is largest" if s.several else ""
@@ -281,11 +257,11 @@ def _lines(s: Summary) -> Table:
 
 def _levels(s: Summary) -> Table:
     """The largest line of each level."""
-    header = ["level", "draws [1]", "median [mN m]", "P95 [mN m]", "P99 [mN m]", "largest [mN m]", "case [1]"]
-    header += ["above the limit [1]"] if s.limit is not None else []
+    header = ["level", "draws [1]", "median [mN m]", "P95 [mN m]", "P99 [mN m]", "largest [mN m]", "case [1]",
+              "above the limit [1]"]  # fmt: skip
     rows = [
-        [short(r.level.text, 80), str(r.level.draws), milli(r.median.value), milli(r.p95.value), milli(r.p99.value),
-         milli(r.largest), str(r.worst), *([above_limit(r)] if s.limit is not None else [])]
+        [short(r.level.text, 80), str(r.level.draws), brief_milli(r.median.value), brief_milli(r.p95.value),
+         brief_milli(r.p99.value), brief_milli(r.largest), str(r.worst), above_limit(r)]
         for r in s.by_level[:MAX_LEVELS]
     ]  # fmt: skip
     more = len(s.by_level) - len(rows)
@@ -302,10 +278,10 @@ def _how_to_read(s: Summary) -> str:
     )
     if s.several:
         text += " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
-    failed = sum(r.level.failed for r in s.by_level)
+    failed, why = sum(r.level.failed for r in s.by_level), why_not_judged(s)
     text += f" {count(failed, 'case')} without figures (failed, or not computed) are not in them." if failed else ""
-    text += f" {why}" if (why := why_not_judged(s)) else ""
-    return text + band + " All figures are the model's, for the assumed spread; they are not those of a measured batch."
+    text += f" {why}" if why else ""
+    return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
 
 def _sampling(campaign: Campaign) -> str:
@@ -313,9 +289,8 @@ def _sampling(campaign: Campaign) -> str:
     sampling, record = design.study.sampling, design.base.record
     points = design.samples.shape[0]
     how = f"Sampling: {sampling.method}, {count(points, 'point')}, seed {sampling.seed}. " if design.uncertain else ""
-    steady = design.study.solve == "steady"
-    solve = "its steady state" if steady else f"a record of {record.duration:g} s after {record.settle:g} s"
-    return f"{how}Of each case: {solve}."
+    recorded = f"a record of {record.duration:g} s after {record.settle:g} s"
+    return f"{how}Of each case: {'its steady state' if design.study.solve == 'steady' else recorded}."
 
 
 def _varied(campaign: Campaign) -> Table:
@@ -334,24 +309,21 @@ def _worst(s: Summary) -> list[Block]:
         return [Text("No case is done.")]
     design = s.results.campaign.design
     labels = [design.labels(case) for case, _ in found]
-    keys = [key for key in design.keys if any(key in x for x in labels)]
     header = ["what", "unit", *(f"case {case} [1]" for case, _ in found), "scenario [1]"]
     rows = [
-        ["largest line", "mN m", *(milli(amplitude) for _, amplitude in found), ""],
+        ["largest line", "mN m", *(brief_milli(amplitude) for _, amplitude in found), ""],
         ["which line", "", *(_which(s, case, amplitude) for case, amplitude in found), ""],
-        *(_varied_row(design.base, key, [x.get(key, "") for x in labels]) for key in keys),
+        *(
+            _varied_row(design.base, key, texts)
+            for key in design.keys
+            if any(texts := [x.get(key, "") for x in labels])
+        ),
     ]
     caption = "Cases with the largest lines, worst first; scenario: what the study starts from."
-    again = (
-        f"Each case runs again alone: `microvib campaign case {campaign_name(s)} CASE`. All digits are in `worst.csv`."
-    )
-    return [table(header, rows, caption, {0: "strong"}), _worst_of_lines(s), Text(again, note=True)]
-
-
-def campaign_name(s: Summary) -> str:
-    """Name of the campaign's folder."""
     folder = s.results.campaign.folder
-    return folder.name or str(folder)
+    again = f"`microvib campaign case {folder.name or folder} CASE`. All digits are in `worst.csv`."
+    note = Text(f"Each case runs again alone: {again}", note=True)
+    return [table(header, rows, caption, {0: "strong"}), _worst_of_lines(s), note]
 
 
 def _which(s: Summary, case: int, amplitude: float) -> str:
@@ -375,20 +347,18 @@ _NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
 
 def _worst_of_lines(s: Summary) -> Table:
     """The three worst cases of every line."""
+    header = [
+        "line",
+        *(text for what in ("worst case", "second", "third") for text in (f"{what} [1]", "its amplitude [mN m]")),
+    ]
     rows = []
     for line, found in s.worst.items():
-        cells = [cell for case, amplitude in found[:3] for cell in (str(case), milli(amplitude))]
+        cells = [cell for case, amplitude in found[:3] for cell in (str(case), brief_milli(amplitude))]
         rows.append([line, *cells, *[""] * (6 - len(cells))])
-    header = ["line", "worst case [1]", "its amplitude [mN m]", "second [1]", "its amplitude [mN m]", "third [1]",
-              "its amplitude [mN m]"]  # fmt: skip
     return table(header, rows, "The worst cases of each line.", {0: "strong"})
 
 
 def _failed(results: Results) -> list[Section]:
-    failed = np.flatnonzero(results.state == FAILED)
-    if not failed.size:
-        return []
-    reasons = results.reasons
-    rows = [[str(case), reasons[case]] for case in failed[:20].tolist()]
-    more = [Text("All of them are in `failed.csv`.")] if failed.size > 20 else []
-    return [Section("Failed cases", (table(["case [1]", "reason"], rows), *more))]
+    rows = [[str(case), reason] for case, reason in enumerate(results.reasons) if reason]
+    more = [Text("All of them are in `failed.csv`.")] if len(rows) > 20 else []
+    return [Section("Failed cases", (table(["case [1]", "reason"], rows[:20]), *more))] if rows else []

@@ -22,15 +22,17 @@ from microvib.reports.campaign.report import (
     draw,
     hertz,
     interval,
-    milli,
+    percents,
     shown,
     why_not_judged,
 )
 from microvib.reports.document import Form
+from microvib.reports.numbers import brief_milli
 from microvib.reports.rendering import write_study
-from microvib.studies.campaign.cases import FIGURES, compute
+from microvib.reports.sheets import png
+from microvib.studies.campaign.cases import FIGURES, Chunk, compute
 from microvib.studies.campaign.folder import Campaign
-from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
+from microvib.studies.campaign.results import DONE, FAILED, MISSING
 from microvib.studies.campaign.slurm import job_state
 from microvib.studies.campaign.statistics import ANY, Estimate, LineStatistics
 
@@ -39,24 +41,20 @@ MAX_REASONS = 10
 
 def state_text(campaign: Campaign, reasons: bool = False) -> str:
     """How far a campaign is: cases done, failed, missing, and with ``reasons`` why cases failed."""
-    done = failed = 0
-    why: Counter[str] = Counter()
+    computed, why = 0, Counter[str]()
     examples: dict[str, int] = {}
     for cases, chunk in campaign.results():
+        computed += len(cases)
         for case, reason in zip(cases, chunk.reasons, strict=True):
-            done += not reason
-            failed += bool(reason)
             if reason:
                 kind = _kind_of(reason)
                 why[kind] += 1
                 examples.setdefault(kind, case)
     total = campaign.design.cases
-    text = f"{done + failed} of {total} cases computed, {failed} of them failed"
-    if done + failed < total:
-        text += f"; {total - done - failed} to do: microvib campaign resume {campaign.folder}"
-    lines = [text]
-    queued = job_state(campaign)
-    if queued:
+    lines = [f"{computed} of {total} cases computed, {why.total()} of them failed"]
+    if computed < total:
+        lines[0] += f"; {total - computed} to do: microvib campaign resume {campaign.folder}"
+    if queued := job_state(campaign):
         lines.append(f"Slurm: {queued}")
     if reasons:
         lines += [f"  {count} x {kind} (case {examples[kind]})" for kind, count in why.most_common(MAX_REASONS)]
@@ -79,18 +77,13 @@ def report_text(s: Summary) -> str:
                   f" {'case':>8s}{above}   mN m, 0-to-peak"]  # fmt: skip
         lines += [_row_text(r) for r in shown(s)]
     if s.rows and s.several:
-        lines += [
-            "",
-            "Each line at the level at which it is largest. The largest line level by level, highest first:",
-            "",
-        ]
-        lines += [_level_text(r) for r in s.by_level[:MAX_LEVELS]]
+        text = "Each line at the level at which it is largest. The largest line level by level, highest first:"
+        lines += ["", text, "", *(_level_text(r) for r in s.by_level[:MAX_LEVELS])]
         lines += [f"and {len(s.by_level) - MAX_LEVELS} more in statistics.csv"] * (len(s.by_level) > MAX_LEVELS)
     if s.any_level is not None and s.limit is not None:
-        e = s.any_level.exceedance
-        lines += ["", f"Above {1e3 * s.limit:g} mN m at one level or more: {s.any_level.above} of {s.any_level.draws} draws,"
-                  f" {s.any_level.unknown} not judged,"
-                  f" {100 * e.value:.3g} % (95 % interval {100 * e.low:.3g} to {100 * e.high:.3g} %)."]  # fmt: skip
+        any_, e = s.any_level, s.any_level.exceedance
+        lines += ["", f"Above {1e3 * s.limit:g} mN m at one level or more: {any_.above} of {any_.count} draws, {any_.unknown} not"
+                  f" judged, {100 * e.value:.3g} % (95 % interval {percents(e)} %)."]  # fmt: skip
     lines += ["", why] if (why := why_not_judged(s)) else []
     for item in s.tornados[:2]:
         effects = ", ".join(f"{e.key} {1e3 * e.low:.4g} to {1e3 * e.high:.4g}" for e in item.effects[:4])
@@ -108,16 +101,16 @@ def report_text(s: Summary) -> str:
 
 def _row_text(r: LineStatistics) -> str:
     text = (
-        f"{r.line:18s} {hertz(r):>19s} {milli(r.median.value):>9s} {milli(r.p95.value):>9s} {interval(r.p95):>20s}"
-        f" {milli(r.p99.value):>9s} {milli(r.largest):>9s} {r.worst:8d}"
+        f"{r.line:18s} {hertz(r):>19s} {brief_milli(r.median.value):>9s} {brief_milli(r.p95.value):>9s} {interval(r.p95):>20s}"
+        f" {brief_milli(r.p99.value):>9s} {brief_milli(r.largest):>9s} {r.worst:8d}"
     )
     return text if r.above is None else f"{text}{above_limit(r):>32s}"
 
 
 def _level_text(r: LineStatistics) -> str:
-    median = f"median {milli(r.median.value)}, " if milli(r.median.value) else ""
+    median = f"median {brief_milli(r.median.value)}, " if brief_milli(r.median.value) else ""
     above = f"; above the limit: {above_limit(r)}" if r.above is not None else ""
-    return f"  {r.level.text}: {median}largest {milli(r.largest)} mN m (case {r.worst}){above}"
+    return f"  {r.level.text}: {median}largest {brief_milli(r.largest)} mN m (case {r.worst}){above}"
 
 
 def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, ...]:
@@ -125,16 +118,11 @@ def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, 
     pictures = draw(s)
     files: dict[str, Any] = {
         "statistics.csv": _statistics_csv(s.rows),
-        "worst.csv": _worst_csv(s),
-        "failed.csv": _failed_csv(s.results),
+        **_cases_csv(s),
         "effects.csv": _effects_csv(s),
-        **{f"{name}.png": _png(picture.drawing) for name, picture in pictures.items()},
+        **{f"{name}.png": png(picture.drawing) for name, picture in pictures.items()},
     }
     return write_study(out, files, campaign_report(s, pictures, form), form, overwrite=True)
-
-
-def _png(figure: Any) -> Any:
-    return lambda path: figure.savefig(path, format="png", dpi=200)
 
 
 def _statistics_csv(rows: Sequence[LineStatistics]) -> str:
@@ -152,33 +140,33 @@ def _statistics_csv(rows: Sequence[LineStatistics]) -> str:
     ))  # fmt: skip
 
 
-def _worst_csv(s: Summary) -> str:
+def _cases_csv(s: Summary) -> dict[str, str]:
+    """Tables of the worst cases and of those that failed, with what is varied in them."""
     design = s.results.campaign.design
     keys = design.keys
-    rows = []
-    for line, found in s.worst.items():
-        for rank, (case, amplitude) in enumerate(found, 1):
-            labels = design.labels(case)
-            rows.append([line, rank, case, amplitude, *(labels.get(key, "") for key in keys)])
-    return rows_csv(["line", "rank", "case", "amplitude_n_m", *keys], rows)
 
+    def labels(case: int) -> list[str]:
+        found = design.labels(case)
+        return [found.get(key, "") for key in keys]
 
-def _failed_csv(results: Results) -> str:
-    design, reasons = results.campaign.design, results.reasons
-    keys = design.keys
-    failed = [int(k) for k in np.flatnonzero(results.state == FAILED)]
-    labelled = ((case, design.labels(case)) for case in failed)
-    rows = ([case, reasons[case], *(labels.get(key, "") for key in keys)] for case, labels in labelled)
-    return rows_csv(["case", "reason", *keys], rows)
+    worst = (
+        [line, rank, case, amplitude, *labels(case)]
+        for line, found in s.worst.items()
+        for rank, (case, amplitude) in enumerate(found, 1)
+    )
+    failed = ([case, reason, *labels(case)] for case, reason in enumerate(s.results.reasons) if reason)
+    return {
+        "worst.csv": rows_csv(["line", "rank", "case", "amplitude_n_m", *keys], worst),
+        "failed.csv": rows_csv(["case", "reason", *keys], failed),
+    }
 
 
 def _effects_csv(s: Summary) -> str:
     rows: list[list[Any]] = [["tornado", t.line, e.key, e.low, e.high, ""] for t in s.tornados for e in t.effects]
     for found in s.indices:
         for kind, estimates in (("sobol first order", found.first), ("sobol total", found.total)):
-            rows += [
-                [kind, found.line, key, e.low, e.high, e.value] for key, e in zip(found.keys, estimates, strict=True)
-            ]
+            pairs = zip(found.keys, estimates, strict=True)
+            rows += [[kind, found.line, key, e.low, e.high, e.value] for key, e in pairs]
     return rows_csv(["kind", "line", "key", "low", "high", "value"], rows)
 
 
@@ -195,19 +183,18 @@ def again_text(campaign: Campaign, case: int) -> str:
     if not campaign.file(chunk).is_file():
         return "\n".join([*lines, "It is not computed in the campaign yet."])
     kept, place = campaign.read(chunk), case % campaign.chunk_size
-    differing = [name for name in alone.lines if not _same(alone, 0, kept, place, name)]
-    same = not differing and alone.reasons[0] == kept.reasons[place]
-    lines.append(
-        "The same as in the campaign, to the last bit."
-        if same
-        else f"Differs from the campaign in {', '.join(differing) or 'its reason'}."
-    )
+    differing = [name for name in alone.lines if _figures(alone, 0, name) != _figures(kept, place, name)]
+    differing += ["its reason"] if alone.reasons[0] != kept.reasons[place] and not differing else []
+    same = "The same as in the campaign, to the last bit."
+    lines.append(f"Differs from the campaign in {', '.join(differing)}." if differing else same)
     return "\n".join(lines)
 
 
-def _same(a: Any, i: int, b: Any, j: int, name: str) -> bool:
-    x, y = a.lines.index(name), b.lines.index(name) if name in b.lines else -1
-    return y >= 0 and all(np.array_equal(a.figures[f][i, x], b.figures[f][j, y], equal_nan=True) for f in FIGURES)
+def _figures(chunk: Chunk, k: int, line: str) -> bytes:
+    """All that is kept of a line of the k-th case, as bytes; none where the chunk has no such line."""
+    return b"".join(
+        chunk.figures[name][k, chunk.lines.index(line)].tobytes() for name in FIGURES if line in chunk.lines
+    )
 
 
 def write_case(campaign: Campaign, case: int, path: Path) -> None:

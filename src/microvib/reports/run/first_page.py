@@ -25,15 +25,13 @@ MOST = 10
 def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Fact, ...]:
     """The verdict, or without a limit the largest lines; largest torque and RMS."""
     T_d = motion["T_d"]
-    sizes = (
-        Fact(torque(float(np.abs(T_d).max())), "largest T_d"),
-        Fact(torque(float(T_d.std())), "RMS about the mean"),
-    )
-    doubt = [Fact("NOT to be used", "an invariant does not hold", "fail")] if failing(motion) else []
+    found = [Fact("NOT to be used", "an invariant does not hold", "fail")] if failing(motion) else []
     if judged is not None:
-        return (*doubt, *_verdict(judged), *sizes)
-    largest = (Fact(torque(x.amplitude_n_m), _where(x)) for x in _largest(lines)[:2])
-    return (*doubt, *largest, *sizes)
+        found += _verdict(judged)
+    else:
+        found += [Fact(torque(x.amplitude_n_m), _where(x)) for x in _largest(lines)[:2]]
+    largest, rms = torque(float(np.abs(T_d).max())), torque(float(T_d.std()))
+    return (*found, Fact(largest, "largest T_d"), Fact(rms, "RMS about the mean"))
 
 
 def _where(line: Line) -> str:
@@ -55,12 +53,8 @@ def _verdict(judged: Judgement) -> list[Fact]:
     worst = next((m for m in judged.margins if m.verdict != "not judged"), None)
     if worst is None:
         return [whole]
-    return [
-        whole,
-        Fact(
-            f"{worst.decibel:+.1f} dB", f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.line}"
-        ),
-    ]
+    smallest = f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.line}"
+    return [whole, Fact(f"{worst.decibel:+.1f} dB", smallest)]
 
 
 def _largest(lines: LineTable) -> list[Line]:
@@ -70,12 +64,10 @@ def _largest(lines: LineTable) -> list[Line]:
 
 def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
     """What was simulated, the main lines, what they do not say by themselves, and the picture."""
-    return (
-        pairs(_simulated(motion)),
-        _main_lines(lines, judged),
-        *_notes(motion, lines, judged),
-        _picture(motion, lines, judged),
-    )
+    scenario = motion.scenario
+    notes = [*_doubts(scenario), *unsettled(lines, scenario), *(_limits(judged) if judged else [])]
+    told = [Text(" ".join(notes), note=True)] if notes else []
+    return pairs(_simulated(motion)), _main_lines(lines, judged), *told, _picture(motion, lines, judged)
 
 
 def _simulated(motion: Motion) -> list[tuple[str, str]]:
@@ -84,23 +76,20 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
     array, record = scenario.array, scenario.record
     stiffness = "rigid" if reducer.rigid else f"{float(reducer.stiffness):.5g} N m/rad"
     first = f", the first clamped at {array.modes[0].frequency:.5g} Hz" if array.modes else ""
-    rows = [
-        (
-            "Drive",
-            f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step, reducer {reducer.ratio:g}:1,"
-            f" {stiffness}",
-        ),
-        ("Array", f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}"),
-        ("Motion", _motion(motion)),
-        ("Record", f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s"),
-    ]
-    rows += [("Values", short(scenario.source, 160))] if scenario.source else []
-    return [*rows, ("Invariants", invariants_sentence(motion)), *_integration(motion)]
-
-
-def _integration(motion: Motion) -> list[tuple[str, str]]:
+    drive = (
+        f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step, reducer {reducer.ratio:g}:1"
+    )
     estimate = estimate_in(motion.solver)
-    return [] if estimate is None else [("Integration", str(estimate))]
+    rows = {
+        "Drive": f"{drive}, {stiffness}",
+        "Array": f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}",
+        "Motion": _motion(motion),
+        "Record": f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s",
+        "Values": short(scenario.source, 160),
+        "Invariants": invariants_sentence(motion),
+        "Integration": "" if estimate is None else str(estimate),
+    }
+    return [(name, text) for name, text in rows.items() if text]
 
 
 def _motion(motion: Motion) -> str:
@@ -122,20 +111,12 @@ def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
     shown = _shown(lines, judged)
     header = ["line", "frequency [Hz]", "amplitude [mN m]", *(JUDGED if judged else ["what it is"])]
     rows = [
-        [
-            x.line,
-            format_number(x.frequency_hz, 5),
-            milli(x.amplitude_n_m),
-            *(judged_cells(x, judged) if judged else [what(x)]),
-        ]
+        [x.line, format_number(x.frequency_hz, 5), milli(x.amplitude_n_m), *(judged_cells(x, judged) if judged else [what(x)])]
         for x in shown
-    ]
-    which = (
-        f"The {len(shown)} of {len(lines)} lines with the {'smallest margins' if judged else 'largest amplitudes'}. "
-    )
-    return table(
-        header, rows, (which if len(shown) < len(lines) else "") + "Amplitudes 0-to-peak.", marks(shown, judged)
-    )
+    ]  # fmt: skip
+    most = "smallest margins" if judged else "largest amplitudes"
+    which = f"The {len(shown)} of {len(lines)} lines with the {most}. " if len(shown) < len(lines) else ""
+    return table(header, rows, f"{which}Amplitudes 0-to-peak.", marks(shown, judged))
 
 
 JUDGED = ["margin [dB]", "factor [1]", "verdict"]
@@ -163,11 +144,6 @@ def marks(shown: Sequence[Line], judged: Judgement | None) -> dict[int, Mark]:
 def what(line: Line) -> str:
     """Origin of a line, and its status where that is not simply seen."""
     return line.origin if line.status == "ok" else f"{line.origin}; {line.status}"
-
-
-def _notes(motion: Motion, lines: LineTable, judged: Judgement | None) -> list[Text]:
-    notes = [*_doubts(motion.scenario), *unsettled(lines, motion.scenario), *(_limits(judged) if judged else [])]
-    return [Text(" ".join(notes), note=True)] if notes else []
 
 
 def _doubts(scenario: Scenario) -> Iterable[str]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
 from microvib.analysis.accuracy import KEY
+from microvib.analysis.budget import budget
 from microvib.analysis.limits import Judgement, Limit, judge
 from microvib.io.runs import scenario_hash
 from microvib.io.tables import package_versions
@@ -13,10 +16,9 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, made_by
-from microvib.reports.document import Block, Code, Document, Form, Section, Text, pairs, table
+from microvib.reports.document import Block, Code, Document, Form, Section, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, milli
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
-from microvib.reports.run.budget import budget_section
 from microvib.reports.run.first_page import facts, first_page, judged_cells, marks, what
 from microvib.reports.run.trust import trust_section
 from microvib.signals.line_table import FAINT, Line, LineTable
@@ -25,6 +27,18 @@ from microvib.studies.paper import compare_with_paper, comparison_worth
 
 _NOT_SHOWN = ("wall_s", "times_real_time", KEY)
 """What of the solver's account differs from run to run, or is told in words."""
+_MAX_LINES = 3
+_ROWS = {
+    "T_e": "−T_e, motor",
+    "T_f_m": "T_f,m, rotor friction",
+    "T_f": "T_f, output friction",
+    "T_g": "−(1 + 1/h) T_g, gear",
+    "T_d": "T_d, their sum",
+    "T_l": "T_l, load of the array (not in the sum)",
+}
+"""Each torque, as the housing feels it."""
+_TINY = 1e-9
+"""Part of a line's largest contribution below which a phase says nothing."""
 
 
 def run_report(
@@ -50,7 +64,7 @@ def run_report(
             *_beside_the_paper(scenario, lines),
             _array_modes(motion, lines),
             _microsteps(motion),
-            budget_section(motion, lines),
+            _torque_budget(motion, lines),
             _frequencies(scenario),
             Section("Parameters", (Text(status_sentence(scenario)), *parameter_blocks(scenario)), new_page=True),
             Section("Derived values", (table(["quantity", "value [1]", "by"], derived_values(scenario)),)),
@@ -89,10 +103,9 @@ def _line_cells(x: Line) -> list[str]:
 def _left_out(lines: LineTable, shown: tuple[Line, ...]) -> str:
     """A sentence on the lines that are left to the CSV file."""
     faint = [x.line for x in lines if x.status == FAINT]
-    small = len([x for x in lines if x.status != FAINT]) - len([x for x in shown if x.status != FAINT])
+    small = sum(x.status != FAINT for x in lines) - sum(x.status != FAINT for x in shown)
     parts = [f"{count(small, 'small line')} more in `lines.csv`."] if small else []
-    if faint:
-        parts.append(f"Expected, but not above the floor: {', '.join(faint)}.")
+    parts += [f"Expected, but not above the floor: {', '.join(faint)}."] if faint else []
     return " ".join(parts)
 
 
@@ -130,16 +143,60 @@ def _microsteps(motion: Motion) -> Section:
     return Section("Through the microsteps", (drawn(drawing, "Disturbance torque through a few microsteps", caption),))
 
 
+def _torque_budget(motion: Motion, lines: LineTable) -> Section:
+    """Mean, RMS and largest of each contribution, and its amplitude and phase at the main lines."""
+    text = (
+        "The torques on the housing, which add up to the disturbance torque, line by line as phasors:"
+        " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a cosine at the first sample."
+    )
+    drawing, axes = sheets.plain_sheet(2.9, 1, 2)
+    figures.draw_torques(axes[0, 0], motion)
+    figures.draw_motor_torques(axes[0, 1], motion)
+    caption = (
+        "Left, torques at the output less their means: T_d on the spacecraft, T_g of the gear, T_f of friction, T_l of the array."
+        " Right, torques at the rotor: T_e of the motor, T_f,m of friction, T_g/h of the gear."
+    )
+    picture = drawn(drawing, "Torques at output and rotor through a few microsteps", caption)
+    return Section("Torque budget", (Text(text), _budget(motion, _main_lines(lines)), picture))
+
+
+def _main_lines(lines: LineTable) -> list[Line]:
+    """The first driving line and the largest others, by frequency."""
+    found = [x for x in lines.notable() if math.isfinite(x.amplitude_n_m)]
+    found.sort(key=lambda x: (x.line != "drive_1", -x.amplitude_n_m))
+    return sorted(found[:_MAX_LINES], key=lambda x: x.frequency_hz)
+
+
+def _budget(motion: Motion, lines: list[Line]) -> Table:
+    """Mean, RMS and largest value of each contribution, then its amplitude and phase at each line."""
+    shares = budget(motion, [line.frequency_hz for line in lines])
+    felt = [shares[name].felt for name in _ROWS]
+    header = ["contribution", "mean [mN m]", "RMS [mN m]", "largest [mN m]"]
+    header += [text for line in lines for text in (f"{line.line} [mN m]", "phase [°]")]
+    least = [_TINY * max(abs(x.tones[k]) for x in felt) for k in range(len(lines))]
+    cells = []
+    for text, x in zip(_ROWS.values(), felt, strict=True):
+        phasors = [
+            cell
+            for v, small in zip(x.tones, least, strict=True)
+            for cell in (_milli(abs(v)), f"{np.degrees(np.angle(v)):+.0f}" if abs(v) > small else "")
+        ]
+        cells.append([text, _milli(x.mean), _milli(x.rms), _milli(x.peak), *phasors])
+    return table(header, cells, "", {len(cells) - 2: "strong"})
+
+
+def _milli(value: float) -> str:
+    """A torque [N m] in mN m: four digits, and no more than a thousandth of one."""
+    size = abs(1e3 * value)
+    decimals = 3 if size < 1e-3 else max(0, min(3, 3 - math.floor(math.log10(size))))
+    return f"{1e3 * value:.{decimals}f}"
+
+
 def _frequencies(scenario: Scenario) -> Section:
     rows = [
-        [
-            m.name,
-            "" if m.fixed_frequency is None else format_number(m.fixed_frequency, 5),
-            format_number(m.frequency, 5),
-            format_number(100 * m.damping, 3),
-        ]
+        [m.name, format_number(m.fixed_frequency or math.nan, 5), format_number(m.frequency, 5), format_number(100 * m.damping, 3)]
         for m in coupled_modes(scenario)[:40]
-    ]
+    ]  # fmt: skip
     header = ["name", "clamped [Hz]", "through the drive [Hz]", "damping ratio [%]"]
     caption = "Of the linearised drive: mean electromagnetic spring, no Coulomb friction, no detent torque."
     return Section("Natural frequencies", (table(header, rows, caption),))

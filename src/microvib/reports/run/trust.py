@@ -32,14 +32,9 @@ def trust_section(motion: Motion) -> Section:
     """Every invariant with its bar and verdict, and what they do not say."""
     values, fails = vars(motion.invariants), failing(motion)
     verdict = f"NOT to be used: {', '.join(fails)} above the bar." if fails else "All invariants hold."
+    holds = {name: "does NOT hold" if name in fails else "holds" for name in _BARS}
     rows = [
-        (
-            name.replace("_", " "),
-            f"{values[name]:.2g}",
-            f"{bar:g}",
-            meaning,
-            "does NOT hold" if name in fails else "holds",
-        )
+        (name.replace("_", " "), f"{values[name]:.2g}", f"{bar:g}", meaning, holds[name])
         for name, (bar, meaning) in _BARS.items()
     ]
     marks: dict[int, Mark] = {k: "fail" if name in fails else "pass" for k, name in enumerate(_BARS)}

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microvib.analysis.limits import Limit, judge
-from microvib.analysis.lines import lines_of_samples
-from microvib.analysis.steady import steady
+from microvib.analysis.lines import lines_of_samples, steady
 from microvib.errors import MicrovibError
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario

@@ -19,7 +19,7 @@ from microvib.model.part import plain
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.studies.campaign.study_file import Correlation, Study
-from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, keys_of, variation
+from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, is_number, keys_of, variation
 from microvib.units import Si
 
 MAX_CASES = 10_000_000
@@ -124,8 +124,7 @@ class Design:
 
 
 def _column(values: Sequence[Any], labels: Sequence[str]) -> np.ndarray:
-    numbers = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
-    return np.array(values, dtype=float) if numbers else np.array(labels, dtype=object)
+    return np.array(values, dtype=float) if all(map(is_number, values)) else np.array(labels, dtype=object)
 
 
 def _hashable(value: Any) -> Any:

@@ -214,7 +214,7 @@ class AnyLevel:
 
     above: int
     unknown: int
-    draws: int
+    count: int
     exceedance: Estimate
 
 

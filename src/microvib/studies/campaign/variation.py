@@ -30,6 +30,11 @@ _FACTOR = Quantity("", "factor on the scenario's values")
 _Entries = dict[str, tuple[Any, Quantity | None]]
 
 
+def is_number(value: Any) -> bool:
+    """Whether a value is a number; True and False are words."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
 class Varied:
     """What varies: a key of the scenario, several that take one value, or a factor on several."""
 
@@ -58,6 +63,11 @@ class Levels(Varied):
     """Keys of the scenario that it stands for, where that is not ``key`` alone."""
     base: tuple[float, ...] = ()
     """Values of those keys that it is a factor on; none where it is their value."""
+
+    @property
+    def numeric(self) -> bool:
+        """Whether all values are numbers."""
+        return all(map(is_number, self.values))
 
 
 @dataclass(frozen=True)
@@ -200,7 +210,7 @@ def _listed(key: str, values: list[Any], quantity: Quantity | None, where: str) 
 
 def _level(item: Any, quantity: Quantity | None, where: str) -> Any:
     """A value of a list in SI; what is not a number (a word such as ``rigid``) is left to the scenario's own check."""
-    if quantity is None or not isinstance(item, (str, int, float)) or isinstance(item, bool):
+    if quantity is None or not (isinstance(item, str) or is_number(item)):
         return item
     if isinstance(item, str) and not any(c.isdigit() for c in item):
         return item
@@ -214,7 +224,7 @@ def number(item: Any, quantity: Quantity, where: str) -> float:
             return convert(item, quantity.unit)
         except ValueError as error:
             raise ScenarioError(f"{where}: {item!r} {error} ({quantity.meaning})") from None
-    if isinstance(item, bool) or not isinstance(item, (int, float)) or not math.isfinite(item):
+    if not is_number(item) or not math.isfinite(item):
         raise ScenarioError(f"{where}: {item!r} is not a quantity ({quantity.meaning})")
     if quantity.unit:
         raise ScenarioError(f"{where}: {item} needs a unit, such as '{item} {quantity.display or quantity.unit}'")
