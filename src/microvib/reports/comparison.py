@@ -29,18 +29,18 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
         for mark, s in (("A", a), ("B", b))
         for text in (f"{mark}: {s.name} ({s.kind})", *(f"  {n}" for n in s.notes))
     ]
-    table: list[tuple[str, ...]] = [
+    listed: list[tuple[str, ...]] = [
         ("line", "A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "B/A %")
     ]
     for r in shown:
         hz = (brief(x.frequency if math.isfinite(x.frequency) else x.bin_frequency, 8) for x in (r.a, r.b))
         found = brief(r.a.amplitude), brief(r.b.amplitude), percent(r.error), r.verdict
         bins = brief(r.a.bin_amplitude), brief(r.b.bin_amplitude), percent(r.bin_error)
-        table.append((r.line, *hz, *found, *bins))
+        listed.append((r.line, *hz, *found, *bins))
     lines += [
         clock_sentence(a, b),
         "",
-        *(f"{line:16s}" + "".join(f"{x:>12s}" for x in cells) for line, *cells in table),
+        *(f"{line:16s}" + "".join(f"{x:>12s}" for x in cells) for line, *cells in listed),
     ]
     return "\n".join([*lines, "", verdict_sentence(shown)])
 

@@ -39,21 +39,22 @@ def faces_and_lines(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
 def draw_shapes(modes: Modes, kinds: Sequence[str], count: int) -> Figure:
     """The mesh, and the first ``count`` modes with it at rest behind them."""
     count = min(count, len(kinds))
-    columns = 3
-    rows = -(-(count + 1) // columns)
-    figure, axes = sheet(1.3 * rows, rows, columns)
+    figure, axes = sheet(1.3 * (count // 3 + 1), count // 3 + 1, 3)
     shapes, xyz = shown_shapes(modes), modes.structure.xyz
-    _draw(axes.flat[0], modes.structure, xyz, None)
-    axes.flat[0].set_title(f"mesh, {modes.structure.dof} degrees of freedom", fontsize=7.5)
-    for k in range(count):
-        ax = axes.flat[k + 1]
-        _draw(ax, modes.structure, xyz, shapes[:, :, k])
-        ax.set_title(f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz", fontsize=7.5)
+    drawn = [None, *np.moveaxis(shapes[:, :, :count], 2, 0)]
+    titles = [f"mesh, {modes.structure.dof} degrees of freedom", *_names(modes, kinds, count)]
+    for ax, shape, title in zip(axes.flat, drawn, titles, strict=False):
+        _draw(ax, modes.structure, xyz, shape)
+        ax.set_title(title, fontsize=7.5)
     for ax in axes.flat:
         ax.set_axis_off()
         ax.set_aspect("equal")
         ax.autoscale_view()
     return figure
+
+
+def _names(modes: Modes, kinds: Sequence[str], count: int) -> list[str]:
+    return [f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz" for k in range(count)]
 
 
 def project(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,30 +70,17 @@ def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | No
 
     faces, lines = faces_and_lines(structure)
     rest, _ = project(xyz)
-    moved = shape is not None
-    ax.add_collection(
-        PolyCollection(
-            rest[faces],
-            facecolors="none" if moved else "#dbe7f0",
-            edgecolors="#bbbbbb" if moved else GREY,
-            linewidths=0.3,
-            rasterized=True,
-        )
-    )
-    ax.add_collection(LineCollection(list(rest[lines]), colors="#bbbbbb" if moved else GREY, linewidths=1.0))
+    ground, edge = ("#dbe7f0", GREY) if shape is None else ("none", "#bbbbbb")
+    shells = PolyCollection(rest[faces], facecolors=ground, edgecolors=edge, linewidths=0.3, rasterized=True)
+    ax.add_collection(shells)
+    ax.add_collection(LineCollection(list(rest[lines]), colors=edge, linewidths=1.0))
     if shape is None:
         return
     points, depth = project(xyz + shape)
     size = np.sqrt((shape**2).sum(axis=1))
-    order = np.argsort(depth[faces].mean(axis=1))
-    coloured = PolyCollection(
-        points[faces[order]],
-        array=size[faces[order]].mean(axis=1),
-        cmap="viridis",
-        edgecolors="#ffffff60",
-        linewidths=0.2,
-        rasterized=True,
-    )
+    front = faces[np.argsort(depth[faces].mean(axis=1))]
+    colours = {"array": size[front].mean(axis=1), "cmap": "viridis", "edgecolors": "#ffffff60"}
+    coloured = PolyCollection(points[front], linewidths=0.2, rasterized=True, **colours)
     coloured.set_clim(0.0, size.max())  # of the whole structure, of which shells may be the part that hardly moves
     ax.add_collection(coloured)
     ax.add_collection(LineCollection(list(points[lines]), colors="#333333", linewidths=1.4))
@@ -103,13 +91,13 @@ def animation(modes: Modes, kinds: Sequence[str], count: int) -> Any:
     from markupsafe import Markup
 
     faces, lines = faces_and_lines(modes.structure)
-    shapes = shown_shapes(modes)[:, :, :count]
+    shapes = np.moveaxis(shown_shapes(modes)[:, :, :count], 2, 0)
     data = {
         "xyz": np.round(modes.structure.xyz - modes.structure.xyz.mean(axis=0), 3).tolist(),
         "faces": faces.tolist(),
         "lines": lines.tolist(),
-        "shapes": [np.round(shapes[:, :, k], 3).tolist() for k in range(shapes.shape[2])],
-        "names": [f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz" for k in range(shapes.shape[2])],
+        "shapes": np.round(shapes, 3).tolist(),
+        "names": _names(modes, kinds, len(shapes)),
         "azimuth": float(_AZIMUTH),
         "elevation": float(_ELEVATION),
     }

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 from microvib.model.linear import coupled_modes
@@ -54,22 +56,23 @@ def _printed(detail: str) -> str:
     return detail.replace("^2", "²").replace("*", " ").replace(" percent", " %")
 
 
+def _told(part: Part) -> Iterator[tuple[str, str, str]]:
+    """Key, value as text and meaning of every parameter of a part that has a value."""
+    for key, value, quantity in part.entries() if isinstance(part, Scenario) else entries("", part, None):
+        key = key.lstrip(".")
+        if value is not None and value != ():
+            yield key, _shown(value, quantity), quantity.meaning if quantity else _description(part, key)
+
+
 def parameter_blocks(scenario: Scenario) -> tuple[Block, ...]:
     """Every parameter with status and basis, and the list of references."""
     rows: list[Row] = []
     references: dict[str, int] = {}
-    group = ""
-    for key, value, quantity in scenario.entries():
-        if value is None or value == ():
-            continue
-        first, _, rest = key.partition(".")
-        if first != group:
-            group = first
-            rows.append(Row((group,), "group"))
-        shown = _shown(value, quantity)
-        meaning = quantity.meaning if quantity else _description(scenario, key)
-        found = provenance(scenario.source_of(key))
-        rows.append(Row((rest, shown, found.status, _basis(found, references), meaning)))
+    for group, told in groupby(_told(scenario), lambda entry: entry[0].partition(".")[0]):
+        rows.append(Row((group,), "group"))
+        for key, shown, meaning in told:
+            found = provenance(scenario.source_of(key))
+            rows.append(Row((key.partition(".")[2], shown, found.status, _basis(found, references), meaning)))
     columns = table(("`key`", "value [1]", "status", "basis", "meaning"), ()).columns
     listed = pairs((f"[{number}]", text) for text, number in references.items())
     return (Table(columns, tuple(rows)), *((Text("References of the column `basis`:"), listed) if references else ()))
@@ -93,22 +96,14 @@ def _basis(found: Provenance, references: dict[str, int]) -> str:
 
 def status_sentence(scenario: Scenario) -> str:
     """How many parameters are of which status."""
-    found = [
-        provenance(scenario.source_of(key)).status for key, value, _ in scenario.entries() if value not in (None, ())
-    ]
+    found = [provenance(scenario.source_of(key)).status for key, *_ in _told(scenario)]
     counts = [f"{found.count(status)} {status}" for status in STATUSES if status in found]
     return f"{len(found)} parameters: {', '.join(counts)}."
 
 
 def parameter_table(part: Part) -> Table:
     """Key, value and meaning of every parameter of a part."""
-    rows = []
-    for key, value, quantity in entries("", part, None):
-        key = key.lstrip(".")
-        if value is None or value == () or key in ("title", "source"):
-            continue
-        shown = _shown(value, quantity)
-        rows.append((key, shown, quantity.meaning if quantity else _description(part, key)))
+    rows = (row for row in _told(part) if row[0] not in ("title", "source"))
     return table(("`parameter`", "value [1]", "meaning"), rows)
 
 
@@ -122,25 +117,17 @@ def _description(part: Any, key: str) -> str:
 
 def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
     """Values that follow from a scenario and that an engineer wants to see before running it: name, value, how."""
-    motor, driver, reducer, array = scenario.motor, scenario.driver, scenario.reducer, scenario.array
-    step, f_d, spring = (
-        math.degrees(driver.full_step(motor)),
-        scenario.driving_frequency,
-        motor.electromagnetic_stiffness,
-    )
+    driver, array, f_d = scenario.driver, scenario.array, scenario.driving_frequency
+    step, spring = math.degrees(driver.full_step(scenario.motor)), scenario.motor.electromagnetic_stiffness
+    breakaway = scenario.friction.breakaway_torque
+    rate = (f"{f_d:.6g} Hz", "Eq. 26") if f_d else ("none", "the rate is zero or changes in the record")
     return [
         ("full step at the rotor", f"{step:.6g} deg", "Eq. 25"),
         ("microstep at the rotor", f"{step / driver.microsteps:.6g} deg", "Eq. 25"),
-        ("driving frequency f_d", f"{f_d:.6g} Hz", "Eq. 26")
-        if f_d
-        else ("driving frequency f_d", "none", "the rate is zero or changes in the record"),
+        ("driving frequency f_d", *rate),
         ("electromagnetic spring at the rotor", f"{spring:.6g} N m/rad", "z K_m I"),
-        ("electromagnetic spring at the output", f"{spring * reducer.ratio**2:.6g} N m/rad", "h² z K_m I"),
-        (
-            "breakaway torque of the output",
-            f"{scenario.friction.breakaway_torque:.6g} N m",
-            "slip ring included, Eq. 6 and 7",
-        ),
+        ("electromagnetic spring at the output", f"{spring * scenario.reducer.ratio**2:.6g} N m/rad", "h² z K_m I"),
+        ("breakaway torque of the output", f"{breakaway:.6g} N m", "slip ring included, Eq. 6 and 7"),
         ("rigidly attached inertia J_h", f"{array.J_h:.6g} kg m²", f"of J {array.inertia:.6g} kg m²"),
     ]
 
@@ -148,9 +135,7 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
 def derived(scenario: Scenario) -> list[str]:
     """Derived values and natural frequencies as sentences."""
     texts = [f"{name} {value} ({how})" for name, value, how in derived_values(scenario)]
-    for mode in coupled_modes(scenario)[:12]:
-        clamped = "" if mode.fixed_frequency is None else f", clamped {mode.fixed_frequency:.6g} Hz"
-        texts.append(
-            f"{mode.name}: {mode.frequency:.6g} Hz through the drive{clamped}, damping ratio {mode.damping:.4g}"
-        )
+    for m in coupled_modes(scenario)[:12]:
+        clamped = "" if m.fixed_frequency is None else f", clamped {m.fixed_frequency:.6g} Hz"
+        texts.append(f"{m.name}: {m.frequency:.6g} Hz through the drive{clamped}, damping ratio {m.damping:.4g}")
     return texts

@@ -32,29 +32,27 @@ def _deg(rate: float, digits: int = 5) -> str:
 
 def plan_text(plan: RatePlan) -> str:
     """Best rates, forbidden bands and the strongest resonances, as text."""
-    lines = [
-        _how(plan),
-        "",
-        f"{'microsteps':>10s} {'best deg/s':>11s} {'its largest line':>17s} {'worst of the range':>19s}",
-    ]
+    header = f"{'microsteps':>10s} {'best deg/s':>11s} {'its largest line':>17s} {'worst of the range':>19s}"
+    lines = [_how(plan), "", header]
     for n in plan.counts:
         best = plan.best(n)
         shown = (_deg(best[0].rate), f"{best[1]:.4g} N m") if best else ("none", "")
         lines.append(f"{n:10d} {shown[0]:>11s} {shown[1]:>17s} {brief(plan.worst(n)):>15s} N m")
     lines.append(best_text(plan))
     if plan.limit is not None or plan.keep_away:
-        lines += ["", f"Forbidden, {_criteria(plan)}:", *(_band_text(b) for b in plan.forbidden)]
-        lines += [] if plan.forbidden else ["none"]
-    strong = strongest(plan.resonances)
-    if strong:
+        lines += [
+            "",
+            f"Forbidden, {_criteria(plan)}:",
+            *(map(_band_text, plan.forbidden) if plan.forbidden else ["none"]),
+        ]
+    if plan.resonances:
         lines += ["", "Where lines meet modes, strongest first:"]
         lines += [f"{'microsteps':>10s} {'deg/s':>9s} {'Hz':>9s} {'N m':>10s}  line on mode"]
         lines += [
             f"{r.microsteps:10d} {_deg(r.rate):>9s} {r.frequency:9.4g} {brief(r.amplitude):>10s}  {r.line} on {r.mode}"
-            for r in strong
+            for r in strongest(plan.resonances, SHOWN)
         ]
-    lines += _unsolved(plan)
-    return "\n".join(lines)
+    return "\n".join([*lines, *(text for found in _unsolved(plan) for text in ("", found))])
 
 
 def best_text(plan: RatePlan) -> str:
@@ -112,7 +110,7 @@ def _band_text(b: Forbidden) -> str:
     return f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {what}"
 
 
-def strongest(resonances: Iterable[Resonance], count: int = SHOWN) -> list[Resonance]:
+def strongest(resonances: Iterable[Resonance], count: int) -> list[Resonance]:
     """Resonances by amplitude, those without one first: there, nothing is known."""
     return sorted(resonances, key=lambda r: -r.amplitude if math.isfinite(r.amplitude) else -math.inf)[:count]
 
@@ -120,16 +118,13 @@ def strongest(resonances: Iterable[Resonance], count: int = SHOWN) -> list[Reson
 def _unsolved(plan: RatePlan) -> list[str]:
     """What was simulated in time, and what failed, with the reasons."""
     texts = []
-    for cases, what in (
-        (
-            [c for c in plan.cases if c.reason and c.lines],
-            "fell back to time integration, since they have no steady state",
-        ),
-        ([c for c in plan.cases if c.reason and not c.lines], "failed"),
-    ):
-        if cases:
-            reasons = "; ".join(list(dict.fromkeys(case.reason for case in cases))[:4])
-            texts += ["", f"{len(cases)} of {len(plan.cases)} cases {what} (see rates.csv): {reasons}."]
+    for solved, what in (
+        (True, "fell back to time integration, since they have no steady state"), (False, "failed"),
+    ):  # fmt: skip
+        reasons = [c.reason for c in plan.cases if c.reason and bool(c.lines) is solved]
+        if reasons:
+            why = "; ".join(list(dict.fromkeys(reasons))[:4])
+            texts.append(f"{len(reasons)} of {len(plan.cases)} cases {what} (see rates.csv): {why}.")
     return texts
 
 
@@ -145,28 +140,19 @@ def linear_text(plan: RatePlan) -> str:
 def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """Tables, pictures and report of a plan; names of the files."""
     campbell, largest = draw_campbell(plan), draw_largest(plan)
-    files: dict[str, Any] = {
-        "rates.csv": rows_csv(
-            ("rate_deg_s", "microsteps", "line", "kind", "order", "frequency_hz", "amplitude_n_m", "status"),
-            _case_rows(plan),
-        ),
-        "resonances.csv": rows_csv(
-            ("microsteps", "rate_deg_s", "mode", "mode_hz", "line", "frequency_hz", "amplitude_n_m"),
-            (
-                (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude)
-                for r in plan.resonances
-            ),
-        ),
-        "forbidden.csv": rows_csv(
-            ("microsteps", "from_deg_s", "to_deg_s", "why", "line", "largest_n_m"),
-            (
-                (b.microsteps, math.degrees(b.low), math.degrees(b.high), b.why, b.line, b.largest)
-                for b in plan.forbidden
-            ),
-        ),
-        "campbell.png": lambda path: campbell.savefig(path, format="png", dpi=200),
-        "largest.png": lambda path: largest.savefig(path, format="png", dpi=200),
+    met = [
+        (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude) for r in plan.resonances
+    ]  # fmt: skip
+    bands = [
+        (b.microsteps, math.degrees(b.low), math.degrees(b.high), b.why, b.line, b.largest) for b in plan.forbidden
+    ]
+    tables: dict[str, tuple[str, Iterable[Sequence[Any]]]] = {
+        "rates": ("rate_deg_s microsteps line kind order frequency_hz amplitude_n_m status", _case_rows(plan)),
+        "resonances": ("microsteps rate_deg_s mode mode_hz line frequency_hz amplitude_n_m", met),
+        "forbidden": ("microsteps from_deg_s to_deg_s why line largest_n_m", bands),
     }
+    files: dict[str, Any] = {f"{name}.csv": rows_csv(head.split(), rows) for name, (head, rows) in tables.items()}
+    files |= {"campbell.png": sheets.png(campbell), "largest.png": sheets.png(largest)}
     return write_study(out, files, plan_report(plan, text, campbell, largest, form), form, overwrite)
 
 
@@ -182,35 +168,26 @@ def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
 
 def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, form: Form | None = None) -> Document:
     """The report of a plan: best rates and what to keep away from, largest line over rate, Campbell diagram."""
-    over_rate = drawn(
-        largest,
-        "Largest line over rate",
-        "Largest line over rate. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but time integration.",
-    )
-    diagram = drawn(
-        campbell, "Campbell diagram", "Dashed: modes as seen through the drive. Rings: where a line meets one."
-    )
-    bands = [Section("Forbidden rates", (_forbidden(plan),))] if plan.forbidden else []
-    met = (
-        [
-            Section(
-                "Resonances",
-                (Text("The strongest, to a hundredth of the largest; all are in `resonances.csv`."), _met(plan)),
-            )
-        ]
-        if plan.resonances
-        else []
-    )
+    over = "Largest line over rate"
+    shades = f"{over}. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but time integration."
+    rings = "Dashed: modes as seen through the drive. Rings: where a line meets one."
+    strong = Text("The strongest, to a hundredth of the largest; all are in `resonances.csv`.")
+    sections = [Section("Campbell diagram", (drawn(campbell, "Campbell diagram", rings),), new_page=True)]
+    sections += [Section("Forbidden rates", (_forbidden(plan),))] if plan.forbidden else []
+    sections += [Section("Resonances", (strong, _met(plan)))] if plan.resonances else []
+    sections += [Section("Without a steady state", tuple(map(Text, unsolved)))] if (unsolved := _unsolved(plan)) else []
     return study(
         "Rate plan",
         f"Rate plan: {plan.scenario.title or 'drive'}",
         _how(plan),
         facts=_facts(plan),
-        first_page=(_best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), over_rate),
-        sections=(Section("Campbell diagram", (diagram,), new_page=True), *bands, *met, *_not_solved(plan)),
+        first_page=(
+            _best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), drawn(largest, over, shades),
+        ),
+        sections=sections,
         form=form,
         scenario=plan.scenario,
-    )
+    )  # fmt: skip
 
 
 def _facts(plan: RatePlan) -> list[Fact]:
@@ -218,41 +195,26 @@ def _facts(plan: RatePlan) -> list[Fact]:
     if found := plan.best():
         case, top = found
         end = ", at the end of the range" if plan.is_at_end(case) else ""
-        facts = [
-            Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps{end}"),
-            Fact(torque(top), "its largest line"),
-        ]
+        facts.append(Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps{end}"))
+        facts.append(Fact(torque(top), "its largest line"))
+        if plan.limit is not None and top > 0.0:
+            margin = 20 * math.log10(plan.limit / top)
+            facts.append(Fact(f"{margin:+.1f} dB", "its margin to the limit", "pass" if margin >= 0.0 else "fail"))
+        elif plan.limit is not None:
+            facts.append(Fact("Pass", "no line at the best rate", "pass"))
     elif least := plan.least():
         case, top = least
-        facts = [
-            Fact("None", f"no rate {_criteria(plan)}", "fail"),
-            Fact(torque(top), f"smallest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"),
-        ]
+        where = f"smallest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"
+        facts = [Fact("None", f"no rate {_criteria(plan)}", "fail"), Fact(torque(top), where)]
     if plan.limit is not None:
-        facts += [_margin(found[1], plan.limit)] if found else []
         facts.append(Fact(given(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
     return facts
 
 
-def _margin(top: float, limit: float) -> Fact:
-    """The largest line of the best rate against the limit."""
-    if not top > 0.0:
-        return Fact("Pass", "no line at the best rate", "pass")
-    return Fact(
-        f"{20 * math.log10(limit / top):+.1f} dB", "its margin to the limit", "pass" if top <= limit else "fail"
-    )
-
-
 def _best(plan: RatePlan) -> Table:
-    rows = [
-        [
-            str(n),
-            *([_deg(found[0].rate), milli(found[1])] if (found := plan.best(n)) else ["none", ""]),
-            milli(plan.worst(n)),
-        ]
-        for n in plan.counts
-    ]
-    return table(["microsteps [1]", "best rate [deg/s]", "its largest line [mN m]", "worst of the range [mN m]"], rows)
+    header = ["microsteps [1]", "best rate [deg/s]", "its largest line [mN m]", "worst of the range [mN m]"]
+    best = {n: (_deg(found[0].rate), milli(found[1])) if (found := plan.best(n)) else ("none", "") for n in plan.counts}
+    return table(header, [[str(n), *cells, milli(plan.worst(n))] for n, cells in best.items()])
 
 
 def _forbidden(plan: RatePlan) -> Table:
@@ -274,36 +236,22 @@ def _met(plan: RatePlan) -> Table:
     return table(["microsteps [1]", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"], rows)
 
 
-def _not_solved(plan: RatePlan) -> list[Section]:
-    texts = tuple(Text(text) for text in _unsolved(plan) if text)
-    return [Section("Without a steady state", texts)] if texts else []
-
-
 def draw_campbell(plan: RatePlan) -> Figure:
     """Lines over rate and frequency, coloured by amplitude; one panel for each microstep count."""
     from matplotlib.colors import LogNorm
 
-    columns = min(len(plan.counts), 2)
-    rows = math.ceil(len(plan.counts) / columns)
-    figure, axes = sheets.sheet((2.9 if columns == 2 else 3.9) * rows, rows, columns)
+    figure, axes = sheets.panels(len(plan.counts), 2.9 if len(plan.counts) > 1 else 3.9, 2)
     top = max((1e3 * x.amplitude for case in plan.cases for x in case.lines), default=1.0)
     norm = LogNorm(FAINTEST * top, top)
-    for ax, n in zip(axes.flat, plan.counts, strict=False):
+    for ax, n in zip(axes, plan.counts, strict=True):
         points = _draw_order_lines(ax, plan, n, norm)
-    for ax in list(axes.flat)[len(plan.counts) :]:
-        ax.set_visible(False)
-    figure.colorbar(points, ax=axes, label="amplitude of the line, 0-to-peak [mN m]", pad=0.01)
+    figure.colorbar(points, ax=figure.axes, label="amplitude of the line, 0-to-peak [mN m]", pad=0.01)
     return figure
 
 
 def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
-    shown = [
-        (math.degrees(c.rate), x.frequency, 1e3 * x.amplitude)
-        for c in plan.of(n)
-        for x in c.lines
-        if 1e3 * x.amplitude >= norm.vmin
-    ]
-    shown.sort(key=lambda point: point[2])
+    found = [(math.degrees(c.rate), x.frequency, 1e3 * x.amplitude) for c in plan.of(n) for x in c.lines]
+    shown = sorted((point for point in found if point[2] >= norm.vmin), key=lambda point: point[2])
     rate, frequency, amplitude = np.array(shown).reshape(-1, 3).T
     points = ax.scatter(rate, frequency, c=amplitude, norm=norm, cmap="viridis_r", s=5.0, linewidths=0, rasterized=True)
     frequencies = [*frequency, *(m.frequency for m in plan.modes)]
@@ -318,16 +266,8 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
             xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=6.5, color="#333333",
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
         )  # fmt: skip
-    met = [r for r in plan.resonances if r.microsteps == n]
-    ax.plot(
-        [math.degrees(r.rate) for r in met],
-        [r.frequency for r in met],
-        "o",
-        color=sheets.RED,
-        fillstyle="none",
-        markersize=7,
-        zorder=6,
-    )
+    met = [(math.degrees(r.rate), r.frequency) for r in plan.resonances if r.microsteps == n]
+    ax.plot(*np.array(met).reshape(-1, 2).T, "o", color=sheets.RED, fillstyle="none", markersize=7, zorder=6)
     ax.set(xlabel="rate of the array [deg/s]", ylabel="frequency [Hz]", title=f"{n} microsteps per full step")
     return points
 
@@ -338,24 +278,22 @@ def draw_largest(plan: RatePlan) -> Figure:
     tops = [1e3 * line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
     low, high = (0.5 * min(tops), 3.0 * max(tops)) if tops else (1e-3, 1e3)
     limit = None if plan.limit is None else 1e3 * plan.limit
+    if limit is not None:
+        low, high = min(low, 0.5 * limit), max(high, 2.0 * limit)
     for ax, n in zip(axes[:, 0], plan.counts, strict=True):
         cases = plan.of(n)
         rate = [math.degrees(case.rate) for case in cases]
         top = [1e3 * line.amplitude if (line := case.largest(plan.band)) else math.nan for case in cases]
         ax.semilogy(rate, top, color=sheets.BLUE, linewidth=1.0, marker=".", markersize=3)
-        ax.set_ylim(low if limit is None else min(low, 0.5 * limit), high if limit is None else max(high, 2.0 * limit))
-        for case in cases:
-            if case.reason:
-                ax.axvline(math.degrees(case.rate), color=sheets.GREY, linewidth=0.8, linestyle=":")
+        ax.set_ylim(low, high)
+        for in_time in (degrees for degrees, case in zip(rate, cases, strict=True) if case.reason):
+            ax.axvline(in_time, color=sheets.GREY, linewidth=0.8, linestyle=":")
         if limit is not None:
             ax.axhline(limit, color="black", linewidth=1.2, linestyle="--", label=f"limit {limit:.4g} mN m")
             ax.legend(loc="upper right", fontsize=7.5)
-        for b in plan.forbidden:
-            if b.microsteps == n:
-                hatch = None if b.why == ABOVE else "///"
-                ax.axvspan(
-                    math.degrees(b.low), math.degrees(b.high), color=sheets.RED, alpha=0.15, linewidth=0, hatch=hatch
-                )
+        for b in (b for b in plan.forbidden if b.microsteps == n):
+            ends, hatch = (math.degrees(b.low), math.degrees(b.high)), None if b.why == ABOVE else "///"
+            ax.axvspan(*ends, color=sheets.RED, alpha=0.15, linewidth=0, hatch=hatch)
         ax.set(ylabel="largest line [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
         ax.set_xlim(min(rate), max(rate))
     axes[-1, 0].set_xlabel("rate of the array [deg/s]")

@@ -33,15 +33,12 @@ COLUMNS = (
 
 def setting_rows(sizing: Sizing) -> list[list[str]]:
     """Rows under ``HEADER``."""
-    return [_setting_row(setting) for setting in sizing.settings]
-
-
-def _setting_row(setting: Setting) -> list[str]:
-    d, s, (f, J) = setting.design, setting.state, setting.finite_elements
+    found = [(x.design, x.state, *x.finite_elements) for x in sizing.settings]
     return [
-        s.name, f"{s.frequency:.4g}", f"{s.inertia:.4g}", d.spring.name, f"{d.spring.rate:g}", f"{1e3 * d.arm:.1f}",
-        f"{d.counterweight.mass:g}", f"{1e3 * d.counterweight.radius:.1f}", f"{d.J_h:.3f}", f"{f:.4f}",
-        f"{100 * (f / s.frequency - 1):+.2f}", f"{J:.4f}", f"{100 * (J / s.inertia - 1):+.2f}",
+        [s.name, f"{s.frequency:.4g}", f"{s.inertia:.4g}", d.spring.name, f"{d.spring.rate:g}", f"{1e3 * d.arm:.1f}",
+         f"{d.counterweight.mass:g}", f"{1e3 * d.counterweight.radius:.1f}", f"{d.J_h:.3f}", f"{f:.4f}",
+         f"{100 * (f / s.frequency - 1):+.2f}", f"{J:.4f}", f"{100 * (J / s.inertia - 1):+.2f}"]
+        for d, s, f, J in found
     ]  # fmt: skip
 
 
@@ -98,9 +95,9 @@ def equation_sentence(setting: Setting) -> str:
 def tolerance_rows(setting: Setting) -> list[list[str]]:
     """What each kind of part may change in f and J, and all together."""
     found = tolerance(setting.design)
-    rows = [[name, f"{100 * f:.2f}", f"{100 * J:.2f}"] for name, (f, J) in found.contributions.items()]
-    both = {"worst case, all": found.worst, "two standard deviations": tuple(2.0 * v for v in found.deviation)}
-    return rows + [[name, f"{100 * f:.2f}", f"{100 * J:.2f}"] for name, (f, J) in both.items()]
+    two = tuple(2.0 * v for v in found.deviation)
+    rows = {**found.contributions, "worst case, all": found.worst, "two standard deviations": two}
+    return [[name, f"{100 * f:.2f}", f"{100 * J:.2f}"] for name, (f, J) in rows.items()]
 
 
 def array_sentence(result: Sized) -> str:
@@ -124,16 +121,14 @@ def sizing_text(result: Sized) -> str:
     """What is printed."""
     blocks = [text_table(HEADER, setting_rows(result.sizing)), "", *spring_sentences(result), array_sentence(result)]
     blocks += [equation_sentence(result.sizing.target), ""]
-    return "\n".join(
-        b for b in [*blocks, text_table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target)), ""] if b is not None
-    )
+    return "\n".join([*blocks, text_table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target)), ""])
 
 
 def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the report; their names."""
     figure = draw_simulator(result.sizing.target)
     files: dict[str, Any] = {
-        "sas.csv": sas_csv(result.sizing),
+        "sas.csv": rows_csv(COLUMNS, (tuple(_values(setting).values()) for setting in result.sizing.settings)),
         "sas.json": to_json(sas_data(result)),
         "simulator.yaml": dump_part(result.sizing.target.design),
         "drawing.png": lambda path: figure.savefig(path, format="png"),
@@ -148,11 +143,6 @@ def _values(setting: Setting) -> dict[str, Any]:
         d.preload, low, high, setting.stress, setting.allowable, f, J,
     )  # fmt: skip
     return dict(zip(COLUMNS, row, strict=True))
-
-
-def sas_csv(sizing: Sizing) -> str:
-    """CSV text, one row a setting, the target first."""
-    return rows_csv(COLUMNS, (tuple(_values(setting).values()) for setting in sizing.settings))
 
 
 def sas_data(result: Sized) -> dict[str, Any]:
@@ -174,9 +164,8 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
     """The report of a sizing: settings, springs, tolerances, drawing."""
     target = result.sizing.target
     caption = "Requested, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
-    settings = table(
-        [x for x in HEADER if x != "spring"], [row[:3] + row[4:] for row in setting_rows(result.sizing)], caption
-    )
+    rows = [row[:3] + row[4:] for row in setting_rows(result.sizing)]
+    settings = table(HEADER[:3] + HEADER[4:], rows, caption)
     springs = [Text(text) for text in (*spring_sentences(result), array_sentence(result)) if text]
     tolerances = (
         "First order. Worst case: all parts at their limits; standard deviation: each of the eight springs, four arms and four"
@@ -186,6 +175,7 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
     unchecked = (
         "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame."
     )
+    scale = "Set to the target; to scale, dimensions in mm."
     origin = (Text(target.design.source),) if target.design.source else ()
     return study(
         "Simulator report",
@@ -197,10 +187,7 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
             Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
             Section("Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))),
             Section("Not checked", (Text(unchecked),)),
-            Section(
-                "Drawing",
-                (drawn(drawing, "Dimensioned drawing", "Set to the target; to scale, dimensions in mm.", turned=True),),
-            ),
+            Section("Drawing", (drawn(drawing, "Dimensioned drawing", scale, turned=True),)),
             Section("Description", (*origin, parameter_table(target.design))),
         ),
         form=form,
@@ -211,11 +198,11 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
 def _facts(result: Sized) -> list[Fact]:
     target, settings = result.sizing.target, result.sizing.settings
     d, used = target.design, max(x.stress / x.allowable for x in settings)
-    holds = used <= 1.0 and min(x.forces[0] for x in settings) > 0.0
+    holds = Fact(f"{100 * used:.0f} %", "of the allowed stress, no spring slack", "pass")
+    if used > 1.0 or min(x.forces[0] for x in settings) <= 0.0:
+        holds = Fact("does NOT hold", "a spring goes slack or is overstressed", "fail")
     return [
-        Fact(f"{100 * used:.0f} %", "of the allowed stress, no spring slack", "pass")
-        if holds
-        else Fact("does NOT hold", "a spring goes slack or is overstressed", "fail"),
+        holds,
         Fact(f"{d.spring.rate:g} N/m", f"eight springs {d.spring.name}"),
         Fact(f"{1e3 * d.arm:.1f} mm", "arm l"),
         Fact(f"{d.counterweight.mass:g} kg at {1e3 * d.counterweight.radius:.1f} mm", "each counterweight"),

@@ -62,18 +62,12 @@ def _dimension(ax: Any, a: tuple[float, float], b: tuple[float, float], at: floa
     p, q = ((at, a[1]), (at, b[1])) if up else ((a[0], at), (b[0], at))
     for end, foot in ((p, a), (q, b)):
         ax.plot([foot[0], end[0]], [foot[1], end[1]], color=GREY, linewidth=0.6, zorder=5)
+    arrow = {"arrowstyle": "<|-|>", "color": "black", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", q, p, arrowprops=arrow)
+    offset, across, along = ((-3, 0), "right", "center") if up else ((0, 3), "center", "bottom")
     ax.annotate(
-        "", q, p, arrowprops={"arrowstyle": "<|-|>", "color": "black", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
-    )
-    middle = ((p[0] + q[0]) / 2, (p[1] + q[1]) / 2)
-    beside = {
-        "xytext": (-3, 0) if up else (0, 3),
-        "ha": "right" if up else "center",
-        "va": "center" if up else "bottom",
-    }
-    ax.annotate(
-        text, middle, textcoords="offset points", fontsize=10, rotation=90 if up else 0, zorder=7,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5}, **beside,
+        text, ((p[0] + q[0]) / 2, (p[1] + q[1]) / 2), offset, textcoords="offset points", ha=across, va=along, fontsize=10,
+        rotation=90 if up else 0, zorder=7, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
     )  # fmt: skip
 
 
@@ -113,30 +107,19 @@ def _top_view(ax: Any, design: SimulatorDesign) -> None:
     _dimension(ax, (-half, -1e3 * p.width / 2), (half, -1e3 * p.width / 2), -b - 110, f"plate {2 * half:g}")
     a, end = 1e3 * p.hook, 1e3 * design.hook_end
     _dimension(ax, (arm, a), (arm, end), arm + 95, f"{end - a:.1f}", up=True)
-    _note(ax, (r, 25), (A * 0.55, b + 200), f"4 × {w.mass:g} kg, diameter {1e3 * w.diameter:g}")
-    _note(
-        ax,
-        (-arm, 0.6 * end),
-        (-A - 60, A - 60),
-        f"8 springs in pairs above and below\nthe plate, k = {design.spring.rate:g} N/m",
-    )
-    _note(ax, (b, A * 0.93), (b + 130, A + 60), f"tube {t:g} × {1e3 * f.tube.height:g} × {1e3 * f.tube.wall:g}")
-    _note(
-        ax,
-        (50, -0.8 * b),
-        (A * 0.55, -A * 0.62),
-        "bridge with bearing,\nover the plate"
-        if design.shaft.bearing_at > design.shaft.plate_at
-        else "bridge with bearing,\nunder the plate",
-    )
-
-
-def _note(ax: Any, tip: tuple[float, float], place: tuple[float, float], text: str) -> None:
-    ax.annotate(
-        text, tip, place, fontsize=9.5, ha="left", va="center", zorder=8,
-        arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 0.7},
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5},
-    )  # fmt: skip
+    side = "over" if design.shaft.bearing_at > design.shaft.plate_at else "under"
+    springs = f"8 springs in pairs above and below\nthe plate, k = {design.spring.rate:g} N/m"
+    for tip, place, text in (
+        ((r, 25), (A * 0.55, b + 200), f"4 × {w.mass:g} kg, diameter {1e3 * w.diameter:g}"),
+        ((-arm, 0.6 * end), (-A - 60, A - 60), springs),
+        ((b, A * 0.93), (b + 130, A + 60), f"tube {t:g} × {1e3 * f.tube.height:g} × {1e3 * f.tube.wall:g}"),
+        ((50, -0.8 * b), (A * 0.55, -A * 0.62), f"bridge with bearing,\n{side} the plate"),
+    ):
+        ax.annotate(
+            text, tip, place, fontsize=9.5, ha="left", va="center", zorder=8,
+            arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 0.7},
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5},
+        )  # fmt: skip
 
 
 def _cross(ax: Any, A: float, b: float, t: float) -> None:
@@ -184,24 +167,15 @@ def _side_view(ax: Any, design: SimulatorDesign) -> None:
     _dimension(ax, (arm, plate), (arm, plate + level), A + 70, f"{level:g}", up=True)
     ax.text(-D, bearing + 14, "bearing", fontsize=9, ha="right", va="bottom")
     if design.rope is not None:
-        ax.annotate(
-            "rope",
-            (0, top),
-            (-30, top + 85),
-            fontsize=9,
-            ha="right",
-            color=GREY,
-            arrowprops={"arrowstyle": "-", "color": GREY},
-        )
+        line = {"arrowstyle": "-", "color": GREY}
+        ax.annotate("rope", (0, top), (-30, top + 85), fontsize=9, ha="right", color=GREY, arrowprops=line)
 
 
 def _parts(ax: Any, setting: Setting) -> None:
     """Table of parts and settings over the title block."""
-    rows = _rows(setting)
-    table = ax.table(
-        [list(row) for row in rows], colLabels=["part", "pcs", "value"], colWidths=[0.31, 0.08, 0.61], cellLoc="left",
-        bbox=(0.0, 0.23, 1.0, 0.77),
-    )  # fmt: skip
+    widths, box = [0.31, 0.08, 0.61], (0.0, 0.23, 1.0, 0.77)
+    rows = [list(row) for row in _rows(setting)]
+    table = ax.table(rows, colLabels=["part", "pcs", "value"], colWidths=widths, cellLoc="left", bbox=box)
     table.auto_set_font_size(False)
     table.set_fontsize(9)
     for cell in table.get_celld().values():
@@ -243,7 +217,8 @@ def _title_block(ax: Any, setting: Setting) -> None:
         f"Inertia about z {d.inertia:.4g} kg m², of which on the shaft J_h = {d.J_h:.3g} kg m²",
         f"Stiffness {d.stiffness:.4g} N m/rad; eight springs, k l² = {d.spring.rate * d.arm**2:.4g} N m",
     ]
-    ax.text(0.02, 0.17, d.title, transform=ax.transAxes, fontsize=10.5, weight="bold", va="center")
+    style = {"transform": ax.transAxes, "va": "center"}
+    ax.text(0.02, 0.17, d.title, fontsize=10.5, weight="bold", **style)
     for text, y in zip(lines, itertools.count(0.12, -0.04), strict=False):
-        ax.text(0.02, y, text, transform=ax.transAxes, fontsize=8.5, va="center")
-    ax.text(0.98, 0.04, "to scale", transform=ax.transAxes, fontsize=9, ha="right", va="center", color=GREY)
+        ax.text(0.02, y, text, fontsize=8.5, **style)
+    ax.text(0.98, 0.04, "to scale", fontsize=9, ha="right", color=GREY, **style)

@@ -46,13 +46,8 @@ class TitleBlock:
     def facts(self) -> tuple[tuple[str, str], ...]:
         """Titles and texts of the block's fields; empty ones are kept to be filled in, but for the organisation."""
         own = (("Organisation", self.organisation),) if self.organisation else ()
-        return (
-            *own,
-            ("Document no.", self.number),
-            ("Issue", self.issue),
-            ("Date", self.date),
-            ("Author", self.author),
-        )
+        rest = (("Document no.", self.number), ("Issue", self.issue), ("Date", self.date), ("Author", self.author))
+        return own + rest
 
 
 KEYS = tuple(f.name for f in fields(TitleBlock))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from microvib.reports.blocks import overlaid, study
-from microvib.reports.document import Document, Fact, Figure, Form, Mark, Row, Section, Table, Text, table
+from microvib.reports.document import Document, Fact, Figure, Form, Row, Section, Table, Text, table
 from microvib.reports.numbers import brief
 from microvib.reports.rendering import write_study
 from microvib.studies.validate import Check, SimulatedState, checks_csv
@@ -19,10 +19,8 @@ _LEAD = (
 def validation_text(checks: list[Check]) -> str:
     """All checks as a table, and how many hold."""
     width = max(len(check.item) for check in checks)
-    rows = [
-        f"{'item':{width}s} {'paper':>9s} {'test':>9s} {'ours':>10s} {'error %':>8s}  {'holds':5s} {'status':10s} bar"
-    ]
-    rows += [
+    head = f"{'paper':>9s} {'test':>9s} {'ours':>10s} {'error %':>8s}  {'holds':5s} {'status':10s} bar"
+    rows = [f"{'item':{width}s} {head}"] + [
         f"{c.item:{width}s} {brief(c.paper, 6):>9s} {brief(c.test, 6):>9s} {brief(c.ours, 5):>10s}"
         f" {brief(c.error_percent, 3):>8s}  {'yes' if c.holds else 'NO':5s} {c.status:10s} {c.bar}"
         for c in checks
@@ -32,20 +30,21 @@ def validation_text(checks: list[Check]) -> str:
 
 def summary(checks: list[Check]) -> str:
     """How many checks of each status hold."""
-    parts = []
-    for status in dict.fromkeys(c.status for c in checks):
-        of = [c for c in checks if c.status == status]
-        parts.append(f"{sum(c.holds for c in of)} of {len(of)} {status} rows hold")
+    parts = (f"{sum(c.holds for c in of)} of {len(of)} {status} rows hold" for status, of in _by_status(checks).items())
     return "; ".join(parts) + "."
+
+
+def _by_status(checks: list[Check]) -> dict[str, list[Check]]:
+    statuses = dict.fromkeys(c.status for c in checks)
+    return {status: [c for c in checks if c.status == status] for status in statuses}
 
 
 def write_validation(
     out: Path, checks: list[Check], states: dict[int, SimulatedState], overwrite: bool, form: Form | None = None
 ) -> tuple[str, ...]:
     """``validation.csv`` and the report; names of the files."""
-    return write_study(
-        out, {"validation.csv": checks_csv(checks)}, validation_report(checks, states, form), form, overwrite
-    )
+    files = {"validation.csv": checks_csv(checks)}
+    return write_study(out, files, validation_report(checks, states, form), form, overwrite)
 
 
 _COMPARISONS = (
@@ -56,12 +55,16 @@ _COMPARISONS = (
 
 def validation_report(checks: list[Check], states: dict[int, SimulatedState], form: Form | None = None) -> Document:
     """The report of the validation: every claim with its verdict, and the spectra of the states."""
-    first, second = (_overlay(title, [(k, states[k]) for k in of]) for title, of in _COMPARISONS)
+    first, second = (_overlay(title, {k: states[k] for k in of}) for title, of in _COMPARISONS)
+    facts = [
+        Fact(f"{sum(c.holds for c in of)} of {len(of)}", f"{status} rows hold")
+        for status, of in _by_status(checks).items()
+    ]
     return study(
         "Validation report",
         "Validation against the paper",
         "The claims of Appl. Sci. 2021, 11, 9076 on its test states 1 to 5, beside what the catalog's scenarios give.",
-        facts=[_held(status, checks) for status in dict.fromkeys(c.status for c in checks)],
+        facts=facts,
         first_page=(Text(_LEAD), *_failing(checks), first),
         sections=(
             Section("All claims", (_claims(checks),), new_page=True),
@@ -72,20 +75,15 @@ def validation_report(checks: list[Check], states: dict[int, SimulatedState], fo
     )
 
 
-def _held(status: str, checks: list[Check]) -> Fact:
-    of = [c for c in checks if c.status == status]
-    return Fact(f"{sum(c.holds for c in of)} of {len(of)}", f"{status} rows hold")
-
-
 _HEADER = ["item", "source", "paper [1]", "test [1]", "ours [1]", "error [%]", "bar", "holds"]
 
 
 def _claims(checks: list[Check]) -> Table:
     """All checks, grouped by status."""
     rows: list[Row] = []
-    for status in dict.fromkeys(c.status for c in checks):
+    for status, of in _by_status(checks).items():
         rows.append(Row((status,), "group"))
-        rows += [Row(_cells(c), _mark(c)) for c in checks if c.status == status]
+        rows += [Row(_cells(c), "pass" if c.holds else "fail") for c in of]
     return Table(table(_HEADER, ()).columns, tuple(rows))
 
 
@@ -103,10 +101,6 @@ def _cells(c: Check) -> tuple[str, ...]:
             "yes" if c.holds else "NO")  # fmt: skip
 
 
-def _mark(c: Check) -> Mark:
-    return "pass" if c.holds else "fail"
-
-
-def _overlay(title: str, of: list[tuple[int, SimulatedState]]) -> Figure:
-    sides = [(f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in of]
+def _overlay(title: str, of: dict[int, SimulatedState]) -> Figure:
+    sides = [(f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in of.items()]
     return overlaid(sides, title)
