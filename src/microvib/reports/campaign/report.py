@@ -173,7 +173,8 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
     """The report of a campaign; its first page says what was varied, the lines against the limit, and the envelopes."""
     campaign, base = s.results.campaign, s.results.campaign.design.base
     figure = {name: drawn(drawing, title, caption) for name, (title, drawing, caption) in pictures.items()}
-    lines: list[Block] = [_lines(s), figure["envelopes"]] if s.rows else []
+    envelopes = figure.pop("envelopes", None)
+    lines: list[Block] = [*([_lines(s)] if s.rows else []), *([envelopes] if envelopes else [])]
     by_level = s.rows and s.several  # then the first page has the levels, and the lines the next one
     first_page: list[Block] = [_levels(s)] if by_level else lines
     sections = [
@@ -181,7 +182,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
         Section("Worst cases", tuple(_worst(s)), new_page=True),
         Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
         Section("How to read the figures", (Text(_how_to_read(s)),)),
-        *(Section(pictures[name].title, (block,)) for name, block in figure.items() if name != "envelopes"),
+        *(Section(pictures[name].title, (block,)) for name, block in figure.items()),
         *_failed(s.results),
         Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
     ]
