@@ -13,7 +13,7 @@ from microvib.reports.comparison import clock_sentence, comparison_report, compa
 from microvib.reports.document import Table, Text
 from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
-from microvib.studies.compare import Figures, Row, Side, compare, rows_csv
+from microvib.studies.compare import Figures, Row, Side, compare, comparison_csv
 
 
 def row(line: str, a: tuple[float, ...], b: tuple[float, ...]) -> Row:
@@ -52,7 +52,7 @@ def test_the_sentence_counts_and_names():
 
 
 def test_the_file_keeps_all_digits_and_the_verdict():
-    rows = list(csv.DictReader(io.StringIO(rows_csv(ROWS))))
+    rows = list(csv.DictReader(io.StringIO(comparison_csv(ROWS))))
     assert [r["verdict"] for r in rows] == [r.verdict for r in ROWS]
     assert rows[1]["b_amplitude_n_m"] == "0.5105"
     assert rows[0]["a_uncertainty_n_m"] == "0.03"

@@ -13,7 +13,7 @@ from microvib.reports.document import Block, Document, Fact, Form, Mark, Section
 from microvib.reports.numbers import brief, count, format_number, milli, percent
 from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
-from microvib.studies.compare import AGREES, COVERAGE, DIFFERS, ONLY_A, ONLY_B, UNJUDGED, Row, Side, rows_csv
+from microvib.studies.compare import AGREES, COVERAGE, DIFFERS, ONLY_A, ONLY_B, UNJUDGED, Row, Side, comparison_csv
 
 _MAX_FIRST_PAGE = 10
 """Lines on the first page."""
@@ -105,7 +105,7 @@ def write_comparison(
     out: Path, a: Side, b: Side, rows: Sequence[Row], overwrite: bool, form: Form | None = None
 ) -> tuple[str, ...]:
     """``compare.csv`` and the report of a comparison; names of the files."""
-    files = {"compare.csv": rows_csv(list(rows))}
+    files = {"compare.csv": comparison_csv(rows)}
     return write_study(out, files, comparison_report(a, b, rows, form), form, overwrite)
 
 

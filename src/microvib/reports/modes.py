@@ -12,7 +12,6 @@ import numpy as np
 from microvib.io.modal_sources import ModalSource, StructureDesign
 from microvib.io.modal_table import modes_csv
 from microvib.io.tables import read_table
-from microvib.io.writing import write_folder
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
 from microvib.reports.numbers import count, signed, text_table

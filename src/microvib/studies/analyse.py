@@ -5,21 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from microvib.analysis import spectra
 from microvib.analysis.lines import lines_of_recording, lines_of_samples
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
-from microvib.signals.spectrum import (
-    Density,
-    Spectrum,
-    Waterfall,
-    Window,
-    amplitude_spectrum,
-    power_spectral_density,
-    waterfall,
-)
+from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
 from microvib.testdata.recording import COMPONENTS, Recording, check
@@ -66,10 +59,10 @@ def analyse(
     """
     recording, background, table, expected = _source(source, name, scenario, channel, progress)
     found = None if table is None else table.clock_ratio
-    x, rate = recording.load(channel), recording.sample_rate
-    density = power_spectral_density(x, rate, resolution, window)
+    recording.load(channel)  # which refuses what is neither a force nor a torque
+    density = spectra.psd(recording, channel, resolution, window)
     if background is not None:
-        density = density.less(power_spectral_density(background[channel], rate, Si(density.resolution), window))
+        density = density.less(spectra.psd(background, channel, Si(density.resolution), window))
     return Analysis(
         name=name or recording.title,
         channel=channel,
@@ -77,9 +70,9 @@ def analyse(
         recording=recording,
         table=table,
         clock_ratio=None if found is None else found * expected,
-        spectrum=amplitude_spectrum(x, rate, window),
+        spectrum=spectra.spectrum(recording, channel, window),
         density=density,
-        waterfall=waterfall(x, rate, resolution, window),
+        waterfall=spectra.waterfall(recording, channel, resolution, window),
         bands=tuple((low, high, density.band_rms(low, high)) for low, high in map(band, bands)),
     )
 
@@ -100,7 +93,9 @@ def _source(
                 raise MicrovibError(f"{source.path}: {text}", remedy="scenario")
             return _with_lines(source.motion, channel, guide)
         case Prepared(recording, background):
-            if channel.startswith("F") or not _about_the_axis(channel, guide):
+            # a channel that is not called as a component is taken for the torque about the drive axis
+            axis = guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
+            if channel.startswith("F") or not axis:
                 check(recording, channel)
                 return recording, background, None, 1.0
             table = lines_of_recording(recording, channel, guide, background)
@@ -118,11 +113,6 @@ def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> Reco
     motion = simulate(scenario, channels=("T_d",), progress=progress)
     axis = "M" + scenario.array.drive_axis
     return Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or scenario.title)
-
-
-def _about_the_axis(channel: str, guide: Scenario | None) -> bool:
-    """Whether a channel is the torque about the drive axis; one that is not called as a component is meant as it."""
-    return guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
 
 
 def _with_lines(recording: Recording, channel: str, guide: Scenario) -> tuple[Recording, None, LineTable | None, float]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, get_args
 
@@ -15,7 +14,7 @@ from microvib.errors import MicrovibError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
-from microvib.io.tables import PaperLines
+from microvib.io.tables import PaperLines, rows_csv
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress
@@ -127,16 +126,12 @@ def compare(
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
     look for in recordings where neither side is a scenario, nor the paper; ``names`` are of sides that have none themselves.
     """
+    sources = "a scenario, a motion, a recording or a table of lines (mv.open_source has all names)"
     for side in (a, b):
-        expect(
-            side,
-            get_args(Compared),
-            "a scenario, a motion, a recording or a table of lines (mv.open_source has all names)",
-        )
+        expect(side, get_args(Compared), sources)
     guide = _guide(a, b, scenario)
-    given = list(zip((a, b), names, strict=True))
     sides: dict[int, Side] = {}
-    for source, name in sorted(given, key=lambda item: isinstance(item[0], Scenario)):
+    for source, name in sorted(zip((a, b), names, strict=True), key=lambda item: isinstance(item[0], Scenario)):
         clock = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
         sides[id(source)] = _side(source, name, guide, channel, clock, progress)
     first, second = sides[id(a)], sides[id(b)]
@@ -153,7 +148,7 @@ def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | No
     """Which lines to look for in recordings: a side that is a scenario says it, or one's run, or the user."""
     found: list[Scenario | None] = [x for x in (a, b) if isinstance(x, Scenario)]
     found += [x.scenario for x in (a, b) if isinstance(x, (RunFolder, Motion))]
-    if scenario is None and any(isinstance(x, PaperLines) for x in (a, b)):
+    if scenario is None and (isinstance(a, PaperLines) or isinstance(b, PaperLines)):
         scenario = load_scenario("state-1")  # of which the paper's tables are
     return next((x for x in [*found, scenario] if x is not None), None)
 
@@ -169,45 +164,29 @@ def _with_names_of(a: Side, b: Side) -> Side:
 
 
 def _side(
-    source: Compared,
-    name: str,
-    guide: Scenario | None,
-    channel: str,
-    clock: float | None,
-    progress: Progress | None,
+    source: Compared, name: str, guide: Scenario | None, channel: str, clock: float | None, progress: Progress | None
 ) -> Side:
     match source:
         case Scenario():
-            return _simulated(name, source, clock, progress)
-        case Motion():
-            return _of_motion(name, source)
+            if clock is not None:
+                source, name = source.with_({"tracking.clock_ratio": clock}), f"{name} at clock {clock:.6f}"
+            return _side(simulate(source, channels=("T_d",), progress=progress), name, guide, channel, clock, progress)
+        case Motion(scenario):
+            clock, x, rate = scenario.tracking.clock_ratio, source["T_d"], source.sample_rate
+            return Side(name, "simulation", _figures(lines(source)), clock, x, rate, scenario)
         case Recording():
             return _side(Prepared(source), name, guide, channel, clock, progress)
         case RunFolder():
             return _folder(source)
         case Prepared(recording, background):
             table = lines_of_recording(recording, channel, guide, background)
-            ratio = (
-                None if table.clock_ratio is None or guide is None else table.clock_ratio * guide.tracking.clock_ratio
-            )
-            x, rate = recording[channel], recording.sample_rate
+            found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
+            ratio = None if found is None or guide is None else found * guide.tracking.clock_ratio
             return Side(recording.title, "recording", _figures(table), ratio, x, rate, notes=recording.notes)
         case PaperLines():
             return Side(f"paper-{source.column}", "paper", _figures(source.table))
         case LineTable():
             return Side(name, "table", _figures(source))
-
-
-def _simulated(name: str, scenario: Scenario, clock: float | None, progress: Progress | None) -> Side:
-    if clock is not None:
-        scenario = scenario.with_({"tracking.clock_ratio": clock})
-    motion = simulate(scenario, channels=("T_d",), progress=progress)
-    return _of_motion(f"{name} at clock {clock:.6f}" if clock is not None else name, motion)
-
-
-def _of_motion(name: str, motion: Motion) -> Side:
-    ratio = motion.scenario.tracking.clock_ratio
-    return Side(name, "simulation", _figures(lines(motion)), ratio, motion["T_d"], motion.sample_rate, motion.scenario)
 
 
 def _folder(run: RunFolder) -> Side:
@@ -220,23 +199,16 @@ def _folder(run: RunFolder) -> Side:
 
 def _figures(table: LineTable) -> dict[str, Figures]:
     return {
-        x.line: Figures(
-            x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m
-        )
+        x.line: Figures(x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m)
         for x in table
-    }
+    }  # fmt: skip
 
 
-def rows_csv(rows: list[Row]) -> str:
+def comparison_csv(rows: Sequence[Row]) -> str:
     """CSV text of a comparison."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in rows:
-        a, b = row.a, row.b
-        values = (
-            a.frequency, b.frequency, a.amplitude, b.amplitude, b.amplitude - a.amplitude, row.error, row.significance,
-            a.bin_frequency, b.bin_frequency, a.bin_amplitude, b.bin_amplitude, row.bin_error, a.uncertainty, b.uncertainty,
-        )  # fmt: skip
-        writer.writerow([row.line, *("" if math.isnan(v) else f"{v:.9g}" for v in values), row.verdict])
-    return stream.getvalue()
+    return rows_csv(COLUMNS, (
+        (r.line, r.a.frequency, r.b.frequency, r.a.amplitude, r.b.amplitude, r.b.amplitude - r.a.amplitude, r.error, r.significance,
+         r.a.bin_frequency, r.b.bin_frequency, r.a.bin_amplitude, r.b.bin_amplitude, r.bin_error, r.a.uncertainty,
+         r.b.uncertainty, r.verdict)
+        for r in rows
+    ))  # fmt: skip

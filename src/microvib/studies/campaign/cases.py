@@ -23,7 +23,11 @@ from microvib.solve.batch import Torque, simulate_torques
 
 TOGETHER = 32
 """Cases that are simulated together; bounds the memory of a worker."""
-FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
+_OF_LINE = {
+    "amplitude": "amplitude_n_m", "frequency": "frequency_hz", "bin_amplitude": "bin_amplitude_n_m", "phase": "phase_rad",
+    "decay": "decay_per_s",
+}  # fmt: skip
+FIGURES = tuple(_OF_LINE)
 """What is kept of every line."""
 MIN_TIME = 60.0
 """Time [s] that any case may take, in addition to what it simulates."""
@@ -106,37 +110,24 @@ class Chunk:
     def from_bytes(cls, data: bytes) -> Chunk:
         """Raises whatever the reader of the archive does where the data are not whole."""
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            texts = json.loads(file["texts"].tobytes())
-            named = {name: file[name] for name in file.files}
+            named = dict(file)
+        texts = {key: tuple(values) for key, values in json.loads(named.pop("texts").tobytes()).items()}
         return cls(
-            label=Label(*texts["label"]),
-            lines=tuple(texts["lines"]),
+            label=Label(*texts.pop("label")),
             figures={name: named[f"figure_{name}"] for name in FIGURES},
             status=named["status"],
-            statuses=tuple(texts["statuses"]),
             scalars={name: named[f"scalar_{name}"] for name in SCALARS},
             verdict=named["verdict"],
-            gaps=tuple(texts["gaps"]),
-            reasons=tuple(texts["reasons"]),
-            notes=tuple(texts["notes"]),
             histories={int(name[8:]): values for name, values in named.items() if name.startswith("history_")},
+            **texts,
         )
-
-
-class _Lines(NamedTuple):
-    """Lines of one case."""
-
-    names: tuple[str, ...]
-    status: tuple[str, ...]
-    figures: np.ndarray
-    """(FIGURES, lines)."""
 
 
 @dataclass(frozen=True)
 class _Result:
     """One case."""
 
-    lines: _Lines | None = None
+    table: LineTable | None = None
     scalars: tuple[float, ...] = (math.nan,) * len(SCALARS)
     verdict: int = 0
     gaps: str = ""
@@ -161,11 +152,9 @@ def compute(work: Work, begin: Callable[[float], None] = lambda seconds: None) -
         raise MicrovibError(
             f"this is microvib {here}, but the campaign was made by {made_by}; one version must compute all of it"
         )
-    together = 1 if work.steady else TOGETHER
-    results: list[_Result] = []
-    for start in range(0, len(work.changes), together):
-        results += _some(work, range(start, min(start + together, len(work.changes))), begin)
-    return gather(results, work.label)
+    cases, together = range(len(work.changes)), 1 if work.steady else TOGETHER
+    parts = [_some(work, cases[k : k + together], begin) for k in cases[::together]]
+    return gather([result for part in parts for result in part], work.label)
 
 
 def compute_bytes(work: Work) -> bytes:
@@ -211,19 +200,15 @@ def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) 
     """Cases that share the kernel's lanes, or one that is solved alone."""
     results = {k: DEADLY for k in positions if k in work.deadly}
     scenarios: dict[int, Scenario] = {}
-    for k in positions:
-        if k not in results:
-            made = _made(work.base, work.changes[k])
-            if isinstance(made, Scenario):
-                scenarios[k] = made
-            else:
-                results[k] = made
+    for k in (k for k in positions if k not in results):
+        try:
+            scenarios[k] = work.base.with_si(work.changes[k])
+        except MicrovibError as error:
+            results[k] = _failed(error)
     begin(sum(_allowed(work, scenario) for scenario in scenarios.values()))
-    if work.steady:
-        results |= {k: _guarded(_steady, work, scenario) for k, scenario in scenarios.items()}
-    else:
-        for (k, scenario), torque in zip(scenarios.items(), _torques(list(scenarios.values())), strict=True):
-            results[k] = _guarded(_recorded, work, scenario, torque)
+    torques = [None] * len(scenarios) if work.steady else _torques(list(scenarios.values()))
+    for (k, scenario), torque in zip(scenarios.items(), torques, strict=True):
+        results[k] = _solved(work, scenario, torque)
     return [results[k] for k in positions]
 
 
@@ -237,41 +222,27 @@ def _torques(scenarios: list[Scenario]) -> list[Torque | Exception]:
         return [torque for scenario in scenarios for torque in _torques([scenario])]
 
 
-def _made(base: Scenario, changes: dict[str, Any]) -> Scenario | _Result:
-    try:
-        return base.with_si(changes)
-    except MicrovibError as error:
-        return _failed(error)
-
-
 def _failed(error: MicrovibError) -> _Result:
     return _Result(reason=" ".join(str(error).splitlines()))
 
 
-def _guarded(solve: Callable[..., _Result], work: Work, *given: Any) -> _Result:
+def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -> _Result:
+    """A case with its torque, or what came of it; without one its steady state is searched."""
     try:
-        return solve(work, *given)
+        if isinstance(torque, Exception):
+            raise torque
+        if torque is not None:
+            table = lines_of_samples(torque.T_d, torque.sample_rate, scenario, work.harmonics)
+            return _result(work, scenario, table, torque.T_d, torque.stuck_output)
+        found = steady(scenario, harmonics=work.harmonics)
+        stuck = found.state.stuck_output if found.state is not None else math.nan
+        return _result(work, scenario, found.lines, found.source["T_d"], stuck, found.fallback)
     except MicrovibError as error:
         return _failed(error)
     except MemoryError:
         return _Result(reason="memory is exhausted: record.duration is too long, or record.sample_rate too high")
     except Exception as error:  # one bad case of a million must not stop the others, whatever it is
         return _Result(reason=f"unexpected {type(error).__name__}: {error}")
-
-
-def _recorded(work: Work, scenario: Scenario, torque: Torque | Exception) -> _Result:
-    if isinstance(torque, Exception):
-        raise torque
-    x = torque.T_d
-    table = lines_of_samples(x, torque.sample_rate, scenario, work.harmonics)
-    return _result(work, scenario, table, x, torque.stuck_output)
-
-
-def _steady(work: Work, scenario: Scenario) -> _Result:
-    found = steady(scenario, harmonics=work.harmonics)
-    x = found.source["T_d"]
-    stuck = found.state.stuck_output if found.state is not None else math.nan
-    return _result(work, scenario, found.lines, x, stuck, found.fallback)
 
 
 def _result(
@@ -283,36 +254,29 @@ def _result(
         judgement = judge(table, work.limit, scenario)
         verdict, gaps = VERDICTS.index(judgement.verdict), judgement.not_judged(1).strip()
     scalars = (float(np.abs(x).max()), float(x.std()), stuck_output)
-    return _Result(_lines_of(table), scalars, verdict, gaps, note=note, T_d=x if "T_d" in work.keep else None)
-
-
-def _lines_of(table: LineTable) -> _Lines:
-    """Lines of a table, unexpected ones among them by their rank in the case (``other_1`` is the largest)."""
-    each = [(x.amplitude_n_m, x.frequency_hz, x.bin_amplitude_n_m, x.phase_rad, x.decay_per_s) for x in table]
-    figures = np.array(each).reshape(-1, len(FIGURES)).T
-    return _Lines(tuple(x.line for x in table), tuple(x.status for x in table), figures)
+    return _Result(table, scalars, verdict, gaps, note=note, T_d=x if "T_d" in work.keep else None)
 
 
 def gather(results: Sequence[_Result], label: Label) -> Chunk:
-    """Results of single cases as one chunk."""
-    found = {i: r.lines for i, r in enumerate(results) if r.lines is not None}
-    layouts = dict.fromkeys(lines.names for lines in found.values())
-    names = tuple(dict.fromkeys(name for layout in layouts for name in layout))
-    columns = {layout: [names.index(name) for name in layout] for layout in layouts}
-    brief = {text: _brief(text) for lines in found.values() for text in lines.status}
-    statuses = tuple(sorted(set(brief.values())))
-    number = {text: statuses.index(short) for text, short in brief.items()}
-    figures = np.full((len(FIGURES), len(results), len(names)), math.nan)
+    """Results of single cases as one chunk; unexpected lines by their rank in the case (``other_1`` is the largest)."""
+    found = {i: tuple(r.table) for i, r in enumerate(results) if r.table is not None}
+    names = dict.fromkeys(x.line for lines in found.values() for x in lines)
+    statuses = tuple(sorted({_brief(x.status) for lines in found.values() for x in lines}))
+    column, number = ({text: k for k, text in enumerate(texts)} for texts in (names, statuses))
+    figures = {name: np.full((len(results), len(names)), math.nan) for name in FIGURES}
     status = np.full((len(results), len(names)), -1, dtype=np.int16)
     for i, lines in found.items():
-        figures[:, i, columns[lines.names]] = lines.figures
-        status[i, columns[lines.names]] = [number[text] for text in lines.status]
-    scalars = {name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)}
-    kept = {k: r.T_d for k, r in enumerate(results) if r.T_d is not None}
-    reasons, notes = tuple(r.reason for r in results), tuple(r.note for r in results)
-    verdict, gaps = np.array([r.verdict for r in results], dtype=np.int8), tuple(r.gaps for r in results)
-    table = dict(zip(FIGURES, figures, strict=True))
-    return Chunk(label, names, table, status, statuses, scalars, verdict, gaps, reasons, notes, kept)
+        here = [column[x.line] for x in lines]
+        status[i, here] = [number[_brief(x.status)] for x in lines]
+        for name, values in figures.items():
+            values[i, here] = [getattr(x, _OF_LINE[name]) for x in lines]
+    return Chunk(
+        label=label, lines=tuple(names), figures=figures, status=status, statuses=statuses,
+        scalars={name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)},
+        verdict=np.array([r.verdict for r in results], dtype=np.int8), gaps=tuple(r.gaps for r in results),
+        reasons=tuple(r.reason for r in results), notes=tuple(r.note for r in results),
+        histories={k: r.T_d for k, r in enumerate(results) if r.T_d is not None},
+    )  # fmt: skip
 
 
 def _brief(status: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated
 from microvib.studies.campaign.study_file import Correlation, Study
 from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, is_number, keys_of, variation
-from microvib.units import Si
+from microvib.units import Quantity, Si
 
 MAX_CASES = 10_000_000
 CHECKED = (0.001, 0.999)
@@ -42,10 +41,14 @@ class Design:
     """Values of the sampled keys in SI, (points, keys)."""
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """How many combinations, levels of each key, and samples there are."""
+        return len(self.combinations), *(len(x.values) for x in self.levels), self.samples.shape[0]
+
+    @property
     def cases(self) -> int:
         """Number of cases."""
-        levels = math.prod(len(x.values) for x in self.levels)
-        return int(len(self.combinations) * levels * self.samples.shape[0])
+        return math.prod(self.shape)
 
     def changes(self, case: int) -> dict[str, Any]:
         """Dotted key of the scenario to value of one case, in SI."""
@@ -57,27 +60,28 @@ class Design:
 
     def values(self, case: int) -> dict[str, Any]:
         """What varies, by its name in the study, to its value in one case, in SI; a factor to the factor."""
-        rest, point = divmod(case, self.samples.shape[0])
-        chosen: dict[str, Any] = {}
-        for levels in reversed(self.levels):
-            rest, k = divmod(rest, len(levels.values))
-            chosen = {levels.key: levels.values[k], **chosen}
+        combination, *numbers, point = np.unravel_index(case, self.shape)
+        chosen = {x.key: x.values[k] for x, k in zip(self.levels, numbers, strict=True)}
         sampled = zip((x.key for x in self.uncertain), self.samples[point].tolist(), strict=True)
-        return {**self.combinations[rest], **chosen, **dict(sampled)}
+        return {**self.combinations[combination], **chosen, **dict(sampled)}
 
     def labels(self, case: int) -> dict[str, str]:
         """Dotted key to what a person reads of one case: levels as given, sampled values in their display unit."""
-        quantities: dict[str, Any] = {name: quantity for name, _, quantity in self.base.entries()}
+        quantities: dict[str, Quantity | Uncertain | None] = {
+            name: quantity for name, _, quantity in self.base.entries()
+        }
         quantities |= {x.key: x for x in self.uncertain}
-        named = {x.key: dict(zip(map(_hashable, x.values), x.labels, strict=True)) for x in self.levels}
-        texts = {}
-        for key, value in self.values(case).items():
-            quantity = quantities.get(key)
+        named: dict[str, dict[Any, str]] = {
+            x.key: dict(zip(map(_hashable, x.values), x.labels, strict=True)) for x in self.levels
+        }
+
+        def text(key: str, value: Any) -> str:
             if key in named:
-                texts[key] = named[key][_hashable(value)]
-            else:
-                texts[key] = quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)
-        return texts
+                return named[key][_hashable(value)]
+            quantity = quantities.get(key)
+            return quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)
+
+        return {key: text(key, value) for key, value in self.values(case).items()}
 
     def level_text(self, number: int) -> str:
         """A combination of levels as a person reads it, of all that there are; empty where there is only one."""
@@ -94,27 +98,23 @@ class Design:
 
     def level_numbers(self, key: str) -> np.ndarray:
         """Which level of a key each case has, (cases,)."""
-        rest = np.arange(self.cases) // self.samples.shape[0]
-        for levels in reversed(self.levels):
-            if levels.key == key:
-                number: np.ndarray = rest % len(levels.values)
-                return number
-            rest //= len(levels.values)
-        raise KeyError(key)
+        k = [x.key for x in self.levels].index(key)
+        return self._along(1 + k, np.arange(self.shape[1 + k]))
 
     def column(self, key: str) -> np.ndarray:
         """Value of one key in every case, (cases,): SI numbers, or texts where they are not all numbers."""
         for k, uncertain in enumerate(self.uncertain):
             if uncertain.key == key:
-                return np.tile(self.samples[:, k], self.cases // self.samples.shape[0])
-        for levels in self.levels:
+                return self._along(-1, self.samples[:, k])
+        for k, levels in enumerate(self.levels):
             if levels.key == key:
-                chosen: np.ndarray = _column(levels.values, levels.labels)[self.level_numbers(key)]
-                return chosen
+                return self._along(1 + k, _column(levels.values, levels.labels))
         values = [item.get(key) for item in self.combinations]
-        each = _column(values, ["" if value is None else str(value) for value in values])
-        repeated: np.ndarray = np.repeat(each, self.cases // len(self.combinations))
-        return repeated
+        return self._along(0, _column(values, ["" if value is None else str(value) for value in values]))
+
+    def _along(self, axis: int, values: np.ndarray) -> np.ndarray:
+        """Of every case the value that it has along one axis of the grid, (cases,)."""
+        return np.moveaxis(np.broadcast_to(values, (*np.delete(self.shape, axis), values.size)), -1, axis).ravel()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -195,11 +195,8 @@ def _variation(base: Scenario, key: str, spec: Any, folder: Path) -> Levels | Un
 
 def _checked(base: Scenario, combination: dict[str, Any]) -> dict[str, Any]:
     """A combination with its quantities in SI, tried on the scenario."""
-    read: dict[str, Any] = {}
-    for key, value in combination.items():
-        found = variation(base, key, [value])
-        assert isinstance(found, Levels)
-        read[key] = found.values[0]
+    found = {key: variation(base, key, [value]) for key, value in combination.items()}
+    read = {key: x.values[0] for key, x in found.items() if isinstance(x, Levels)}
     base.with_si({k: v for key, value in read.items() for k, v in _given(base, key, value).items()})
     return read
 
@@ -211,11 +208,9 @@ def _given(base: Scenario, key: str, value: Any) -> dict[str, Any]:
 
 def _try(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
     for part in parts:
-        if isinstance(part, Levels):
-            several = len(part.values) > 64 and isinstance(part.values[0], float)
-            values: Sequence[Any] = part.values[:: len(part.values) - 1] if several else part.values
-        else:
-            values = part.quantile(np.array(CHECKED)).tolist()
+        values: Sequence[Any] = part.values if isinstance(part, Levels) else part.quantile(np.array(CHECKED)).tolist()
+        if len(values) > 64 and isinstance(values[0], float):
+            values = values[:: len(values) - 1]
         with error_context(f"vary.{part.key}"):
             for value in values:
                 base.with_si(part.changes(value))
@@ -223,12 +218,9 @@ def _try(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
 
 def _points(study: Study, keys: int) -> int:
     """Rows of the sample."""
-    if keys == 0:
-        return 1
-    sampling = study.sampling
-    return {"sobol-indices": sampling.count * (keys + 2), "one-at-a-time": 1 + 2 * keys}.get(
-        sampling.method, sampling.count
-    )
+    count = study.sampling.count
+    special = {"sobol-indices": count * (keys + 2), "one-at-a-time": 1 + 2 * keys}
+    return special.get(study.sampling.method, count) if keys else 1
 
 
 def _sample(study: Study, uncertain: Sequence[Uncertain]) -> np.ndarray:
@@ -249,8 +241,7 @@ def _probabilities(study: Study, d: int) -> np.ndarray:
     rng = np.random.default_rng(sampling.seed)
     if sampling.method == "one-at-a-time":
         u = np.full((1 + 2 * d, d), 0.5)
-        for k, end in itertools.product(range(d), range(2)):
-            u[1 + 2 * k + end, k] = ENDS[end]
+        u[np.arange(1, 1 + 2 * d), np.repeat(np.arange(d), 2)] = np.tile(ENDS, d)
         return u
     if sampling.method == "sobol-indices":
         return _decomposition(study, d, rng)

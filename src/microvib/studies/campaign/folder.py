@@ -1,30 +1,100 @@
-"""The folder of a campaign: its design, and one file per chunk of cases, written whole or not at all."""
+"""The folder of a campaign: its design, the identity that every chunk carries, and one file per chunk of cases, written whole or
+not at all."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.scenario_file import dump_part, dump_scenario
+from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario, read_text
 from microvib.io.tables import package_versions, to_json
 from microvib.io.writing import write_file, write_folder
+from microvib.io.yaml_text import parse_yaml
+from microvib.model.sentences import validated
 from microvib.studies.campaign.cases import Chunk, Label, Work
 from microvib.studies.campaign.design import Design, limit_of
-from microvib.studies.campaign.manifest import MANIFEST, SAMPLES, SCENARIO, STUDY, Manifest
+from microvib.studies.campaign.study_file import Study
+from microvib.studies.campaign.variation import Levels, Uncertain
 
+MANIFEST, STUDY, SCENARIO, SAMPLES = "campaign.json", "study.yaml", "scenario.yaml", "samples.npy"
 CHUNKS = "chunks"
 SMALLEST_CHUNK, LARGEST_CHUNK = 8, 256
 CHUNKS_WANTED = 64
 HISTORY_BYTES = 64_000_000
 """Largest chunk, where histories are kept."""
 _CHUNK_FILE = re.compile(r"\d{6,}\.npz")
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What ``campaign.json`` adds to the other files: cases, chunks, versions, and what varies."""
+
+    entries: dict[str, Any]
+
+    @classmethod
+    def of(cls, design: Design, chunk_size: int) -> Manifest:
+        """Manifest of a new campaign."""
+        entries = {
+            "cases": design.cases,
+            "chunk_size": chunk_size,
+            "versions": package_versions(),
+            "combinations": design.combinations,
+            "levels": [asdict(x) for x in design.levels],
+            "uncertain": [asdict(x) for x in design.uncertain],
+        }
+        return cls(json.loads(to_json(entries)))
+
+    @cached_property
+    def text(self) -> str:
+        """The manifest as one line of JSON."""
+        return json.dumps(self.entries)
+
+    @property
+    def chunk_size(self) -> int:
+        """Cases of a chunk; ValueError where it is not a number of them."""
+        size = self.entries["chunk_size"]
+        if not isinstance(size, int) or size < 1:
+            raise ValueError(f"chunk_size {size!r} is not a whole number from 1 on")
+        return size
+
+    @property
+    def microvib(self) -> str:
+        """Version of microvib that made the campaign, and that must compute it."""
+        return str(self.entries["versions"]["microvib"])
+
+    def design(self, folder: Path) -> Design:
+        """The design that it describes together with the other files of ``folder``."""
+        study = validated(Study, parse_yaml(read_text(folder / STUDY, "study", ()), STUDY))
+        base = load_scenario(folder / SCENARIO)
+        levels = tuple(Levels(**_frozen(x)) for x in self.entries["levels"])
+        uncertain = tuple(Uncertain(**_frozen(x)) for x in self.entries["uncertain"])
+        samples = np.load(folder / SAMPLES, allow_pickle=False)
+        return Design(study, base, tuple(self.entries["combinations"]), levels, uncertain, samples)
+
+    def identity(self, design: Design) -> str:
+        """SHA-256 over all of it: study, scenario, samples, and the manifest with its versions."""
+        digest = hashlib.sha256(self.text.encode())
+        digest.update(dump_part(design.study).encode())
+        digest.update(dump_scenario(design.base).encode())
+        digest.update(np.ascontiguousarray(design.samples, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+
+def _frozen(entry: dict[str, Any]) -> dict[str, Any]:
+    """Lists of JSON as the tuples that they were, and its nulls, of which only open ends are some, as infinite."""
+    known = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
+    ends = {"lower": -np.inf, "upper": np.inf}
+    return known | {key: end for key, end in ends.items() if key in known and known[key] is None}
 
 
 @dataclass(frozen=True)
@@ -71,12 +141,11 @@ class Campaign:
     def done(self) -> list[int]:
         """Chunks that are there, in order."""
         names = {entry.name for entry in os.scandir(self.folder / CHUNKS)}
-        return [k for k in range(self.chunks) if f"{k:06d}.npz" in names]
+        return [k for k in range(self.chunks) if self.file(k).name in names]
 
     def missing(self) -> list[int]:
         """Chunks that are not there, in order."""
-        done = set(self.done())
-        return [k for k in range(self.chunks) if k not in done]
+        return sorted(set(range(self.chunks)).difference(self.done()))
 
     def check_version(self) -> None:
         """MicrovibError unless this is the version that made the campaign: its cases must not be computed by two."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,25 +15,25 @@ from microvib.io.hdf5 import open_hdf5
 from microvib.io.netcdf import new_netcdf
 from microvib.io.tables import package_versions
 from microvib.io.writing import write_file
-from microvib.studies.campaign.cases import FIGURES, SCALARS, VERDICTS, Chunk
+from microvib.studies.campaign.cases import FIGURES, SCALARS, VERDICTS
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.variation import keys_of
 
 RESULTS = "results.nc"
 MISSING, DONE, FAILED = 0, 1, 2
 """States of a case."""
-UNITS = {"amplitude": "N*m", "frequency": "Hz", "bin_amplitude": "N*m", "phase": "rad", "decay": "1/s"}
-MEANINGS = {
-    "amplitude": "amplitude of the line, 0-to-peak",
-    "frequency": "frequency of the line",
-    "bin_amplitude": "amplitude of the nearest bin, rectangular window",
-    "phase": "phase of the cosine at the first sample",
-    "decay": "decay rate of the tone",
-    "peak": "largest disturbance torque of the record",
-    "rms": "RMS of the disturbance torque about its mean",
-    "stuck_output": "part of the time that the shaft sticks",
+_KEPT = {
+    "amplitude": ("N*m", "amplitude of the line, 0-to-peak"),
+    "frequency": ("Hz", "frequency of the line"),
+    "bin_amplitude": ("N*m", "amplitude of the nearest bin, rectangular window"),
+    "phase": ("rad", "phase of the cosine at the first sample"),
+    "decay": ("1/s", "decay rate of the tone"),
+    "peak": ("N*m", "largest disturbance torque of the record"),
+    "rms": ("N*m", "RMS of the disturbance torque about its mean"),
+    "stuck_output": ("1", "part of the time that the shaft sticks"),
+    "status": ("1", "status"),
 }
-_SCALAR_UNITS = {"peak": "N*m", "rms": "N*m", "stuck_output": "1"}
+"""What is kept of lines and cases: unit and meaning."""
 _TEXTS = {
     "reasons": ("reason", "why the case failed; empty where it did not"),
     "notes": ("note", "notes on the case"),
@@ -79,10 +80,10 @@ def _write(
         f.attrs["microvib_version"] = package_versions()["microvib"]
         _text(f, "line", "line", np.array(lines, dtype=object), "name of the line")
         _parameters(f, campaign)
-        table = {name: _variable(f, name, ("case", "line"), UNITS[name]) for name in FIGURES}
-        columns = {name: _variable(f, name, ("case",), _SCALAR_UNITS[name]) for name in SCALARS}
-        status = _variable(f, "status", ("case", "line"), "1", np.int16, -1)
-        status.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(statuses)) or "none"
+        table = {name: _variable(f, name, ("case", "line")) for name in FIGURES}
+        columns = {name: _variable(f, name, ("case",)) for name in SCALARS}
+        status = _variable(f, "status", ("case", "line"), np.int16, -1)
+        status.attrs["flag_meanings"] = _flags(statuses) or "none"
         texts = {name: np.full(design.cases, "", dtype=object) for name in _TEXTS}
         verdict = np.zeros(design.cases, dtype=np.int8)
         position = {name: k for k, name in enumerate(lines)}
@@ -95,15 +96,18 @@ def _write(
             where = [position[name] for name in chunk.lines]
             for name in FIGURES:
                 table[name][here, :] = _spread(chunk.figures[name], where, len(lines), np.nan)
-            status[here, :] = _spread(_renumbered(chunk, statuses), where, len(lines), -1)
+            numbers = np.array([*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16)
+            status[here, :] = _spread(numbers[chunk.status], where, len(lines), -1)
             for name in SCALARS:
                 columns[name][here] = chunk.scalars[name]
         for name, (variable, meaning) in _TEXTS.items():
             _text(f, variable, "case", texts[name], meaning)
-        judged = f.create_variable("verdict", ("case",), data=verdict)
-        judged.attrs["flag_meanings"] = "; ".join(f"{k}: {text}" for k, text in enumerate(VERDICTS))
-        kept = f.create_variable("state", ("case",), data=state)
-        kept.attrs["flag_meanings"] = "0: not computed; 1: done; 2: failed"
+        for name, data, flags in (("verdict", verdict, VERDICTS), ("state", state, ("not computed", "done", "failed"))):
+            f.create_variable(name, ("case",), data=data).attrs["flag_meanings"] = _flags(flags)
+
+
+def _flags(meanings: Iterable[str]) -> str:
+    return "; ".join(f"{k}: {text}" for k, text in enumerate(meanings))
 
 
 def _spread(values: np.ndarray, where: list[int], width: int, empty: float) -> np.ndarray:
@@ -111,13 +115,6 @@ def _spread(values: np.ndarray, where: list[int], width: int, empty: float) -> n
     whole = np.full((values.shape[0], width), empty, dtype=values.dtype)
     whole[:, where] = values
     return whole
-
-
-def _renumbered(chunk: Chunk, statuses: tuple[str, ...]) -> np.ndarray:
-    """Statuses of a chunk by the numbers that they have in the whole."""
-    numbers = np.array([*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16)
-    renumbered: np.ndarray = numbers[chunk.status]
-    return renumbered
 
 
 def _parameters(f: Any, campaign: Campaign) -> None:
@@ -135,12 +132,11 @@ def _parameters(f: Any, campaign: Campaign) -> None:
             variable.attrs["long_name"] = meaning
 
 
-def _variable(f: Any, name: str, dims: tuple[str, ...], unit: str, dtype: Any = float, empty: float = np.nan) -> Any:
+def _variable(f: Any, name: str, dims: tuple[str, ...], dtype: Any = float, empty: float = np.nan) -> Any:
     sizes = [f.dimensions[dim].size for dim in dims]
     blocks = (min(_ROWS, max(sizes[0], 1)), *(1 for _ in sizes[1:]))  # a column is read at once, without the others
     variable = f.create_variable(name, dims, dtype=dtype, fillvalue=empty, chunks=blocks if min(sizes) else None)
-    variable.attrs["units"] = unit
-    variable.attrs["long_name"] = MEANINGS.get(name, name)
+    variable.attrs["units"], variable.attrs["long_name"] = _KEPT[name]
     return variable
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -76,11 +76,9 @@ class LineStatistics:
 
 def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
     """Amplitudes of a line (cases,); nan where it is outside of ``band`` [Hz], absent or not computed."""
-    f = results.of(line, "frequency")
-    with np.errstate(invalid="ignore"):
-        inside = (f >= band[0]) & (f <= band[1])
-    amplitude: np.ndarray = np.where(inside & (results.state == DONE), results.of(line), np.nan)
-    return amplitude
+    f = results.of(line, "frequency")  # comparisons with nan are false
+    inside = (f >= band[0]) & (f <= band[1]) & (results.state == DONE)
+    return np.where(inside, results.of(line), np.nan)
 
 
 def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:
@@ -102,17 +100,11 @@ def levels_of(results: Results) -> tuple[Level, ...]:
     points = design.samples.shape[0]
     done = (results.state == DONE).reshape(-1, points)
     counted = independent(design).reshape(-1, points)
-    _, distinct = (
-        np.unique(design.samples, axis=0, return_inverse=True) if design.uncertain else (None, np.zeros(1, int))
-    )
+    draws = [design.samples[good & known] for good, known in zip(done, counted, strict=True)]
+    distinct = [len(np.unique(x, axis=0)) if design.uncertain else len(x) for x in draws]
     return tuple(
-        Level(
-            number=k,
-            text=design.level_text(k),
-            draws=int(np.unique(distinct.ravel()[done[k] & counted[k]]).size),
-            failed=int(np.sum(~done[k])),
-        )
-        for k in range(done.shape[0])
+        Level(number=k, text=design.level_text(k), draws=n, failed=int(np.sum(~done[k])))
+        for k, n in enumerate(distinct)
     )
 
 
@@ -131,54 +123,33 @@ def line_statistics(results: Results, limit: float | None, band: tuple[float, fl
     judged = None if limit is None else case_verdicts(results, limit, band)
     for line in names:
         amplitude = amplitudes(results, line, band)
-        above = judged if line == ANY else _exceeds(amplitude, limit)
+        verdicts = judged if line == ANY or limit is None else np.where(amplitude > limit, ABOVE, BELOW)
         frequency = np.full(amplitude.size, np.nan) if line == ANY else results.of(line, "frequency")
         for level in levels:
-            here = slice(level.number * points, (level.number + 1) * points)
-            verdicts = None if above is None else above[here]
-            found = _of_line(line, level, amplitude[here], frequency[here], counted[here], verdicts)
-            rows[level.number] += [replace(found, worst=found.worst + here.start)] if found else []
+            here = np.arange(level.number * points, (level.number + 1) * points)
+            drawn = here[counted[here] & np.isfinite(amplitude[here])]
+            if drawn.size:
+                judgement = None if verdicts is None else verdicts[drawn]
+                worst = int(here[np.nanargmax(amplitude[here])])
+                given = amplitude[drawn], frequency[drawn], judgement, worst, float(amplitude[worst])
+                rows[level.number].append(_of_line(line, level, *given))
     return [row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))]
 
 
 def _of_line(
-    line: str,
-    level: Level,
-    amplitude: np.ndarray,
-    frequency: np.ndarray,
-    counted: np.ndarray,
-    verdicts: np.ndarray | None,
-) -> LineStatistics | None:
-    here = counted & np.isfinite(amplitude)
-    if not here.any():
-        return None
-    x, f = amplitude[here], frequency[here]
+    line: str, level: Level, x: np.ndarray, f: np.ndarray, verdicts: np.ndarray | None, worst: int, largest: float
+) -> LineStatistics:
+    """Distribution of the amplitudes ``x`` (n,) of a level's draws with the frequencies ``f`` (n,)."""
     f = f[np.isfinite(f)]
-    above = None if verdicts is None else int(np.sum(verdicts[here] == ABOVE))
-    unknown = 0 if verdicts is None else int(np.sum(verdicts[here] == UNKNOWN))
+    above = None if verdicts is None else int(np.sum(verdicts == ABOVE))
+    unknown = 0 if verdicts is None else int(np.sum(verdicts == UNKNOWN))
     chance = x.size > 1 and level.draws > 1
     return LineStatistics(
-        line=line,
-        level=level,
-        frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
-        count=int(x.size),
-        mean=float(x.mean()),
-        deviation=float(x.std(ddof=1)) if chance else math.nan,
-        median=quantile(x, 0.5),
-        p95=quantile(x, 0.95),
-        p99=quantile(x, 0.99),
-        largest=float(np.nanmax(amplitude)),
-        worst=int(np.nanargmax(amplitude)),
-        above=above,
-        exceedance=proportion(above, int(x.size), unknown) if above is not None and chance else None,
-        unknown=unknown,
-    )
-
-
-def _exceeds(amplitude: np.ndarray, limit: float | None) -> np.ndarray | None:
-    """ABOVE or BELOW of the amplitudes of one line, (cases,)."""
-    with np.errstate(invalid="ignore"):
-        return None if limit is None else np.where(amplitude > limit, ABOVE, BELOW)
+        line=line, level=level, frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
+        count=int(x.size), mean=float(x.mean()), deviation=float(x.std(ddof=1)) if chance else math.nan,
+        median=quantile(x, 0.5), p95=quantile(x, 0.95), p99=quantile(x, 0.99), largest=largest, worst=worst, above=above,
+        exceedance=proportion(above, int(x.size), unknown) if above is not None and chance else None, unknown=unknown,
+    )  # fmt: skip
 
 
 def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> np.ndarray:
@@ -194,18 +165,16 @@ def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> 
     if own == Limit(Si(limit), *map(Si, band)):
         verdict[results.verdicts == VERDICTS.index("fail")] = ABOVE
     else:
-        with np.errstate(invalid="ignore"):
-            verdict[largest_line(results, band) > limit] = ABOVE
+        verdict[largest_line(results, band) > limit] = ABOVE
     return verdict
 
 
 def governing(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
     """Of each line the row of the level at which it gets largest; the largest of all (ANY) first, then by falling amplitude."""
     worst: dict[str, LineStatistics] = {}
-    for row in rows:
-        if row.line not in worst or row.largest > worst[row.line].largest:
-            worst[row.line] = row
-    return sorted(worst.values(), key=lambda row: (row.line != ANY, -row.largest))
+    for row in sorted(rows, key=lambda row: -row.largest):
+        worst.setdefault(row.line, row)
+    return sorted(worst.values(), key=lambda row: row.line != ANY)
 
 
 @dataclass(frozen=True)
@@ -226,22 +195,16 @@ def at_any_level(results: Results, limit: float, band: tuple[float, float]) -> A
     if not design.uncertain or counted.sum() < 2:
         return None
     table = case_verdicts(results, limit, band).reshape(-1, points)[:, counted]
-    above = (table == ABOVE).any(axis=0)
-    unknown = ~above & (table == UNKNOWN).any(axis=0)
-    n, fails, open_ones = above.size, int(above.sum()), int(unknown.sum())
-    return AnyLevel(fails, open_ones, n, proportion(fails, n, open_ones))
+    fails = (table == ABOVE).any(axis=0)
+    above, unknown = int(fails.sum()), int((~fails & (table == UNKNOWN).any(axis=0)).sum())
+    return AnyLevel(above, unknown, fails.size, proportion(above, fails.size, unknown))
 
 
 def independent(design: Design) -> np.ndarray:
     """Which cases are independent draws, (cases,): for Sobol indices the two base samples, for one-at-a-time none."""
-    points = np.arange(design.cases) % design.samples.shape[0]
-    sampling = design.study.sampling
-    if not design.uncertain:
-        return np.ones(design.cases, dtype=bool)
-    if sampling.method == "one-at-a-time":
-        return np.zeros(design.cases, dtype=bool)
-    kept: np.ndarray = points < (2 * sampling.count if sampling.method == "sobol-indices" else design.samples.shape[0])
-    return kept
+    points, sampling = design.samples.shape[0], design.study.sampling
+    known = {"sobol-indices": 2 * sampling.count, "one-at-a-time": 0}.get(sampling.method, points)
+    return np.arange(design.cases) % points < (known if design.uncertain else points)
 
 
 def draws_needed(q: float) -> int:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -94,33 +94,25 @@ class Uncertain(Varied):
         """Values (n,) at the probabilities ``u`` (n,)."""
         frozen = self._frozen()
         low, high = frozen.cdf(self.lower), frozen.cdf(self.upper)
-        values: np.ndarray = np.clip(frozen.ppf(low + u * (high - low)), self.lower, self.upper)
-        return values
+        return np.clip(frozen.ppf(low + u * (high - low)), self.lower, self.upper)
+
+    @property
+    def inside(self) -> float:
+        """Probability of the whole distribution that lies between ``lower`` and ``upper``."""
+        frozen = self._frozen()
+        return float(frozen.cdf(self.upper) - frozen.cdf(self.lower))
 
     def _frozen(self) -> Any:
         from scipy import stats
 
-        p = self.shape
-        if self.kind == "normal":
-            return stats.norm(p[0], p[1])
-        if self.kind == "uniform":
-            return stats.uniform(p[0], p[1] - p[0])
-        if self.kind == "triangular":
-            return stats.triang((p[1] - p[0]) / (p[2] - p[0]), p[0], p[2] - p[0])
-        return stats.lognorm(math.log(p[1]), scale=p[0])
+        return _KINDS[self.kind].frozen(stats, *self.shape)
 
     @property
     def text(self) -> str:
         """The distribution in words, in the display unit."""
-        show = self.show
-        values = {
-            "normal": lambda p: f"mean {show(p[0])}, deviation {show(p[1])}",
-            "uniform": lambda p: f"{show(p[0])} to {show(p[1])}",
-            "triangular": lambda p: f"{show(p[0])} to {show(p[2])}, peak {show(p[1])}",
-            "log-normal": lambda p: f"median {show(p[0])}, factor {p[1]:.4g}",
-        }[self.kind](self.shape)
-        cut = [f"from {show(self.lower)}"] if math.isfinite(self.lower) else []
-        cut += [f"to {show(self.upper)}"] if math.isfinite(self.upper) else []
+        values = _KINDS[self.kind].words.format(*map(self.show, self.shape), plain=f"{self.shape[1]:.4g}")
+        cut = [f"from {self.show(self.lower)}"] if math.isfinite(self.lower) else []
+        cut += [f"to {self.show(self.upper)}"] if math.isfinite(self.upper) else []
         on = f"factor on {', '.join(self.keys)}; " if self.base else ""
         return f"{on}{self.kind}, {values}" + (f", cut {' '.join(cut)}" if cut else "")
 
@@ -128,7 +120,7 @@ class Uncertain(Varied):
 def variation(scenario: Scenario, key: str, spec: Any) -> Levels | Uncertain:
     """What the study says of one key; ScenarioError where it cannot be."""
     where = f"vary.{key}"
-    found = {name: (value, quantity) for name, value, quantity in scenario.entries()}
+    found = _entries(scenario)
     if isinstance(spec, dict) and "scale" in spec:
         return _factor(found, key, spec, where)
     keys = _matching(found, key, where)
@@ -148,14 +140,12 @@ def _factor(found: _Entries, name: str, spec: dict[str, Any], where: str) -> Lev
     given = spec["scale"] if isinstance(spec["scale"], list) else [spec["scale"]]
     if not given or not all(isinstance(key, str) for key in given):
         raise ScenarioError(f"{where}.scale: {shown(spec['scale'])} is not allowed; a list of keys is expected")
-    keys = tuple(
-        dict.fromkeys(key for pattern in given for key in _matching(found, pattern, f"{where}.scale: {pattern}"))
-    )
-    wrong = [key for key in keys if not isinstance(found[key][0], float) or found[key][1] is None]
-    if wrong:
-        raise ScenarioError(
-            f"{where}.scale: {wrong[0]} is {shown(found[wrong[0]][0])}, not a number that could be scaled"
-        )
+    matching = (_matching(found, pattern, f"{where}.scale: {pattern}") for pattern in given)
+    keys = tuple(dict.fromkeys(key for keys in matching for key in keys))
+    for key in keys:
+        value, quantity = found[key]
+        if not isinstance(value, float) or quantity is None:
+            raise ScenarioError(f"{where}.scale: {key} is {shown(value)}, not a number that could be scaled")
     rest: Any = {key: value for key, value in spec.items() if key != "scale"}
     if "values" in rest:
         _Reader(where, rest, _FACTOR, 1.0).only(("values",))
@@ -168,22 +158,21 @@ def _factor(found: _Entries, name: str, spec: dict[str, Any], where: str) -> Lev
 def _matching(found: _Entries, pattern: str, where: str) -> tuple[str, ...]:
     """Keys that a key means in which ``*`` stands for any one step; ScenarioError if there is none."""
     steps = pattern.split(".")
-    keys = tuple(
-        key
-        for key in found
-        if (names := key.split(".")) and len(names) == len(steps) and all(map(fnmatchcase, names, steps))
-    )
+    split = {key: key.split(".") for key in found}
+    keys = [key for key, names in split.items() if len(names) == len(steps) and all(map(fnmatchcase, names, steps))]
     if keys:
-        return keys
+        return tuple(keys)
     near = [name for name in found if name.split(".")[0] == steps[0]] or list(found)
     raise ScenarioError(f"{where}: is not a key of the scenario; allowed are {', '.join(near)}")
 
 
 def keys_of(scenario: Scenario, pattern: str) -> tuple[str, ...]:
     """Keys of the scenario that a key, perhaps with ``*``, means."""
-    if "*" not in pattern:
-        return (pattern,)
-    return _matching({name: (value, quantity) for name, value, quantity in scenario.entries()}, pattern, pattern)
+    return _matching(_entries(scenario), pattern, pattern) if "*" in pattern else (pattern,)
+
+
+def _entries(scenario: Scenario) -> _Entries:
+    return {name: (value, quantity) for name, value, quantity in scenario.entries()}
 
 
 def _of_one_key(key: str, value: Any, spec: Any, quantity: Quantity | None, where: str) -> Levels | Uncertain:
@@ -194,9 +183,7 @@ def _of_one_key(key: str, value: Any, spec: Any, quantity: Quantity | None, wher
     if quantity is None:
         raise ScenarioError(f"{where}: is not a physical quantity; write a list of its values, such as [{value}]")
     reader = _Reader(where, spec, quantity, value)
-    if "distribution" in spec:
-        return _distribution(key, reader)
-    return _grid(key, reader)
+    return _distribution(key, reader) if "distribution" in spec else _grid(key, reader)
 
 
 def _listed(key: str, values: list[Any], quantity: Quantity | None, where: str) -> Levels:
@@ -276,23 +263,17 @@ def _grid(key: str, r: _Reader) -> Levels:
     r.only(("from", "to", "count", "spacing"))
     first, last = r.number("from"), r.number("to")
     count: Any = r.spec.get("count")
-    spacing = r.spec.get("spacing", "linear")
-    right = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_LEVELS
+    spacing, q = r.spec.get("spacing", "linear"), r.quantity
+    right = is_number(count) and isinstance(count, int) and 2 <= count <= MAX_LEVELS
     r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MAX_LEVELS} is expected")
     r.check(spacing in ("linear", "logarithmic"), f"spacing: {spacing!r} is not allowed; write linear or logarithmic")
-    if spacing == "linear":
-        values = np.linspace(first, last, count)
-    else:
-        r.check(first > 0.0 and last > 0.0, "a logarithmic grid goes from and to values greater than 0")
-        values = np.geomspace(first, last, count)
-    show = r.quantity.show
-    return Levels(
-        key, tuple(values.tolist()), tuple(show(v) for v in values), r.quantity.unit, r.quantity.display or r.quantity.unit
-    )  # fmt: skip
+    positive = spacing == "linear" or (first > 0.0 and last > 0.0)
+    r.check(positive, "a logarithmic grid goes from and to values greater than 0")
+    values = (np.linspace if spacing == "linear" else np.geomspace)(first, last, count)
+    return Levels(key, tuple(values.tolist()), tuple(map(q.show, values)), q.unit, q.display or q.unit)
 
 
 def _normal(r: _Reader) -> tuple[float, ...]:
-    r.only(("distribution", "mean", "deviation", "relative_deviation", "lower", "upper"))
     mean = r.centre("mean")
     r.check(("deviation" in r.spec) != ("relative_deviation" in r.spec), "give deviation or relative_deviation")
     deviation = r.number("deviation") if "deviation" in r.spec else abs(mean) * r.ratio("relative_deviation")
@@ -301,7 +282,6 @@ def _normal(r: _Reader) -> tuple[float, ...]:
 
 
 def _uniform(r: _Reader) -> tuple[float, ...]:
-    r.only(("distribution", "low", "high", "within", "lower", "upper"))
     r.check(("within" in r.spec) != ("low" in r.spec), "give low and high, or within (a fraction of the value)")
     if "within" in r.spec:
         part, value = r.ratio("within"), r.centre("value")
@@ -313,14 +293,12 @@ def _uniform(r: _Reader) -> tuple[float, ...]:
 
 
 def _triangular(r: _Reader) -> tuple[float, ...]:
-    r.only(("distribution", "low", "peak", "high", "lower", "upper"))
     low, peak, high = r.number("low"), r.centre("peak"), r.number("high")
     r.check(low <= peak <= high and low < high, "low, peak and high: must rise in this order")
     return low, peak, high
 
 
 def _log_normal(r: _Reader) -> tuple[float, ...]:
-    r.only(("distribution", "median", "factor", "lower", "upper"))
     median = r.centre("median")
     r.check("factor" in r.spec, "factor: missing (68 % lie between median / factor and median x factor)")
     factor = r.ratio("factor")
@@ -329,25 +307,47 @@ def _log_normal(r: _Reader) -> tuple[float, ...]:
     return median, factor
 
 
-_KINDS: dict[str, Callable[[_Reader], tuple[float, ...]]] = {
-    "normal": _normal,
-    "uniform": _uniform,
-    "triangular": _triangular,
-    "log-normal": _log_normal,
-}
+class _Kind(NamedTuple):
+    """A kind of distribution."""
+
+    allowed: tuple[str, ...]
+    """What a study may say of it, beside ``distribution``, ``lower`` and ``upper``."""
+    read: Callable[[_Reader], tuple[float, ...]]
+    """Its shape."""
+    frozen: Callable[..., Any]
+    """The distribution of a shape, of ``scipy.stats``, which takes long to import."""
+    words: str
+    """The shape in words; ``plain`` is its second number without a unit."""
+
+
+_KINDS = {
+    "normal": _Kind(
+        ("mean", "deviation", "relative_deviation"), _normal,
+        lambda stats, mean, deviation: stats.norm(mean, deviation), "mean {0}, deviation {1}",
+    ),
+    "uniform": _Kind(
+        ("low", "high", "within"), _uniform, lambda stats, low, high: stats.uniform(low, high - low), "{0} to {1}",
+    ),
+    "triangular": _Kind(
+        ("low", "peak", "high"), _triangular,
+        lambda stats, low, peak, high: stats.triang((peak - low) / (high - low), low, high - low), "{0} to {2}, peak {1}",
+    ),
+    "log-normal": _Kind(
+        ("median", "factor"), _log_normal,
+        lambda stats, median, factor: stats.lognorm(math.log(factor), scale=median), "median {0}, factor {plain}",
+    ),
+}  # fmt: skip
 
 
 def _distribution(key: str, r: _Reader) -> Uncertain:
     kind = r.spec["distribution"]
-    r.check(
-        isinstance(kind, str) and kind in _KINDS, f"distribution: {kind!r} is not allowed; write {', '.join(_KINDS)}"
-    )
-    shape = _KINDS[kind](r)
+    known = isinstance(kind, str) and kind in _KINDS
+    r.check(known, f"distribution: {kind!r} is not allowed; write {', '.join(_KINDS)}")
+    r.only(("distribution", *_KINDS[kind].allowed, "lower", "upper"))
+    shape = _KINDS[kind].read(r)
     lower, upper = r.number("lower", -math.inf), r.number("upper", math.inf)
     r.check(lower < upper, "lower: must be below upper")
     q = r.quantity
     uncertain = Uncertain(key, kind, shape, lower, upper, q.unit, q.display or q.unit)
-    frozen = uncertain._frozen()
-    inside = float(frozen.cdf(upper) - frozen.cdf(lower))
-    r.check(inside > 1e-6, "lower and upper leave nothing of the distribution between them")
+    r.check(uncertain.inside > 1e-6, "lower and upper leave nothing of the distribution between them")
     return uncertain

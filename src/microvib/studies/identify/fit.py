@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +16,10 @@ from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Simulated, evidence_of
 from microvib.studies.identify.figures import cost
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
-from microvib.studies.identify.intervals import Interval, profiles
+from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Problem, Trust
-from microvib.studies.identify.search import Local, Optimum, confirm, local_at, material, search
+from microvib.studies.identify.search import Optimum, confirm, material, search
 from microvib.studies.identify.verdict import (
     SETTLE,
     Estimate,
@@ -103,13 +103,16 @@ def identify(
     problem = Problem(scenario, tests, fitted, Trust(model_error, common_error), progress)
     if not problem.figures:
         raise MicrovibError("the evidence has no observation above its floor")
-    found = _Found(problem)
-    interrupted = False
+    found, interrupted = None, False
     try:
-        found.find(seed, starts, finishes)
+        for stage in _stages(problem, seed, starts, finishes):
+            found = stage
     except KeyboardInterrupt:
         interrupted = True
-    return found.fit(scenario, seed, interrupted, notes)
+    if found is None:
+        problem, x, r = problem.so_far()
+        found = Findings(problem, Optimum(x, r, cost(r)))
+    return _fit(found, scenario, seed, interrupted, notes)
 
 
 def _told(test: Test, scenario: Scenario) -> tuple[Evidence, dict[str, object]]:
@@ -117,11 +120,8 @@ def _told(test: Test, scenario: Scenario) -> tuple[Evidence, dict[str, object]]:
     told, changes = test if isinstance(test, tuple) else (test, {})
     if isinstance(told, Evidence):
         return told, changes
-    expect(
-        told,
-        (Recording, LineTable, Prepared, PaperLines),
-        "a recording, a table of lines or evidence of one (mv.open_source)",
-    )
+    kinds = Recording, LineTable, Prepared, PaperLines
+    expect(told, kinds, "a recording, a table of lines or evidence of one (mv.open_source)")
     return evidence_of(told, scenario.with_(changes) if changes else scenario), changes
 
 
@@ -143,11 +143,11 @@ def _without_the_start(
 
     Of a mode whose decay was measured, that tells the damping. Where the settling time is fitted, its amplitude counts.
     """
+    if SETTLE in {key.key for key in keys}:
+        return list(evidence), ()
     tests, notes = [], []
     for one, changes in evidence:
-        ringing = (
-            {o.line for o in one.observations if o.form == "decay"} if SETTLE not in {k.key for k in keys} else set()
-        )
+        ringing = {o.line for o in one.observations if o.form == "decay"}
         kept = tuple(o for o in one.observations if not (o.line in ringing and o.form in ("amplitude", "nearest_bin")))
         tests.append((replace(one, observations=kept), changes))
         notes += [
@@ -157,63 +157,50 @@ def _without_the_start(
     return tests, tuple(notes)
 
 
-class _Found:
-    """What has been found so far; an interrupted search leaves what it has."""
+def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator[Findings]:
+    """What is known after the search, after a second one and, if the model explains the evidence, with intervals."""
+    problem, optima = search(problem, seed, starts, finishes)
+    yield Findings(problem, optima[0])
+    best, local, converged = confirm(problem, optima[0])
+    found = Findings(problem.within(best.x), best, local, converged)
+    yield found
+    if converged and goodness(found.problem, best.r).explained:
+        for better in _with_intervals(found):
+            yield (found := better)
+    found = replace(found, rival=rival(found.problem, found.best, optima, found.local))
+    yield found
+    if found.intervals is not None:
+        yield replace(found, leanings=leanings(found.problem, found.best, found.local))
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.best: Optimum | None = None
-        self.local: Local | None = None
-        self.intervals: tuple[Interval, ...] | None = None
-        self.leanings: tuple[Leaning, ...] = ()
-        self.rival: Optimum | None = None
-        self.converged = False
 
-    def find(self, seed: int, starts: int, finishes: int) -> None:
-        """Search, second search and, if the model explains the evidence, intervals."""
-        self.problem, optima = search(self.problem, seed, starts, finishes)
-        self.best = optima[0]
-        self.best, self.local, self.converged = confirm(self.problem, self.best)
-        self.problem = self.problem.within(self.best.x)
-        if self.converged and goodness(self.problem, self.best.r).explained:
-            self._intervals()
-        self.rival = rival(self.problem, self.best, optima, self.local)
-        if self.intervals is not None:
-            self.leanings = leanings(self.problem, self.best, self.local)
+def _with_intervals(found: Findings) -> Iterator[Findings]:
+    """Intervals; where their profiles meet something better, from there again."""
+    for _ in range(2):
+        met = profiles(found.problem, found.best, found.local)
+        if found.best.cost - met.best.cost < material(found.best.cost):
+            yield replace(found, intervals=met.intervals)
+            return
+        best, local, converged = confirm(found.problem, met.best)
+        found = replace(found, best=best, confirmed=local, converged=converged)
+        yield found
+    yield replace(found, converged=False)
 
-    def _intervals(self) -> None:
-        """Intervals; where their profiles meet something better, from there again."""
-        assert self.best is not None
-        assert self.local is not None
-        for _ in range(2):
-            found = profiles(self.problem, self.best, self.local)
-            if self.best.cost - found.best.cost < material(self.best.cost):
-                self.intervals = found.intervals
-                return
-            self.best, self.local, self.converged = confirm(self.problem, found.best)
-        self.converged = False
 
-    def fit(self, scenario: Scenario, seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
-        """Everything as a result."""
-        if self.best is None:
-            self.problem, x, r = self.problem.so_far()
-            self.best = Optimum(x, r, cost(r))
-        problem, best = self.problem, self.best
-        local = self.local or local_at(problem, best)
-        findings = Findings(problem, best, local, self.intervals, self.leanings, self.converged, self.rival)
-        found = estimates(findings)
-        names = [one.name for one, _ in problem.tests]
-        sources = dict(scenario.sources) | {e.key: source(e, ", ".join(names)) for e in found}
-        before, after = problem.simulated([{}, problem.changes(best.x)])
-        assert after is not None
-        tests = [one for one, _ in problem.tests]
-        fit = goodness(problem, best.r)
-        return Fit(
-            found, correlations(local), _sensitivities(findings),
-            tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
-            scenario.with_si(problem.changes(best.x)).with_sources(sources), fit.chi_square, problem.figures,
-            problem.simulations, seed, interrupted, fit, deviations(problem, best.x), self.leanings, self.converged, notes,
-        )  # fmt: skip
+def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
+    """Everything as a result."""
+    problem, best, of_each = found.problem, found.best, estimates(found)
+    tests = [one for one, _ in problem.tests]
+    names = ", ".join(one.name for one in tests)
+    sources = dict(scenario.sources) | {e.key: source(e, names) for e in of_each}
+    before, after = problem.simulated([{}, problem.changes(best.x)])
+    assert after is not None
+    fit = goodness(problem, best.r)
+    return Fit(
+        of_each, correlations(found.local), _sensitivities(found),
+        tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
+        scenario.with_si(problem.changes(best.x)).with_sources(sources), fit.chi_square, problem.figures,
+        problem.simulations, seed, interrupted, fit, deviations(problem, best.x), found.leanings, found.converged, notes,
+    )  # fmt: skip
 
 
 def source(e: Estimate, names: str) -> str:
@@ -226,7 +213,7 @@ def source(e: Estimate, names: str) -> str:
 
 def _sensitivities(findings: Findings) -> dict[str, tuple[float, ...]]:
     problem = findings.problem
-    values = [float(v) for v in problem.changes(findings.best.x).values()]  # type: ignore[arg-type]
+    values = [key.value(float(x)) for key, x in zip(problem.keys, findings.best.x, strict=True)]
     scale = np.array([v / key.slope(v) for key, v in zip(problem.keys, values, strict=True)])
     rows = findings.local.J[: problem.figures] * problem.weights[:, None] * scale[None, :]
     several = len(problem.tests) > 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from microvib.studies.identify.goodness import Goodness, goodness
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
 from microvib.studies.identify.problem import Problem
-from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum
+from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
 WIDE = 0.2
 """Standard error over value above which a parameter is not identifiable."""
@@ -61,13 +62,19 @@ class Findings:
 
     problem: Problem
     best: Optimum
-    local: Local
-    intervals: tuple[Interval, ...] | None
+    confirmed: Local | None = None
+    """The model about the optimum, where a second search has it."""
+    converged: bool = False
+    intervals: tuple[Interval, ...] | None = None
     """None where they are withheld."""
-    leanings: tuple[Leaning, ...]
-    converged: bool
-    rival: Optimum | None
+    rival: Optimum | None = None
     """Another optimum, elsewhere, that explains the evidence as well."""
+    leanings: tuple[Leaning, ...] = ()
+
+    @cached_property
+    def local(self) -> Local:
+        """The model about the optimum, linearised."""
+        return self.confirmed or local_at(self.problem, self.best)
 
 
 def estimates(findings: Findings) -> tuple[Estimate, ...]:
@@ -85,9 +92,9 @@ def _estimate(findings: Findings, k: int) -> Estimate:
         return Estimate(key.key, key.unit, value, math.nan, key.low, key.high, good, verdict)
     i = findings.intervals[k]
     interval = key.value(i.low), key.value(i.high)
-    error = (
-        (interval[1] - interval[0]) / (2.0 * Z) if i.profiled else key.slope(value) * float(findings.local.spread[k])
-    )
+    error = key.slope(value) * float(findings.local.spread[k])
+    if i.profiled:
+        error = (interval[1] - interval[0]) / (2.0 * Z)
     return Estimate(key.key, key.unit, value, error, key.low, key.high, good, verdict, interval, i.profiled)
 
 
@@ -163,29 +170,24 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
     """
     taken = {key.key for key in problem.keys} | {name for _, changes in problem.evidence for name in changes}
     own = {name: value for name, value, _ in problem.scenario.entries()}
-    moved = {
-        name: own[name] * (1.0 + NUDGE)
-        for name in fittable(problem.scenario)
-        if name not in {*taken, SETTLE} and own[name]
-    }
-    moved = {name: value for name, value in moved.items() if _possible(problem.scenario, name, value)}
-    scale = [key.slope(v) / v for key, v in zip(problem.keys, problem.changes(best.x).values(), strict=True)]  # type: ignore[operator, arg-type]
+    free = [name for name in fittable(problem.scenario) if name not in {*taken, SETTLE} and own[name]]
+    changes = [{name: own[name] * (1.0 + NUDGE)} for name in free]
+    changes = [change for change in changes if _possible(problem.scenario, change)]
+    values = [key.value(float(x)) for key, x in zip(problem.keys, best.x, strict=True)]
+    scale = np.array([key.slope(v) / v for key, v in zip(problem.keys, values, strict=True)])
     gain = -(local.covariance / local.scatter) @ local.J.T
-    nudged = problem.residuals([best.x] * len(moved), [{name: value} for name, value in moved.items()])
-    found = [
-        Leaning(name, tuple(map(float, np.array(scale) * (gain @ (r - best.r)) / NUDGE)))
-        for name, r in zip(moved, nudged, strict=True)
-    ]
+    nudged = problem.residuals([best.x] * len(changes), changes)
+    moves = {name: gain @ (r - best.r) / NUDGE for (name,), r in zip(changes, nudged, strict=True)}
     if SETTLE not in taken and own[SETTLE]:
         later = problem.with_scenario({SETTLE: own[SETTLE] * (1.0 + ASSUMED_TIME)})
-        moved_by = Descent(later, best.x).run(AGAIN).x - best.x
-        found.append(Leaning(SETTLE, tuple(map(float, np.array(scale) * moved_by / ASSUMED_TIME))))
+        moves[SETTLE] = (Descent(later, best.x).run(AGAIN).x - best.x) / ASSUMED_TIME
+    found = [Leaning(name, tuple((scale * move).tolist())) for name, move in moves.items()]
     return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
 
 
-def _possible(scenario: Scenario, name: str, value: float) -> bool:
+def _possible(scenario: Scenario, change: dict[str, object]) -> bool:
     try:
-        scenario.with_si({name: value})
+        scenario.with_si(change)
     except MicrovibError:
         return False
     return True
