@@ -24,7 +24,7 @@ from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence, Observation, observations
 from microvib.studies.identify import MODEL_ERROR, Fit, identify, parse_fit
-from microvib.studies.identify.figures import DECAY_FLOOR, FREQUENCY_FLOOR, PHASE_FLOOR
+from microvib.studies.identify.problem import DECAY_FLOOR, FREQUENCY_FLOOR, PHASE_FLOOR
 
 SPREAD = {"reducer.stiffness": 0.3, "motor.friction.viscous": 0.3, "array.rigid_inertia": 0.2}
 """Drawn parameters: largest relative deviation from the catalog's, either way."""

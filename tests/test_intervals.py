@@ -11,9 +11,8 @@ import microvib as mv
 from microvib.analysis.lines import lines_of_samples
 from microvib.studies.evidence import Evidence, observations
 from microvib.studies.identify import MODEL_ERROR, Trust, parse_fit
-from microvib.studies.identify.figures import weight
 from microvib.studies.identify.intervals import Z, profiles
-from microvib.studies.identify.problem import Problem
+from microvib.studies.identify.problem import Problem, weight
 from microvib.studies.identify.search import AGAIN, Descent, local_at
 
 pytestmark = pytest.mark.long

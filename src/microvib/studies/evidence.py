@@ -13,7 +13,7 @@ from microvib.errors import MicrovibError, OptionError
 from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
-from microvib.io.tables import PaperLines
+from microvib.io.tables import PAPER_LINES, PaperLines, read_table
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, LineTable
@@ -55,10 +55,7 @@ class Evidence:
 
 
 def chosen(
-    evidence: Sequence[Evidence],
-    scenario: Scenario,
-    bands: Sequence[Band] = (),
-    without: Sequence[str] = (),
+    evidence: Sequence[Evidence], scenario: Scenario, bands: Sequence[Band] = (), without: Sequence[str] = ()
 ) -> list[Evidence]:
     """The evidence of lines in the ``bands`` (without any: everywhere), less those named in ``without``.
 
@@ -76,17 +73,11 @@ def chosen(
         return line not in without and (not ends or any(low <= at.get(line, -1.0) <= high for low, high in ends))
 
     kept = [
-        replace(
-            one,
-            observations=tuple(
-                o for o in one.observations if wanted(o.line) and (o.form != "phase" or wanted("drive_1"))
-            ),
-        )
-        for one in evidence
+        [o for o in one.observations if wanted(o.line) and (o.form != "phase" or wanted("drive_1"))] for one in evidence
     ]
-    if not any(one.observations for one in kept):
+    if not any(kept):
         raise OptionError("without" if without else "band", "leaves no line of the evidence")
-    return kept
+    return [replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)]
 
 
 def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "Mz", name: str = "") -> Evidence:
@@ -99,37 +90,28 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
         case Recording():
             return evidence_of(Prepared(source), scenario, channel, name)
         case Prepared(recording, background):
-            table = lines_of_recording(recording, channel, scenario, background)
-            found = tuple(
-                o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, recording.duration)
-            )
-            return Evidence(
-                recording.title, found, table.clock_ratio, recording.duration, recording.sample_rate, recording.notes
-            )
+            table, r = lines_of_recording(recording, channel, scenario, background), recording
+            found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, r.duration))
+            return Evidence(r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes)
         case _:
-            raise MicrovibError(
-                f"{name or 'the source'}: is not evidence; expected a recording ({', '.join(READERS)}), a table of lines (.csv)"
-                " or 'paper'"
-            )
+            expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
+            raise MicrovibError(f"{name or 'the source'}: is not evidence; expected {expected}")
 
 
 def observations(table: LineTable) -> tuple[Observation, ...]:
     """Observations from the lines of a table that stand out: amplitudes, phases of driving lines, frequency and decay of modes."""
     found = []
-    first = next((line for line in table if line.line == "drive_1" and line.status == "ok"), None)
-    for line in table:
-        if line.kind == "other" or line.status not in ("ok", "decaying", "growing"):
-            continue
-        if line.amplitude_n_m < 2 * DETECTION * line.floor_n_m:
-            continue
-        found.append(Observation(line.line, "amplitude", line.amplitude_n_m, line.amplitude_uncertainty_n_m))
-        if line.kind == "array mode":
-            found.append(Observation(line.line, "frequency", line.frequency_hz, line.frequency_uncertainty_hz))
-            found.append(Observation(line.line, "decay", line.decay_per_s, line.decay_uncertainty_per_s))
-        elif line.kind == "drive" and first is not None and line.line != "drive_1":
-            order = int(line.line.split("_")[1])
-            spread = math.hypot(order * first.phase_uncertainty_rad, line.phase_uncertainty_rad)
-            found.append(Observation(line.line, "phase", order * first.phase_rad - line.phase_rad, spread))
+    first = next((x for x in table if x.line == "drive_1" and x.status == "ok"), None)
+    seen = (x for x in table if x.kind != "other" and x.status in ("ok", "decaying", "growing"))
+    for x in (x for x in seen if not x.amplitude_n_m < 2 * DETECTION * x.floor_n_m):
+        found.append(Observation(x.line, "amplitude", x.amplitude_n_m, x.amplitude_uncertainty_n_m))
+        if x.kind == "array mode":
+            found.append(Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz))
+            found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
+        elif x.kind == "drive" and first is not None and x.line != "drive_1":
+            order = int(x.line.split("_")[1])
+            spread = math.hypot(order * first.phase_uncertainty_rad, x.phase_uncertainty_rad)
+            found.append(Observation(x.line, "phase", order * first.phase_rad - x.phase_rad, spread))
     return tuple(found)
 
 
@@ -171,24 +153,16 @@ def _near_mains(frequency: float, duration: float) -> bool:
 
 def paper_evidence(scenario: Scenario) -> Evidence:
     """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their frequencies."""
-    from microvib.io.tables import PAPER_LINES, read_table
-
     bins = {row["line"]: float(row["test_hz"]) for row in read_table("table5_line_frequencies")}
     found = []
     for row in read_table("table6_line_amplitudes"):
-        digits = row["test_n_m"]
-        value = float(digits)
+        name, digits = row["line"], row["test_n_m"]
         rounding = 0.5 * 10.0 ** -len(digits.split(".")[1]) / math.sqrt(3.0)
-        found.append(Observation(PAPER_LINES[row["line"]], "nearest_bin", value, rounding, bins[row["line"]]))
+        found.append(Observation(PAPER_LINES[name], "nearest_bin", float(digits), rounding, bins[name]))
     # The natural line's bin, 1.1875 Hz: its frequency lies within half a bin of that, which is put at three sigma.
     found.append(Observation("array_mode_1", "frequency", 1.1875, 0.03125 / 3.0))
-    return Evidence(
-        "Appl. Sci. 2021, 11, 9076, Table 6 (test)",
-        tuple(found),
-        PAPER_CLOCK / scenario.tracking.clock_ratio,
-        16.0,
-        4096.0,
-    )
+    clock = PAPER_CLOCK / scenario.tracking.clock_ratio
+    return Evidence("Appl. Sci. 2021, 11, 9076, Table 6 (test)", tuple(found), clock, duration=16.0, sample_rate=4096.0)
 
 
 def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -124,11 +124,8 @@ class RatePlan:
 
     def is_allowed(self, case: RateCase) -> bool:
         """Whether a case has lines, none of them above the limit, and is far enough from every resonance."""
-        near = self.nearest(case)
-        top = _top(case, self.band)
-        return bool(case.lines) and not (self.limit is not None and top > self.limit) and (
-            near is None or near[1] >= self.keep_away
-        )  # fmt: skip
+        near, limit = self.nearest(case), math.inf if self.limit is None else self.limit
+        return bool(case.lines) and self._top(case) <= limit and (near is None or near[1] >= self.keep_away)
 
     def nearest(self, case: RateCase) -> tuple[Resonance, float] | None:
         """The resonance nearest to a case, and how far its rate is away from it, over the resonance's."""
@@ -144,18 +141,16 @@ class RatePlan:
         return [case for case in self.cases if case.lines and microsteps in (None, case.microsteps)]
 
     def _smallest(self, cases: Iterable[RateCase]) -> tuple[RateCase, float] | None:
-        found = [(case, _top(case, self.band)) for case in cases]
-        return min(found, key=lambda item: item[1], default=None)
+        return min(((case, self._top(case)) for case in cases), key=lambda item: item[1], default=None)
+
+    def _top(self, case: RateCase) -> float:
+        line = case.largest(self.band)
+        return line.amplitude if line is not None else 0.0
 
     def worst(self, microsteps: int) -> float:
         """Largest line over all rates of one microstep count [N m]; NaN where all cases failed."""
         found = [line.amplitude for case in self.of(microsteps) if (line := case.largest(self.band))]
         return max(found, default=math.nan)
-
-
-def _top(case: RateCase, band: tuple[float, float]) -> float:
-    line = case.largest(band)
-    return line.amplitude if line is not None else 0.0
 
 
 def plan_rates(
@@ -192,9 +187,8 @@ def plan_rates(
         rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
         forbidden = [] if most is None else [b for row in rows for b in _forbidden(row, most, within, solve)]
     cases = tuple(case for row in rows for case in row)
-    resonances = tuple(
-        met for m in meetings if (met := _strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]))
-    )
+    met = (_strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]) for m in meetings)
+    resonances = tuple(m for m in met if m is not None)
     if keep_away > 0.0:
         forbidden += [_too_near(r, keep_away) for r in resonances]
     return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), most, within, linear, keep_away)
@@ -222,12 +216,9 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
     f_d = changed.driving_frequency or math.nan
     seen = [x for x in result.lines if x.kind != "array mode" and x.status != FAINT and x.amplitude_n_m > 0.0]
     top = max((x.amplitude_n_m for x in seen), default=0.0)
-    lines = tuple(
-        RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m)
-        for x in seen
-        if x.amplitude_n_m >= LEAST * top
-    )
-    return RateCase(rate, microsteps, lines, result.fallback)
+    kept = (x for x in seen if x.amplitude_n_m >= LEAST * top)
+    lines = (RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m) for x in kept)
+    return RateCase(rate, microsteps, tuple(lines), result.fallback)
 
 
 def linear_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
@@ -255,24 +246,24 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
     return result
 
 
+Solve = Callable[[Iterable[tuple[float, int]]], list[RateCase]]
+"""Solves cases (rate, microsteps)."""
+
+
 @contextmanager
-def _solver(
-    scenario: Scenario, linear: bool, progress: Progress | None
-) -> Iterator[Callable[[Iterable[tuple[float, int]]], list[RateCase]]]:
-    """A function that solves cases (rate, microsteps) on all cores; in what order does not matter."""
+def _solver(scenario: Scenario, linear: bool, progress: Progress | None) -> Iterator[Solve]:
+    """A function that solves cases on all cores; in what order does not matter."""
     one = linear_case if linear else full_case
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
-    done = total = 0
+    futures: list[Future[RateCase]] = []
 
     def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
-        nonlocal done, total
-        futures: list[Future[RateCase]] = [pool.submit(one, scenario, Si(rate), n) for rate, n in wanted]
-        total += len(futures)
-        for _ in as_completed(futures):
-            done += 1
+        before = len(futures)
+        futures.extend(pool.submit(one, scenario, Si(rate), n) for rate, n in wanted)
+        for done, _ in enumerate(as_completed(futures[before:]), before + 1):
             if progress is not None:
-                progress(done, total)
-        return [future.result() for future in futures]
+                progress(done, len(futures))
+        return [future.result() for future in futures[before:]]
 
     try:
         yield solve
@@ -284,12 +275,11 @@ def _meetings(
     scenario: Scenario, microsteps: int, modes: Sequence[CoupledMode], low: float, high: float
 ) -> list[Resonance]:
     """Rates within a range at which driving and full-step lines meet a mode."""
-    driver, motor = scenario.driver, scenario.motor
+    driver, motor, members = scenario.driver, scenario.motor, range(1, HARMONICS + 1)
     per_rate = microsteps * scenario.reducer.ratio * scenario.tracking.clock_ratio / driver.full_step(motor)
     detent = 4.0 / (driver.beats * microsteps)
-    orders = [(f"drive_{k}", float(k)) for k in range(1, HARMONICS + 1)]
+    orders = [(f"drive_{k}", float(k)) for k in members]
     if motor.detent_torque > 0.0:
-        members = range(1, HARMONICS + 1)
         orders += [(f"full_step_{k}", k * detent) for k in members if (k * detent) % 1.0 != 0.0]
     return [
         Resonance(microsteps, rate, mode.name, mode.frequency, line, mode.frequency, math.nan)
@@ -302,29 +292,20 @@ def _meetings(
 def _near(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
     """Rates to examine: while the shaft sticks part of the time, the mode is between its coupled and its clamped frequency."""
     mode = next(m for m in modes if m.name == meeting.mode)
-    clamped = mode.fixed_frequency or mode.frequency
-    if abs(clamped / mode.frequency - 1.0) > 0.1:
-        clamped = mode.frequency
-    return [meeting.rate * float(s) for s in np.unique(np.linspace(1.0, clamped / mode.frequency, 3))]
+    ratio = (mode.fixed_frequency or mode.frequency) / mode.frequency
+    return [meeting.rate * float(s) for s in np.unique(np.linspace(1.0, ratio if abs(ratio - 1.0) <= 0.1 else 1.0, 3))]
 
 
 def _strongest(meeting: Resonance, cases: Sequence[RateCase]) -> Resonance | None:
     """The meeting at that of its rates at which its line is largest; None where the line is too small to be one."""
-    found = [(line, case) for case in cases for line in case.lines if line.line == meeting.line]
+    found = [(line, case.rate) for case in cases for line in case.lines if line.line == meeting.line]
     if not found:
         return None if any(case.lines for case in cases) else meeting
-    line, case = max(found, key=lambda item: item[0].amplitude)
-    return Resonance(
-        meeting.microsteps, case.rate, meeting.mode, meeting.mode_frequency, line.line, line.frequency, line.amplitude
-    )
+    line, rate = max(found, key=lambda item: item[0].amplitude)
+    return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.amplitude)
 
 
-def _forbidden(
-    row: Sequence[RateCase],
-    limit: float,
-    band: tuple[float, float],
-    solve: Callable[[Iterable[tuple[float, int]]], list[RateCase]],
-) -> list[Forbidden]:
+def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float], solve: Solve) -> list[Forbidden]:
     """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
 
     def state(case: RateCase) -> str:
@@ -337,9 +318,7 @@ def _forbidden(
     n = row[0].microsteps
     for _ in range(BISECTIONS):
         middles = solve([(0.5 * (a.rate + b.rate), n) for a, b in edges])
-        edges = [
-            (m, b) if state(m) == state(a) else (a, m) for (a, b), m in zip(edges, middles, strict=True)
-        ]  # fmt: skip
+        edges = [(m, b) if state(m) == state(a) else (a, m) for (a, b), m in zip(edges, middles, strict=True)]
     turns = iter(0.5 * (a.rate + b.rate) for a, b in edges)
     bands, low = [], row[0].rate
     for why, group in groupby(row, state):

@@ -83,8 +83,7 @@ def _plain_decades(axis: Any) -> None:
 def _of_level(results: Results, level: Level) -> np.ndarray:
     """Which cases are independent draws of one level, (cases,)."""
     design = results.campaign.design
-    counted: np.ndarray = independent(design) & (np.arange(design.cases) // design.samples.shape[0] == level.number)
-    return counted
+    return independent(design) & (np.arange(design.cases) // design.samples.shape[0] == level.number)
 
 
 def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:

@@ -256,8 +256,7 @@ def _probabilities(study: Study, d: int) -> np.ndarray:
 
 def _inside(u: np.ndarray) -> np.ndarray:
     """Probabilities kept off 0 and 1, where an unbounded distribution has no value."""
-    kept: np.ndarray = np.clip(u, 1e-12, 1.0 - 1e-12)
-    return kept
+    return np.clip(u, 1e-12, 1.0 - 1e-12)
 
 
 def _decomposition(study: Study, d: int, rng: np.random.Generator) -> np.ndarray:

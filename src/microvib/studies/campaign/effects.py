@@ -169,5 +169,4 @@ def _first_and_total(tables: np.ndarray, points: int) -> np.ndarray:
     weight = np.var(np.concatenate([f_A, f_B], axis=1), axis=1)
     weight = weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
     shape = (weight.size, -1)
-    both: np.ndarray = np.stack([weight @ x.reshape(shape) for x in (found.first_order, found.total_order)])
-    return both
+    return np.stack([weight @ x.reshape(shape) for x in (found.first_order, found.total_order)])

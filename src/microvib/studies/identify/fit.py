@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,11 +13,18 @@ from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Simulated, evidence_of
-from microvib.studies.identify.figures import cost
-from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
-from microvib.studies.identify.problem import FitProgress, Problem, Trust
+from microvib.studies.identify.problem import (
+    Deviation,
+    FitProgress,
+    Goodness,
+    Problem,
+    Trust,
+    cost,
+    deviations,
+    goodness,
+)
 from microvib.studies.identify.search import Optimum, confirm, material, search
 from microvib.studies.identify.verdict import (
     SETTLE,
@@ -26,7 +32,7 @@ from microvib.studies.identify.verdict import (
     Findings,
     Leaning,
     correlations,
-    estimates,
+    estimate,
     leanings,
     rival,
 )
@@ -127,13 +133,13 @@ def _told(test: Test, scenario: Scenario) -> tuple[Evidence, dict[str, object]]:
 
 def _check(evidence: Sequence[tuple[Evidence, dict[str, object]]], keys: Sequence[FitKey]) -> None:
     """Refuse a key that is fitted twice, or that a test sets."""
-    twice = [name for name, count in Counter(key.key for key in keys).items() if count > 1]
-    if twice:
-        raise OptionError("fit", "is named twice; name each key once", twice[0])
-    for one, changes in evidence:
-        for key in keys:
-            if key.key in changes:
-                raise OptionError("fit", f"the test {one.name} sets it itself; fit it or set it", key.key)
+    names = [key.key for key in keys]
+    for name in names:
+        if names.count(name) > 1:
+            raise OptionError("fit", "is named twice; name each key once", name)
+        for one, changes in evidence:
+            if name in changes:
+                raise OptionError("fit", f"the test {one.name} sets it itself; fit it or set it", name)
 
 
 def _without_the_start(
@@ -188,7 +194,8 @@ def _with_intervals(found: Findings) -> Iterator[Findings]:
 
 def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
     """Everything as a result."""
-    problem, best, of_each = found.problem, found.best, estimates(found)
+    problem, best = found.problem, found.best
+    of_each = tuple(estimate(found, k) for k in range(best.x.size))
     tests = [one for one, _ in problem.tests]
     names = ", ".join(one.name for one in tests)
     sources = dict(scenario.sources) | {e.key: source(e, names) for e in of_each}
@@ -218,4 +225,4 @@ def _sensitivities(findings: Findings) -> dict[str, tuple[float, ...]]:
     rows = findings.local.J[: problem.figures] * problem.weights[:, None] * scale[None, :]
     several = len(problem.tests) > 1
     names = [f"{o.line} {o.form}" + (f" [{problem.tests[k][0].name}]" if several else "") for k, o in problem.observed]
-    return {name: tuple(row) for name, row in zip(names, rows, strict=True)}
+    return dict(zip(names, map(tuple, rows), strict=True))

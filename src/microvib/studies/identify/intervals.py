@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.studies.identify.figures import cost
-from microvib.studies.identify.problem import Problem
+from microvib.studies.identify.problem import Problem, cost
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum
 
 Z = 1.959964

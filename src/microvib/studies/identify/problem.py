@@ -7,30 +7,94 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from threading import Lock, current_thread, main_thread
 from typing import TypeVar
 
 import numpy as np
 
+from microvib.analysis.lines import lines_among
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
+from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.vector import WIDTH
-from microvib.studies.evidence import Evidence, Simulated
-from microvib.studies.identify.figures import as_tested, cost, difference, lines_of, weight
+from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
 from microvib.units import Si
 
 Item = TypeVar("Item")
 Done = TypeVar("Done")
 
+FREQUENCY_FLOOR, DECAY_FLOOR, PHASE_FLOOR = 2e-4, 0.01, 0.01
+"""Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is trusted beyond."""
+ROBUST = 5.0
+"""Standard deviations from which a residual counts in proportion, not by its square: a start far off still shows the way."""
+_AMISS = {"amplitude": 5.0, "nearest_bin": 5.0, "phase": math.pi, "frequency": 1.0, "decay": 5.0}
+"""Difference of a figure that a simulation does not have: as large as those of the worst that do."""
+REJECTED = 1e-3
+"""Probability of so large a chi-square with a correct model, below which a model does not explain the data."""
+OFF = 3.0
+"""Standard deviations above which a figure counts as off."""
+FEW = 3
+"""Degrees of freedom below which the data hardly check the model."""
 PRIOR = 0.1
 """Weight of a prior near the start, per width of a range: it decides only where there is no evidence."""
 
 FitProgress = Callable[[str, int, float, dict[str, float]], None]
 """stage, simulations so far, cost of the best, its parameters"""
+
+
+def as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object]) -> Scenario:
+    """The scenario as a test had it: the test's own changes, its clock, and its record."""
+    test = scenario.with_(changes) if changes else scenario
+    record = {"record.duration": evidence.duration, "record.sample_rate": evidence.sample_rate}
+    if evidence.clock_ratio is not None:
+        record["tracking.clock_ratio"] = test.tracking.clock_ratio * evidence.clock_ratio
+    return test.with_si(record)
+
+
+def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int, Simulated]]:
+    """Lines of simulated tests for which there is evidence, with the cases' numbers; none where the motion is lost."""
+    torques, found = simulate_torques([test for _, test, _ in cases]), []
+    for (k, test, evidence), torque in zip(cases, torques, strict=True):
+        if isinstance(torque, Torque):
+            asked = {o.line for o in evidence.observations} | {"drive_1"}
+            spectrum = amplitude_spectrum(torque.T_d, torque.sample_rate)
+            table = lines_among(torque.T_d, torque.sample_rate, test, asked)
+            found.append((k, Simulated(table, spectrum.amplitude, spectrum.resolution)))
+    return found
+
+
+def cost(r: np.ndarray) -> float:
+    """Sum of squares; of residuals beyond ROBUST, of what grows in proportion (Huber)."""
+    size = np.abs(r)
+    return float(np.sum(np.where(size < ROBUST, size**2, 2.0 * ROBUST * size - ROBUST**2)))
+
+
+def difference(o: Observation, simulated: Simulated | None) -> float:
+    """Logarithm of the ratio of amplitudes, relative difference of frequency and decay, difference of phases."""
+    value = math.nan if simulated is None else predicted(simulated, o)
+    if not math.isfinite(value):
+        return _AMISS[o.form]
+    if o.form in ("amplitude", "nearest_bin"):
+        return math.log(max(value, 1e-12) / o.value)
+    if o.form == "phase":
+        return math.remainder(value - o.value, 2.0 * math.pi)
+    return (value - o.value) / max(abs(o.value), 1e-6)
+
+
+def weight(o: Observation, each: float) -> float:
+    """Standard deviation that the difference of one observation is measured by: its own, and the model's."""
+    if o.form in ("amplitude", "nearest_bin"):
+        return math.hypot(o.uncertainty / o.value, each)
+    if o.form == "frequency":
+        return math.hypot(o.uncertainty / o.value, FREQUENCY_FLOOR)
+    if o.form == "decay":
+        return math.hypot(o.uncertainty / max(abs(o.value), 1e-6), DECAY_FLOOR)
+    return math.hypot(o.uncertainty, PHASE_FLOOR)
 
 
 @dataclass(frozen=True)
@@ -135,15 +199,18 @@ class Problem:
     def along(self) -> Problem | None:
         """With an array mode's clamped frequency as another key: of the first that was measured and is not fitted."""
         own = {name: (value, quantity) for name, value, quantity in self.scenario.entries() if quantity is not None}
-        taken = {key.key for key in self.keys} | {name for _, changes in self.evidence for name in changes}
         for _, o in self.observed:
-            if o.form != "frequency" or not o.line.startswith("array_mode_"):
-                continue
-            name = f"array.modes.{int(o.line.removeprefix('array_mode_')) - 1}.frequency"
-            if name in own and name not in taken:
-                key = around(name, *own[name], along=True)
-                return self.again([*self.keys, replace(key, low=min(key.low, o.value / FREQUENCY_FACTOR))])
+            if o.form == "frequency" and o.line.startswith("array_mode_"):
+                name = f"array.modes.{int(o.line.removeprefix('array_mode_')) - 1}.frequency"
+                if name in own and name not in self.taken:
+                    key = around(name, *own[name], along=True)
+                    return self.again([*self.keys, replace(key, low=min(key.low, o.value / FREQUENCY_FACTOR))])
         return None
+
+    @property
+    def taken(self) -> set[str]:
+        """Keys that are fitted, or set by a test."""
+        return {key.key for key in self.keys} | {name for _, changes in self.evidence for name in changes}
 
     def tuned(self, x: np.ndarray) -> np.ndarray:
         """``x`` with fitted clamped frequencies that bring array modes, through the drive, to where they were measured.
@@ -183,28 +250,15 @@ class Problem:
 
         Many at a time: lanes share a core, and the kernel holds no lock.
         """
-        cases: list[tuple[int, int, Scenario]] = []
+        cases: list[tuple[int, Scenario, Evidence]] = []
         for k, changed in enumerate(changes):
-            try:
-                cases += [(k, j, test.with_si(changed)) for j, (_, test) in enumerate(self.tests)]
-            except MicrovibError:
-                continue
-        chunks = self.in_threads(self._lines, [cases[k : k + WIDTH] for k in range(0, len(cases), WIDTH)])
-        found: dict[tuple[int, int], Simulated] = {}
-        for chunk in chunks:
-            found |= chunk
-        tests = range(len(self.tests))
-        return [
-            [found[k, j] for j in tests] if all((k, j) in found for j in tests) else None for k in range(len(changes))
-        ]
-
-    def _lines(self, cases: Sequence[tuple[int, int, Scenario]]) -> dict[tuple[int, int], Simulated]:
-        torques = simulate_torques([scenario for _, _, scenario in cases])
-        return {
-            (k, j): lines_of(torque, scenario, self.tests[j][0])
-            for (k, j, scenario), torque in zip(cases, torques, strict=True)
-            if isinstance(torque, Torque)
-        }
+            with suppress(MicrovibError):
+                cases += [(k, test.with_si(changed), one) for one, test in self.tests]
+        found: list[list[Simulated]] = [[] for _ in changes]
+        for chunk in self.in_threads(_lines_of, [cases[k : k + WIDTH] for k in range(0, len(cases), WIDTH)]):
+            for k, simulated in chunk:
+                found[k].append(simulated)
+        return [tables if len(tables) == len(self.tests) else None for tables in found]
 
     def differences(self, tables: list[Simulated] | None) -> np.ndarray:
         """Measured and simulated figures' differences, (n,): logarithms of ratios, relative ones of frequencies, phases in rad."""
@@ -239,3 +293,84 @@ class Problem:
             r[mine] -= common / self.weights[mine]
             errors[k] = common / self.trust.common
         return r, errors
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """Goodness of a fit."""
+
+    chi_square: float
+    figures: int
+    """Observed figures."""
+    parameters: int
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom: figures over parameters."""
+        return self.figures - self.parameters
+
+    @property
+    def ratio(self) -> float:
+        """Chi-square per degree of freedom; where there is none, chi-square itself."""
+        return self.chi_square / max(self.freedom, 1)
+
+    @property
+    def limit(self) -> float:
+        """Chi-square per degree of freedom that a correct model exceeds in one of a thousand cases."""
+        from scipy.stats import chi2
+
+        return float(chi2.isf(REJECTED, max(self.freedom, 1))) / max(self.freedom, 1)
+
+    @property
+    def explained(self) -> bool:
+        """Whether the model explains the data."""
+        return self.ratio <= self.limit
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        counted = f"{self.figures} figures, {self.parameters} parameter{'s' if self.parameters > 1 else ''}"
+        if self.explained and self.freedom <= 0:
+            return f"Nothing checks the model: {counted}. Any model with as many parameters might fit."
+        value = f"chi-square {self.ratio:.3g} per degree of freedom; {counted}"
+        if not self.explained:
+            return f"The model does not explain these data: {value}; a correct model stays below {self.limit:.3g}."
+        few = " Few degrees of freedom are left to check the model: a wrong one might fit, too."
+        return f"The model explains these data within their uncertainties: {value}.{few if self.freedom < FEW else ''}"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One figure of a test beside the fitted model's."""
+
+    test: str
+    line: str
+    form: str
+    measured: float
+    fitted: float
+    sigma: float
+    """Difference over its standard deviation, a common error of the recording taken off."""
+
+    @property
+    def off(self) -> bool:
+        """Whether it is further off than its uncertainty explains."""
+        return not abs(self.sigma) <= OFF
+
+
+def goodness(problem: Problem, r: np.ndarray) -> Goodness:
+    """Goodness of residuals: those of figures and common errors, without the prior's."""
+    m = len(problem.keys)
+    return Goodness(float(r[:-m] @ r[:-m]), problem.figures, m)
+
+
+def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:
+    """All figures beside the model's at ``x``."""
+    tables = problem.simulated([problem.changes(x)])[0]
+    sigma, _ = problem.weighted(problem.differences(tables))
+    return tuple(
+        Deviation(
+            problem.tests[k][0].name, o.line, o.form, o.value,
+            math.nan if tables is None else predicted(tables[k], o), float(s),
+        )
+        for (k, o), s in zip(problem.observed, sigma, strict=True)
+    )  # fmt: skip

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.studies.identify.figures import ROBUST, cost
-from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.keys import WIDENINGS
-from microvib.studies.identify.problem import Problem
+from microvib.studies.identify.problem import ROBUST, Problem, cost, goodness
 
 FIRST_STEP = 1e-4
 """Step of differences in a coordinate before it is known what the evidence resolves."""
@@ -187,8 +185,7 @@ class Local:
     @property
     def spread(self) -> np.ndarray:
         """Standard errors of the coordinates, (m,)."""
-        result: np.ndarray = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
-        return result
+        return np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
 
 
 def local_at(problem: Problem, best: Optimum) -> Local:

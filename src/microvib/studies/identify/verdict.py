@@ -11,10 +11,9 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
-from microvib.studies.identify.goodness import Goodness, goodness
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
-from microvib.studies.identify.problem import Problem
+from microvib.studies.identify.problem import Goodness, Problem, goodness
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
 WIDE = 0.2
@@ -77,14 +76,10 @@ class Findings:
         return self.confirmed or local_at(self.problem, self.best)
 
 
-def estimates(findings: Findings) -> tuple[Estimate, ...]:
-    """Each parameter with its interval and verdict."""
-    return tuple(_estimate(findings, k) for k in range(len(findings.problem.keys)))
-
-
-def _estimate(findings: Findings, k: int) -> Estimate:
-    key, x = findings.problem.keys[k], float(findings.best.x[k])
-    value = key.value(x)
+def estimate(findings: Findings, k: int) -> Estimate:
+    """The k-th parameter with its interval and verdict."""
+    key = findings.problem.keys[k]
+    value = key.value(float(findings.best.x[k]))
     good, verdict = _verdict(findings, k)
     if key.along:
         verdict += "; fitted as well, since no fit with the scenario's value explained the evidence"
@@ -107,14 +102,17 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
         return False, "not identifiable: the search has not converged"
     if not key.interior(x):
         return False, "not identifiable: at the end of its range"
-    if findings.rival is not None and not _same(findings, findings.rival.x[k], k):
-        return False, f"not identifiable: {key.value(float(findings.rival.x[k])):.4g} explains the data as well"
-    return _width(findings, k, fit)
+    interval = findings.intervals[k]
+    if findings.rival is not None:
+        other, margin = float(findings.rival.x[k]), 0.5 * (interval.high - interval.low)
+        if not interval.low - margin <= other <= interval.high + margin:
+            return False, f"not identifiable: {key.value(other):.4g} explains the data as well"
+    return _width(findings, k, interval, fit)
 
 
-def _width(findings: Findings, k: int, fit: Goodness) -> tuple[bool, str]:
-    assert findings.intervals is not None
-    key, interval = findings.problem.keys[k], findings.intervals[k]
+def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tuple[bool, str]:
+    """The verdict by the width of an interval."""
+    key = findings.problem.keys[k]
     value = key.value(float(findings.best.x[k]))
     half = 0.5 * (key.value(interval.high) - key.value(interval.low))
     if interval.open_low or interval.open_high or half > Z * WIDE * abs(value):
@@ -125,19 +123,9 @@ def _width(findings: Findings, k: int, fit: Goodness) -> tuple[bool, str]:
     late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE), 0.0)
     if abs(late) * ASSUMED_TIME * abs(value) > half:
         settle = findings.problem.scenario.record.settle
-        return False, (
-            f"not identifiable without the settling time: 1 s more than the {settle:g} s assumed moves it by"
-            f" {100.0 * late / settle:+.2g} %"
-        )
+        moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
+        return False, f"not identifiable without the settling time: {moves}"
     return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
-
-
-def _same(findings: Findings, x: float, k: int) -> bool:
-    """Whether a coordinate lies within its parameter's interval, or next to it."""
-    assert findings.intervals is not None
-    i = findings.intervals[k]
-    margin = 0.5 * (i.high - i.low)
-    return bool(i.low - margin <= x <= i.high + margin)
 
 
 def _partner(local: Local, k: int) -> int | None:
@@ -150,8 +138,7 @@ def _partner(local: Local, k: int) -> int | None:
 
 def correlations(local: Local) -> np.ndarray:
     """Correlation of the estimates, (m, m)."""
-    result: np.ndarray = local.covariance / np.outer(local.spread, local.spread)
-    return result
+    return local.covariance / np.outer(local.spread, local.spread)
 
 
 def rival(problem: Problem, best: Optimum, others: Sequence[Optimum], local: Local) -> Optimum | None:
@@ -168,8 +155,7 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
 
     With the settling time by fitting again at a later one: how much of the start's ringing is left is far from linear.
     """
-    taken = {key.key for key in problem.keys} | {name for _, changes in problem.evidence for name in changes}
-    own = {name: value for name, value, _ in problem.scenario.entries()}
+    taken, own = problem.taken, {name: value for name, value, _ in problem.scenario.entries()}
     free = [name for name in fittable(problem.scenario) if name not in {*taken, SETTLE} and own[name]]
     changes = [{name: own[name] * (1.0 + NUDGE)} for name in free]
     changes = [change for change in changes if _possible(problem.scenario, change)]
