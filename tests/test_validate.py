@@ -49,8 +49,8 @@ def test_halved_steps_change_no_line_by_a_per_cent(checks):
 
 
 def test_a_row_that_misses_its_bar_does_not_hold():
-    assert _near("x", "s", math.nan, 1.0, 1.0 + 0.9 * AMPLITUDE_BAR, AMPLITUDE_BAR, "calibrated").holds
-    assert not _near("x", "s", math.nan, 1.0, 1.0 + 1.1 * AMPLITUDE_BAR, AMPLITUDE_BAR, "calibrated").holds
+    assert _near("x", "s", 1.0 + 0.9 * AMPLITUDE_BAR, AMPLITUDE_BAR, "calibrated", paper=math.nan, test=1.0).holds
+    assert not _near("x", "s", 1.0 + 1.1 * AMPLITUDE_BAR, AMPLITUDE_BAR, "calibrated", paper=math.nan, test=1.0).holds
 
 
 def test_the_papers_own_figures_are_those_of_its_tables(checks):

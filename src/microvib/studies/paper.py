@@ -61,15 +61,7 @@ def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
         if name not in {line.line for line in table} or not table[name].amplitude_n_m > 0.0:
             continue
         line, hz = table[name], frequencies[row["line"]]
-        rows.append(
-            PaperRow(
-                name,
-                float(hz["test_hz"]),
-                float(hz["simulation_hz"]),
-                line.bin_frequency_hz,
-                float(row["test_n_m"]),
-                float(row["simulation_n_m"]),
-                line.bin_amplitude_n_m,
-            )
-        )
+        figures = [(float(hz[f"{who}_hz"]), float(row[f"{who}_n_m"])) for who in ("test", "simulation")]
+        frequency, amplitude = zip(*figures, (line.bin_frequency_hz, line.bin_amplitude_n_m), strict=True)
+        rows.append(PaperRow(name, *frequency, *amplitude))
     return rows

@@ -83,17 +83,14 @@ def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado |
 
 
 def _between_levels(design: Design, levels: Levels, y: np.ndarray) -> Effect:
-    number = design.level_numbers(levels.key)
-    groups = [y[(number == k) & np.isfinite(y)] for k in range(len(levels.values))]
-    means = [float(group.mean()) for group in groups if group.size]
+    number, known = design.level_numbers(levels.key), np.isfinite(y)
+    means = [float(y[known & (number == k)].mean()) for k in np.unique(number[known])]
     return Effect(levels.key, min(means), max(means), levels=True)
 
 
 def _one_at_a_time(design: Design, y: np.ndarray) -> list[Effect]:
     """Means over all levels of what each key does alone; a case that failed leaves its end out."""
-    table = y.reshape(-1, design.samples.shape[0])
-    with np.errstate(invalid="ignore"):
-        means = [float(np.nanmean(c)) if np.isfinite(c).any() else math.nan for c in table.T]
+    means = _means(y.reshape(-1, design.samples.shape[0]).T)
     return [Effect(x.key, means[1 + 2 * k], means[2 + 2 * k]) for k, x in enumerate(design.uncertain)]
 
 
@@ -101,8 +98,7 @@ def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
     """Effects along the plane through all cases, levels taken out by their means, and the variance that it explains."""
     d, points = len(design.uncertain), design.samples.shape[0]
     table = y.reshape(-1, points)
-    with np.errstate(invalid="ignore"):
-        centred = table - np.array([[np.nanmean(r) if np.isfinite(r).any() else np.nan] for r in table])
+    centred = table - np.array(_means(table))[:, None]
     spread = design.samples - design.samples.mean(axis=0)
     scale = spread.std(axis=0)
     X = np.tile(spread / np.where(scale > 0.0, scale, 1.0), (table.shape[0], 1))
@@ -113,15 +109,16 @@ def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
     slopes, *_ = np.linalg.lstsq(X[good], target[good], rcond=None)
     total = float(np.sum(target[good] ** 2))
     explained = 1.0 - float(np.sum((target[good] - X[good] @ slopes) ** 2)) / total if total > 0.0 else math.nan
-    centre = float(np.nanmean(y))
-    ends = [
-        (x.quantile(np.array(ENDS)) - design.samples[:, k].mean()) / scale[k] for k, x in enumerate(design.uncertain)
-    ]
-    effects = [
-        Effect(x.key, centre + slopes[k] * ends[k][0], centre + slopes[k] * ends[k][1])
-        for k, x in enumerate(design.uncertain)
-    ]
+    centre, effects = float(np.nanmean(y)), []
+    for k, x in enumerate(design.uncertain):
+        ends = (x.quantile(np.array(ENDS)) - design.samples[:, k].mean()) / scale[k]
+        effects.append(Effect(x.key, *(centre + slopes[k] * ends)))
     return effects, explained
+
+
+def _means(rows: np.ndarray) -> list[float]:
+    """Mean of the known values of each row; nan where none is known."""
+    return [float(np.nanmean(row)) if np.isfinite(row).any() else math.nan for row in rows]
 
 
 def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | None:
@@ -141,23 +138,18 @@ def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | N
     if points < 2:
         return None
     kept = tables[:, :, np.flatnonzero(good)[:points]]
-    keys = tuple(x.key for x in design.uncertain)
     first, total = _indices(kept, points)
-    return Indices(line, keys, first, total, points)
+    return Indices(line, tuple(x.key for x in design.uncertain), first, total, points)
 
 
-def _indices(tables: np.ndarray, points: int) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...]]:
+def _indices(tables: np.ndarray, points: int) -> list[tuple[Estimate, ...]]:
     """First and total order of ``tables`` (combinations, 2 + keys, points), with bootstrap intervals; the same each time."""
     rng = np.random.default_rng(1)
     drawn = [_first_and_total(tables[:, :, rng.integers(points, size=points)], points) for _ in range(RESAMPLES)]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=0)  # (2, keys) each
-    found = _first_and_total(tables, points)
-    first, total = (
-        tuple(Estimate(*(float(x) for x in ends)) for ends in zip(found[k], low[k], high[k], strict=True))
-        for k in (0, 1)
-    )
-    return first, total
+    ends = np.stack([_first_and_total(tables, points), low, high], axis=-1)
+    return [tuple(Estimate(*each) for each in order) for order in ends.tolist()]
 
 
 def _first_and_total(tables: np.ndarray, points: int) -> np.ndarray:

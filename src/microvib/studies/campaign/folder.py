@@ -45,13 +45,9 @@ class Manifest:
     def of(cls, design: Design, chunk_size: int) -> Manifest:
         """Manifest of a new campaign."""
         entries = {
-            "cases": design.cases,
-            "chunk_size": chunk_size,
-            "versions": package_versions(),
-            "combinations": design.combinations,
-            "levels": [asdict(x) for x in design.levels],
-            "uncertain": [asdict(x) for x in design.uncertain],
-        }
+            "cases": design.cases, "chunk_size": chunk_size, "versions": package_versions(), "combinations": design.combinations,
+            "levels": [asdict(x) for x in design.levels], "uncertain": [asdict(x) for x in design.uncertain],
+        }  # fmt: skip
         return cls(json.loads(to_json(entries)))
 
     @cached_property
@@ -127,12 +123,10 @@ class Campaign:
     def work(self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()) -> Work:
         """A chunk, or some cases of it, ready to be sent to a worker."""
         study = self.design.study
-        changes = tuple(self.design.changes(case) for case in (self.cases_of(chunk) if cases is None else cases))
-        label = Label(self.identity, chunk, self.manifest.text)
-        limit = limit_of(study)
         return Work(
-            self.design.base, changes, study.solve, study.harmonics, study.keep, label, limit, study.time_limit, deadly
-        )
+            self.design.base, tuple(map(self.design.changes, self.cases_of(chunk) if cases is None else cases)), study.solve,
+            study.harmonics, study.keep, Label(self.identity, chunk, self.manifest.text), limit_of(study), study.time_limit, deadly,
+        )  # fmt: skip
 
     def file(self, chunk: int) -> Path:
         """File of a chunk, there or not."""
@@ -168,9 +162,8 @@ class Campaign:
         if found.label.campaign != self.identity:
             raise MicrovibError(f"{path}: is of another campaign; delete it, then resume this one")
         if found.label.chunk != chunk or len(found.reasons) != len(self.cases_of(chunk)):
-            raise MicrovibError(
-                f"{path}: is chunk {found.label.chunk} of this campaign; rename it, or delete it and resume"
-            )
+            remedy = "rename it, or delete it and resume"
+            raise MicrovibError(f"{path}: is chunk {found.label.chunk} of this campaign; {remedy}")
         return found
 
     def results(self) -> Iterator[tuple[range, Chunk]]:
@@ -210,9 +203,7 @@ def open_campaign(folder: Path) -> Campaign:
 
     A manifest that is lost is made again from what every chunk carries.
     """
-    mended = ""
-    if not (folder / MANIFEST).is_file():
-        mended = _mend(folder)
+    mended = "" if (folder / MANIFEST).is_file() else _mend(folder)
     try:
         entries = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         stated = entries.pop("sha256")

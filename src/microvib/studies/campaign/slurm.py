@@ -56,12 +56,8 @@ def _script(campaign: Campaign, count: int, directives: Sequence[str]) -> str:
 
 def _sbatch(script: str) -> str:
     if shutil.which("sbatch") is None:
-        raise OptionError(
-            "on",
-            "there is no sbatch here; log in where Slurm is, or only write the script",
-            "slurm",
-            remedy="no_submit",
-        )
+        missing = "there is no sbatch here; log in where Slurm is, or only write the script"
+        raise OptionError("on", missing, "slurm", remedy="no_submit")
     done = subprocess.run(["sbatch", "--parsable", script], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise OptionError("on", f"sbatch says: {done.stderr.strip() or done.stdout.strip()}", "slurm")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,7 @@ class Interval:
     """Whether it comes from the profile, because the linearised one was not confirmed."""
 
 
-@dataclass(frozen=True)
-class Profiles:
+class Profiles(NamedTuple):
     """Intervals of all parameters, and the best that was met on the way."""
 
     intervals: tuple[Interval, ...]
@@ -55,19 +54,17 @@ def profiles(problem: Problem, best: Optimum, local: Local) -> Profiles:
     ends = [_Side(problem, best, local, k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)]
     _look_ahead(problem, ends)
     sides = problem.in_threads(_Side.run, ends)
-    met = min((side.met for side in sides), key=lambda o: o.cost)
-    return Profiles(tuple(_joined(best.x[k], *sides[2 * k : 2 * k + 2]) for k in range(best.x.size)), met)
+    met = min((end.met for end in ends), key=lambda o: o.cost)
+    return Profiles(tuple(_joined(x, *sides[2 * k : 2 * k + 2]) for k, x in enumerate(best.x)), met)
 
 
-@dataclass(frozen=True)
-class _End:
-    """How far one side of an interval reaches, and what was met on the way."""
+class _End(NamedTuple):
+    """How far one side of an interval reaches."""
 
     reach: float
     linear: float
-    open: bool
-    confirmed: bool
-    met: Optimum
+    open: bool = False
+    confirmed: bool = False
 
 
 def _joined(x: float, below: _End, above: _End) -> Interval:
@@ -93,35 +90,34 @@ class _Side:
         return (0.5 * self.linear, self.linear) if self.linear <= self.far else ()
 
     def run(self) -> _End:
-        if self.checked:
-            off = [abs(self.height(t) / (Z * t / self.linear) - 1.0) for t in self.checked]
-            if max(off) < CONFIRMED:
-                return _End(self.linear, self.linear, False, True, self.met)
+        off = [abs(self.height(t) / (Z * t / self.linear) - 1.0) for t in self.checked]
+        if off and max(off) < CONFIRMED:
+            return _End(self.linear, self.linear, confirmed=True)
         reach, is_open = self._crossing()
-        return _End(reach, self.linear, is_open, False, self.met)
+        return _End(reach, self.linear, is_open)
 
     def _crossing(self) -> tuple[float, bool]:
         """The least distance known at which the profile is as high as Z, by secants outwards from where it is lower."""
         for _ in range(MAX_POINTS):
-            t = self._next(lambda h: h < Z * (1.0 + CLOSE))
+            t = self._next()
             if t is None:
                 break
             self.height(t)
-        inside = [t for t, (h, _) in self.known.items() if h < Z * (1.0 + CLOSE) and not self._beyond(t)]
-        reach = max(inside)
-        closed = self.known[reach][0] > Z * (1.0 - CLOSE) or any(t > reach for t in self.known)
-        outside = [t for t in self.known if t > reach]
-        if closed and outside and self.known[reach][0] < Z * (1.0 - CLOSE):
+        reach = self._inside()
+        found, outside = self.known[reach][0] > Z * (1.0 - CLOSE), [t for t in self.known if t > reach]
+        closed = found or bool(outside)
+        if outside and self.known[reach][0] < Z * (1.0 - CLOSE):
             reach = min(outside)  # not found closely: rather too wide
         return reach, not closed or reach >= self.far
 
-    def _beyond(self, t: float) -> bool:
-        """Whether the profile is too high somewhere before ``t``: what lies beyond is another basin."""
-        return any(s < t and h > Z * (1.0 + CLOSE) for s, (h, _) in self.known.items())
+    def _inside(self) -> float:
+        """The farthest known distance before which the profile is nowhere too high: what lies beyond is another basin."""
+        too_high = min((t for t, (h, _) in self.known.items() if h >= Z * (1.0 + CLOSE)), default=np.inf)
+        return max(t for t in self.known if t < too_high)
 
-    def _next(self, lower: Callable[[float], bool]) -> float | None:
+    def _next(self) -> float | None:
         """The next distance to look at; None where the end is found."""
-        inside = max(t for t, (h, _) in self.known.items() if lower(h) and not self._beyond(t))
+        inside = self._inside()
         outside = min((t for t in self.known if t > inside), default=None)
         height = self.known[inside][0]
         if height > Z * (1.0 - CLOSE) or inside >= self.far or (outside is not None and outside < 1.02 * inside):
@@ -135,28 +131,28 @@ class _Side:
 
     def height(self, t: float) -> float:
         """Square root of the rise of the cost at distance ``t``, over the scatter: Z at the end of a 95 % interval."""
-        if t in self.known:
-            return self.known[t][0]
-        problem, k = self.problem, self.k
-        start, free = self.start(t), np.arange(self.best.x.size) != k
-        found = Descent(problem, start, free).run(AGAIN, ROUGH) if np.any(free) else _alone(problem, start)
-        return self.note(t, found)
+        if t not in self.known:
+            start, free = self.start(t), np.arange(self.best.x.size) != self.k
+            if np.any(free):
+                self.note(t, Descent(self.problem, start, free).run(AGAIN, ROUGH))
+            else:
+                r = self.problem.residuals([start])[0]
+                self.note(t, Optimum(start, r, cost(r)))
+        return self.known[t][0]
 
     def start(self, t: float) -> np.ndarray:
         """Where the linearised model has the profile's point at distance ``t``, seen from the nearest that is known."""
         problem, k = self.problem, self.k
         near = min(self.known, key=lambda s: abs(s - t))
         along = self.sign * self.local.covariance[:, k] / self.local.covariance[k, k]
-        start: np.ndarray = np.clip(self.known[near][1] + (t - near) * along, problem.low, problem.high)
+        start = np.clip(self.known[near][1] + (t - near) * along, problem.low, problem.high)
         start[k] = np.clip(self.best.x[k] + self.sign * t, problem.low[k], problem.high[k])
         return start
 
-    def note(self, t: float, found: Optimum) -> float:
-        """The height of a point of the profile."""
+    def note(self, t: float, found: Optimum) -> None:
+        """A point of the profile."""
         self.met = min(self.met, found, key=lambda o: o.cost)
-        h = self.rise(found.cost)
-        self.known[t] = (h, found.x)
-        return h
+        self.known[t] = (self.rise(found.cost), found.x)
 
     def rise(self, c: float) -> float:
         """Height of a cost."""
@@ -171,8 +167,7 @@ def _look_ahead(problem: Problem, sides: list[_Side]) -> None:
     """
     open_points = [(side, t, side.start(t)) for side in sides for t in side.checked]
     for _ in range(AHEAD):
-        left = []
-        found = problem.residuals([x for _, _, x in open_points]) if open_points else []
+        left, found = [], problem.residuals([x for _, _, x in open_points])
         for (side, t, x), r in zip(open_points, found, strict=True):
             free = np.flatnonzero(np.arange(x.size) != side.k)
             J = side.local.J[:, free]
@@ -187,8 +182,3 @@ def _look_ahead(problem: Problem, sides: list[_Side]) -> None:
                 x[free] = np.clip(x[free] + move, problem.low[free], problem.high[free])
                 left.append((side, t, x))
         open_points = left
-
-
-def _alone(problem: Problem, x: np.ndarray) -> Optimum:
-    r = problem.residuals([x])[0]
-    return Optimum(x, r, cost(r))

@@ -121,12 +121,13 @@ def around(key: str, value: float, quantity: Quantity, along: bool = False) -> F
 
 def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:
     first, colon, last = span.partition(":")
+    write = f"write KEY=LOW:HIGH with units ({quantity.unit})"
     try:
         low, high = [convert(part, quantity.unit) for part in (first, last)]
     except ValueError as error:
-        raise OptionError("fit", f"{error}; write KEY=LOW:HIGH with units ({quantity.unit})", text) from None
+        raise OptionError("fit", f"{error}; {write}", text) from None
     if not colon or not low < high:
-        raise OptionError("fit", f"LOW must be below HIGH; write KEY=LOW:HIGH with units ({quantity.unit})", text)
+        raise OptionError("fit", f"LOW must be below HIGH; {write}", text)
     return FitKey(key, low, high, quantity.unit)
 
 
@@ -137,13 +138,11 @@ def _refuse_what_is_known(scenario: Scenario, key: str, value: float) -> None:
     if key.startswith("solver."):
         raise OptionError("fit", "is a setting of the solver, not a property of the drive, and is not fitted", key)
     if moves_the_clock(scenario, key, value):
-        raise OptionError(
-            "fit",
+        text = (
             "moves the step clock, which the recording's own lines give far better than a fit could: the clock is measured and"
-            " set, and this key is not fitted; change it instead",
-            key,
-            remedy="set",
+            " set, and this key is not fitted; change it instead"
         )
+        raise OptionError("fit", text, key, remedy="set")
 
 
 def moves_the_clock(scenario: Scenario, key: str, value: float) -> bool:
@@ -159,12 +158,8 @@ def moves_the_clock(scenario: Scenario, key: str, value: float) -> bool:
 
 def fittable(scenario: Scenario) -> list[str]:
     """Keys that can be fitted."""
-    return [
-        name
-        for name, value, quantity in scenario.entries()
-        if quantity is not None
-        and isinstance(value, float)
-        and name not in _SETTINGS
-        and not name.startswith("solver.")
-        and not moves_the_clock(scenario, name, value)
-    ]
+    numbers = {
+        name: value for name, value, quantity in scenario.entries() if quantity is not None and isinstance(value, float)
+    }
+    drive = (name for name in numbers if name not in _SETTINGS and not name.startswith("solver."))
+    return [name for name in drive if not moves_the_clock(scenario, name, numbers[name])]
