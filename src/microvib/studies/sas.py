@@ -165,12 +165,11 @@ def size(target: TargetState, states: Sequence[TargetState], base: SimulatorDesi
     if not usable:
         raise SizingError(_amplitude_sentence(base, amplitude))
     wanted = (target, *states)
-    table = [[_set(design, state, amplitude) for state in wanted] for design in usable]
-    complete = [[s for s in row if s is not None] for row in table]
-    complete = [row for row in complete if len(row) == len(wanted)]
+    reached = [[s for state in wanted if (s := _set(design, state, amplitude))] for design in usable]
+    complete = [row for row in reached if len(row) == len(wanted)]
     best = max(complete, key=lambda row: min(s.margin for s in row), default=None)
     if best is None:
-        best = [_best(state, usable, amplitude) for state in wanted]
+        best = [_best(state, usable, [s for row in reached for s in row if s.state is state]) for state in wanted]
     return Sizing(best[0], tuple(best[1:]))
 
 
@@ -186,14 +185,12 @@ def _on_scale(length: float) -> float:
 def _bears(design: SimulatorDesign, amplitude: float) -> bool:
     """Whether the springs fit between slider and rail and bear their largest stretch at the longest arm."""
     fits = design.hook_end + design.adjustment.screw <= design.frame.rail
-    longest = Setting(
-        TargetState("", 0.0, 0.0), design.model_copy(update={"arm": design.adjustment.arm_max}), amplitude
-    )
-    return fits and longest.stress <= longest.allowable
+    longest = design.model_copy(update={"arm": design.adjustment.arm_max})
+    setting = Setting(TargetState("", 0.0, 0.0), longest, amplitude)
+    return fits and setting.stress <= setting.allowable
 
 
-def _best(state: TargetState, usable: Sequence[SimulatorDesign], amplitude: float) -> Setting:
-    found = [s for design in usable if (s := _set(design, state, amplitude)) is not None]
+def _best(state: TargetState, usable: Sequence[SimulatorDesign], found: Sequence[Setting]) -> Setting:
     if not found:
         raise SizingError(_state_sentence(state, usable))
     return max(found, key=lambda s: s.margin)
@@ -213,13 +210,10 @@ def _set(design: SimulatorDesign, state: TargetState, amplitude: float) -> Setti
     mass = min(radii, key=lambda m: abs(radii[m] - middle))
     radius = min(max(_on_scale(radii[mass]), a.radius_min), a.radius_max)
     weight = design.counterweight.model_copy(update={"mass": mass, "radius": radius})
-    words = {"title": _title(state), "source": f"Sized by microvib from: {design.title}. {design.source}"[:4000]}
-    final = placed.model_copy(update={"counterweight": weight, **words})
+    title = f"Solar array simulator set to {state.frequency:.4g} Hz, {state.inertia:.4g} kg m²"
+    source = f"Sized by microvib from: {design.title}. {design.source}"[:4000]
+    final = placed.model_copy(update={"counterweight": weight, "title": title, "source": source})
     return Setting(state, validated(SimulatorDesign, final.model_dump(), si=True), amplitude)
-
-
-def _title(state: TargetState) -> str:
-    return f"Solar array simulator set to {state.frequency:.4g} Hz, {state.inertia:.4g} kg m²"
 
 
 def arm_for(design: SimulatorDesign, state: TargetState) -> float:
@@ -267,10 +261,11 @@ def _state_sentence(state: TargetState, usable: Sequence[SimulatorDesign]) -> st
     most = max(_with_weights(design, max(a.masses), a.radius_max) for design in placed)
     masses = ", ".join(f"{m:g}" for m in a.masses)
     if not least <= state.inertia <= most:
-        m, r = (min(a.masses), a.radius_min) if state.inertia < least else (max(a.masses), a.radius_max)
+        low = state.inertia < least
+        m, r, J = (min(a.masses), a.radius_min, least) if low else (max(a.masses), a.radius_max, most)
         return (
             f"{what}an inertia of {state.inertia:g} kg*m^2 is out of reach: counterweights of {m:g} kg at {1e3 * r:g} mm give"
-            f" {least if state.inertia < least else most:.4g} kg*m^2; allowed are {least:.4g} to {most:.4g} kg*m^2"
+            f" {J:.4g} kg*m^2; allowed are {least:.4g} to {most:.4g} kg*m^2"
         )
     if not any(a.radius_min <= radius_for(d, state, m) <= a.radius_max for d in placed for m in a.masses):
         return (
@@ -279,9 +274,7 @@ def _state_sentence(state: TargetState, usable: Sequence[SimulatorDesign]) -> st
         )
     slow = min(_frequency_at(design, state, a.arm_min) for design in usable)
     fast = max(_frequency_at(design, state, a.arm_max) for design in usable)
-    end = a.arm_min if state.frequency < slow else a.arm_max
-    which = "softest" if state.frequency < slow else "stiffest"
-    given = slow if state.frequency < slow else fast
+    which, end, given = ("softest", a.arm_min, slow) if state.frequency < slow else ("stiffest", a.arm_max, fast)
     return (
         f"{what}a frequency of {state.frequency:g} Hz with {state.inertia:g} kg*m^2 is out of reach: the {which} stock springs at"
         f" an arm of {1e3 * end:g} mm give {given:.4g} Hz; allowed are {slow:.4g} to {fast:.4g} Hz"
@@ -315,9 +308,8 @@ def parts_of(design: SimulatorDesign) -> tuple[np.ndarray, np.ndarray, tuple[str
         ("frame", 1, design.frame_inertia, t.frame * design.frame_inertia),
         ("preload", 1, design.preload, t.preload * design.preload),
     ]
-    values = np.concatenate([np.full(n, value) for _, n, value, _ in table])
-    limits = np.concatenate([np.full(n, limit) for _, n, _, limit in table])
-    return values, limits, tuple(name for name, n, _, _ in table for _ in range(n))
+    kinds, values, limits = zip(*(row[:1] + row[2:] for row in table for _ in range(row[1])), strict=True)
+    return np.array(values), np.array(limits), kinds
 
 
 def response(design: SimulatorDesign, values: np.ndarray) -> tuple[Any, Any]:
@@ -341,11 +333,7 @@ def tolerance(design: SimulatorDesign) -> Tolerance:
     nominal = np.array(response(design, values))
     up, down = (np.array(response(design, values + side * steps)) for side in (1.0, -1.0))
     change = (up - down) / 2e-3 / nominal[:, None]  # of each part at its limit, (2, p)
-    groups = {
-        kind: tuple(np.abs(change[:, [k == kind for k in kinds]]).sum(axis=1).tolist()) for kind in dict.fromkeys(kinds)
-    }
-    worst = np.abs(change).sum(axis=1).tolist()
-    deviation = np.sqrt(
-        (change**2).sum(axis=1) / 3.0
-    ).tolist()  # variance of a uniform distribution: a third of limit^2
-    return Tolerance(groups, (worst[0], worst[1]), (deviation[0], deviation[1]))
+    size = np.abs(change)
+    groups = {kind: tuple(size[:, [k == kind for k in kinds]].sum(axis=1).tolist()) for kind in dict.fromkeys(kinds)}
+    deviation = np.sqrt((size**2).sum(axis=1) / 3.0)  # variance of a uniform distribution: a third of limit^2
+    return Tolerance(groups, tuple(size.sum(axis=1).tolist()), tuple(deviation.tolist()))

@@ -41,9 +41,10 @@ def sized(
         raise MicrovibError("give what is to be simulated: inertia and frequency, or array alone")
     if states and file is not None:
         raise OptionError("state", "cannot be combined with a table of states; give one of them")
-    model = None if array is None else modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY).model
-    if model is not None:
-        target = state_of_array(model, str(array))
+    model = None
+    if array is not None:
+        model = modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY).model
+        target = state_of_array(model, array)
     else:
         J = _positive("inertia", str(inertia), "kg*m^2")
         target = TargetState("target", _positive("frequency", str(frequency), "Hz"), J)
@@ -68,20 +69,17 @@ def read_states(path: Path) -> list[TargetState]:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
-    missing = [name for name in _COLUMNS if not rows or name not in rows[0]]
-    if missing or len(rows) > _MAX_STATES:
-        raise ScenarioError(
-            f"{path}: is not a table of states; expected the columns {' and '.join(_COLUMNS)} and 1 to {_MAX_STATES} rows"
-        )
-    return [_state_of_row(path, k, row) for k, row in enumerate(rows, 1)]
-
-
-def _state_of_row(path: Path, k: int, row: dict[str, str]) -> TargetState:
-    try:
-        frequency, inertia = (_positive(name, row[name] or "", unit) for name, unit in _COLUMNS.items())
-    except OptionError as error:
-        raise ScenarioError(f"{path}, row {k + 1}: {error}") from None
-    return TargetState(f"state {row.get('state') or k}", frequency, inertia)
+    if not 1 <= len(rows) <= _MAX_STATES or not rows[0].keys() >= _COLUMNS.keys():
+        expected = f"the columns {' and '.join(_COLUMNS)} and 1 to {_MAX_STATES} rows"
+        raise ScenarioError(f"{path}: is not a table of states; expected {expected}")
+    states = []
+    for k, row in enumerate(rows, 1):
+        try:
+            frequency, inertia = (_positive(name, row[name] or "", unit) for name, unit in _COLUMNS.items())
+        except OptionError as error:
+            raise ScenarioError(f"{path}, row {k + 1}: {error}") from None
+        states.append(TargetState(f"state {row.get('state') or k}", frequency, inertia))
+    return states
 
 
 def _positive(key: str, text: str, unit: str) -> float:

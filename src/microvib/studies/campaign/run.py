@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
@@ -77,9 +77,8 @@ class _Local:
 
     def executor(self) -> Executor:
         self.close()
-        os.environ.setdefault(
-            "OPENBLAS_NUM_THREADS", "1"
-        )  # inherited: workers' small matrices must not wait on busy cores
+        # Inherited: workers' small matrices must not wait on busy cores.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         leash, self._held = self._context.Pipe(duplex=False)
         self._signs, sign = self._context.Pipe(duplex=False)
         self._silent.clear()
@@ -140,13 +139,9 @@ def _on_leash(leash: Connection, sign: Connection) -> None:
 
 
 def compute_missing(
-    campaign: Campaign,
-    backend: Backend,
-    *,
-    shard: tuple[int, int] = (0, 1),
-    todo: Sequence[int] | None = None,
+    campaign: Campaign, backend: Backend, *, shard: tuple[int, int] = (0, 1), todo: Sequence[int] | None = None,
     progress: Progress | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Compute and write all chunks that are missing, or of ``todo``; of a shard (k, n), every n-th from the k-th on.
 
     Whenever this ends, by return, error, interrupt or kill, each chunk's file is there whole or not at all. MicrovibError where
@@ -154,25 +149,24 @@ def compute_missing(
     """
     campaign.check_version()
     mine = (range(campaign.chunks) if todo is None else todo)[shard[0] :: shard[1]]
-    left = set(campaign.missing())
-    missing = [k for k in mine if k in left]
-    total = sum(len(campaign.cases_of(k)) for k in mine)
-    _Coordinator(campaign, backend, missing, total, progress or (lambda done, total: None)).run()
+    _Coordinator(campaign, backend, mine, progress or (lambda done, total: None)).run()
 
 
 class _Coordinator:
     """Keeps the workers supplied, writes what comes back, finds out which cases kill workers."""
 
-    def __init__(
-        self, campaign: Campaign, backend: Backend, missing: Sequence[int], total: int, progress: Progress
-    ) -> None:
-        self._campaign, self._backend = campaign, backend
-        self._waiting = deque(missing)
+    def __init__(self, campaign: Campaign, backend: Backend, chunks: Sequence[int], progress: Progress) -> None:
+        self._campaign, self._backend, self._progress = campaign, backend, progress
+        left = set(campaign.missing())
+        self._waiting = deque(k for k in chunks if k in left)
         self._suspects: list[int] = []
         self._strikes: Counter[int] = Counter()
-        self._progress, self._total = progress, total
-        self._done = total - sum(len(campaign.cases_of(k)) for k in missing)
+        self._total = self._cases(chunks)
+        self._done = self._total - self._cases(self._waiting)
         self._executor: Executor | None = None
+
+    def _cases(self, chunks: Iterable[int]) -> int:
+        return sum(len(self._campaign.cases_of(k)) for k in chunks)
 
     def run(self) -> None:
         self._progress(self._done, self._total)
@@ -219,21 +213,18 @@ class _Coordinator:
         data = self._alone(chunk)
         if data is None:
             if self._alone(chunk, []) is None:
-                raise MicrovibError(
-                    "workers end as soon as they start; memory may be short: take fewer workers", remedy="workers"
-                )
-            deadly = tuple(k for k, case in enumerate(cases) if self._kills(chunk, case))
+                text = "workers end as soon as they start; memory may be short: take fewer workers"
+                raise MicrovibError(text, remedy="workers")
+            tries = range(STRIKES)
+            deadly = tuple(k for k, case in enumerate(cases) if all(self._alone(chunk, [case]) is None for _ in tries))
             data = self._alone(chunk, deadly=deadly)
         if data is None:
-            raise MicrovibError(
+            text = (
                 f"chunk {chunk} (cases {cases[0]} to {cases[-1]}) ends its worker, though none of its cases does alone; memory"
-                " may be short: make the campaign again with smaller chunks, or take fewer workers",
-                remedy="workers",
+                " may be short: make the campaign again with smaller chunks, or take fewer workers"
             )
+            raise MicrovibError(text, remedy="workers")
         return data
-
-    def _kills(self, chunk: int, case: int) -> bool:
-        return all(self._alone(chunk, [case]) is None for _ in range(STRIKES))
 
     def _alone(self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()) -> bytes | None:
         """A chunk, or some cases of it, computed with nothing else under way; None where the worker dies or fails."""
