@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 import microvib as mv
 from microvib.io.scenario_file import catalog_text, json_schema, load_scenario, parse_value, scenario_of
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.scenario import scenario_from
+from microvib.model.scenario import Scenario
+from microvib.model.sentences import validated
 
 EXAMPLE = """
 motor: {rotor_teeth: 50, current: 0.6 A, torque_constant: 0.3 N*m/A, detent_torque: 0.01 N*m, winding_resistance: 6 ohm,
@@ -246,7 +247,7 @@ def test_any_text_gives_a_scenario_or_a_sentence(text):
 
 
 def load_scenario_text(text: str) -> mv.Scenario:
-    return scenario_from(parse_yaml(text, "text"))
+    return validated(Scenario, parse_yaml(text, "text"))
 
 
 @settings(max_examples=60, deadline=None)
@@ -283,7 +284,7 @@ def test_a_changed_copy_is_what_its_whole_data_give(state_1):
     changed = state_1.with_({"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": "1.3 Hz"})
     data = state_1.model_dump()
     data["motor"]["friction"]["viscous"], data["array"]["modes"][0]["frequency"] = 0.03, 1.3
-    assert changed == scenario_from(data, si=True)
+    assert changed == validated(Scenario, data, si=True)
     assert state_1.model_dump() == before
 
 

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.io.scenario_file import catalog_text, scenario_data, scenario_of
+from microvib.io.scenario_file import catalog_text, scenario_of
 from microvib.io.yaml_text import parse_yaml
+from microvib.model.part import plain
 
 pytestmark = pytest.mark.long
 COUNT = int(os.environ.get("MICROVIB_FUZZ", "150"))
@@ -159,5 +160,5 @@ def test_no_number_is_changed_in_silence():
 
 def test_mutations_change_something():
     assert sum(mutated_text(random.Random(seed)) in TEXTS for seed in range(50)) < 5
-    whole = [scenario_data(mv.load_scenario(name)) for name in mv.catalog_names()]
+    whole = [plain(mv.load_scenario(name), text=True) for name in mv.catalog_names()]
     assert not any(mutated_data(random.Random(seed)) in whole for seed in range(20))

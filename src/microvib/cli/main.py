@@ -62,22 +62,8 @@ def main() -> None:
 
 
 for _command in (
-    scenarios.run,
-    report.report,
-    test_data.compare,
-    test_data.analyse,
-    test_data.measure,
-    test_data.identify,
-    test_data.validate,
-    rates.rates,
-    campaign.campaign,
-    structures.modes,
-    structures.sas,
-    serve.serve,
-    scenarios.scenarios,
-    scenarios.show,
-    scenarios.new,
-    scenarios.schema,
-    docs.docs,
-):
+    scenarios.run, report.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
+    test_data.validate, rates.rates, campaign.campaign, structures.modes, structures.sas, serve.serve, scenarios.scenarios,
+    scenarios.show, scenarios.new, scenarios.schema, docs.docs,
+):  # fmt: skip
     main.add_command(_command)

@@ -50,15 +50,9 @@ def run(
     check_folder(out, overwrite)
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         result, files = run_scenario(
-            loaded,
-            out,
-            overwrite=overwrite,
-            lines_only=lines_only,
-            harmonics=harmonics,
-            limit=allowed,
-            form=form,
+            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, limit=allowed, form=form,
             progress=progress,
-        )
+        )  # fmt: skip
     _print_lines(loaded, result.table)
     if allowed is not None:
         echo(f"\n{judge(result.table, allowed, loaded)}")

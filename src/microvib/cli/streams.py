@@ -23,16 +23,9 @@ TRACEBACK = "MICROVIB_TRACEBACK"
 """Environment variable that asks for the traceback of a bug."""
 
 _EXTRAS = {
-    "pyfe3d": "fem",
-    "pyyeti": "fem",
-    "pyuff": "test-data",
-    "nptdms": "test-data",
-    "typst": "report",
-    "distributed": "dask",
-    "sphinx": "docs",
-    "fastapi": "serve",
-    "uvicorn": "serve",
-}
+    "pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data", "typst": "report", "distributed": "dask",
+    "sphinx": "docs", "fastapi": "serve", "uvicorn": "serve",
+}  # fmt: skip
 """Extra of the package that brings a library."""
 
 

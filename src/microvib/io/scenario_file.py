@@ -15,7 +15,7 @@ import numpy as np
 from microvib.errors import ScenarioError, error_context, shown
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, plain
-from microvib.model.scenario import Scenario, scenario_from, set_key
+from microvib.model.scenario import Scenario, set_key
 from microvib.model.sentences import validated
 from microvib.testdata.bench import Bench
 from microvib.units import convert
@@ -71,8 +71,8 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
     if isinstance(data, dict):
         data = with_array(data, folder, name)
     if not changes or not isinstance(data, dict):
-        return scenario_from(data, origin=name)
-    before = scenario_from(data, origin=name) if "sources" in data else None
+        return validated(Scenario, data, origin=name)
+    before = validated(Scenario, data, origin=name) if "sources" in data else None
     other = any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes)
     if other:
         data["array"] = {}  # another array, not a changed one
@@ -81,7 +81,7 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
     data = with_array(data, Path(), name)
     if other and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
-    after = scenario_from({**data, "sources": data.get("sources") if "sources" in changes else {}}, origin=name)
+    after = validated(Scenario, {**data, "sources": data.get("sources") if "sources" in changes else {}}, origin=name)
     if before is None or "sources" in changes:
         return after
     kept = {key: text for key, text in before.sources.items() if not (other and key.split(".")[0] == "array")}

@@ -107,7 +107,7 @@ class Scenario(Part):
             if isinstance(data.get(group), Part):  # what is not changed has been validated
                 data[group] = plain(data[group])
             set_key(data, key, plain(value))
-        return scenario_from({**data, "sources": {}}, si=si).with_sources(data["sources"])
+        return validated(Scenario, {**data, "sources": {}}, si=si).with_sources(data["sources"])
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:
         """A copy with the sources of those keys that it has; the others are dropped."""
@@ -199,8 +199,3 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
         allowed = f"0 to {len(node) - 1}" if node else "none, the list is empty"
         raise ScenarioError(f"{key}: '{part}' is not an index of {'.'.join(walked)}; allowed is {allowed}")
     return int(part)
-
-
-def scenario_from(data: Any, *, si: bool = False, origin: str = "") -> Scenario:
-    """A scenario from nested dicts, as ``validated`` makes it."""
-    return validated(Scenario, data, si=si, origin=origin)

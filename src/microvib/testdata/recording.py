@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -153,41 +153,37 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs of repeated samples
     (drop-outs), one sample out of all proportion, or is shorter than ``shortest`` [s].
     """
-    x = recording.load(name)
-    where = f"{recording.title}: channel {name}"
+    for fault in _faults(recording, name, shortest):
+        raise RecordingError(f"{recording.title}: channel {name} {fault}")
+
+
+def _faults(recording: Recording, name: str, shortest: float) -> Iterator[str]:
+    """What is wrong with a channel, the plainest first."""
+    x, rate = recording.load(name), recording.sample_rate
     if x.size == 0:
-        raise RecordingError(f"{where} is empty")
+        yield "is empty"
     bad = np.flatnonzero(~np.isfinite(x))
     if bad.size:
-        raise RecordingError(
-            f"{where} has {bad.size} samples that are not numbers, the first at {bad[0] / recording.sample_rate:.4g} s"
-        )
+        yield f"has {bad.size} samples that are not numbers, the first at {bad[0] / rate:.4g} s"
     largest = float(np.max(np.abs(x)))
     if largest > LARGEST_LOAD:
-        raise RecordingError(
-            f"{where} reaches {largest:.3g} {recording.units[name]}, which no instrument measures; the file is broken or its"
-            " unit wrong"
-        )
+        measured = f"{largest:.3g} {recording.units[name]}"
+        yield f"reaches {measured}, which no instrument measures; the file is broken or its unit wrong"
     if recording.duration < shortest:
-        raise RecordingError(f"{where} lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s")
+        yield f"lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s"
     if np.ptp(x) == 0.0:
-        raise RecordingError(f"{where} is constant, {x[0]:g}; nothing was measured")
+        yield f"is constant, {x[0]:g}; nothing was measured"
     away = np.abs(x - np.median(x))
-    usual = float(np.quantile(away, 0.99))
-    if usual > 0.0 and away.max() > OUTLIER * usual:
-        k = int(np.argmax(away))
-        raise RecordingError(
-            f"{where} is {x[k]:.4g} at {k / recording.sample_rate:.4g} s, {away[k] / usual:.1g} times as large as 99 % of its"
-            " samples; a number in the file is broken"
-        )
+    usual, k = float(np.quantile(away, 0.99)), int(np.argmax(away))
+    if usual > 0.0 and away[k] > OUTLIER * usual:
+        times = f"{away[k] / usual:.1g} times as large as 99 % of its samples"
+        yield f"is {x[k]:.4g} at {k / rate:.4g} s, {times}; a number in the file is broken"
     clipped = _clipped(x)
     if clipped:
-        raise RecordingError(
-            f"{where} is clipped: {clipped} samples in runs at its largest or smallest value, {x.max():.4g}"
-        )
+        yield f"is clipped: {clipped} samples in runs at its largest or smallest value, {x.max():.4g}"
     dropped = int(np.max(_runs(np.diff(x) == 0.0), initial=0))
     if dropped >= 8:
-        raise RecordingError(f"{where} repeats one value for {dropped + 1} samples; samples were dropped and held")
+        yield f"repeats one value for {dropped + 1} samples; samples were dropped and held"
 
 
 def _clipped(x: np.ndarray) -> int:
