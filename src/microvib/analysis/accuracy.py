@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,19 +87,18 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     own = scenario.solver.refinement
     if beginning is None or 4 * own > MAX_REFINEMENT:
         return None
-    duration = stretch(scenario)
-    T_d = motion["T_d"][: round(duration * scenario.record.sample_rate)]
-    counted = _counted(table)
+    duration, rate = stretch(scenario), scenario.record.sample_rate
+    T_d, counted = motion["T_d"][: round(duration * rate)], _counted(table)
     try:
         twice = again(scenario, beginning, 2, duration)
-        first = _Difference(T_d, twice, counted, scenario.record.sample_rate)
+        first = _difference(T_d, twice, counted, rate)
         found = Accuracy(duration, first.rms, first.line, first.name, False, own, False)
-        if first.line <= BOUND and not first.grows():
+        if first.line <= BOUND and not first.grows:
             return found
-        second = _Difference(twice, again(scenario, beginning, 4, duration), counted, scenario.record.sample_rate)
+        second = _difference(twice, again(scenario, beginning, 4, duration), counted, rate)
     except SimulationError:  # a finer run that stops where this one went on
         return Accuracy(duration, 1.0, 1.0, counted[0].line if counted else "", True, own, False)
-    if second.grows() or second.rms > _CONVERGES * first.rms:
+    if second.grows or second.rms > _CONVERGES * first.rms:
         return replace(found, sensitive=True)
     if first.line <= BOUND:
         return found
@@ -139,28 +138,22 @@ def _counted(table: LineTable) -> list[Line]:
     return [x for x in seen if x.amplitude_n_m >= LEAST * top]
 
 
-class _Difference:
-    """Two torques (n,) from the same state: the differences between them and between their lines."""
-
-    def __init__(self, T_d: np.ndarray, finer: np.ndarray, counted: list[Line], sample_rate: float) -> None:
-        size = float(np.std(finer)) or 1.0
-        apart = T_d - finer
-        self.rms = _rms(apart) / size
-        self._quarters = [_rms(part) / size for part in np.array_split(apart, 4)]
-        self.line, self.name = 0.0, ""
-        before, after = _amplitudes(T_d, counted, sample_rate), _amplitudes(finer, counted, sample_rate)
-        for x, a, b in zip(counted, before, after, strict=True):
-            change = abs(a - b) / x.amplitude_n_m
-            if not self.name or change > self.line:
-                self.line, self.name = float(change), x.line
-
-    def grows(self) -> bool:
-        """Whether it grows from the first quarter on, to a significant size."""
-        return max(self._quarters) > max(_GROWS * self._quarters[0], _NOTHING)
+class _Difference(NamedTuple):
+    rms: float
+    line: float
+    name: str
+    grows: bool
+    """Whether it grows from the first quarter on, to a significant size."""
 
 
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
+def _difference(T_d: np.ndarray, finer: np.ndarray, counted: list[Line], sample_rate: float) -> _Difference:
+    """The differences between two torques (n,) from the same state, and between their lines."""
+    size, apart = float(np.std(finer)) or 1.0, T_d - finer
+    rms, *quarters = (float(np.sqrt(np.mean(x**2))) / size for x in (apart, *np.array_split(apart, 4)))
+    both = zip(counted, _amplitudes(T_d, counted, sample_rate), _amplitudes(finer, counted, sample_rate), strict=True)
+    changes = ((abs(a - b) / x.amplitude_n_m, x.line) for x, a, b in both)
+    line, name = max(changes, key=lambda change: change[0], default=(0.0, ""))
+    return _Difference(rms, line, name, max(quarters) > max(_GROWS * quarters[0], _NOTHING))
 
 
 def _amplitudes(x: np.ndarray, counted: list[Line], sample_rate: float) -> list[float]:

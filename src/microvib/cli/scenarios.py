@@ -81,7 +81,7 @@ def _steady_sentence(result: RunResult) -> str:
 
 def _print_lines(loaded: Scenario, table: LineTable) -> None:
     from microvib.analysis.limits import unsettled
-    from microvib.studies.paper import compare_with_paper, comparison_worth, paper_state
+    from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
 
     echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
     echo(table.text(notable=True))

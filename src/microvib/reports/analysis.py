@@ -125,16 +125,8 @@ def _main_lines(a: Analysis) -> tuple[Table, ...]:
 
 
 def _all_lines(lines: LineTable) -> tuple[Block, ...]:
-    header = [
-        "line",
-        "frequency [Hz]",
-        "± [mHz]",
-        "amplitude [mN m]",
-        "± [mN m]",
-        "floor [mN m]",
-        "what it is",
-        "status",
-    ]
+    header = ["line", "frequency [Hz]", "± [mHz]", "amplitude [mN m]", "± [mN m]", "floor [mN m]", "what it is",
+              "status"]  # fmt: skip
     rows = [
         [x.line, format_number(x.frequency_hz, 7), _spread(x.frequency_uncertainty_hz), milli(x.amplitude_n_m),
          _spread(x.amplitude_uncertainty_n_m), brief(1e3 * x.floor_n_m, 2), x.origin, x.status]

@@ -145,7 +145,6 @@ _WORTH = (
 
 
 def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:
-    """How many lines agree; how far they are apart; the largest of them."""
     verdicts = Counter(r.verdict for r in told)
     judged = verdicts[AGREES] + verdicts[DIFFERS]
     facts = [Fact("not judged", "one side has no known uncertainty")]

@@ -151,7 +151,6 @@ def _name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
 
 
 def _dots(ax: Axes, lines: Sequence[Line], marker: str = "o", **style: Any) -> None:
-    """Points at the estimated amplitudes [mN m]."""
     ax.plot([x.frequency_hz for x in lines], [1e3 * x.amplitude_n_m for x in lines], marker, color=RED, **style)
 
 
@@ -224,7 +223,6 @@ def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray], mic
 
 
 def _headroom(ax: Axes, share: float) -> None:
-    """Room above the curves for a legend or labels."""
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + share * (high - low))
 
@@ -242,7 +240,6 @@ def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highe
 
 
 def _compared(ax: Axes, highest: float, bottom: float, top: float) -> None:
-    """Axes of spectra that are compared, and their legend."""
     ax.set(yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
     ax.set_xlim(0, highest)
     ax.set_ylim(bottom, top)
@@ -306,13 +303,8 @@ def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
     keep = (w.frequency > 0) & (w.frequency <= highest)
     amplitude = 1e3 * w.amplitude[:, keep]
     top = float(np.max(amplitude))
-    style: dict[str, Any] = {
-        "norm": LogNorm(1e-4 * top, top),
-        "cmap": "viridis",
-        "shading": "nearest",
-        "rasterized": True,
-    }
-    mesh = ax.pcolormesh(w.frequency[keep], w.time, np.maximum(amplitude, 1e-4 * top), **style)
+    f, norm, values = w.frequency[keep], LogNorm(1e-4 * top, top), np.maximum(amplitude, 1e-4 * top)
+    mesh = ax.pcolormesh(f, w.time, values, norm=norm, cmap="viridis", shading="nearest", rasterized=True)
     ax.figure.colorbar(mesh, ax=ax, label=f"amplitude, 0-to-peak [m{unit}]")
     ax.set(xlabel="frequency [Hz]", ylabel="time in the record [s]")
     ax.grid(False)

@@ -17,7 +17,7 @@ from microvib.reports.numbers import brief, format_number, percent, plain, signe
 from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
 from microvib.studies.evidence import predicted
-from microvib.studies.identify import Deviation, Estimate, Fit, Leaning
+from microvib.studies.identify import Deviation, Estimate, Fit
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -53,7 +53,10 @@ def fit_text(fit: Fit) -> str:
         f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
         for name, test, before, after in _figures(fit)
     ]
-    lines += ["", *(f"1 % more of {one.key}: {_moves(fit, one)}" for one in fit.leanings[:3])]
+    lines.append("")
+    for one in fit.leanings[:3]:
+        moves = (f"{e.key} {shift:+.2g} %" for e, shift in zip(fit.estimates, one.shifts, strict=True))
+        lines.append(f"1 % more of {one.key}: {', '.join(moves)}")
     lines += _prepared(fit)
     lines.append(f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
     return "\n".join(lines)
@@ -68,21 +71,17 @@ def _warnings(fit: Fit) -> list[str]:
 
 
 def _prepared(fit: Fit) -> list[str]:
-    """What reading and preparing the recordings did."""
     return [f"{e.name}: {'; '.join(e.notes)}." for e, _ in fit.after if e.notes]
 
 
 def _off_text(fit: Fit) -> list[str]:
-    off = _off(fit)
-    if not off:
-        return []
-    rows = [f"{'off':28s} {'test':>12s} {'fitted':>12s} {'sigma':>8s}"]
+    off, rows = _off(fit), [f"{'off':28s} {'test':>12s} {'fitted':>12s} {'sigma':>8s}"]
     rows += [f"{_name(fit, d):28s} {d.measured:12.6g} {d.fitted:12.6g} {d.sigma:+8.1f}" for d in off[:_MAX_OFF]]
-    return rows + ([f"and {len(off) - _MAX_OFF} more"] if len(off) > _MAX_OFF else [])
+    rows += [f"and {len(off) - _MAX_OFF} more"] if len(off) > _MAX_OFF else []
+    return rows if off else []
 
 
 def _off(fit: Fit) -> list[Deviation]:
-    """Figures that are off, the worst first."""
     return sorted((d for d in fit.deviations if d.off), key=lambda d: -abs(d.sigma))
 
 
@@ -93,10 +92,6 @@ def _name(fit: Fit, d: Deviation) -> str:
 def _interval(e: Estimate) -> str:
     low, high = e.interval
     return f"{low:.5g} to {high:.5g}" if math.isfinite(low) else "withheld"
-
-
-def _moves(fit: Fit, one: Leaning) -> str:
-    return ", ".join(f"{e.key} {shift:+.2g} %" for e, shift in zip(fit.estimates, one.shifts, strict=True))
 
 
 def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
@@ -159,11 +154,13 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
     tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
     keys, leanings = [e.key for e in fit.estimates], [(one.key, one.shifts) for one in fit.leanings[:_MAX_LEANING]]
     prepared = [Text(text, note=True) for text in _prepared(fit)]
+    explained = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
+    good = Fact(f"{fit.goodness.ratio:.3g}", explained, "pass" if fit.usable else "fail")
     return study(
         "Identification report",
         f"Identification: {fit.scenario.title or 'drive'}",
         f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
-        facts=[_explained(fit), *(_estimated(e) for e in fit.estimates[:3])],
+        facts=[good, *map(_estimated, fit.estimates[:3])],
         first_page=(
             Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit),
             Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True),
@@ -181,12 +178,6 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
     )  # fmt: skip
 
 
-def _explained(fit: Fit) -> Fact:
-    """Goodness of the fit, which decides what the estimates are worth."""
-    label = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
-    return Fact(f"{fit.goodness.ratio:.3g}", label, "pass" if fit.usable else "fail")
-
-
 def _estimated(e: Estimate) -> Fact:
     value = f"{with_error(e.estimate, e.standard_error)} {pretty(e.unit)}".rstrip()
     label = f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}"
@@ -194,12 +185,14 @@ def _estimated(e: Estimate) -> Fact:
 
 
 def _off_table(fit: Fit) -> tuple[Table, ...]:
-    off = _off(fit)[:_MAX_OFF]
-    if not off:
-        return ()
     header = ["figure", "test [1]", "fitted [1]", "off [σ]"]
-    rows = [[_name(fit, d), format_number(d.measured), format_number(d.fitted), signed(d.sigma, 1)] for d in off]
-    return (table(header, rows, "Figures that are further off than their uncertainty explains; SI units."),)
+    off = ((_name(fit, d), d) for d in _off(fit)[:_MAX_OFF])
+    rows = [[name, format_number(d.measured), format_number(d.fitted), signed(d.sigma, 1)] for name, d in off]
+    return (
+        (table(header, rows, "Figures that are further off than their uncertainty explains; SI units."),)
+        if rows
+        else ()
+    )
 
 
 def _estimates(fit: Fit) -> Table:
@@ -214,15 +207,8 @@ def _estimates(fit: Fit) -> Table:
 
 
 def _before_and_after(fit: Fit) -> Table:
-    header = [
-        "figure",
-        "unit",
-        "test [1]",
-        "before [1]",
-        "after [1]",
-        "before against test [%]",
-        "after against test [%]",
-    ]
+    header = ["figure", "unit", "test [1]", "before [1]", "after [1]", "before against test [%]",
+              "after against test [%]"]  # fmt: skip
     rows = []
     for name, *values in _figures(fit):
         unit, digits, scale = ("mN m", 4, 1e3) if _is_torque(name) else ("Hz" if "frequency" in name else "1/s", 6, 1.0)
@@ -250,6 +236,5 @@ def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> T
 
 
 def _short_key(key: str) -> str:
-    """The end of a key that says what it is."""
     parts = key.split(".")
     return ".".join(parts[-3 if len(parts) > 2 and parts[-2].isdigit() else -2 :])

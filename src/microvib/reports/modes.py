@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +19,15 @@ from microvib.reports.document import Block, Document, Fact, Form, Live, Section
 from microvib.reports.numbers import count, signed, text_table
 from microvib.reports.parameters import parameter_table
 from microvib.reports.rendering import write_study
-from microvib.reports.sheets import png
+from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
+from microvib.structures.fem.structure import Beams, Shells, Structure
 from microvib.structures.modal import DIRECTIONS, ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from microvib.structures.fem.modes import Modes
 
 ENOUGH = 0.9
@@ -30,6 +35,8 @@ ENOUGH = 0.9
 RATES = {"cruise": 0.06, "fast slew": 1.0}  # deg/s
 _MAX_DRAWN = 12
 _MAX_NODES = 4000
+_REACH = 0.08  # largest displacement shown, of the structure's size
+_AZIMUTH, _ELEVATION = np.radians(-60.0), np.radians(28.0)
 
 
 def mode_kinds(source: ModalSource) -> tuple[str, ...]:
@@ -115,8 +122,6 @@ def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | No
     """``modes.csv``, the report and, of finite elements, ``modes.png``; names of the files."""
     files: dict[str, Any] = {"modes.csv": modes_csv(source.model)}
     if source.modes is not None:
-        from microvib.reports.mode_shapes import draw_shapes
-
         files["modes.png"] = png(draw_shapes(source.modes, mode_kinds(source), _MAX_DRAWN))
     return write_study(out, files, modes_report(source, form), form, overwrite)
 
@@ -162,7 +167,6 @@ def _facts(model: ModalModel) -> list[Fact]:
 
 def _shapes(design: StructureDesign, modes: Modes) -> tuple[Block, list[Section]]:
     """Shapes of the first modes as a picture and, of a structure that is not too large, in motion."""
-    from microvib.reports.mode_shapes import animation, draw_shapes
     from microvib.structures.fem.described import kinds, meanings
 
     found = kinds(design, modes)
@@ -175,20 +179,16 @@ def _shapes(design: StructureDesign, modes: Modes) -> tuple[Block, list[Section]
 
 
 def _convergence(design: StructureDesign, modes: Modes) -> Section:
-    """Frequencies on a mesh of twice the size, mode by mode of each kind."""
     from microvib.structures.fem.described import kinds, solved
 
     coarse = solved(design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size)
     fine, other = (_by_kind(found.frequency, kinds(design, found)) for found in (modes, coarse))
-    rows = [
-        [
-            str(k),
-            key[0],
-            f"{f:.5g}",
-            *([f"{other[key]:.5g}", signed(100 * (other[key] / f - 1))] if key in other else ["", ""]),
-        ]
-        for k, (key, f) in enumerate(fine.items(), 1)
-    ]
+    rows = []
+    for k, (key, f) in enumerate(fine.items(), 1):
+        g = other.get(key, math.nan)
+        rows.append(
+            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", signed(100 * (g / f - 1))] if key in other else ["", ""])]
+        )
     text = (
         f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
         f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
@@ -253,3 +253,87 @@ def _spatial(model: ModalModel) -> list[Section]:
         Section("Effective mass in six directions", (Text(text), effective)),
         Section("Rigid body at the interface", (Text("Mass matrix about the interface point, in kg and m."), inertia)),
     ]
+
+
+def shown_shapes(modes: Modes) -> np.ndarray:
+    """Displacements of the nodes, scaled to be seen, (n, 3, s) [m]."""
+    u = modes.shapes[:, :3, :]
+    extent = np.ptp(modes.structure.xyz, axis=0).max()
+    largest = np.sqrt((u**2).sum(axis=1)).max(axis=0)
+    return np.asarray(_REACH * extent * u / largest)
+
+
+def faces_and_lines(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the shells (f, 4) and ends of the beams (b, 2)."""
+    faces = [part.nodes for part in structure.of(Shells)] or [np.zeros((0, 4), dtype=int)]
+    lines = [part.nodes for part in structure.of(Beams)] or [np.zeros((0, 2), dtype=int)]
+    return np.concatenate(faces), np.concatenate(lines)
+
+
+def draw_shapes(modes: Modes, kinds: Sequence[str], count: int) -> Figure:
+    """The mesh, and the first ``count`` modes with it at rest behind them."""
+    count = min(count, len(kinds))
+    figure, axes = sheet(1.3 * (count // 3 + 1), count // 3 + 1, 3)
+    shapes, xyz = shown_shapes(modes), modes.structure.xyz
+    drawn = [None, *np.moveaxis(shapes[:, :, :count], 2, 0)]
+    titles = [f"mesh, {modes.structure.dof} degrees of freedom", *_names(modes, kinds, count)]
+    for ax, shape, title in zip(axes.flat, drawn, titles, strict=False):
+        _draw(ax, modes.structure, xyz, shape)
+        ax.set_title(title, fontsize=7.5)
+    for ax in axes.flat:
+        ax.set_axis_off()
+        ax.set_aspect("equal")
+        ax.autoscale_view()
+    return figure
+
+
+def _names(modes: Modes, kinds: Sequence[str], count: int) -> list[str]:
+    return [f"mode {k + 1} ({kinds[k]}), {modes.frequency[k]:.4g} Hz" for k in range(count)]
+
+
+def project(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Screen coordinates (n, 2) and depth (n,) of points seen obliquely from above."""
+    c, s = np.cos(_AZIMUTH), np.sin(_AZIMUTH)
+    right, away = xyz[:, 0] * -s + xyz[:, 1] * c, xyz[:, 0] * c + xyz[:, 1] * s
+    up = xyz[:, 2] * np.cos(_ELEVATION) - away * np.sin(_ELEVATION)
+    return np.column_stack([right, up]), away * np.cos(_ELEVATION) + xyz[:, 2] * np.sin(_ELEVATION)
+
+
+def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | None) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    faces, lines = faces_and_lines(structure)
+    rest, _ = project(xyz)
+    ground, edge = ("#dbe7f0", GREY) if shape is None else ("none", "#bbbbbb")
+    shells = PolyCollection(rest[faces], facecolors=ground, edgecolors=edge, linewidths=0.3, rasterized=True)
+    ax.add_collection(shells)
+    ax.add_collection(LineCollection(list(rest[lines]), colors=edge, linewidths=1.0))
+    if shape is None:
+        return
+    points, depth = project(xyz + shape)
+    size = np.sqrt((shape**2).sum(axis=1))
+    front = faces[np.argsort(depth[faces].mean(axis=1))]
+    colours = {"array": size[front].mean(axis=1), "cmap": "viridis", "edgecolors": "#ffffff60"}
+    coloured = PolyCollection(points[front], linewidths=0.2, rasterized=True, **colours)
+    coloured.set_clim(0.0, size.max())  # of the whole structure, of which shells may be the part that hardly moves
+    ax.add_collection(coloured)
+    ax.add_collection(LineCollection(list(points[lines]), colors="#333333", linewidths=1.4))
+
+
+def animation(modes: Modes, kinds: Sequence[str], count: int) -> Any:
+    """A canvas with its script and data, as markup: modes chosen from a list, turned with the mouse, played and paused."""
+    from markupsafe import Markup
+
+    faces, lines = faces_and_lines(modes.structure)
+    shapes = np.moveaxis(shown_shapes(modes)[:, :, :count], 2, 0)
+    data = {
+        "xyz": np.round(modes.structure.xyz - modes.structure.xyz.mean(axis=0), 3).tolist(),
+        "faces": faces.tolist(),
+        "lines": lines.tolist(),
+        "shapes": np.round(shapes, 3).tolist(),
+        "names": _names(modes, kinds, len(shapes)),
+        "azimuth": float(_AZIMUTH),
+        "elevation": float(_ELEVATION),
+    }
+    script = (resources.files("microvib.reports") / "templates" / "shapes.html").read_text(encoding="utf-8")
+    return Markup(script.replace("__DATA__", json.dumps(data, separators=(",", ":"))))  # numbers and our own words only

@@ -52,7 +52,6 @@ def provenance(source: str) -> Provenance:
 
 
 def _printed(detail: str) -> str:
-    """A value with its standard error as print shows it."""
     return detail.replace("^2", "²").replace("*", " ").replace(" percent", " %")
 
 

@@ -15,7 +15,7 @@ from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Form, Section, Table, Text, table
 from microvib.reports.numbers import brief, count, given, milli, plain, torque
 from microvib.reports.rendering import write_study
-from microvib.studies.rates import ABOVE, Forbidden, RatePlan, Resonance, linear_error
+from microvib.studies.rates import ABOVE, RatePlan, Resonance, linear_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,11 +40,9 @@ def plan_text(plan: RatePlan) -> str:
         lines.append(f"{n:10d} {shown[0]:>11s} {shown[1]:>17s} {brief(plan.worst(n)):>15s} N m")
     lines.append(best_text(plan))
     if plan.limit is not None or plan.keep_away:
-        lines += [
-            "",
-            f"Forbidden, {_criteria(plan)}:",
-            *(map(_band_text, plan.forbidden) if plan.forbidden else ["none"]),
-        ]
+        what = {b: f"{b.line} reaches {b.largest:.4g} N m" if b.why == ABOVE else b.why for b in plan.forbidden}
+        bands = [f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {text}" for b, text in what.items()]
+        lines += ["", f"Forbidden, {_criteria(plan)}:", *(bands or ["none"])]
     if plan.resonances:
         lines += ["", "Where lines meet modes, strongest first:"]
         lines += [f"{'microsteps':>10s} {'deg/s':>9s} {'Hz':>9s} {'N m':>10s}  line on mode"]
@@ -62,19 +60,17 @@ def best_text(plan: RatePlan) -> str:
         return "Best: none; all cases failed."
     case, top = found or least
     near = plan.nearest(case)
-    away = f"; {near[0].line} on {near[0].mode} is {_away(near[1])} away" if near else ""
+    away = ""
+    if near is not None:
+        far = f"{100 * near[1]:.2g} % of the rate" if near[1] < 1.0 else "more than its own rate"
+        away = f"; {near[0].line} on {near[0].mode} is {far} away"
     end = "; it lies at the end of the range, beyond which there may be better ones" if plan.is_at_end(case) else ""
     in_time = "; not a steady state but time integration" if case.reason else ""
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m{away}{in_time}{end}."
     return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
 
 
-def _away(part: float) -> str:
-    return f"{100 * part:.2g} % of the rate" if part < 1.0 else "more than its own rate"
-
-
 def _criteria(plan: RatePlan) -> str:
-    """What a rate must meet, in words."""
     parts = [f"for a limit of {plan.limit:g} N m{_in_band(plan)}"] if plan.limit is not None else []
     parts += [f"at least {100 * plan.keep_away:g} % away from resonances"] if plan.keep_away else []
     return " and ".join(parts) or "of those requested"
@@ -105,18 +101,12 @@ def _in_band(plan: RatePlan) -> str:
     return f", lines from {low:g} to {high:g} Hz" if math.isfinite(high) else ""
 
 
-def _band_text(b: Forbidden) -> str:
-    what = f"{b.line} reaches {b.largest:.4g} N m" if b.why == ABOVE else b.why
-    return f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {what}"
-
-
 def strongest(resonances: Iterable[Resonance], count: int) -> list[Resonance]:
     """Resonances by amplitude, those without one first: there, nothing is known."""
     return sorted(resonances, key=lambda r: -r.amplitude if math.isfinite(r.amplitude) else -math.inf)[:count]
 
 
 def _unsolved(plan: RatePlan) -> list[str]:
-    """What was simulated in time, and what failed, with the reasons."""
     texts = []
     for solved, what in (
         (True, "fell back to time integration, since they have no steady state"), (False, "failed"),

@@ -71,7 +71,6 @@ def spring_sentences(result: Sized) -> list[str]:
 
 
 def _adjustment_sentence(sizing: Sizing) -> str:
-    """What of the ranges of adjustment the settings use."""
     a, designs = sizing.target.design.adjustment, [setting.design for setting in sizing.settings]
     arms, radii = [d.arm for d in designs], [d.counterweight.radius for d in designs]
     return (

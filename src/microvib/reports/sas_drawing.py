@@ -123,7 +123,6 @@ def _top_view(ax: Any, design: SimulatorDesign) -> None:
 
 
 def _cross(ax: Any, A: float, b: float, t: float) -> None:
-    """Tubes of the frame."""
     for s in _SIDES:
         _box(ax, 0, s * b, 2 * A + t, t, _TUBE)
         _box(ax, s * A, 0, t, 2 * b, _TUBE)
@@ -133,7 +132,6 @@ def _cross(ax: Any, A: float, b: float, t: float) -> None:
 
 
 def _spring_sets(ax: Any, design: SimulatorDesign) -> None:
-    """Sliders, seats with their screws, and springs."""
     p, s = design.plate, design.spring
     arm, b, a, end = (1e3 * v for v in (design.arm, design.frame.rail, p.hook, design.hook_end))
     body = 1e3 * s.wire * (s.coils + 1) + 1e3 * design.preload
@@ -172,7 +170,6 @@ def _side_view(ax: Any, design: SimulatorDesign) -> None:
 
 
 def _parts(ax: Any, setting: Setting) -> None:
-    """Table of parts and settings over the title block."""
     widths, box = [0.31, 0.08, 0.61], (0.0, 0.23, 1.0, 0.77)
     rows = [list(row) for row in _rows(setting)]
     table = ax.table(rows, colLabels=["part", "pcs", "value"], colWidths=widths, cellLoc="left", bbox=box)

@@ -74,7 +74,6 @@ def read_title_block(path: Path) -> TitleBlock:
 
 
 def _text(path: Path, key: str, value: Any) -> str:
-    """One line of text from a word, a number or a date."""
     if value is None:
         return ""
     if isinstance(value, bool | list | dict) or len(str(value)) > _LONGEST:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from microvib.reports.blocks import overlaid, study
-from microvib.reports.document import Document, Fact, Figure, Form, Row, Section, Table, Text, table
+from microvib.reports.document import Document, Fact, Form, Row, Section, Table, Text, table
 from microvib.reports.numbers import brief
 from microvib.reports.rendering import write_study
 from microvib.studies.validate import Check, SimulatedState, checks_csv
@@ -55,7 +55,8 @@ _COMPARISONS = (
 
 def validation_report(checks: list[Check], states: dict[int, SimulatedState], form: Form | None = None) -> Document:
     """The report of the validation: every claim with its verdict, and the spectra of the states."""
-    first, second = (_overlay(title, {k: states[k] for k in of}) for title, of in _COMPARISONS)
+    torques = {k: (f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in states.items()}
+    first, second = (overlaid([torques[k] for k in of], title) for title, of in _COMPARISONS)
     facts = [
         Fact(f"{sum(c.holds for c in of)} of {len(of)}", f"{status} rows hold")
         for status, of in _by_status(checks).items()
@@ -79,28 +80,18 @@ _HEADER = ["item", "source", "paper [1]", "test [1]", "ours [1]", "error [%]", "
 
 
 def _claims(checks: list[Check]) -> Table:
-    """All checks, grouped by status."""
     rows: list[Row] = []
     for status, of in _by_status(checks).items():
-        rows.append(Row((status,), "group"))
-        rows += [Row(_cells(c), "pass" if c.holds else "fail") for c in of]
+        rows += [Row((status,), "group"), *(Row(_cells(c), "pass" if c.holds else "fail") for c in of)]
     return Table(table(_HEADER, ()).columns, tuple(rows))
 
 
 def _failing(checks: list[Check]) -> tuple[Text | Table, ...]:
-    """What does not hold comes first."""
-    fails = [c for c in checks if not c.holds]
-    if not fails:
-        return ()
-    return Text("What does not hold:"), table([*_HEADER[:7], "status"], [[*_cells(c)[:7], c.status] for c in fails])
+    fails = [[*_cells(c)[:7], c.status] for c in checks if not c.holds]
+    return (Text("What does not hold:"), table([*_HEADER[:7], "status"], fails)) if fails else ()
 
 
 def _cells(c: Check) -> tuple[str, ...]:
     return (c.item, c.source, brief(c.paper, 6), brief(c.test, 6), brief(c.ours, 6 if abs(c.ours) >= 1.0 else 4),
             brief(c.error_percent, 3), c.bar,
             "yes" if c.holds else "NO")  # fmt: skip
-
-
-def _overlay(title: str, of: dict[int, SimulatedState]) -> Figure:
-    sides = [(f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in of.items()]
-    return overlaid(sides, title)

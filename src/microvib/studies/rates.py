@@ -195,7 +195,6 @@ def plan_rates(
 
 
 def _too_near(met: Resonance, keep_away: float) -> Forbidden:
-    """The rates about a resonance that ``keep_away`` rules out."""
     low, high = met.rate * (1.0 - keep_away), met.rate * (1.0 + keep_away)
     return Forbidden(met.microsteps, low, high, f"{NEAR} {met.line} on {met.mode}", met.line, met.amplitude)
 

@@ -72,7 +72,6 @@ def _with_legend(figure: Figure, columns: int, handles: Sequence[Any] | None = N
 
 
 def _plain_decades(axis: Any) -> None:
-    """Plain figures on a logarithmic axis, at 1, 2 and 5 of each decade."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -257,7 +257,6 @@ def _lines(s: Summary) -> Table:
 
 
 def _levels(s: Summary) -> Table:
-    """The largest line of each level."""
     header = ["level", "draws [1]", "median [mN m]", "P95 [mN m]", "P99 [mN m]", "largest [mN m]", "case [1]",
               "above the limit [1]"]  # fmt: skip
     rows = [
@@ -328,7 +327,6 @@ def _worst(s: Summary) -> list[Block]:
 
 
 def _which(s: Summary, case: int, amplitude: float) -> str:
-    """Name of the line that is the largest of a case."""
     return next((line for line, found in s.worst.items() if line != ANY and (case, amplitude) in found), "")
 
 
@@ -347,7 +345,6 @@ _NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
 
 
 def _worst_of_lines(s: Summary) -> Table:
-    """The three worst cases of every line."""
     header = [
         "line",
         *(text for what in ("worst case", "second", "third") for text in (f"{what} [1]", "its amplitude [mN m]")),

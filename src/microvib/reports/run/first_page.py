@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from microvib.analysis.accuracy import estimate_in
 from microvib.analysis.limits import Judgement, unsettled
-from microvib.model.scenario import Scenario
 from microvib.reports import figures
 from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
@@ -65,7 +64,15 @@ def _largest(lines: LineTable) -> list[Line]:
 def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
     """What was simulated, the main lines, what they do not say by themselves, and the picture."""
     scenario = motion.scenario
-    notes = [*_doubts(scenario), *unsettled(lines, scenario), *(_limits(judged) if judged else [])]
+    doubts = scenario.doubts()
+    notes = [f"{text}." for text in doubts[:4]]
+    notes += [f"So are {len(doubts) - 4} more; `microvib show scenario.yaml` names them."] if len(doubts) > 4 else []
+    notes += unsettled(lines, scenario)
+    if judged is not None:
+        notes.append(
+            "A margin is limit over amplitude, of this one run, without allowance for the uncertainty of parameters."
+        )
+        notes += [judged.not_judged(4).strip()] if judged.gaps else []
     told = [Text(" ".join(notes), note=True)] if notes else []
     return pairs(_simulated(motion)), _main_lines(lines, judged), *told, _picture(motion, lines, judged)
 
@@ -144,20 +151,6 @@ def marks(shown: Sequence[Line], judged: Judgement | None) -> dict[int, Mark]:
 def what(line: Line) -> str:
     """Origin of a line, and its status where that is not simply seen."""
     return line.origin if line.status == "ok" else f"{line.origin}; {line.status}"
-
-
-def _doubts(scenario: Scenario) -> Iterable[str]:
-    found = scenario.doubts()
-    yield from (f"{text}." for text in found[:4])
-    if len(found) > 4:
-        yield f"So are {len(found) - 4} more; `microvib show scenario.yaml` names them."
-
-
-def _limits(judged: Judgement) -> Iterable[str]:
-    """What a margin is worth, and of which lines there is none."""
-    yield "A margin is limit over amplitude, of this one run, without allowance for the uncertainty of parameters."
-    if judged.gaps:
-        yield judged.not_judged(4).strip()
 
 
 def _picture(motion: Motion, lines: LineTable, judged: Judgement | None) -> Figure:

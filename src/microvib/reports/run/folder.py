@@ -90,7 +90,6 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
 
 
 def _check_size(scenario: Scenario, out: Path) -> None:
-    """Refuse a record that cannot be held in memory or written."""
     size = record_bytes(scenario)
     try:
         available = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES"))

@@ -16,14 +16,14 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, made_by
-from microvib.reports.document import Block, Code, Document, Form, Section, Table, Text, pairs, table
+from microvib.reports.document import Code, Document, Form, Section, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, milli
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
 from microvib.reports.run.first_page import facts, first_page, judged_cells, marks, what
 from microvib.reports.run.trust import trust_section
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.solve.motion import Motion
-from microvib.studies.paper import compare_with_paper, comparison_worth
+from microvib.studies.validate import compare_with_paper, comparison_worth
 
 _NOT_SHOWN = ("wall_s", "times_real_time", KEY)
 """What of the solver's account differs from run to run, or is told in words."""
@@ -62,8 +62,7 @@ def run_report(
         sections=(
             _all_lines(lines, judged),
             *_beside_the_paper(scenario, lines),
-            _array_modes(motion, lines),
-            _microsteps(motion),
+            *_pictures(motion, lines),
             _torque_budget(motion, lines),
             _frequencies(scenario),
             Section("Parameters", (Text(status_sentence(scenario)), *parameter_blocks(scenario)), new_page=True),
@@ -129,22 +128,19 @@ def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
     return [Section("Beside the paper", (Text(text), table(header, rows, caption)))]
 
 
-def _array_modes(motion: Motion, lines: LineTable) -> Section:
-    zoom, axes = sheets.plain_sheet(2.6)
-    figures.draw_array_zoom(axes[0, 0], motion, lines)
-    caption = "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped frequency."
-    return Section("About the array's modes", (drawn(zoom, "Amplitude spectrum about the array's modes", caption),))
-
-
-def _microsteps(motion: Motion) -> Section:
-    drawing, axes = sheets.plain_sheet(2.4)
-    figures.draw_stretch(axes[0, 0], motion)
-    caption = "T_d through the first microsteps of the record. Grey: the output shaft sticks, its rate is exactly zero."
-    return Section("Through the microsteps", (drawn(drawing, "Disturbance torque through a few microsteps", caption),))
+def _pictures(motion: Motion, lines: LineTable) -> tuple[Section, Section]:
+    (zoom, about), (stretch, through) = (sheets.plain_sheet(height) for height in (2.6, 2.4))
+    figures.draw_array_zoom(about[0, 0], motion, lines)
+    figures.draw_stretch(through[0, 0], motion)
+    clamped = "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped frequency."
+    sticks = "T_d through the first microsteps of the record. Grey: the output shaft sticks, its rate is exactly zero."
+    return (
+        Section("About the array's modes", (drawn(zoom, "Amplitude spectrum about the array's modes", clamped),)),
+        Section("Through the microsteps", (drawn(stretch, "Disturbance torque through a few microsteps", sticks),)),
+    )
 
 
 def _torque_budget(motion: Motion, lines: LineTable) -> Section:
-    """Mean, RMS and largest of each contribution, and its amplitude and phase at the main lines."""
     text = (
         "The torques on the housing, which add up to the disturbance torque, line by line as phasors:"
         " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a cosine at the first sample."
@@ -162,9 +158,9 @@ def _torque_budget(motion: Motion, lines: LineTable) -> Section:
 
 def _main_lines(lines: LineTable) -> list[Line]:
     """The first driving line and the largest others, by frequency."""
-    found = [x for x in lines.notable() if math.isfinite(x.amplitude_n_m)]
-    found.sort(key=lambda x: (x.line != "drive_1", -x.amplitude_n_m))
-    return sorted(found[:_MAX_LINES], key=lambda x: x.frequency_hz)
+    found = (x for x in lines.notable() if math.isfinite(x.amplitude_n_m))
+    main = sorted(found, key=lambda x: (x.line != "drive_1", -x.amplitude_n_m))[:_MAX_LINES]
+    return sorted(main, key=lambda x: x.frequency_hz)
 
 
 def _budget(motion: Motion, lines: list[Line]) -> Table:
@@ -211,26 +207,18 @@ def _method(motion: Motion) -> Section:
         " array modes are fitted as decaying tones, and all amplitudes come from one least-squares fit. The record of"
         f" {duration:g} s has bins of {1 / duration:.4g} Hz."
     )
-    account = [
-        (_words(key), f"{value:.4g}" if isinstance(value, float) else str(value))
-        for key, value in motion.solver.items()
-        if key not in _NOT_SHOWN
-    ]
+    account = []
+    for key, value in motion.solver.items():
+        name = key.removesuffix("_s").replace("_", " ") + (" [s]" if key.endswith("_s") else "")
+        account += [(name, f"{value:.4g}" if isinstance(value, float) else str(value))] if key not in _NOT_SHOWN else []
     return Section("Method", (Text(text), pairs(account)))
 
 
-def _words(key: str) -> str:
-    """A key of the solver's account, with its unit where it ends in one."""
-    name = key.removesuffix("_s")
-    return name.replace("_", " ") + (" [s]" if name != key else "")
-
-
 def _provenance(motion: Motion, versions: Mapping[str, str], form: Form) -> Section:
-    blocks: list[Block] = [
+    again = (
         Text("In the folder of this report (the scenario there is complete):"),
         Code("microvib run scenario.yaml --out again"),
-    ]
-    if form.command:
-        blocks += [Text("Made by:"), Code(form.command)]
-    made = [*versions.items(), ("scenario SHA-256", scenario_hash(motion.scenario))]
-    return Section("Versions, and how to reproduce", (*blocks, pairs(made)))
+    )
+    blocks = (Text("Made by:"), Code(form.command)) if form.command else ()
+    made = pairs([*versions.items(), ("scenario SHA-256", scenario_hash(motion.scenario))])
+    return Section("Versions, and how to reproduce", (*again, *blocks, made))

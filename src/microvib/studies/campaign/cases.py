@@ -191,7 +191,6 @@ def _end() -> None:
 
 
 def _allowed(work: Work, scenario: Scenario) -> float:
-    """Time [s] that a case may take."""
     record = scenario.record
     return MIN_TIME + record.settle + record.duration if work.time_limit is None else work.time_limit
 

@@ -202,7 +202,6 @@ def _checked(base: Scenario, combination: dict[str, Any]) -> dict[str, Any]:
 
 
 def _given(base: Scenario, key: str, value: Any) -> dict[str, Any]:
-    """A value of a combination for every key that is meant."""
     return dict.fromkeys(keys_of(base, key), value)
 
 
@@ -217,7 +216,6 @@ def _try(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
 
 
 def _points(study: Study, keys: int) -> int:
-    """Rows of the sample."""
     count = study.sampling.count
     special = {"sobol-indices": count * (keys + 2), "one-at-a-time": 1 + 2 * keys}
     return special.get(study.sampling.method, count) if keys else 1

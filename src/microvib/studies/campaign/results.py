@@ -118,7 +118,6 @@ def _spread(values: np.ndarray, where: list[int], width: int, empty: float) -> n
 
 
 def _parameters(f: Any, campaign: Campaign) -> None:
-    """What varies, one variable of the case for each key."""
     design = campaign.design
     quantities = {name: quantity for name, _, quantity in design.base.entries()}
     for key in design.keys:

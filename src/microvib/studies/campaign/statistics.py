@@ -139,7 +139,6 @@ def line_statistics(results: Results, limit: float | None, band: tuple[float, fl
 def _of_line(
     line: str, level: Level, x: np.ndarray, f: np.ndarray, verdicts: np.ndarray | None, worst: int, largest: float
 ) -> LineStatistics:
-    """Distribution of the amplitudes ``x`` (n,) of a level's draws with the frequencies ``f`` (n,)."""
     f = f[np.isfinite(f)]
     above = None if verdicts is None else int(np.sum(verdicts == ABOVE))
     unknown = 0 if verdicts is None else int(np.sum(verdicts == UNKNOWN))

@@ -131,7 +131,6 @@ def variation(scenario: Scenario, key: str, spec: Any) -> Levels | Uncertain:
 
 
 def _factor(found: _Entries, name: str, spec: dict[str, Any], where: str) -> Levels | Uncertain:
-    """A factor on several keys, which keep their proportions."""
     if name in found or name in TAKEN or not _NAME.fullmatch(name):
         raise ScenarioError(
             f"{where}: is not allowed as the name of a factor; it has one of its own, up to 60 letters, digits, blanks, dots and"

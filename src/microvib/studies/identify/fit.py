@@ -122,7 +122,6 @@ def identify(
 
 
 def _told(test: Test, scenario: Scenario) -> tuple[Evidence, dict[str, object]]:
-    """The evidence of a test, and the changes that make it."""
     told, changes = test if isinstance(test, tuple) else (test, {})
     if isinstance(told, Evidence):
         return told, changes
@@ -193,7 +192,6 @@ def _with_intervals(found: Findings) -> Iterator[Findings]:
 
 
 def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
-    """Everything as a result."""
     problem, best = found.problem, found.best
     of_each = tuple(estimate(found, k) for k in range(best.x.size))
     tests = [one for one, _ in problem.tests]

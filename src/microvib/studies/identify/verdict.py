@@ -111,7 +111,6 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
 
 
 def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tuple[bool, str]:
-    """The verdict by the width of an interval."""
     key = findings.problem.keys[k]
     value = key.value(float(findings.best.x[k]))
     half = 0.5 * (key.value(interval.high) - key.value(interval.low))

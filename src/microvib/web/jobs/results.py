@@ -24,8 +24,8 @@ from microvib.studies.analyse import Analysis
 from microvib.studies.compare import Row, Side
 from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
-from microvib.studies.paper import compare_with_paper, comparison_worth
 from microvib.studies.rates import RatePlan
+from microvib.studies.validate import compare_with_paper, comparison_worth
 from microvib.web.routes.forms import values_of
 
 _POINTS = 6000
