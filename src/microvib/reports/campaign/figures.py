@@ -19,8 +19,8 @@ from microvib.studies.campaign.statistics import (
     exceedance,
     independent,
 )
-from microvib.studies.campaign.variation import Levels, Uncertain
-from microvib.units import pretty
+from microvib.studies.campaign.variation import Levels, Varied
+from microvib.units import convert, pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -144,8 +144,7 @@ def tornados(found: Sequence[Tornado]) -> Figure:
 def scatters(results: Results, line: str, band: Band) -> Figure | None:
     """Amplitude of a line over every key that is a number."""
     design = results.campaign.design
-    given: list[Uncertain | Levels] = [*design.uncertain, *design.levels]
-    keys = [x for x in given if _numeric(x)][:MAX_KEYS]
+    keys: list[Varied] = [x for x in (*design.uncertain, *design.levels) if x.numeric][:MAX_KEYS]
     if not keys:
         return None
     y = 1e3 * amplitudes(results, line, band)
@@ -153,25 +152,19 @@ def scatters(results: Results, line: str, band: Band) -> Figure | None:
     shown = shown[:: max(shown.size // MAX_POINTS, 1)]
     figure, axes = sheets.panels(len(keys))
     for ax, item in zip(axes, keys, strict=True):
-        x = results.scalar(item.key)[shown] * _per_display(item.unit, item.display)
+        x = results.scalar(item.key)[shown] * _per_display(item)
         ax.plot(x, y[shown], ".", color=sheets.BLUE, markersize=3, alpha=0.6)
         ax.set(xlabel=_label(item), ylabel=f"{line} [mN m]")
         ax.xaxis.label.set_fontsize(6.5)
     return figure
 
 
-def _label(item: Uncertain | Levels) -> str:
+def _label(item: Varied) -> str:
     return f"{item.key} [{pretty(item.display)}]" if item.display else item.key
 
 
-def _numeric(item: Uncertain | Levels) -> bool:
-    return isinstance(item, Uncertain) or item.numeric
-
-
-def _per_display(unit: str, display: str) -> float:
-    from microvib.units import convert
-
-    return 1.0 / convert(f"1 {display}", unit) if display and display != unit else 1.0
+def _per_display(item: Varied) -> float:
+    return 1.0 / convert(f"1 {item.display}", item.unit) if item.display and item.display != item.unit else 1.0
 
 
 def sobol_bars(found: Sequence[Indices]) -> Figure:
@@ -207,7 +200,7 @@ def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band
     design, numeric = results.campaign.design, levels.numeric
     x = np.arange(len(levels.values), dtype=float)
     if numeric:
-        x = np.array(levels.values, dtype=float) * _per_display(levels.unit, levels.display)
+        x = np.array(levels.values, dtype=float) * _per_display(levels)
     level = design.level_numbers(levels.key)[:: design.samples.shape[0]]
     for k, line in enumerate(lines):
         cells = amplitudes(results, line, band).reshape(level.size, -1)

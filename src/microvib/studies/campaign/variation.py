@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
@@ -18,8 +18,6 @@ from microvib.units import Quantity, convert
 MAX_LEVELS = 1_000_000
 ARRAY = ("array.from", "array.fem")
 """Keys whose levels are arrays, read when the campaign is made."""
-
-
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,59}")
 TAKEN = (
     "array", "case", "line", "state", "reason", "note", "status", "amplitude", "frequency", "bin_amplitude", "phase", "decay",
@@ -35,12 +33,23 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
+@dataclass(frozen=True)
 class Varied:
     """What varies: a key of the scenario, several that take one value, or a factor on several."""
 
     key: str
-    keys: tuple[str, ...]
-    base: tuple[float, ...]
+    _: KW_ONLY
+    unit: str = ""
+    display: str = ""
+    keys: tuple[str, ...] = ()
+    """Keys of the scenario that it stands for, where that is not ``key`` alone."""
+    base: tuple[float, ...] = ()
+    """Values of those keys that it is a factor on; none where it is their value."""
+
+    @property
+    def numeric(self) -> bool:
+        """Whether all its values are numbers."""
+        return True
 
     def changes(self, value: Any) -> dict[str, Any]:
         """What ``value`` makes of the scenario's keys."""
@@ -53,20 +62,13 @@ class Varied:
 class Levels(Varied):
     """Values of one key, each combined with all levels of the others."""
 
-    key: str
     values: tuple[Any, ...]
     """SI numbers, texts, or for an array its parameters."""
     labels: tuple[str, ...]
-    unit: str = ""
-    display: str = ""
-    keys: tuple[str, ...] = ()
-    """Keys of the scenario that it stands for, where that is not ``key`` alone."""
-    base: tuple[float, ...] = ()
-    """Values of those keys that it is a factor on; none where it is their value."""
 
     @property
     def numeric(self) -> bool:
-        """Whether all values are numbers."""
+        """Whether all its values are numbers."""
         return all(map(is_number, self.values))
 
 
@@ -74,17 +76,11 @@ class Levels(Varied):
 class Uncertain(Varied):
     """A key with a distribution; truncated, its probability lies between ``lower`` and ``upper``."""
 
-    key: str
     kind: str
     shape: tuple[float, ...]
     """normal: mean, deviation; uniform: low, high; triangular: low, peak, high; log-normal: median, factor."""
     lower: float
     upper: float
-    unit: str
-    display: str
-    keys: tuple[str, ...] = ()
-    """As of ``Levels``."""
-    base: tuple[float, ...] = ()
 
     def show(self, value: float) -> str:
         """A value in the display unit."""
@@ -189,9 +185,11 @@ def _listed(key: str, values: list[Any], quantity: Quantity | None, where: str) 
     if not values:
         raise ScenarioError(f"{where}: the list is empty; at least one value is expected")
     read = tuple(_level(item, quantity, f"{where}.{k}") for k, item in enumerate(values))
-    unit = quantity.unit if quantity else ""
-    display = (quantity.display or quantity.unit) if quantity else ""
-    return Levels(key, read, tuple(str(item) for item in values), unit, display)
+    return Levels(key, read, tuple(map(str, values)), **(_shown_in(quantity) if quantity else {}))
+
+
+def _shown_in(quantity: Quantity) -> dict[str, Any]:
+    return {"unit": quantity.unit, "display": quantity.display or quantity.unit}
 
 
 def _level(item: Any, quantity: Quantity | None, where: str) -> Any:
@@ -233,10 +231,10 @@ class _Reader:
             raise ScenarioError(f"{self.where}.{unknown[0]}: unknown key; allowed here are {', '.join(allowed)}")
 
     def number(self, name: str, default: float | None = None) -> float:
-        if name not in self.spec:
-            if default is None:
-                raise ScenarioError(f"{self.where}.{name}: missing ({self.quantity.meaning})")
+        if name not in self.spec and default is not None:
             return default
+        if name not in self.spec:
+            raise ScenarioError(f"{self.where}.{name}: missing ({self.quantity.meaning})")
         return number(self.spec[name], self.quantity, f"{self.where}.{name}")
 
     def ratio(self, name: str) -> float:
@@ -247,10 +245,8 @@ class _Reader:
 
     def centre(self, name: str) -> float:
         """The value ``name``, or the scenario's own."""
-        if self.now is None and name not in self.spec:
-            raise ScenarioError(
-                f"{self.where}: has no one value in the scenario to start from; give {name}, or scale the keys"
-            )
+        known = self.now is not None or name in self.spec
+        self.check(known, f"has no one value in the scenario to start from; give {name}, or scale the keys")
         return self.number(name, self.now if isinstance(self.now, float) else None)
 
     def check(self, right: bool, text: str) -> None:
@@ -262,14 +258,14 @@ def _grid(key: str, r: _Reader) -> Levels:
     r.only(("from", "to", "count", "spacing"))
     first, last = r.number("from"), r.number("to")
     count: Any = r.spec.get("count")
-    spacing, q = r.spec.get("spacing", "linear"), r.quantity
+    spacing = r.spec.get("spacing", "linear")
     right = is_number(count) and isinstance(count, int) and 2 <= count <= MAX_LEVELS
     r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MAX_LEVELS} is expected")
     r.check(spacing in ("linear", "logarithmic"), f"spacing: {spacing!r} is not allowed; write linear or logarithmic")
     positive = spacing == "linear" or (first > 0.0 and last > 0.0)
     r.check(positive, "a logarithmic grid goes from and to values greater than 0")
     values = (np.linspace if spacing == "linear" else np.geomspace)(first, last, count)
-    return Levels(key, tuple(values.tolist()), tuple(map(q.show, values)), q.unit, q.display or q.unit)
+    return Levels(key, tuple(values.tolist()), tuple(map(r.quantity.show, values)), **_shown_in(r.quantity))
 
 
 def _normal(r: _Reader) -> tuple[float, ...]:
@@ -346,7 +342,6 @@ def _distribution(key: str, r: _Reader) -> Uncertain:
     shape = _KINDS[kind].read(r)
     lower, upper = r.number("lower", -math.inf), r.number("upper", math.inf)
     r.check(lower < upper, "lower: must be below upper")
-    q = r.quantity
-    uncertain = Uncertain(key, kind, shape, lower, upper, q.unit, q.display or q.unit)
+    uncertain = Uncertain(key, kind, shape, lower, upper, **_shown_in(r.quantity))
     r.check(uncertain.inside > 1e-6, "lower and upper leave nothing of the distribution between them")
     return uncertain
