@@ -156,7 +156,8 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     """
     expect(table, LineTable, "a table of lines (mv.lines)")
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
-    within = [x for x in table if limit.holds(_frequency(x)) and x.status != TRANSIENT]
+    found = ((x.frequency_hz if math.isfinite(x.frequency_hz) else x.expected_hz, x) for x in table)
+    within = [x for frequency, x in found if limit.holds(frequency) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status == "decaying"]
     margins = [_margin(x, limit, table, ringing, scenario) for x in within if math.isfinite(x.amplitude_n_m)]
     margins.sort(key=lambda m: m.factor)
@@ -181,10 +182,6 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
         for x, start in starts
         if start > _SETTLED * largest
     ]
-
-
-def _frequency(line: Line) -> float:
-    return line.frequency_hz if math.isfinite(line.frequency_hz) else line.expected_hz
 
 
 def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:

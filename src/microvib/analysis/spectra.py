@@ -7,15 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from microvib.errors import ChannelError, SimulationError, expect
-from microvib.signals.spectrum import (
-    Density,
-    Spectrum,
-    Waterfall,
-    Window,
-    amplitude_spectrum,
-    power_spectral_density,
-)
-from microvib.signals.spectrum import waterfall as amplitudes_over_time
+from microvib.signals import spectrum as spectra
+from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.batch import Torque
 from microvib.solve.motion import Motion, series_of, unit_of
 from microvib.testdata.recording import Recording
@@ -49,13 +42,13 @@ def samples_of(source: Sampled, channel: str = "") -> tuple[np.ndarray, float, s
 def spectrum(source: Sampled, channel: str = "", window: Window = "rectangular") -> Spectrum:
     """One-sided amplitude spectrum, 0-to-peak, of a channel, or a load ``Fx`` to ``Mz``, over the whole record."""
     x, rate, unit = samples_of(source, channel)
-    return replace(amplitude_spectrum(x, rate, window), unit=unit)
+    return replace(spectra.amplitude_spectrum(x, rate, window), unit=unit)
 
 
 def psd(source: Sampled, channel: str = "", resolution: Given | None = None, window: Window = "hann") -> Density:
     """One-sided power spectral density (Welch) of a channel, with bins a ``resolution`` apart, such as ``"0.5 Hz"``."""
     x, rate, unit = samples_of(source, channel)
-    return replace(power_spectral_density(x, rate, resolution, window), unit=unit)
+    return replace(spectra.power_spectral_density(x, rate, resolution, window), unit=unit)
 
 
 def waterfall(
@@ -63,4 +56,4 @@ def waterfall(
 ) -> Waterfall:
     """Amplitude spectra of successive stretches of a channel, each one over ``resolution`` long."""
     x, rate, unit = samples_of(source, channel)
-    return replace(amplitudes_over_time(x, rate, resolution, window), unit=unit)
+    return replace(spectra.waterfall(x, rate, resolution, window), unit=unit)

@@ -29,7 +29,7 @@ Writer = Callable[[Path], None]
 _ENDING, _LOCK, _NEW, _OLD = ".microvib", "lock", "new", "old"
 
 
-def write_files(out: Path, files: Mapping[str, str | Writer]) -> None:
+def write_files(out: Path, files: Mapping[str, str | bytes | Writer]) -> None:
     """Fill or replace the folder ``out`` with ``files``, together or not at all; OutputError leaves what was there."""
     out = real_path(out)  # where a link leads, not the link
     with _told(out, "; nothing was left behind"):
@@ -232,7 +232,7 @@ def check_room(out: Path, size: float) -> None:
         )
 
 
-def write_folder(out: Path, files: dict[str, str | Writer], overwrite: bool = False) -> None:
+def write_folder(out: Path, files: Mapping[str, str | bytes | Writer], overwrite: bool = False) -> None:
     """Write a folder of results, whole or not at all, where ``check_folder`` allows it."""
     check_folder(out, overwrite)
     write_files(out, files)

@@ -64,12 +64,14 @@ def analysis_report(a: Analysis, form: Form | None = None) -> Document:
         )
     )  # fmt: skip
     lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
+    record = f"{a.recording.samples} samples at {a.recording.sample_rate:g} Hz, {a.recording.duration:g} s"
+    notes = [("Note", note) for note in a.recording.notes if note]
     return study(
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
         "Lines with uncertainties and spectra of a " + ("torque." if a.unit == "N m" else "force."),
         facts=_facts(a),
-        first_page=(pairs(_source(a)), *_main_lines(a), spectrum),
+        first_page=(pairs([("Source", file_name(a.name)), ("Record", record), *notes]), *_main_lines(a), spectrum),
         sections=(
             *lines,
             Section("Power spectral density", (density,), new_page=not lines),
@@ -99,12 +101,6 @@ def _facts(a: Analysis) -> list[Fact]:
 def _largest(a: Analysis) -> list[Line]:
     seen = [line for line in a.table or () if line.status in ("ok", "decaying", "growing")]
     return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MAX_FIRST_PAGE]
-
-
-def _source(a: Analysis) -> list[tuple[str, str]]:
-    r = a.recording
-    record = f"{r.samples} samples at {r.sample_rate:g} Hz, {r.duration:g} s"
-    return [("Source", file_name(a.name)), ("Record", record), *(("Note", note) for note in r.notes if note)]
 
 
 def _main_lines(a: Analysis) -> tuple[Table, ...]:

@@ -50,6 +50,7 @@ def fallback_for(texts: Iterable[str]) -> Fallback:
 def _found(missing: frozenset[str]) -> Fallback:
     """The fonts of the system that have most of what is missing, one after the other."""
     from matplotlib import font_manager
+    from matplotlib.ft2font import FT2Font
 
     has = {path: missing & set(map(chr, _characters(path))) for path in sorted(font_manager.findSystemFonts())}
     families: list[str] = []
@@ -59,7 +60,7 @@ def _found(missing: frozenset[str]) -> Fallback:
         if not has[best] & missing:
             break
         missing -= has.pop(best)
-        families.append(_family(best))
+        families.append(FT2Font(best).family_name)
         font_manager.fontManager.addfont(best)  # pictures take it too
         folders.append(str(Path(best).parent))
     return Fallback(tuple(families), tuple(dict.fromkeys(folders)), missing)
@@ -74,9 +75,3 @@ def _characters(path: str) -> frozenset[int]:
         return frozenset(FT2Font(path).get_charmap())
     except (RuntimeError, OSError):
         return frozenset()
-
-
-def _family(path: str) -> str:
-    from matplotlib.ft2font import FT2Font
-
-    return FT2Font(path).family_name

@@ -74,14 +74,14 @@ def table_text(source: ModalSource) -> str:
 
 def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     """Header and rows of Table 1; beside the paper's for the array that was fitted to it."""
-    m, paper = source.model, _paper(source)
+    m, paper = source.model, _beside_the_paper(source.name, source.model.frequency)
     header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]",
               "paper [Hz]", "diff. [%]", "paper fraction [1]"]  # fmt: skip
     cumulative = np.cumsum(m.fraction[m.axis])
     effective, fraction = _without_noise(m.effective[m.axis], m.inertia), _without_noise(m.fraction[m.axis], 1.0)
     rows = [
         [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}", f"{fraction[k]:.3g}",
-         f"{cumulative[k]:.4f}", *_paper_cells(paper, k, m.frequency[k])]
+         f"{cumulative[k]:.4f}", *paper[k]]
         for k, kind in enumerate(mode_kinds(source))
     ]  # fmt: skip
     return header[: len(rows[0])], rows
@@ -99,23 +99,16 @@ _PAPER = {
 """Table of the paper, and its column, that a structure of the catalog was fitted to."""
 
 
-def _paper(source: ModalSource) -> list[dict[str, str]]:
-    if source.name not in _PAPER:
-        return []
-    table, column = _PAPER[source.name]
-    return [{"frequency_hz": row[column], **row} for row in read_table(table)]
-
-
-def _paper_cells(paper: list[dict[str, str]], k: int, frequency: float) -> list[str]:
-    """The paper's frequency, the difference from it, and where its table has them the effective fraction."""
-    if not paper:
-        return []
-    fractions = "effective_fraction" in paper[0]
-    if k >= len(paper):
-        return [""] * (3 if fractions else 2)
-    f = float(paper[k]["frequency_hz"])
-    cells = [f"{f:g}", f"{100 * (frequency / f - 1):+.1f}"]
-    return [*cells, f"{float(paper[k]['effective_fraction']):.3g}"] if fractions else cells
+def _beside_the_paper(name: str, frequencies: np.ndarray) -> list[list[str]]:
+    """The paper's frequencies, the differences from them, and where its table has them the effective fractions."""
+    if name not in _PAPER:
+        return [[] for _ in frequencies]
+    file, column = _PAPER[name]
+    cells = []
+    for row, f in zip(read_table(file), frequencies, strict=False):
+        paper, fraction = float(row[column]), row.get("effective_fraction")
+        cells.append([f"{paper:g}", f"{100 * (f / paper - 1):+.1f}", *([f"{float(fraction):.3g}"] if fraction else [])])
+    return [*cells, *[[""] * len(cells[0])] * (len(frequencies) - len(cells))]
 
 
 def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:

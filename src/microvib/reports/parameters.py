@@ -45,14 +45,11 @@ def provenance(source: str) -> Provenance:
         return Provenance(status)
     if status == "identified":
         reference, _, detail = source.rpartition(": ")
-        return Provenance(status, _printed(detail), reference) if reference else Provenance(status, "", source)
+        printed = detail.replace("^2", "²").replace("*", " ").replace(" percent", " %")
+        return Provenance(status, printed, reference) if reference else Provenance(status, "", source)
     if status in ("assumed", "computed") and source.lower().startswith(status):
         return Provenance(status, source.partition(":")[2].strip() or source.removeprefix(status).strip(" ;,"))
     return Provenance(status, "", source)
-
-
-def _printed(detail: str) -> str:
-    return detail.replace("^2", "²").replace("*", " ").replace(" percent", " %")
 
 
 def _told(part: Part) -> Iterator[tuple[str, str, str]]:

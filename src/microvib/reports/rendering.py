@@ -7,23 +7,24 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import asdict
-from functools import partial
 from hashlib import sha256
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from microvib.io.writing import Writer, write_folder
+from markupsafe import Markup, escape
+
+from microvib.io.writing import write_folder
 from microvib.reports.document import Block, Document, Form, Table
 from microvib.reports.fonts import fallback_for, package_fonts
 from microvib.reports.typography import typeset
 
 
-def report_files(document: Document, form: Form | None) -> dict[str, str | Writer]:
+def report_files(document: Document, form: Form | None) -> dict[str, str | bytes]:
     """``report.html``, and ``report.pdf`` where that was asked for, as ``write_folder`` takes them."""
-    files: dict[str, str | Writer] = {"report.html": html(document)}
+    files: dict[str, str | bytes] = {"report.html": html(document)}
     if form is not None and form.pdf:
-        files["report.pdf"] = partial(_write, pdf(document))
+        files["report.pdf"] = pdf(document)
     return files
 
 
@@ -36,14 +37,9 @@ def write_study(
     return tuple(files)
 
 
-def _write(content: bytes, path: Path) -> None:
-    path.write_bytes(content)
-
-
 def html(document: Document) -> str:
     """The document as one HTML file."""
     from jinja2 import Environment
-    from markupsafe import Markup
 
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"address": address, "inline": _inline, "symbols": _symbols, "key": _key}
@@ -126,23 +122,17 @@ _SYMBOL = re.compile(r"\b([TJKf])_(d|e|f,m|f|g|l|h|m|flex)\b")
 
 def _symbols(text: str) -> Any:
     """Text for HTML, symbols with their index set low."""
-    from markupsafe import Markup, escape
-
     return Markup(_SYMBOL.sub(r"<i>\1</i><sub>\2</sub>", str(escape(text))))
 
 
 def _inline(text: str) -> Any:
     """The same, and what stands between backticks as code."""
-    from markupsafe import Markup, escape
-
     parts = text.split("`")
     return Markup("").join(Markup(f"<code>{escape(x)}</code>") if k % 2 else _symbols(x) for k, x in enumerate(parts))
 
 
 def _key(text: str) -> Any:
     """A dotted key that may break after its dots and underscores."""
-    from markupsafe import Markup, escape
-
     return Markup(re.sub(r"([._])", r"\1<wbr>", str(escape(text))))
 
 

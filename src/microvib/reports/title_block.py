@@ -65,9 +65,8 @@ def read_title_block(path: Path) -> TitleBlock:
         raise MicrovibError(f"{path}: is not report data; lines such as 'author: A. Engineer' are expected")
     unknown = [key for key in data if key not in KEYS]
     if unknown:
-        raise MicrovibError(
-            f"{path}: '{_shown(unknown[0])}' is not a key of report data; allowed are {', '.join(KEYS)}"
-        )
+        allowed = ", ".join(KEYS)
+        raise MicrovibError(f"{path}: '{_shown(unknown[0])}' is not a key of report data; allowed are {allowed}")
     texts = {key: _text(path, key, value) for key, value in data.items() if key != "signatures"}
     signatures = _signatures(path, data["signatures"]) if "signatures" in data else TitleBlock.signatures
     return TitleBlock(**texts, signatures=signatures)
@@ -77,14 +76,14 @@ def _text(path: Path, key: str, value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, bool | list | dict) or len(str(value)) > _LONGEST:
-        raise MicrovibError(
-            f"{path}: {key}: '{_shown(value)}' is not allowed; a text of at most {_LONGEST} characters is"
-        )
+        allowed = f"a text of at most {_LONGEST} characters is"
+        raise MicrovibError(f"{path}: {key}: '{_shown(value)}' is not allowed; {allowed}")
     return " ".join(str(value).split())
 
 
 def _signatures(path: Path, value: Any) -> tuple[tuple[str, str], ...]:
-    roles = value if isinstance(value, Mapping) else dict.fromkeys(value) if _is_list_of_texts(value) else {}
+    names = isinstance(value, list) and all(isinstance(role, str) for role in value)
+    roles = value if isinstance(value, Mapping) else dict.fromkeys(value) if names else {}
     if not 1 <= len(roles) <= _MAX_ROLES:
         raise MicrovibError(
             f"{path}: signatures: '{_shown(value)}' is not allowed; 1 to {_MAX_ROLES} roles with names are, such as"
@@ -93,10 +92,6 @@ def _signatures(path: Path, value: Any) -> tuple[tuple[str, str], ...]:
     return tuple(
         (_text(path, "signatures", role), _text(path, f"signatures.{role}", name)) for role, name in roles.items()
     )
-
-
-def _is_list_of_texts(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(role, str) for role in value)
 
 
 def _shown(value: Any) -> str:

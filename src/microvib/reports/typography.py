@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 
-from microvib.reports.document import Block, Code, Column, Document, Figure, Live, Row, Section, Table, Text
+from microvib.reports.document import Block, Code, Column, Document, Figure, Live, Row, Table, Text
 
 _MINUS = re.compile(r"(?<![\w.)\]/-])-(?=\.?\d)|(?<= )-(?= )")
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-])0*(\d+)\b")
@@ -28,7 +28,9 @@ def typeset(document: Document) -> Document:
         subtitle=in_print(document.subtitle),
         facts=tuple(replace(f, value=in_print(f.value), label=in_print(f.label)) for f in document.facts),
         first_page=tuple(map(_block, document.first_page)),
-        sections=tuple(map(_section, document.sections)),
+        sections=tuple(
+            replace(s, title=in_print(s.title), blocks=tuple(map(_block, s.blocks))) for s in document.sections
+        ),
     )
 
 
@@ -65,10 +67,6 @@ def command_without_folders(command: str) -> str:
     except ValueError:
         return without_folders(command)
     return shlex.join(_FOLDERS_OF_WORD.sub(lambda found: found[1] or "", word) for word in words)
-
-
-def _section(section: Section) -> Section:
-    return replace(section, title=in_print(section.title), blocks=tuple(map(_block, section.blocks)))
 
 
 def _block(block: Block) -> Block:

@@ -83,7 +83,9 @@ def _source(
     """Recording, background, lines, and the step clock over nominal at which the lines were expected."""
     match source:
         case Scenario():
-            return _with_lines(_simulated(name, source, progress), channel, source)
+            motion, axis = simulate(source, channels=("T_d",), progress=progress), "M" + source.array.drive_axis
+            simulated = Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or source.title)
+            return _with_lines(simulated, channel, source)
         case RunFolder():
             guide = source.scenario or guide
             if source.motion is None:
@@ -94,8 +96,8 @@ def _source(
             return _with_lines(source.motion, channel, guide)
         case Prepared(recording, background):
             # a channel that is not called as a component is taken for the torque about the drive axis
-            axis = guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
-            if channel.startswith("F") or not axis:
+            is_axis = guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
+            if channel.startswith("F") or not is_axis:
                 check(recording, channel)
                 return recording, background, None, 1.0
             table = lines_of_recording(recording, channel, guide, background)
@@ -103,16 +105,8 @@ def _source(
                 return recording.noted(NO_DRIVE), background, table, 1.0
             return recording, background, table, guide.tracking.clock_ratio
         case _:
-            raise MicrovibError(
-                f"{name or 'the source'}: lines alone cannot be analysed; expected a scenario, the folder of a run or a"
-                " recording"
-            )
-
-
-def _simulated(name: str, scenario: Scenario, progress: Progress | None) -> Recording:
-    motion = simulate(scenario, channels=("T_d",), progress=progress)
-    axis = "M" + scenario.array.drive_axis
-    return Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or scenario.title)
+            expected = "a scenario, the folder of a run or a recording"
+            raise MicrovibError(f"{name or 'the source'}: lines alone cannot be analysed; expected {expected}")
 
 
 def _with_lines(recording: Recording, channel: str, guide: Scenario) -> tuple[Recording, None, LineTable | None, float]:

@@ -177,7 +177,13 @@ def _side(
         case Recording():
             return _side(Prepared(source), name, guide, channel, clock, progress)
         case RunFolder():
-            return _folder(source)
+            if source.lines is None:
+                raise MicrovibError(f"{source.path}: is not a run folder; it has no lines.csv")
+            torque, rate = (
+                (None, math.nan) if source.motion is None else (source.motion["Mz"], source.motion.sample_rate)
+            )
+            ratio = None if source.scenario is None else source.scenario.tracking.clock_ratio
+            return Side(str(source.path), "run", _figures(source.lines), ratio, torque, rate, source.scenario)
         case Prepared(recording, background):
             table = lines_of_recording(recording, channel, guide, background)
             found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
@@ -187,14 +193,6 @@ def _side(
             return Side(f"paper-{source.column}", "paper", _figures(source.table))
         case LineTable():
             return Side(name, "table", _figures(source))
-
-
-def _folder(run: RunFolder) -> Side:
-    if run.lines is None:
-        raise MicrovibError(f"{run.path}: is not a run folder; it has no lines.csv")
-    torque, rate = (None, math.nan) if run.motion is None else (run.motion["Mz"], run.motion.sample_rate)
-    ratio = None if run.scenario is None else run.scenario.tracking.clock_ratio
-    return Side(str(run.path), "run", _figures(run.lines), ratio, torque, rate, run.scenario)
 
 
 def _figures(table: LineTable) -> dict[str, Figures]:

@@ -13,18 +13,10 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.io.tables import read_table
 from microvib.model.sentences import validated
+from microvib.structures import springs
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import COUNTERWEIGHTS, CoilSpring, SimulatorDesign
-from microvib.structures.springs import (
-    SPRINGS,
-    allowable_stress,
-    coil_stress,
-    kinetic_energy,
-    preload_stiffness,
-    spring_energy,
-    torsion_frequency,
-    torsion_stiffness,
-)
+from microvib.structures.springs import SPRINGS, torsion_stiffness
 from microvib.units import Si
 
 SLACK_RESERVE = 1.5
@@ -69,12 +61,12 @@ class Setting:
     @property
     def stress(self) -> float:
         """Largest shear stress in a spring's coils [Pa]."""
-        return coil_stress(self.forces[1], self.design.spring.wire, self.design.spring.coil)
+        return springs.coil_stress(self.forces[1], self.design.spring.wire, self.design.spring.coil)
 
     @property
     def allowable(self) -> float:
         """What that stress may be [Pa]."""
-        return allowable_stress(self.design.spring.wire)
+        return springs.allowable_stress(self.design.spring.wire)
 
     @property
     def margin(self) -> float:
@@ -97,11 +89,11 @@ class Setting:
         d = self.design
         printed = 2.0 * d.arm * math.sqrt(2.0 * d.spring.rate / d.moving_inertia)
         return {
-            "kinetic_energy_j": kinetic_energy(d.moving_inertia, printed * self.amplitude),
-            "spring_energy_j": spring_energy(d.spring.rate, d.arm, d.preload, self.amplitude),
+            "kinetic_energy_j": springs.kinetic_energy(d.moving_inertia, printed * self.amplitude),
+            "spring_energy_j": springs.spring_energy(d.spring.rate, d.arm, d.preload, self.amplitude),
             "stiffness_n_m_per_rad": torsion_stiffness(d.spring.rate, d.arm),
             "printed_eq_24_rad_per_s": printed,
-            "frequency_hz": torsion_frequency(d.spring.rate, d.arm, d.moving_inertia),
+            "frequency_hz": springs.torsion_frequency(d.spring.rate, d.arm, d.moving_inertia),
         }
 
 
@@ -318,12 +310,14 @@ def response(design: SimulatorDesign, values: np.ndarray) -> tuple[Any, Any]:
     d, f, w = design, design.frame, design.counterweight
     force = d.spring.initial_tension + rate * preload
     length = d.spring.free_length + preload
-    springs = rate * np.repeat(arm, 2, axis=-1) ** 2 + preload_stiffness(force, d.plate.hook, length) / SPRINGS
+    stiffness = (
+        rate * np.repeat(arm, 2, axis=-1) ** 2 + springs.preload_stiffness(force, d.plate.hook, length) / SPRINGS
+    )
     seats = (f.spring_seat_mass + d.spring.mass) * (arm**2 - d.arm**2)
     weights = (mass + f.weight_seat_mass) * radius**2 + mass * w.diameter**2 / 8.0 + f.weight_seat_mass * f.rail**2 / 3
     moving = frame[..., 0] + d.seats_inertia + seats.sum(-1) + weights.sum(-1)
     on_shaft = d.J_h + ((d.plate.slider_mass + d.spring.mass) * (arm**2 - d.arm**2)).sum(-1)
-    return np.sqrt(springs.sum(-1) / moving) / (2.0 * np.pi), moving + on_shaft
+    return np.sqrt(stiffness.sum(-1) / moving) / (2.0 * np.pi), moving + on_shaft
 
 
 def tolerance(design: SimulatorDesign) -> Tolerance:

@@ -52,7 +52,10 @@ def sized(
     further = given or (read_states(file) if file is not None else paper_states())
     angle = math.radians(quantity("amplitude", amplitude, "deg", positive=True))
     turning = math.radians(quantity("rate", rate, "deg/s", positive=True))
-    return Sized(size(target, further, _simulator(design), angle), turning, model)
+    simulator = load_design(design)
+    if not isinstance(simulator, SimulatorDesign):
+        raise ScenarioError(f"{design}: describes an array; a simulator is expected, such as reference-sas")
+    return Sized(size(target, further, simulator, angle), turning, model)
 
 
 def parse_state(text: str, name: str) -> TargetState:
@@ -87,10 +90,3 @@ def _positive(key: str, text: str, unit: str) -> float:
     with suppress(ValueError):
         text = f"{float(text)!r} {unit}"
     return quantity(key, text, unit, positive=True)
-
-
-def _simulator(source: str) -> SimulatorDesign:
-    design = load_design(source)
-    if not isinstance(design, SimulatorDesign):
-        raise ScenarioError(f"{source}: describes an array; a simulator is expected, such as reference-sas")
-    return design

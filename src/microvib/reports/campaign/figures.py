@@ -9,16 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.reports import sheets
+from microvib.studies.campaign import statistics
 from microvib.studies.campaign.effects import Indices, Tornado
 from microvib.studies.campaign.results import Results
-from microvib.studies.campaign.statistics import (
-    Level,
-    LineStatistics,
-    amplitudes,
-    draws_needed,
-    exceedance,
-    independent,
-)
+from microvib.studies.campaign.statistics import Level, LineStatistics, amplitudes
 from microvib.studies.campaign.variation import Levels, Varied
 from microvib.units import convert, pretty
 
@@ -82,7 +76,7 @@ def _plain_decades(axis: Any) -> None:
 def _of_level(results: Results, level: Level) -> np.ndarray:
     """Which cases are independent draws of one level, (cases,)."""
     design = results.campaign.design
-    return independent(design) & (np.arange(design.cases) // design.samples.shape[0] == level.number)
+    return statistics.independent(design) & (np.arange(design.cases) // design.samples.shape[0] == level.number)
 
 
 def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
@@ -95,7 +89,7 @@ def histograms(results: Results, lines: Sequence[str], limit: float | None, band
         bins = int(np.clip(math.sqrt(x.size), 5, 60))
         ax.hist(x, bins=bins, color=sheets.BLUE, edgecolor="white", linewidth=0.4)
         for q, style in ((0.5, "-"), (0.95, "--"), (0.99, ":")):
-            if x.size >= draws_needed(q):
+            if x.size >= statistics.draws_needed(q):
                 point = float(np.quantile(x, q))
                 ax.axvline(point, color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %")
         if limit is not None and 1e3 * limit < 3.0 * float(x.max(initial=0.0)):  # else the picture would shrink
@@ -110,7 +104,7 @@ def exceedances(results: Results, lines: Sequence[str], limit: float | None, ban
     figure, ax = sheets.one_axes(3.4)
     styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
     for k, line in enumerate(lines):
-        x, part = exceedance(amplitudes(results, line, band)[counted])
+        x, part = statistics.exceedance(amplitudes(results, line, band)[counted])
         colour = sheets.COLOURS[k % len(sheets.COLOURS)]
         ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
     _limit(ax, limit)

@@ -17,22 +17,12 @@ from microvib.reports.blocks import drawn, study
 from microvib.reports.campaign import figures
 from microvib.reports.document import Block, Document, Fact, Form, Section, Table, Text, table
 from microvib.reports.numbers import brief_milli, count, given, plain, short, torque
+from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
-from microvib.studies.campaign.statistics import (
-    ANY,
-    AnyLevel,
-    Estimate,
-    LineStatistics,
-    at_any_level,
-    draws_needed,
-    governing,
-    line_statistics,
-    main_lines,
-    worst_cases,
-)
+from microvib.studies.campaign.statistics import ANY, AnyLevel, Estimate, LineStatistics, draws_needed
 from microvib.units import Si
 
 if TYPE_CHECKING:
@@ -75,20 +65,24 @@ class Summary:
 
 def summarise(results: Results, limit: float | None, band: tuple[float, float]) -> Summary:
     """Statistics, worst cases, effects and Sobol indices of merged results."""
-    rows = line_statistics(results, limit, band)
-    lines = main_lines(rows) or list(results.lines[:4])
+    rows = statistics.line_statistics(results, limit, band)
+    lines = statistics.main_lines(rows) or list(results.lines[:4])
     shown = [ANY, *lines]
     tornados = [t for line in shown[:4] if (t := tornado(results, line, band)) and t.effects]
     indices = [i for line in shown[:4] if (i := sobol(results, line, band))]
-    worst = {line: worst_cases(results, line, band, WORST) for line in shown}
-    any_level = at_any_level(results, limit, band) if limit is not None and len({r.level for r in rows}) > 1 else None
+    worst = {line: statistics.worst_cases(results, line, band, WORST) for line in shown}
+    any_level = (
+        statistics.at_any_level(results, limit, band)
+        if limit is not None and len({r.level for r in rows}) > 1
+        else None
+    )
     return Summary(results, limit, band, rows, any_level, lines, worst, tornados, indices)
 
 
 def shown(s: Summary) -> list[LineStatistics]:
     """Each line at the level at which it is largest: the largest of all, lines of the pictures, and what else is at least a
     hundredth of the largest."""
-    rows = governing(s.rows)
+    rows = statistics.governing(s.rows)
     top = rows[0].largest
     return [r for r in rows if r.line in (ANY, *s.lines) or ("_plus_" not in r.line and "_minus_" not in r.line
             and r.largest > 0.01 * top)]  # fmt: skip
@@ -183,7 +177,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
         Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
         Section("How to read the figures", (Text(_how_to_read(s)),)),
         *(Section(pictures[name].title, (block,)) for name, block in figure.items()),
-        *_failed(s.results),
+        *([Section("Failed cases", _failed(s.results))] if FAILED in s.results.state else []),
         Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
     ]
     done, cases = counts(s.results)[DONE], campaign.design.cases
@@ -309,25 +303,19 @@ def _worst(s: Summary) -> list[Block]:
         return [Text("No case is done.")]
     design = s.results.campaign.design
     labels = [design.labels(case) for case, _ in found]
+    which = {case: line for line, cases in reversed(s.worst.items()) if line != ANY for case in cases}
     header = ["what", "unit", *(f"case {case} [1]" for case, _ in found), "scenario [1]"]
     rows = [
         ["largest line", "mN m", *(brief_milli(amplitude) for _, amplitude in found), ""],
-        ["which line", "", *(_which(s, case, amplitude) for case, amplitude in found), ""],
-        *(
-            _varied_row(design.base, key, texts)
-            for key in design.keys
-            if any(texts := [x.get(key, "") for x in labels])
-        ),
+        ["which line", "", *(which.get(case, "") for case in found), ""],
     ]
+    varied = {key: [x.get(key, "") for x in labels] for key in design.keys}
+    rows += [_varied_row(design.base, key, texts) for key, texts in varied.items() if any(texts)]
     caption = "Cases with the largest lines, worst first; scenario: what the study starts from."
     folder = s.results.campaign.folder
     again = f"`microvib campaign case {folder.name or folder} CASE`. All digits are in `worst.csv`."
     note = Text(f"Each case runs again alone: {again}", note=True)
     return [table(header, rows, caption, {0: "strong"}), _worst_of_lines(s), note]
-
-
-def _which(s: Summary, case: int, amplitude: float) -> str:
-    return next((line for line, found in s.worst.items() if line != ANY and (case, amplitude) in found), "")
 
 
 def _varied_row(base: Scenario, key: str, labels: Sequence[str]) -> list[str]:
@@ -345,18 +333,17 @@ _NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
 
 
 def _worst_of_lines(s: Summary) -> Table:
-    header = [
-        "line",
-        *(text for what in ("worst case", "second", "third") for text in (f"{what} [1]", "its amplitude [mN m]")),
-    ]
-    rows = []
+    header, rows = ["line"], []
+    for what in ("worst case", "second", "third"):
+        header += [f"{what} [1]", "its amplitude [mN m]"]
     for line, found in s.worst.items():
         cells = [cell for case, amplitude in found[:3] for cell in (str(case), brief_milli(amplitude))]
         rows.append([line, *cells, *[""] * (6 - len(cells))])
     return table(header, rows, "The worst cases of each line.", {0: "strong"})
 
 
-def _failed(results: Results) -> list[Section]:
+def _failed(results: Results) -> tuple[Block, ...]:
     rows = [[str(case), reason] for case, reason in enumerate(results.reasons) if reason]
-    more = [Text("All of them are in `failed.csv`.")] if len(rows) > 20 else []
-    return [Section("Failed cases", (table(["case [1]", "reason"], rows[:20]), *more))] if rows else []
+    return table(["case [1]", "reason"], rows[:20]), *(
+        [Text("All of them are in `failed.csv`.")] if len(rows) > 20 else []
+    )

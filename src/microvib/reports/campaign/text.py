@@ -13,19 +13,8 @@ import numpy as np
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv
 from microvib.io.writing import write_file
-from microvib.reports.campaign.report import (
-    MAX_LEVELS,
-    Summary,
-    above_limit,
-    campaign_report,
-    counts,
-    draw,
-    hertz,
-    interval,
-    percents,
-    shown,
-    why_not_judged,
-)
+from microvib.reports.campaign import report
+from microvib.reports.campaign.report import MAX_LEVELS, Summary, above_limit, hertz, interval, percents, shown
 from microvib.reports.document import Form
 from microvib.reports.numbers import brief_milli
 from microvib.reports.rendering import write_study
@@ -69,7 +58,7 @@ def _kind_of(reason: str) -> str:
 
 def report_text(s: Summary) -> str:
     """Distributions, exceedance, effects and worst cases as text."""
-    cases = counts(s.results)
+    cases = report.counts(s.results)
     lines = [f"{cases[DONE]} cases, {cases[FAILED]} failed, {cases[MISSING]} not computed yet."]
     if s.rows:
         above = "" if s.limit is None else f"{'above ' + format(1e3 * s.limit, 'g') + ' mN m':>32s}"
@@ -84,7 +73,7 @@ def report_text(s: Summary) -> str:
         any_, e = s.any_level, s.any_level.exceedance
         lines += ["", f"Above {1e3 * s.limit:g} mN m at one level or more: {any_.above} of {any_.count} draws, {any_.unknown} not"
                   f" judged, {100 * e.value:.3g} % (95 % interval {percents(e)} %)."]  # fmt: skip
-    lines += ["", why] if (why := why_not_judged(s)) else []
+    lines += ["", why] if (why := report.why_not_judged(s)) else []
     for item in s.tornados[:2]:
         effects = ", ".join(f"{e.key} {1e3 * e.low:.4g} to {1e3 * e.high:.4g}" for e in item.effects[:4])
         fit = f" (plane explains {100 * item.explained:.0f} %)" if math.isfinite(item.explained) else ""
@@ -115,14 +104,14 @@ def _level_text(r: LineStatistics) -> str:
 
 def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, ...]:
     """Tables, pictures and report of a campaign; they replace those of an earlier call."""
-    pictures = draw(s)
+    pictures = report.draw(s)
     files: dict[str, Any] = {
         "statistics.csv": _statistics_csv(s.rows),
         **_cases_csv(s),
         "effects.csv": _effects_csv(s),
         **{f"{name}.png": png(picture.drawing) for name, picture in pictures.items()},
     }
-    return write_study(out, files, campaign_report(s, pictures, form), form, overwrite=True)
+    return write_study(out, files, report.campaign_report(s, pictures, form), form, overwrite=True)
 
 
 def _statistics_csv(rows: Sequence[LineStatistics]) -> str:

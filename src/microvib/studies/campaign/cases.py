@@ -190,11 +190,6 @@ def _end() -> None:
     os._exit(1)
 
 
-def _allowed(work: Work, scenario: Scenario) -> float:
-    record = scenario.record
-    return MIN_TIME + record.settle + record.duration if work.time_limit is None else work.time_limit
-
-
 def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) -> list[_Result]:
     """Cases that share the kernel's lanes, or one that is solved alone."""
     results = {k: DEADLY for k in positions if k in work.deadly}
@@ -204,7 +199,8 @@ def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) 
             scenarios[k] = work.base.with_si(work.changes[k])
         except MicrovibError as error:
             results[k] = _failed(error)
-    begin(sum(_allowed(work, scenario) for scenario in scenarios.values()))
+    own = [MIN_TIME + s.record.settle + s.record.duration for s in scenarios.values()]
+    begin(sum(own) if work.time_limit is None else len(own) * work.time_limit)
     torques = [None] * len(scenarios) if work.steady else _torques(list(scenarios.values()))
     for (k, scenario), torque in zip(scenarios.items(), torques, strict=True):
         results[k] = _solved(work, scenario, torque)

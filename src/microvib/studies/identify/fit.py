@@ -13,6 +13,7 @@ from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Simulated, evidence_of
+from microvib.studies.identify import verdict
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import (
@@ -26,16 +27,7 @@ from microvib.studies.identify.problem import (
     goodness,
 )
 from microvib.studies.identify.search import Optimum, confirm, material, search
-from microvib.studies.identify.verdict import (
-    SETTLE,
-    Estimate,
-    Findings,
-    Leaning,
-    correlations,
-    estimate,
-    leanings,
-    rival,
-)
+from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
 
 MODEL_ERROR = 0.004
@@ -172,10 +164,10 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
     if converged and goodness(found.problem, best.r).explained:
         for better in _with_intervals(found):
             yield (found := better)
-    found = replace(found, rival=rival(found.problem, found.best, optima, found.local))
+    found = replace(found, rival=verdict.rival(found.problem, found.best, optima, found.local))
     yield found
     if found.intervals is not None:
-        yield replace(found, leanings=leanings(found.problem, found.best, found.local))
+        yield replace(found, leanings=verdict.leanings(found.problem, found.best, found.local))
 
 
 def _with_intervals(found: Findings) -> Iterator[Findings]:
@@ -193,7 +185,7 @@ def _with_intervals(found: Findings) -> Iterator[Findings]:
 
 def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
     problem, best = found.problem, found.best
-    of_each = tuple(estimate(found, k) for k in range(best.x.size))
+    of_each = tuple(verdict.estimate(found, k) for k in range(best.x.size))
     tests = [one for one, _ in problem.tests]
     names = ", ".join(one.name for one in tests)
     sources = dict(scenario.sources) | {e.key: source(e, names) for e in of_each}

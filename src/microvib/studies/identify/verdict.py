@@ -115,9 +115,9 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
     value = key.value(float(findings.best.x[k]))
     half = 0.5 * (key.value(interval.high) - key.value(interval.low))
     if interval.open_low or interval.open_high or half > Z * WIDE * abs(value):
-        partner = _partner(findings.local, k)
-        if partner is not None:
-            return False, f"not identifiable apart from {findings.problem.keys[partner].key}"
+        correlation = np.abs(np.where(np.arange(findings.best.x.size) == k, 0.0, correlations(findings.local)[k]))
+        if correlation.max() > TIED:
+            return False, f"not identifiable apart from {findings.problem.keys[int(correlation.argmax())].key}"
         return False, "not identifiable: the evidence hardly changes with it"
     late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE), 0.0)
     if abs(late) * ASSUMED_TIME * abs(value) > half:
@@ -125,14 +125,6 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
         moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
         return False, f"not identifiable without the settling time: {moves}"
     return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
-
-
-def _partner(local: Local, k: int) -> int | None:
-    """The parameter that one cannot be distinguished from."""
-    correlation = np.abs(correlations(local)[k])
-    correlation[k] = 0.0
-    partner = int(np.argmax(correlation))
-    return partner if correlation[partner] > TIED else None
 
 
 def correlations(local: Local) -> np.ndarray:
