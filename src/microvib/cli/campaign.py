@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from microvib.reports.document import Form
     from microvib.studies.campaign.folder import Campaign
 
-_EVERY = 15.0
-"""Seconds between two lines of progress where there is no terminal."""
+_EVERY = 15.0  # seconds between two lines of progress where there is no terminal
 
 folder_argument = click.argument("folder", metavar="DIR", type=PATH)
 

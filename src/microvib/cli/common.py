@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 Command = Callable[..., None]
 PATH = click.Path(path_type=Path)
-MAX_DOUBTS = 8
-"""Values of a scenario that are told as unusual."""
+MAX_DOUBTS = 8  # values of a scenario that are told as unusual
 
 set_option = click.option(
     "--set",

@@ -9,10 +9,8 @@ from typing import Any
 
 import click
 
-_PAUSE = 0.1
-"""Seconds between two drawings of a bar."""
-_WIDE = 80
-"""Columns of a terminal from which on there is room for the bar itself."""
+_PAUSE = 0.1  # seconds between two drawings of a bar
+_WIDE = 80  # columns of a terminal from which on there is room for the bar itself
 
 
 class progress_bar:

@@ -17,10 +17,8 @@ import click
 from microvib.errors import MicrovibError, OptionError
 
 FAILED, BUG, INTERRUPTED = 1, 70, 128 + signal.SIGINT
-CLOSED_PIPE = 128 + 13
-"""As the shell counts a program that SIGPIPE ended."""
-TRACEBACK = "MICROVIB_TRACEBACK"
-"""Environment variable that asks for the traceback of a bug."""
+CLOSED_PIPE = 128 + 13  # as the shell counts a program that SIGPIPE ended
+TRACEBACK = "MICROVIB_TRACEBACK"  # environment variable that asks for the traceback of a bug
 
 _EXTRAS = {
     "pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data", "typst": "report", "distributed": "dask",

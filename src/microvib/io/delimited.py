@@ -16,8 +16,7 @@ from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import convert
 
 FEWEST_ROWS = 8
-LONGEST_TOP = 500
-"""Lines that may stand above the numbers."""
+LONGEST_TOP = 500  # lines that may stand above the numbers
 _FORMS = (("\t", "."), (";", "."), (",", "."), (None, "."), ("\t", ","), (";", ","), (None, ","))
 """Separators (None: blanks) and decimal marks, in the order in which they are tried."""
 _NUMBER = re.compile(

@@ -12,8 +12,7 @@ from typing import Any
 
 from microvib.errors import MicrovibError, error_context
 
-LARGEST = 8_000_000_000
-"""Bytes of the largest file that is opened."""
+LARGEST = 8_000_000_000  # bytes of the largest file that is opened
 
 
 @contextmanager

@@ -20,16 +20,11 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 
-MAX_BYTES = 2_000_000_000
-"""Bytes in memory of all that is read of one file."""
-LARGEST_CHUNK = 100_000_000
-"""Bytes in memory of one chunk of a dataset."""
-MAX_OBJECTS = 10_000
-"""Groups, datasets and references that are opened of one file."""
-DEEPEST = 10
-"""Groups within groups."""
-LONGEST_TEXT = 65_536
-"""Bytes of one text."""
+MAX_BYTES = 2_000_000_000  # bytes in memory of all that is read of one file
+LARGEST_CHUNK = 100_000_000  # bytes in memory of one chunk of a dataset
+MAX_OBJECTS = 10_000  # groups, datasets and references that are opened of one file
+DEEPEST = 10  # groups within groups
+LONGEST_TEXT = 65_536  # bytes of one text
 DEFLATE = 1
 FILTERS = {DEFLATE: "deflate", 2: "shuffle", 3: "fletcher32"}
 """Filters that HDF5 has built in, by their numbers; others would be loaded from plug-ins."""

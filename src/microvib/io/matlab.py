@@ -18,8 +18,7 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.io.hdf5 import DEEPEST, MAX_BYTES, MAX_OBJECTS, Dataset, Group, open_hdf5
 
-_MATRIX, _COMPRESSED = 14, 15
-"""Types of elements in a file of version 5."""
+_MATRIX, _COMPRESSED = 14, 15  # types of elements in a file of version 5
 _HOLDERS, _TEXT, _NUMBERS = (1, 2, 3), 4, range(6, 16)
 """Classes of arrays there: cells, structs and objects; characters; numbers."""
 

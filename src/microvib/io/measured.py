@@ -13,8 +13,7 @@ from microvib.testdata.channels import in_yaml, is_time
 from microvib.testdata.recording import Recording, RecordingError, regular_rate, snapped_rate
 from microvib.units import convert
 
-SAME_RATE = 1e-4
-"""Relative difference up to which two statements on the sample rate agree: time axes have few digits."""
+SAME_RATE = 1e-4  # relative difference up to which two statements on the sample rate agree: time axes have few digits
 _RATES = re.compile(
     r"fs|f_?s(am(p|ple))?|s(ample|ampling)?_?(rate|freq|frequency)(_?hz)?|sfreq|srate|abtast(rate|frequenz)",
     re.IGNORECASE,

@@ -21,13 +21,11 @@ if TYPE_CHECKING:
 
 __all__ = ["DEFAULT_MODES", "MAX_MODES", "ModalSource", "load_design", "modal_source"]
 
-DEFAULT_MODES = 10
-"""Modes taken of finite elements where their number is not given."""
+DEFAULT_MODES = 10  # modes taken of finite elements where their number is not given
 StructureDesign = ArrayDesign | SimulatorDesign
 DESCRIPTIONS = (".yaml", ".yml")
 TABLES = (".csv",)
-RESULTS = (".op2", ".op4", ".pch", ".f06", ".out", ".txt")
-"""Endings of what Nastran and Ansys write."""
+RESULTS = (".op2", ".op4", ".pch", ".f06", ".out", ".txt")  # endings of what Nastran and Ansys write
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
 from microvib.testdata.response import Stage
 
-LARGEST = 2_000_000_000
-"""Bytes of the largest recording that is read."""
+LARGEST = 2_000_000_000  # bytes of the largest recording that is read
 
 
 def read_recording(path: Path | str, sample_rate: float | None = None) -> Recording:

@@ -23,8 +23,7 @@ from microvib.units import convert
 if TYPE_CHECKING:
     from microvib.structures.modal import ModalModel
 
-LARGEST_FILE = 1_000_000
-"""Bytes of the largest scenario file that is read."""
+LARGEST_FILE = 1_000_000  # bytes of the largest scenario file that is read
 
 
 def catalog_names() -> tuple[str, ...]:
@@ -32,8 +31,7 @@ def catalog_names() -> tuple[str, ...]:
     return tuple(name for name in _catalog_files() if name != "new" and not name.startswith(REFERENCE))
 
 
-REFERENCE = "reference-"
-"""How names of catalog files begin that describe structures, not scenarios."""
+REFERENCE = "reference-"  # how names of catalog files begin that describe structures, not scenarios
 
 
 def reference_names() -> tuple[str, ...]:

@@ -11,8 +11,7 @@ from ruamel.yaml.parser import Parser
 
 from microvib.errors import ScenarioError
 
-DEEPEST = 100
-"""Levels of lists and mappings in each other, at most."""
+DEEPEST = 100  # levels of lists and mappings in each other, at most
 MAX_ENTRIES = 60_000
 """Keys and values of a file, at most: twice what 2000 modes with six participations need, read in some 2 s."""
 

@@ -13,8 +13,7 @@ from microvib.units import Given, quantity
 
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
 
-SIDEBANDS = 2
-"""Sidebands on each side of a driving line, at full-step distance, that are expected."""
+SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
 
 @dataclass(frozen=True)

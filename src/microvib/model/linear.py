@@ -18,8 +18,7 @@ from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
 from microvib.model.scenario import Scenario
 
-MANY = 300
-"""Modes above which the damped eigenproblem, whose work grows with the third power, is not solved as a whole."""
+MANY = 300  # modes above which the damped eigenproblem, whose work grows with the third power, is not solved as a whole
 
 
 @dataclass(frozen=True)

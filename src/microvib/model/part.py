@@ -11,8 +11,7 @@ from pydantic.fields import FieldInfo
 
 from microvib.units import Quantity, Si
 
-Six = tuple[float, float, float, float, float, float]
-"""Fx Fy Fz and Mx My Mz of something."""
+Six = tuple[float, float, float, float, float, float]  # Fx Fy Fz and Mx My Mz of something
 
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ from microvib.model.sentences import validated
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
-_WORDS = ("title", "source", "sources")
-"""Fields that hold no parameters."""
+_WORDS = ("title", "source", "sources")  # fields that hold no parameters
 
 
 class Scenario(Part):

@@ -12,8 +12,7 @@ from microvib.errors import ScenarioError, did_you_mean, shown
 from microvib.model.part import Part, part_in, whole_numbers
 
 P = TypeVar("P", bound=Part)
-MAX_SENTENCES = 8
-"""Problems that are told, at most; of the others their number."""
+MAX_SENTENCES = 8  # problems that are told, at most; of the others their number
 
 
 def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -> P:

@@ -10,10 +10,8 @@ from microvib.model.expected import ExpectedLine
 from microvib.signals.line_table import DETECTION
 from microvib.signals.tones import HannSpectrum, steady
 
-MAX_CLOCK_LINES = 12
-"""Number of the strongest lines from which the clock ratio is estimated."""
-_PEAKS = 6
-"""Peaks tried in each band."""
+MAX_CLOCK_LINES = 12  # number of the strongest lines from which the clock ratio is estimated
+_PEAKS = 6  # peaks tried in each band
 _AGREE = 0.15
 """Distance [bins] of a noise-free line from where the others put it above which it is taken for another line."""
 

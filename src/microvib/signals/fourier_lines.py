@@ -13,8 +13,7 @@ from microvib.signals.line_search import MAX_OTHERS
 from microvib.signals.line_table import FAINT, Figures, LineTable, Rest, Uncertainty
 from microvib.signals.orders import Orders
 
-TRANSIENT = "not in a steady state"
-"""Status of an array mode: it rings after a start and decays."""
+TRANSIENT = "not in a steady state"  # status of an array mode: it rings after a start and decays
 _LEAST = 1e-6  # amplitude over the largest, below which a line is none
 
 

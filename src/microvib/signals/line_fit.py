@@ -25,21 +25,16 @@ from microvib.signals.orders import Orders
 from microvib.signals.spectrum import tone_amplitude
 from microvib.signals.tones import NEAR, HannSpectrum, Joint, Tones, disturbed, moved, steady, uncertainties
 
-SEPARATION = 2.5
-"""Distance [bins] from which two lines can be told apart."""
-MAX_MODES = 300
-"""Array modes that are fitted in one record: the work grows with the third power of their number."""
+SEPARATION = 2.5  # distance [bins] from which two lines can be told apart
+MAX_MODES = 300  # array modes that are fitted in one record: the work grows with the third power of their number
 _RANK = {"array mode": 1, "electrical": 2}
 _ROUNDS = 3
-_STILL = 0.01
-"""Movement [bins] of the highest line in a round below which the clock counts as found."""
+_STILL = 0.01  # movement [bins] of the highest line in a round below which the clock counts as found
 _WORSE = 2.0
 """Standard uncertainty next to a larger line, over that without it, above which that line is given as the reason."""
-_SCALLOP = 1.18
-"""Amplitude of a tone over its highest bin, at most."""
+_SCALLOP = 1.18  # amplitude of a tone over its highest bin, at most
 AN_OTHER = "an unlisted line"
-UNSURE = 0.2
-"""Standard uncertainty over amplitude above which a line cannot be told from its neighbour."""
+UNSURE = 0.2  # standard uncertainty over amplitude above which a line cannot be told from its neighbour
 
 
 def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:

@@ -19,13 +19,10 @@ from microvib.signals.tone_kernel import REACH
 from microvib.signals.tones import NEAR, Joint, falling, steady, uncertainties
 
 MAX_OTHERS = 12
-LEAST = 0.01
-"""Fraction of the largest line above which an unexpected one is fitted."""
-FALLS = 0.1
-"""e-foldings over the record above which a tone counts as decaying."""
+LEAST = 0.01  # fraction of the largest line above which an unexpected one is fitted
+FALLS = 0.1  # e-foldings over the record above which a tone counts as decaying
 _ATTEMPTS = 60
-_TOGETHER = 8
-"""Array modes that are fitted at once."""
+_TOGETHER = 8  # array modes that are fitted at once
 _ALIKE = 0.7
 """Distance from another tone [bins] below which a further one is not a line, but a change of that tone in the record."""
 _MISFIT = 0.3

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-DETECTION = 6.0
-"""A line is seen when it stands this many times above the floor about it."""
-FAINT = "below the floor"
-"""Status of a line that was looked for and not found."""
+DETECTION = 6.0  # a line is seen when it stands this many times above the floor about it
+FAINT = "below the floor"  # status of a line that was looked for and not found
 
 
 _ROW = "{:16s} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}"

@@ -9,10 +9,8 @@ from functools import lru_cache
 
 from microvib.model.expected import ExpectedLine
 
-_CHANCE = 0.05
-"""A fraction that a frequency anywhere would hit as often by chance is not evidence."""
-_LARGEST = 8
-"""Denominator of the fractions that names are made of."""
+_CHANCE = 0.05  # a fraction that a frequency anywhere would hit as often by chance is not evidence
+_LARGEST = 8  # denominator of the fractions that names are made of
 
 
 @dataclass(frozen=True)

@@ -20,22 +20,15 @@ from microvib.signals.line_table import Uncertainty
 from microvib.signals.spectrum import SpectrumError
 from microvib.signals.tone_kernel import REACH
 
-FEWEST = 8
-"""Fewest samples of a record."""
-NEAR = 2 * REACH
-"""Bins within which tones are fitted together."""
-SLOWEST, FASTEST = -8.0, 60.0
-"""Bounds of a decay, in e-foldings over the record."""
-SLACK = 2.0
-"""Bins by which a frequency may leave its band."""
-_NUDGE = 1e-4
-"""Step of difference quotients, in cycles or e-foldings over the record."""
+FEWEST = 8  # fewest samples of a record
+NEAR = 2 * REACH  # bins within which tones are fitted together
+SLOWEST, FASTEST = -8.0, 60.0  # bounds of a decay, in e-foldings over the record
+SLACK = 2.0  # bins by which a frequency may leave its band
+_NUDGE = 1e-4  # step of difference quotients, in cycles or e-foldings over the record
 _FEW = 1.08
 """Widens uncertainties, since the floor is itself uncertain by a sixth: a median of some thirty dependent bins."""
-_USUAL = 2.0
-"""RMS of the residual in a tone's own bins, over that of the noise, which noise alone hardly exceeds."""
-_HIDES = 5.0
-"""Effect of a hidden line on one within a bin, over the residual it leaves: the fit absorbs most of it."""
+_USUAL = 2.0  # RMS of the residual in a tone's own bins, over that of the noise, which noise alone hardly exceeds
+_HIDES = 5.0  # effect of a hidden line on one within a bin, over the residual it leaves: the fit absorbs most of it
 
 
 @dataclass(frozen=True)

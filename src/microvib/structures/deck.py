@@ -25,8 +25,7 @@ UNIT_SYSTEMS: dict[str, tuple[float, float]] = {
 }
 """Metres in a unit of length, kilograms in a unit of mass; time is in seconds in all of them."""
 
-Point = tuple[float, float, float]
-"""Coordinates in the basic frame of the deck, in its unit of length; or a direction."""
+Point = tuple[float, float, float]  # coordinates in the basic frame of the deck, in its unit of length; or a direction
 ORIGIN: Point = (0.0, 0.0, 0.0)
 
 

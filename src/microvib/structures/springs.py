@@ -3,10 +3,8 @@
 import math
 from typing import Any
 
-SPRINGS = 8
-"""Four pairs, of which one spring lengthens by what the other shortens (Eq. 22)."""
-WIRE_SHEAR_MODULUS = 81.5e9
-"""Of patented cold-drawn steel wire, EN 10270-1 [Pa]."""
+SPRINGS = 8  # four pairs, of which one spring lengthens by what the other shortens (Eq. 22)
+WIRE_SHEAR_MODULUS = 81.5e9  # of patented cold-drawn steel wire, EN 10270-1 [Pa]
 
 
 def kinetic_energy(inertia: float, rate: float) -> float:

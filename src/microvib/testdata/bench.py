@@ -18,8 +18,7 @@ from microvib.model.part import Part, Six
 from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
 from microvib.units import Quantity
 
-OVERSAMPLING = 4
-"""Rate of the analog stages over that of the converter."""
+OVERSAMPLING = 4  # rate of the analog stages over that of the converter
 MAX_SAMPLES = 20_000_000
 
 Ratio = Annotated[float, Quantity("", "damping ratio", "zeta", ge=0, le=2, display="percent")]
@@ -117,8 +116,7 @@ class Bench(Part):
 
 
 GRAVITY = 9.80665
-LONGEST_RINGING = 120.0
-"""Seconds after which a resonance is taken to have rung down."""
+LONGEST_RINGING = 120.0  # seconds after which a resonance is taken to have rung down
 
 
 def measure(bench: Bench, loads: np.ndarray, twist: np.ndarray, drive_axis: str = "z", seed: int = 1) -> Recording:

@@ -14,10 +14,8 @@ from microvib.testdata.channels import LOADS, as_load, in_yaml, per
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
-OUTLIER = 1e4
-"""Size of a sample, over that of 99 % of them, from which it is taken for a broken number."""
-LARGEST_LOAD = 1e12
-"""Largest force [N] or torque [N m] that is taken for one."""
+OUTLIER = 1e4  # size of a sample, over that of 99 % of them, from which it is taken for a broken number
+LARGEST_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
 
 
 class RecordingError(MicrovibError):

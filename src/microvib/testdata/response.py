@@ -14,8 +14,7 @@ from microvib.testdata.channels import LOADS
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import Quantity
 
-LEAST = 0.25
-"""Magnitude from which a response is taken out: below, noise would grow more than fourfold."""
+LEAST = 0.25  # magnitude from which a response is taken out: below, noise would grow more than fourfold
 
 
 class Stage(Part):
@@ -83,8 +82,7 @@ def _listed(given: Any) -> Any:
     return [{"kind": stage} if isinstance(stage, str) else stage for stage in stages]
 
 
-Chain = Annotated[tuple[Stage, ...], BeforeValidator(_listed)]
-"""Stages that a load passes one after another."""
+Chain = Annotated[tuple[Stage, ...], BeforeValidator(_listed)]  # stages that a load passes one after another
 
 
 def response(chain: tuple[Stage, ...], frequency: np.ndarray, sample_rate: float) -> np.ndarray:

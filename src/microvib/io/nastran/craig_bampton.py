@@ -12,15 +12,12 @@ from microvib.io.nastran.printed import read_punched
 from microvib.structures.deck import ORIGIN, Deck, Import, Point
 from microvib.structures.modal import ModalError, natural_frequency
 
-LARGEST_MATRIX = 1_000_000_000
-"""Bytes of the largest matrix that is read into memory in full."""
+LARGEST_MATRIX = 1_000_000_000  # bytes of the largest matrix that is read into memory in full
 MASS_MATRICES = ("mgg", "maa", "maax", "mxx")
 PAIRS = (("kaa", "maa"), ("kaax", "maax"), ("kxx", "mxx"))
 SHAPES, RIGID = ("phg", "phig", "phix", "phia", "ugv"), ("rbg", "rbm", "rbglob", "rg")
-ORTHOGONAL = 0.02
-"""Relative; what may be left of phi^T M phi off its diagonal (shapes come in single precision)."""
-GROUNDED = 0.1
-"""Ratio to the first fixed-interface frequency of the frequencies that a free model has on its boundary."""
+ORTHOGONAL = 0.02  # relative; what may be left of phi^T M phi off its diagonal (shapes come in single precision)
+GROUNDED = 0.1  # ratio to the first fixed-interface frequency of the frequencies that a free model has on its boundary
 
 
 def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str, Any]:

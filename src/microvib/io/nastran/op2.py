@@ -27,8 +27,7 @@ class Vectors:
     values: np.ndarray
 
 
-STILL = 1e-3
-"""Relative; how much a clamped point may move in a mode (results come in single precision)."""
+STILL = 1e-3  # relative; how much a clamped point may move in a mode (results come in single precision)
 
 
 def read_op2(path: Path, options: Import) -> Deck:

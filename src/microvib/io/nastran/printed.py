@@ -16,8 +16,7 @@ from microvib.structures.deck import ORIGIN, Deck, Import, Point
 from microvib.structures.modal import ModalError, natural_frequency
 from microvib.structures.modal_checks import check_clamped
 
-MAX_ROWS = 20_000
-"""Rows of a table; no modal analysis prints as many."""
+MAX_ROWS = 20_000  # rows of a table; no modal analysis prints as many
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([-+]\d+)|[EeDd](\d+))?$")
 _TITLES: tuple[tuple[str, str], ...] = (
     ("REALEIGENVALUES", "eigenvalues"),

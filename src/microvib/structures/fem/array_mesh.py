@@ -14,8 +14,7 @@ from microvib.structures.fem.modes import Modes
 from microvib.structures.fem.structure import Link, Lump, Mesh, Section, Spring, Structure, StructureError
 from microvib.structures.simulator_design import Material
 
-LARGEST = 2_000_000
-"""Degrees of freedom of the largest mesh that is tried."""
+LARGEST = 2_000_000  # degrees of freedom of the largest mesh that is tried
 _HONEYCOMB_MODULUS = 1e3  # Pa; a core carries shear only, and the laminate theory wants some modulus
 
 

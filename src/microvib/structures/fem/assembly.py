@@ -12,8 +12,7 @@ from microvib.structures.fem.elements import element_matrices
 from microvib.structures.fem.structure import Beams, Link, Lump, Shells, Spring, Structure
 from microvib.structures.modal import rigid_motions
 
-ROUNDING = 1e-12
-"""Entry of an element's matrix over the root of its diagonals that is taken for zero."""
+ROUNDING = 1e-12  # entry of an element's matrix over the root of its diagonals that is taken for zero
 
 
 @dataclass(frozen=True)
@@ -56,8 +55,7 @@ def _sum(structure: Structure) -> tuple[Any, Any]:
     return _matrix(K, structure.dof), _matrix(M, structure.dof)
 
 
-Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Rows, columns and values of a sparse matrix, (n,) each."""
+Entries = tuple[np.ndarray, np.ndarray, np.ndarray]  # rows, columns and values of a sparse matrix, (n,) each
 
 
 def _entries(nodes: np.ndarray, matrices: np.ndarray, which: Any = slice(None)) -> Entries:

@@ -8,8 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from microvib.structures.fem.structure import Link, Part, Shells, Spring, Structure, StructureError, nodes_of
 
-LOOSE = 0.002
-"""Frequency [Hz] below which a mode is taken for a mechanism."""
+LOOSE = 0.002  # frequency [Hz] below which a mode is taken for a mechanism
 
 
 def check_structure(structure: Structure) -> None:

@@ -39,8 +39,7 @@ from microvib.web.jobs import results
 from microvib.web.jobs.worker import Tell
 from microvib.web.routes.forms import Spec, view_of
 
-Upload = tuple[str, str]
-"""A recording's file, and what its owner calls it."""
+Upload = tuple[str, str]  # a recording's file, and what its owner calls it
 
 
 def _write(folder: str, data: dict[str, Any]) -> None:

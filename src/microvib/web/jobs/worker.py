@@ -15,8 +15,7 @@ from typing import Any
 
 from microvib.errors import MicrovibError
 
-Tell = Callable[[float, float | None, str, str], None]
-"""done, total (None: not known), unit, text"""
+Tell = Callable[[float, float | None, str, str], None]  # done, total (None: not known), unit, text
 
 _FOLDERS = re.compile(r"""(?<![\w.*^/\\])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:;,'"]+[/\\])+""")
 _OUT_OF_MEMORY = "memory is exhausted; shorten record.duration or lower record.sample_rate"

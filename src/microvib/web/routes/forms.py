@@ -40,8 +40,7 @@ TITLES = {
 MAX_MODES = 100
 LONG = 2000
 """Characters of changes, and 20 for each, from which a worker reads them: here they would take a tenth of a second."""
-NAME = "scenario"
-"""What a scenario of the page is called in messages, if anything."""
+NAME = "scenario"  # what a scenario of the page is called in messages, if anything
 
 
 class Spec(BaseModel):

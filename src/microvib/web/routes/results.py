@@ -31,8 +31,7 @@ FILES = {
     "report.html": "text/html",
     "report.pdf": "application/pdf",
 }
-MADE = ("motion.nc", "report.html", "report.pdf")
-"""Files that are made when they are asked for."""
+MADE = ("motion.nc", "report.html", "report.pdf")  # files that are made when they are asked for
 Points = Annotated[int, Query(ge=2, le=20_000)]
 From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
 To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]

@@ -17,8 +17,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from microvib.web.jobs.store import private
 
-_LINKED = re.compile(r"/api/runs/[0-9a-f]{16}/files/[a-z.]+")
-"""What a link may lead to, which can carry no header."""
+_LINKED = re.compile(r"/api/runs/[0-9a-f]{16}/files/[a-z.]+")  # what a link may lead to, which can carry no header
 
 
 def _secret() -> str:

@@ -12,8 +12,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from microvib.web.server.limits import Limits
 
-WAITING = 1024
-"""Clients that the system keeps until they are accepted."""
+WAITING = 1024  # clients that the system keeps until they are accepted
 
 
 class Connection(H11Protocol):
