@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from starlette.responses import HTMLResponse
+
 from microvib.web.jobs.store import private
 
 _LINKED = re.compile(r"/api/runs/[0-9a-f]{16}/files/[a-z.]+")  # what a link may lead to, which can carry no header
@@ -130,11 +132,10 @@ async def token_of(scope: MutableMapping[str, Any], receive: Any) -> str:
     return parse_qs(given[:_LONGEST].decode("latin-1")).get("token", [""])[0]
 
 
-def inside(access: Access) -> tuple[list[tuple[bytes, bytes]], bytes]:
-    """Headers and body that let a browser in.
+def inside(access: Access) -> HTMLResponse:
+    """What lets a browser in.
 
     A page and no redirection: a browser that comes from elsewhere would not take a strict cookie along on one.
     """
     cookie = f"{access.cookie}={access.session}; Path=/; HttpOnly; SameSite=Strict"
-    body = _INSIDE.format(key=access.key).encode()
-    return [(b"content-type", b"text/html; charset=utf-8"), (b"set-cookie", cookie.encode())], body
+    return HTMLResponse(_INSIDE.format(key=access.key), headers={"set-cookie": cookie})

@@ -5,7 +5,6 @@ from __future__ import annotations
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -40,11 +39,8 @@ def create_app(store: Store, access: Access) -> Guard:
         api.include_router(part.routes)
     app.include_router(api)
     _add_page(app)
-    app.add_exception_handler(Refused, _say_refused)
-    app.add_exception_handler(MicrovibError, _say_error)
-    app.add_exception_handler(RequestValidationError, _say_invalid)
-    app.add_exception_handler(HTTPException, _say_http)
-    app.add_exception_handler(Exception, _say_fault)  # the guard writes the log
+    for kind in (Refused, MicrovibError, RequestValidationError, HTTPException, Exception):
+        app.add_exception_handler(kind, _say)
     return Guard(app, access, store.limits)
 
 
@@ -70,30 +66,25 @@ def _plotly() -> Path:
     return Path(spec.origin).parent / "package_data" / "plotly.min.js"
 
 
-def _sentence(status: int, sentence: str, key: str | None = None) -> JSONResponse:
-    return JSONResponse({"error": sentence, "key": key}, status)
+def _say(request: Request, error: Exception) -> JSONResponse:
+    """What is wrong, as a sentence with the key that it is about."""
+    told = _refusal(error)
+    return JSONResponse({"error": told.sentence, "key": told.key}, told.status)
 
 
-def _say_refused(request: Request, error: Any) -> JSONResponse:
-    return _sentence(error.status, error.sentence, error.key)
-
-
-def _say_error(request: Request, error: Any) -> JSONResponse:
-    return _say_refused(request, refused(error))
-
-
-def _say_http(request: Request, error: Any) -> JSONResponse:
-    return _sentence(error.status_code, _PLAIN.get(error.status_code, str(error.detail)))
-
-
-def _say_fault(request: Request, error: Any) -> JSONResponse:
-    return _sentence(500, FAULT)
-
-
-def _say_invalid(request: Request, error: Any) -> JSONResponse:
-    first = error.errors()[0]
-    if first["type"] == "json_invalid":
-        return _sentence(422, "the request is not JSON")
-    key = ".".join(str(part) for part in first["loc"][1:]) or None
-    message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
-    return _sentence(422, f"{key or 'the request'}: {message}", key)
+def _refusal(error: Exception) -> Refused:
+    match error:
+        case Refused():
+            return error
+        case MicrovibError():
+            return refused(error)
+        case HTTPException():
+            return Refused(error.status_code, _PLAIN.get(error.status_code, str(error.detail)))
+        case RequestValidationError():
+            first = error.errors()[0]
+            if first["type"] == "json_invalid":
+                return Refused(422, "the request is not JSON")
+            key = ".".join(str(part) for part in first["loc"][1:]) or None
+            message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+            return Refused(422, f"{key or 'the request'}: {message}", key)
+    return Refused(500, FAULT)  # the guard writes the log

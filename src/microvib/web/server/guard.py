@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import re
 import secrets
@@ -11,6 +10,7 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
 from starlette.requests import ClientDisconnect
+from starlette.responses import JSONResponse, Response
 
 from microvib.web.server.access import Access, inside, leads_in, token_of
 from microvib.web.server.limits import Limits
@@ -51,7 +51,7 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one HTTP request."""
         headers = {key.decode("latin-1").lower(): value.decode("latin-1") for key, value in scope["headers"]}
-        reply = _Reply(scope, send)
+        reply = _Reply(scope, receive, send)
         body = _Body(receive, reply, self._limits)
         refusal = self._refusal(scope, headers)
         try:
@@ -90,8 +90,7 @@ class Guard:
             await reply.say(401, _STRANGER)
             return
         _let_stay(scope)
-        headers, body = inside(self._access)
-        await reply.give(200, headers, body)
+        await reply.give(inside(self._access))
 
     async def _with_whole(self, scope: Scope, receive: _Body, reply: _Reply) -> None:
         """Have a request answered whose body is all here and simple: while it is parsed, all others wait."""
@@ -99,10 +98,8 @@ class Guard:
         if b"\0" in body:  # or UTF-16, in which structure could be hidden
             await reply.say(422, "the request is not JSON in UTF-8")
         elif len(_STRINGS.sub(b"", body, count=_MAX_STRINGS)) > self._limits.structure:
-            await reply.say(
-                413,
-                f"the request holds too many values: beside texts at most {self._limits.structure / 1e3:g} kB are taken",
-            )
+            most = f"{self._limits.structure / 1e3:g} kB"
+            await reply.say(413, f"the request holds too many values: beside texts at most {most} are taken")
         else:
             await self._app(scope, receive, reply)
 
@@ -139,8 +136,8 @@ def _foreign(method: str, headers: dict[str, str], host: str) -> bool:
 class _Reply:
     """The way back: every answer gets its headers; the first one counts."""
 
-    def __init__(self, scope: Scope, send: Send) -> None:
-        self._scope, self._send = scope, send
+    def __init__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        self._scope, self._receive, self._send = scope, receive, send
         self._begun = self._whole = False
 
     async def __call__(self, message: MutableMapping[str, Any]) -> None:
@@ -151,18 +148,15 @@ class _Reply:
             message = {**message, "headers": [*message["headers"], *_HEADERS, _caching(self._scope)]}
         await self._send(message)
 
-    async def give(self, status: int, headers: list[tuple[bytes, bytes]], body: bytes) -> None:
+    async def give(self, response: Response) -> None:
         """A whole answer, unless one has begun."""
         if not self._begun:
-            length = (b"content-length", str(len(body)).encode())
-            await self({"type": "http.response.start", "status": status, "headers": [*headers, length]})
-            await self({"type": "http.response.body", "body": body})
+            await response(self._scope, self._receive, self)
             self._whole = True
 
     async def say(self, status: int, sentence: str) -> None:
         """A sentence, after which the connection ends: what is not taken is not read to its end."""
-        body = json.dumps({"error": sentence, "key": None}).encode()
-        await self.give(status, [(b"content-type", b"application/json"), (b"connection", b"close")], body)
+        await self.give(JSONResponse({"error": sentence, "key": None}, status, {"connection": "close"}))
 
 
 class _Body:
