@@ -236,11 +236,8 @@ def _left(table: LineTable, limit: Limit) -> list[str]:
     if table.rest is None:
         return ["lines that are not in the table were not sought"]
     frequency, amplitude = table.rest.within(limit.low, limit.high)
-    if amplitude <= limit.torque:
-        return []
-    return [
-        f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz that no line accounts for (a longer record.duration may)"
-    ]
+    peak = f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz"
+    return [f"{peak} that no line accounts for (a longer record.duration may)"] if amplitude > limit.torque else []
 
 
 def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
@@ -259,10 +256,9 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
     begun = all(x.status != TRANSIENT for x in table)  # in the steady state, nothing rings
     ringing = [m for m in coupled_modes(scenario) if begun and start < m.frequency <= limit.high]
     slowest = max((CALM / (2.0 * math.pi * m.frequency * m.damping) for m in ringing if m.damping > 0.0), default=0.0)
-    if slowest > _calm_for(scenario):
-        gaps.append(
-            f"ringing above {start:.4g} Hz (settle >= {_up(slowest + scenario.record.settle - _calm_for(scenario))} s)"
-        )
+    longer = slowest - _calm_for(scenario)
+    if longer > 0.0:
+        gaps.append(f"ringing above {start:.4g} Hz (settle >= {_up(scenario.record.settle + longer)} s)")
     return gaps
 
 
@@ -274,11 +270,8 @@ def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | Non
         return None
     fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
     orders = min(math.ceil(2.0 * max(start, fastest) / f_d) + 20, _MAX_ORDERS)
-    near = [
-        x.frequency
-        for x in linear_lines(scenario, orders)
-        if start < x.frequency <= limit.high and BEYOND * abs(x.amplitude) > limit.torque
-    ]
+    large = (x.frequency for x in linear_lines(scenario, orders) if BEYOND * abs(x.amplitude) > limit.torque)
+    near = [f for f in large if start < f <= limit.high]
     return max(near) + 0.5 * f_d if near else None
 
 

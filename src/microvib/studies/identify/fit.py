@@ -108,7 +108,9 @@ def identify(
     except KeyboardInterrupt:
         interrupted = True
     if found is None:
-        problem, x, r = problem.so_far()
+        if problem.ledger.best is None:
+            raise KeyboardInterrupt
+        problem, x, r = problem.ledger.best
         found = Findings(problem, Optimum(x, r, cost(r)))
     return _fit(found, scenario, seed, interrupted, notes)
 
@@ -196,7 +198,7 @@ def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, note
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
         scenario.with_si(problem.changes(best.x)).with_sources(sources), fit.chi_square, problem.figures,
-        problem.simulations, seed, interrupted, fit, deviations(problem, best.x), found.leanings, found.converged, notes,
+        problem.ledger.simulations, seed, interrupted, fit, deviations(problem, best.x), found.leanings, found.converged, notes,
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ def profiles(problem: Problem, best: Optimum, local: Local) -> Profiles:
     The linearised interval counts where the profile agrees with it half way and at its end, on both sides. Otherwise the ends
     are where the profile has risen as far as a 95 % interval requires.
     """
-    problem.enters("intervals")
+    problem.ledger.stage = "intervals"
     ends = [_Side(problem, best, local, k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)]
     _look_ahead(problem, ends)
     sides = problem.in_threads(_Side.run, ends)

@@ -112,6 +112,7 @@ class Ledger:
 
     def __init__(self, progress: FitProgress) -> None:
         self.stage, self.simulations, self.stopped = "global", 0, False
+        # a point and its residuals, with the problem that it was met in
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
         self._cost, self._progress, self._lock = math.inf, progress, Lock()
 
@@ -145,15 +146,11 @@ class Problem:
         self.start = np.array([key.coordinate(float(own[key.key])) for key in self.keys])
         self.spans = np.array([key.span for key in self.keys])
         self.low, self.high = np.array([key.reach for key in self.keys]).T
-        self._ledger = ledger or Ledger(progress or (lambda *_: None))
+        self.ledger = ledger or Ledger(progress or (lambda *_: None))
 
     def again(self, keys: Sequence[FitKey]) -> Problem:
         """The same with other keys."""
-        return Problem(self.scenario, self.evidence, keys, self.trust, ledger=self._ledger)
-
-    def with_scenario(self, changes: dict[str, object]) -> Problem:
-        """The same with a changed scenario, apart from the search: what it meets does not count as best so far."""
-        return Problem(self.scenario.with_si(changes), self.evidence, self.keys, self.trust)
+        return Problem(self.scenario, self.evidence, keys, self.trust, ledger=self.ledger)
 
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
         """The work on each item, as many at a time as there are cores. An interrupt also ends work that is under way."""
@@ -161,27 +158,12 @@ class Problem:
         try:
             return list(pool.map(work, items))
         except KeyboardInterrupt:
-            self._ledger.stopped = True
+            self.ledger.stopped = True
             raise
         finally:
             pool.shutdown(cancel_futures=True)
             if current_thread() is main_thread():
-                self._ledger.stopped = False
-
-    def enters(self, stage: str) -> None:
-        """Say what is being done."""
-        self._ledger.stage = stage
-
-    @property
-    def simulations(self) -> int:
-        """Simulations so far."""
-        return self._ledger.simulations
-
-    def so_far(self) -> tuple[Problem, np.ndarray, np.ndarray]:
-        """The best point so far and its residuals, with the problem that it was met in; KeyboardInterrupt if there is none."""
-        if self._ledger.best is None:
-            raise KeyboardInterrupt
-        return self._ledger.best
+                self.ledger.stopped = False
 
     def widened(self) -> Problem | None:
         """With ranges of ours that reach further both ways; None where all are stated."""
@@ -230,11 +212,10 @@ class Problem:
 
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""
-        try:
+        with suppress(MicrovibError):
             expected = expected_lines(self.tests[j][1].with_si(self.changes(x)), Si(math.inf))
-        except MicrovibError:
-            return None
-        return next((one.frequency for one in expected if one.name == line), None)
+            return next((one.frequency for one in expected if one.name == line), None)
+        return None
 
     @property
     def figures(self) -> int:
@@ -269,7 +250,7 @@ class Problem:
 
         ``also`` are changes to other keys at each of the points.
         """
-        if self._ledger.stopped:
+        if self.ledger.stopped:
             raise KeyboardInterrupt
         found = []
         changes = [self.changes(x) | more for x, more in zip(points, also or [{}] * len(points), strict=True)]
@@ -278,7 +259,7 @@ class Problem:
             r = np.concatenate([*self.weighted(self.differences(tables)), prior])
             found.append(r)
             if not also:
-                self._ledger.note(self, x, r)
+                self.ledger.note(self, x, r)
         return found
 
     def weighted(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -128,13 +128,13 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
 
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing, more show nothing.
     """
-    problem.enters("global")
+    problem.ledger.stage = "global"
     points = [problem.tuned(x) for x in (*_sobol(problem, starts, seed), *also)]
     parts = [points[k : k + PART] for k in range(0, len(points), PART)]
     costs = [cost(r) for part in parts for r in problem.residuals(part)]
     most = min(finishes, AT_ONCE) if problem.along() else max(finishes, MAX_FITS)
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
-    problem.enters("local")
+    problem.ledger.stage = "local"
     optima: list[Optimum] = []
     while best and not (len(optima) >= finishes and any(goodness(problem, o.r).explained for o in optima)):
         optima += descend_all(problem, best[:AT_ONCE], FULL)
@@ -155,7 +155,7 @@ def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
 
     If that finds something better, the search is repeated there; the last value tells whether the last search found nothing.
     """
-    problem.enters("second look")
+    problem.ledger.stage = "second look"
     for _ in range(LOOKS):
         local = local_at(problem, best)
         ends = descend_all(problem, [best.x, *_beside(problem, best.x, local)], AGAIN, central=True)

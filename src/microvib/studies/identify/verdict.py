@@ -156,7 +156,10 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
     nudged = problem.residuals([best.x] * len(changes), changes)
     moves = {name: gain @ (r - best.r) / NUDGE for (name,), r in zip(changes, nudged, strict=True)}
     if SETTLE not in taken and own[SETTLE]:
-        later = problem.with_scenario({SETTLE: own[SETTLE] * (1.0 + ASSUMED_TIME)})
+        scenario = problem.scenario.with_si({SETTLE: own[SETTLE] * (1.0 + ASSUMED_TIME)})
+        later = Problem(
+            scenario, problem.evidence, problem.keys, problem.trust
+        )  # what it meets is not the search's best
         moves[SETTLE] = (Descent(later, best.x).run(AGAIN).x - best.x) / ASSUMED_TIME
     found = [Leaning(name, tuple((scale * move).tolist())) for name, move in moves.items()]
     return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
