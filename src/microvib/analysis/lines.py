@@ -133,9 +133,8 @@ def lines_of_recording(
     """
     check(recording, channel, _SHORTEST)
     if recording.units[channel] != "N*m":
-        raise RecordingError(
-            f"{recording.title}: channel {channel} is a force; the torque about the drive axis is expected"
-        )
+        expected = "the torque about the drive axis is expected"
+        raise RecordingError(f"{recording.title}: channel {channel} is a force; {expected}")
     table = lines_of_samples(recording[channel], recording.sample_rate, scenario, measured=True)
     if background is None:
         return table

@@ -39,9 +39,8 @@ def lines_of_stream(
         tables.append(lines_of_samples(block, rate, scenario, harmonics))
         if bins is None:
             first, begun = tables[0], block[: round(stretch(scenario) * rate)].copy()
-            bins = _Bins(
-                [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first], samples, rate
-            )
+            at = [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first]
+            bins = _Bins(at, samples, rate)
         bins.add(block)
     assert bins is not None
     table = tables[0] if len(tables) == 1 else _mean(tables, bins)
@@ -105,9 +104,8 @@ def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
             for name in ("frequency_uncertainty_hz", "amplitude_uncertainty_n_m")
         }
         status = column[int(np.argmax(weights))].status
-        lines.append(
-            replace(column[0], status=status, bin_frequency_hz=bin_hz, bin_amplitude_n_m=bin_amplitude, **means)
-        )
+        means |= {"status": status, "bin_frequency_hz": bin_hz, "bin_amplitude_n_m": bin_amplitude}
+        lines.append(replace(column[0], **means))
     ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
     left = [table.rest for table in tables if table.rest is not None]

@@ -94,9 +94,8 @@ def clock_sentence(a: Side, b: Side) -> str:
         return f"{text}; not known on the other side."
     simulated = [mark for mark, s in known if s.kind == "simulation"]
     if len(simulated) == 1 and any(s.kind == "recording" for _, s in known):
-        return (
-            f"{text}; {simulated[0]} was simulated at the recording's clock: their frequencies agree by construction."
-        )
+        agree = "their frequencies agree by construction"
+        return f"{text}; {simulated[0]} was simulated at the recording's clock: {agree}."
     first, second = (float(s.clock_ratio or math.nan) for _, s in known)
     return f"{text}; B is {1e6 * (second / first - 1.0):+.1f} ppm off A."
 

@@ -134,7 +134,7 @@ def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form
         (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude) for r in plan.resonances
     ]  # fmt: skip
     bands = [
-        (b.microsteps, math.degrees(b.low), math.degrees(b.high), b.why, b.line, b.largest) for b in plan.forbidden
+        (x.microsteps, math.degrees(x.low), math.degrees(x.high), x.why, x.line, x.largest) for x in plan.forbidden
     ]
     tables: dict[str, tuple[str, Iterable[Sequence[Any]]]] = {
         "rates": ("rate_deg_s microsteps line kind order frequency_hz amplitude_n_m status", _case_rows(plan)),

@@ -172,7 +172,7 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
         " can trim that."
     )
     unchecked = (
-        "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame."
+        "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame"
     )
     scale = "Set to the target; to scale, dimensions in mm."
     origin = (Text(target.design.source),) if target.design.source else ()
@@ -185,7 +185,7 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
         sections=(
             Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
             Section("Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))),
-            Section("Not checked", (Text(unchecked),)),
+            Section("Not checked", (Text(f"{unchecked}."),)),
             Section("Drawing", (drawn(drawing, "Dimensioned drawing", scale, turned=True),)),
             Section("Description", (*origin, parameter_table(target.design))),
         ),

@@ -89,9 +89,8 @@ def _signatures(path: Path, value: Any) -> tuple[tuple[str, str], ...]:
             f"{path}: signatures: '{_shown(value)}' is not allowed; 1 to {_MAX_ROLES} roles with names are, such as"
             " {prepared: A. Engineer, approved: B. Head}"
         )
-    return tuple(
-        (_text(path, "signatures", role), _text(path, f"signatures.{role}", name)) for role, name in roles.items()
-    )
+    at = "signatures"
+    return tuple((_text(path, at, role), _text(path, f"{at}.{role}", name)) for role, name in roles.items())
 
 
 def _shown(value: Any) -> str:

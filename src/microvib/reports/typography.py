@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from microvib.reports.document import Block, Code, Column, Document, Figure, Live, Row, Table, Text
@@ -27,10 +27,8 @@ def typeset(document: Document) -> Document:
         title=in_print(document.title),
         subtitle=in_print(document.subtitle),
         facts=tuple(replace(f, value=in_print(f.value), label=in_print(f.label)) for f in document.facts),
-        first_page=tuple(map(_block, document.first_page)),
-        sections=tuple(
-            replace(s, title=in_print(s.title), blocks=tuple(map(_block, s.blocks))) for s in document.sections
-        ),
+        first_page=_blocks(document.first_page),
+        sections=tuple(replace(s, title=in_print(s.title), blocks=_blocks(s.blocks)) for s in document.sections),
     )
 
 
@@ -69,7 +67,7 @@ def command_without_folders(command: str) -> str:
     return shlex.join(_FOLDERS_OF_WORD.sub(lambda found: found[1] or "", word) for word in words)
 
 
-def _block(block: Block) -> Block:
+def _blocks(blocks: Sequence[Block]) -> tuple[Block, ...]:
     made: dict[type, Callable[..., Block]] = {
         Text: lambda b: replace(b, text=in_print(b.text)),
         Code: lambda b: replace(b, text=command_without_folders(b.text)),
@@ -77,7 +75,7 @@ def _block(block: Block) -> Block:
         Table: _table,
         Live: lambda b: b,
     }
-    return made[type(block)](block)
+    return tuple(made[type(block)](block) for block in blocks)
 
 
 def _table(found: Table) -> Table:

@@ -179,11 +179,10 @@ def _side(
         case RunFolder():
             if source.lines is None:
                 raise MicrovibError(f"{source.path}: is not a run folder; it has no lines.csv")
-            torque, rate = (
-                (None, math.nan) if source.motion is None else (source.motion["Mz"], source.motion.sample_rate)
-            )
-            ratio = None if source.scenario is None else source.scenario.tracking.clock_ratio
-            return Side(str(source.path), "run", _figures(source.lines), ratio, torque, rate, source.scenario)
+            motion, made = source.motion, source.scenario
+            torque, rate = (None, math.nan) if motion is None else (motion["Mz"], motion.sample_rate)
+            ratio = None if made is None else made.tracking.clock_ratio
+            return Side(str(source.path), "run", _figures(source.lines), ratio, torque, rate, made)
         case Prepared(recording, background):
             table = lines_of_recording(recording, channel, guide, background)
             found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate

@@ -72,9 +72,8 @@ def chosen(
     def wanted(line: str) -> bool:
         return line not in without and (not ends or any(low <= at.get(line, -1.0) <= high for low, high in ends))
 
-    kept = [
-        [o for o in one.observations if wanted(o.line) and (o.form != "phase" or wanted("drive_1"))] for one in evidence
-    ]
+    phases = wanted("drive_1")
+    kept = [[o for o in x.observations if wanted(o.line) and (o.form != "phase" or phases)] for x in evidence]
     if not any(kept):
         raise OptionError("without" if without else "band", "leaves no line of the evidence")
     return [replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)]

@@ -6,7 +6,6 @@ import numpy as np
 
 from microvib.model.scenario import Scenario
 from microvib.solve.integration import Progress
-from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
 from microvib.testdata.bench import Bench
 from microvib.testdata.bench import measure as record
@@ -21,27 +20,19 @@ def measure(scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progre
     Rate and length of the recording are the bench's. A scenario without interface participation has a torque about the drive axis
     only; the other loads are then zero, and the recording says so.
     """
-    lead = min(bench.lead, scenario.record.settle)
+    lead, axis = min(bench.lead, scenario.record.settle), scenario.array.drive_axis
     bench = bench.model_copy(update={"lead": lead})
-    start = {"record.settle": scenario.record.settle - lead, "record.duration": bench.span}
-    motion = simulate(
-        scenario.with_si({**start, "record.sample_rate": bench.analog_rate}), channels=_NEEDED, progress=progress
-    )
-    loads, known = _loads(motion)
-    recording = record(bench, loads, motion["theta_l"], scenario.array.drive_axis, seed)
-    recording = recording.noted(f"simulated: {scenario.title or 'without a title'}")
-    if known:
-        return recording
-    return recording.noted(
-        f"loads but M{scenario.array.drive_axis} are not in the scenario: its array has no interface participation"
-    )
-
-
-def _loads(motion: Motion) -> tuple[np.ndarray, bool]:
-    """Loads on the table, (6, n), and whether all six are known."""
-    loads = motion.interface_loads()
-    if loads is not None:
-        return np.ascontiguousarray(loads.T), True
-    alone = np.zeros((6, motion.time.size))
-    alone[COMPONENTS.index("M" + motion.scenario.array.drive_axis)] = motion["T_d"]
-    return alone, False
+    span = {"record.settle": scenario.record.settle - lead, "record.duration": bench.span}
+    tested = scenario.with_si({**span, "record.sample_rate": bench.analog_rate})
+    motion = simulate(tested, channels=_NEEDED, progress=progress)
+    notes, known = [f"simulated: {scenario.title or 'without a title'}"], motion.interface_loads()
+    if known is not None:
+        loads = np.ascontiguousarray(known.T)
+    else:
+        loads = np.zeros((6, motion.time.size))
+        loads[COMPONENTS.index("M" + axis)] = motion["T_d"]
+        notes.append(f"loads but M{axis} are not in the scenario: its array has no interface participation")
+    recording = record(bench, loads, motion["theta_l"], axis, seed)
+    for note in notes:
+        recording = recording.noted(note)
+    return recording

@@ -190,13 +190,10 @@ def plan_rates(
     met = (_strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]) for m in meetings)
     resonances = tuple(m for m in met if m is not None)
     if keep_away > 0.0:
-        forbidden += [_too_near(r, keep_away) for r in resonances]
+        near = ((r, r.rate * (1.0 - keep_away), r.rate * (1.0 + keep_away)) for r in resonances)
+        text = NEAR + " {0.line} on {0.mode}"
+        forbidden += [Forbidden(r.microsteps, low, high, text.format(r), r.line, r.amplitude) for r, low, high in near]
     return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), most, within, linear, keep_away)
-
-
-def _too_near(met: Resonance, keep_away: float) -> Forbidden:
-    low, high = met.rate * (1.0 - keep_away), met.rate * (1.0 + keep_away)
-    return Forbidden(met.microsteps, low, high, f"{NEAR} {met.line} on {met.mode}", met.line, met.amplitude)
 
 
 def at_rate(scenario: Scenario, rate: Given, microsteps: int) -> Scenario:

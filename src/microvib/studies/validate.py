@@ -125,8 +125,7 @@ def validate(progress: Callable[[str], None] | None = None) -> tuple[list[Check]
     checks = [
         *_equations(first),
         *_tables(states[1]),
-        *_frequency_statements(states),
-        *_inertia_statements(states),
+        *_statements(states),
         *_peaks(states[1], start),
         _unlisted_line(states[1]),
         *_numerics(states, finer),
@@ -183,7 +182,7 @@ def _amplitude(state: SimulatedState, line: str) -> float:
     return float(state.table[line].bin_amplitude_n_m)
 
 
-def _frequency_statements(states: dict[int, SimulatedState]) -> Iterable[Check]:
+def _statements(states: dict[int, SimulatedState]) -> Iterable[Check]:
     for line in ("drive_1", "drive_2", "drive_3"):
         amplitudes = [_amplitude(states[k], line) for k in (1, 2, 3)]
         spread = max(amplitudes) - min(amplitudes)
@@ -193,8 +192,6 @@ def _frequency_statements(states: dict[int, SimulatedState]) -> Iterable[Check]:
     for first, second in ((1, 2), (2, 3)):
         yield _grows("array_mode_1", states, first, second, "text to Figure 11", "grows with the mode's frequency")
 
-
-def _inertia_statements(states: dict[int, SimulatedState]) -> Iterable[Check]:
     for line in PAPER_LINES.values():
         for first, second in ((1, 4), (4, 5)):
             yield _grows(line, states, first, second, "text to Figure 12", "grows with inertia")

@@ -151,9 +151,9 @@ def draw(s: Summary) -> dict[str, Picture]:
         made["levels"] = Picture("Over the levels", drawing, text)
     if s.tornados:
         text = (
-            "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean."
+            "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean"
         )
-        made["tornado"] = Picture("What moves the lines", figures.tornados(s.tornados), text)
+        made["tornado"] = Picture("What moves the lines", figures.tornados(s.tornados), f"{text}.")
     if s.indices:
         text = "Fraction of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
         made["sobol"] = Picture("Sobol indices", figures.sobol_bars(s.indices), text)
@@ -344,6 +344,5 @@ def _worst_of_lines(s: Summary) -> Table:
 
 def _failed(results: Results) -> tuple[Block, ...]:
     rows = [[str(case), reason] for case, reason in enumerate(results.reasons) if reason]
-    return table(["case [1]", "reason"], rows[:20]), *(
-        [Text("All of them are in `failed.csv`.")] if len(rows) > 20 else []
-    )
+    more = [Text("All of them are in `failed.csv`.")] if len(rows) > 20 else []
+    return table(["case [1]", "reason"], rows[:20]), *more

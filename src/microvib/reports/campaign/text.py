@@ -181,9 +181,8 @@ def again_text(campaign: Campaign, case: int) -> str:
 
 def _figures(chunk: Chunk, k: int, line: str) -> bytes:
     """All that is kept of a line of the k-th case, as bytes; none where the chunk has no such line."""
-    return b"".join(
-        chunk.figures[name][k, chunk.lines.index(line)].tobytes() for name in FIGURES if line in chunk.lines
-    )
+    at = chunk.lines.index(line) if line in chunk.lines else None
+    return b"" if at is None else b"".join(chunk.figures[name][k, at].tobytes() for name in FIGURES)
 
 
 def write_case(campaign: Campaign, case: int, path: Path) -> None:

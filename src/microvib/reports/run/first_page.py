@@ -69,10 +69,11 @@ def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tu
     notes += [f"So are {len(doubts) - 4} more; `microvib show scenario.yaml` names them."] if len(doubts) > 4 else []
     notes += unsettled(lines, scenario)
     if judged is not None:
-        notes.append(
-            "A margin is limit over amplitude, of this one run, without allowance for the uncertainty of parameters."
-        )
-        notes += [judged.not_judged(4).strip()] if judged.gaps else []
+        alone = "of this one run, without allowance for the uncertainty of parameters"
+        notes += [
+            f"A margin is limit over amplitude, {alone}.",
+            *([judged.not_judged(4).strip()] if judged.gaps else []),
+        ]
     told = [Text(" ".join(notes), note=True)] if notes else []
     return pairs(_simulated(motion)), _main_lines(lines, judged), *told, _picture(motion, lines, judged)
 
@@ -83,12 +84,10 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
     array, record = scenario.array, scenario.record
     stiffness = "rigid" if reducer.rigid else f"{float(reducer.stiffness):.5g} N m/rad"
     first = f", the first clamped at {array.modes[0].frequency:.5g} Hz" if array.modes else ""
-    drive = (
-        f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step, reducer {reducer.ratio:g}:1"
-    )
+    steps = f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step"
     estimate = estimate_in(motion.solver)
     rows = {
-        "Drive": f"{drive}, {stiffness}",
+        "Drive": f"{steps}, reducer {reducer.ratio:g}:1, {stiffness}",
         "Array": f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}",
         "Motion": _motion(motion),
         "Record": f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s",

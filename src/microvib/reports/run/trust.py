@@ -43,9 +43,8 @@ def trust_section(motion: Motion) -> Section:
         f" dissipated, {values['energy_stored']:.4g} J stored."
     )
     header = ["invariant", "value [1]", "at most [1]", "meaning", "verdict"]
-    return Section(
-        "Can it be trusted?", (Text(verdict), table(header, rows, "", marks), Text(energy), Text(_lines(motion)))
-    )
+    bars = table(header, rows, "", marks)
+    return Section("Can it be trusted?", (Text(verdict), bars, Text(energy), Text(_lines(motion))))
 
 
 def _lines(motion: Motion) -> str:

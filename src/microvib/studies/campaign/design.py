@@ -67,10 +67,8 @@ class Design:
 
     def labels(self, case: int) -> dict[str, str]:
         """Dotted key to what a person reads of one case: levels as given, sampled values in their display unit."""
-        quantities: dict[str, Quantity | Uncertain | None] = {
-            name: quantity for name, _, quantity in self.base.entries()
-        }
-        quantities |= {x.key: x for x in self.uncertain}
+        shows: dict[str, Quantity | Uncertain | None] = {name: quantity for name, _, quantity in self.base.entries()}
+        shows |= {x.key: x for x in self.uncertain}
         named: dict[str, dict[Any, str]] = {
             x.key: dict(zip(map(_hashable, x.values), x.labels, strict=True)) for x in self.levels
         }
@@ -78,7 +76,7 @@ class Design:
         def text(key: str, value: Any) -> str:
             if key in named:
                 return named[key][_hashable(value)]
-            quantity = quantities.get(key)
+            quantity = shows.get(key)
             return quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)
 
         return {key: text(key, value) for key, value in self.values(case).items()}

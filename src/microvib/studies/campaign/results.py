@@ -216,7 +216,6 @@ def open_results(campaign: Campaign) -> Results:
         raise MicrovibError(f"{path}: is not there yet; merge them with: microvib campaign merge {campaign.folder}")
     with open_hdf5(path) as root:
         if root.attribute("campaign_sha256") != campaign.identity:
-            raise MicrovibError(
-                f"{path}: is of another campaign; merge again: microvib campaign merge {campaign.folder}"
-            )
+            again = f"microvib campaign merge {campaign.folder}"
+            raise MicrovibError(f"{path}: is of another campaign; merge again: {again}")
     return Results(campaign, path)

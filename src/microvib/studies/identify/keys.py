@@ -158,8 +158,6 @@ def moves_the_clock(scenario: Scenario, key: str, value: float) -> bool:
 
 def fittable(scenario: Scenario) -> list[str]:
     """Keys that can be fitted."""
-    numbers = {
-        name: value for name, value, quantity in scenario.entries() if quantity is not None and isinstance(value, float)
-    }
+    numbers = {name: value for name, value, q in scenario.entries() if q is not None and isinstance(value, float)}
     drive = (name for name in numbers if name not in _SETTINGS and not name.startswith("solver."))
     return [name for name in drive if not moves_the_clock(scenario, name, numbers[name])]

@@ -128,8 +128,12 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
 
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing, more show nothing.
     """
+    from scipy.stats import qmc
+
     problem.ledger.stage = "global"
-    points = [problem.tuned(x) for x in (*_sobol(problem, starts, seed), *also)]
+    low, high = np.array([key.range for key in problem.keys]).T
+    unit = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(starts)), 1))
+    points = [problem.tuned(x) for x in (*(low + (high - low) * unit), *also)]
     parts = [points[k : k + PART] for k in range(0, len(points), PART)]
     costs = [cost(r) for part in parts for r in problem.residuals(part)]
     most = min(finishes, AT_ONCE) if problem.along() else max(finishes, MAX_FITS)
@@ -140,14 +144,6 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
         optima += descend_all(problem, best[:AT_ONCE], FULL)
         best = best[AT_ONCE:]
     return optima
-
-
-def _sobol(problem: Problem, count: int, seed: int) -> list[np.ndarray]:
-    from scipy.stats import qmc
-
-    low, high = np.array([key.range for key in problem.keys]).T
-    points = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(count)), 1))
-    return list(low + (high - low) * points)
 
 
 def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
