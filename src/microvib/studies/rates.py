@@ -189,10 +189,9 @@ def plan_rates(
     cases = tuple(case for row in rows for case in row)
     met = (_strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]) for m in meetings)
     resonances = tuple(m for m in met if m is not None)
-    if keep_away > 0.0:
-        near = ((r, r.rate * (1.0 - keep_away), r.rate * (1.0 + keep_away)) for r in resonances)
-        text = NEAR + " {0.line} on {0.mode}"
-        forbidden += [Forbidden(r.microsteps, low, high, text.format(r), r.line, r.amplitude) for r, low, high in near]
+    for r in resonances if keep_away > 0.0 else ():
+        low, high = r.rate * (1.0 - keep_away), r.rate * (1.0 + keep_away)
+        forbidden.append(Forbidden(r.microsteps, low, high, f"{NEAR} {r.line} on {r.mode}", r.line, r.amplitude))
     return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), most, within, linear, keep_away)
 
 
@@ -231,12 +230,10 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
     """
     result = {}
     for n in plan.counts:
-        cases = plan.of(n)
-        picked = [cases[k] for k in np.unique(np.linspace(0, len(cases) - 1, count).astype(int))]
-        errors = []
-        for case in picked:
-            full = {x.line: x.amplitude for x in full_case(plan.scenario, Si(case.rate), n).lines}
-            errors += [abs(x.amplitude / full[x.line] - 1.0) for x in case.lines[:3] if x.line in full]
+        cases, errors = plan.of(n), []
+        for k in np.unique(np.linspace(0, len(cases) - 1, count).astype(int)):
+            full = {x.line: x.amplitude for x in full_case(plan.scenario, Si(cases[k].rate), n).lines}
+            errors += [abs(x.amplitude / full[x.line] - 1.0) for x in cases[k].lines[:3] if x.line in full]
         values = errors or [math.nan]
         result[n] = (float(np.median(values)), float(np.max(values)), len(errors))
     return result

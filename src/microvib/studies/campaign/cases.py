@@ -13,13 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.analysis.limits import Limit, judge
+from microvib.analysis.limits import judge
 from microvib.analysis.lines import lines_of_samples, steady
 from microvib.errors import MicrovibError
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
+from microvib.studies.campaign.design import limit_of
+from microvib.studies.campaign.study_file import Study
 
 TOGETHER = 32
 """Cases that are simulated together; bounds the memory of a worker."""
@@ -52,23 +54,17 @@ class Label(NamedTuple):
 class Work(NamedTuple):
     """Cases to compute, complete in itself: it needs no file."""
 
+    study: Study
     base: Scenario
     changes: tuple[dict[str, Any], ...]
-    solve: str
-    harmonics: int
-    keep: tuple[str, ...]
     label: Label
-    limit: Limit | None = None
-    """What each case's lines are judged by, as those of a run."""
-    time_limit: float | None = None
-    """Time [s] that a case may take; None: a minute, and the time that it simulates."""
     deadly: tuple[int, ...] = ()
     """Positions of cases that ended the worker when they were tried alone; they are not tried again."""
 
     @property
     def steady(self) -> bool:
         """Whether cases are solved for their steady states."""
-        return self.solve == "steady" or self.base.record.start == "steady"
+        return self.study.solve == "steady" or self.base.record.start == "steady"
 
 
 @dataclass(frozen=True)
@@ -200,7 +196,7 @@ def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) 
         except MicrovibError as error:
             results[k] = _failed(error)
     own = [MIN_TIME + s.record.settle + s.record.duration for s in scenarios.values()]
-    begin(sum(own) if work.time_limit is None else len(own) * work.time_limit)
+    begin(sum(own) if work.study.time_limit is None else len(own) * work.study.time_limit)
     torques = [None] * len(scenarios) if work.steady else _torques(list(scenarios.values()))
     for (k, scenario), torque in zip(scenarios.items(), torques, strict=True):
         results[k] = _solved(work, scenario, torque)
@@ -227,11 +223,11 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
         if isinstance(torque, Exception):
             raise torque
         if torque is not None:
-            table = lines_of_samples(torque.T_d, torque.sample_rate, scenario, work.harmonics)
-            return _result(work, scenario, table, torque.T_d, torque.stuck_output)
-        found = steady(scenario, harmonics=work.harmonics)
+            table = lines_of_samples(torque.T_d, torque.sample_rate, scenario, work.study.harmonics)
+            return _result(work.study, scenario, table, torque.T_d, torque.stuck_output)
+        found = steady(scenario, harmonics=work.study.harmonics)
         stuck = found.state.stuck_output if found.state is not None else math.nan
-        return _result(work, scenario, found.lines, found.source["T_d"], stuck, found.fallback)
+        return _result(work.study, scenario, found.lines, found.source["T_d"], stuck, found.fallback)
     except MicrovibError as error:
         return _failed(error)
     except MemoryError:
@@ -241,15 +237,15 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
 
 
 def _result(
-    work: Work, scenario: Scenario, table: LineTable, x: np.ndarray, stuck_output: float, note: str = ""
+    study: Study, scenario: Scenario, table: LineTable, x: np.ndarray, stuck_output: float, note: str = ""
 ) -> _Result:
     """A case whose lines are known, judged as its run would be."""
-    verdict, gaps = 0, ""
-    if work.limit is not None:
-        judgement = judge(table, work.limit, scenario)
+    verdict, gaps, limit = 0, "", limit_of(study)
+    if limit is not None:
+        judgement = judge(table, limit, scenario)
         verdict, gaps = VERDICTS.index(judgement.verdict), judgement.not_judged(1).strip()
     scalars = (float(np.abs(x).max()), float(x.std()), stuck_output)
-    return _Result(table, scalars, verdict, gaps, note=note, T_d=x if "T_d" in work.keep else None)
+    return _Result(table, scalars, verdict, gaps, note=note, T_d=x if "T_d" in study.keep else None)
 
 
 def gather(results: Sequence[_Result], label: Label) -> Chunk:

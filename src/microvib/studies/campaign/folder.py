@@ -22,7 +22,7 @@ from microvib.io.writing import write_file, write_folder
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.studies.campaign.cases import Chunk, Label, Work
-from microvib.studies.campaign.design import Design, limit_of
+from microvib.studies.campaign.design import Design
 from microvib.studies.campaign.study_file import Study
 from microvib.studies.campaign.variation import Levels, Uncertain
 
@@ -122,11 +122,9 @@ class Campaign:
 
     def work(self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()) -> Work:
         """A chunk, or some cases of it, ready to be sent to a worker."""
-        study = self.design.study
-        return Work(
-            self.design.base, tuple(map(self.design.changes, self.cases_of(chunk) if cases is None else cases)), study.solve,
-            study.harmonics, study.keep, Label(self.identity, chunk, self.manifest.text), limit_of(study), study.time_limit, deadly,
-        )  # fmt: skip
+        changes = tuple(map(self.design.changes, self.cases_of(chunk) if cases is None else cases))
+        label = Label(self.identity, chunk, self.manifest.text)
+        return Work(self.design.study, self.design.base, changes, label, deadly)
 
     def file(self, chunk: int) -> Path:
         """File of a chunk, there or not."""
