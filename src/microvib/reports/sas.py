@@ -24,11 +24,6 @@ HEADER = (
     "state", "f [Hz]", "J [kg m²]", "spring", "k [N/m]", "arm [mm]", "weight [kg]", "radius [mm]", "J_h [kg m²]",
     "FE f [Hz]", "off [%]", "FE J [kg m²]", "off [%]",
 )  # fmt: skip
-COLUMNS = (
-    "state", "frequency_hz", "inertia_kg_m2", "spring", "rate_n_m", "arm_m", "counterweight_kg", "radius_m", "rigid_inertia_kg_m2",
-    "preload_m", "force_min_n", "force_max_n", "stress_pa", "allowable_pa", "elements_frequency_hz", "elements_inertia_kg_m2",
-)  # fmt: skip
-"""Columns of ``sas.csv``; SI units."""
 
 
 def setting_rows(sizing: Sizing) -> list[list[str]]:
@@ -125,9 +120,9 @@ def sizing_text(result: Sized) -> str:
 
 def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the report; their names."""
-    figure = draw_simulator(result.sizing.target)
+    figure, settings = draw_simulator(result.sizing.target), [_values(setting) for setting in result.sizing.settings]
     files: dict[str, Any] = {
-        "sas.csv": rows_csv(COLUMNS, (tuple(_values(setting).values()) for setting in result.sizing.settings)),
+        "sas.csv": rows_csv(list(settings[0]), [list(row.values()) for row in settings]),
         "sas.json": to_json(sas_data(result)),
         "simulator.yaml": dump_part(result.sizing.target.design),
         "drawing.png": lambda path: figure.savefig(path, format="png"),
@@ -136,12 +131,14 @@ def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = 
 
 
 def _values(setting: Setting) -> dict[str, Any]:
+    """A setting's row of ``sas.csv``; SI units."""
     d, s, (f, J), (low, high) = setting.design, setting.state, setting.finite_elements, setting.forces
-    row = (
-        s.name, s.frequency, s.inertia, d.spring.name, d.spring.rate, d.arm, d.counterweight.mass, d.counterweight.radius, d.J_h,
-        d.preload, low, high, setting.stress, setting.allowable, f, J,
-    )  # fmt: skip
-    return dict(zip(COLUMNS, row, strict=True))
+    return {
+        "state": s.name, "frequency_hz": s.frequency, "inertia_kg_m2": s.inertia, "spring": d.spring.name,
+        "rate_n_m": d.spring.rate, "arm_m": d.arm, "counterweight_kg": d.counterweight.mass, "radius_m": d.counterweight.radius,
+        "rigid_inertia_kg_m2": d.J_h, "preload_m": d.preload, "force_min_n": low, "force_max_n": high,
+        "stress_pa": setting.stress, "allowable_pa": setting.allowable, "elements_frequency_hz": f, "elements_inertia_kg_m2": J,
+    }  # fmt: skip
 
 
 def sas_data(result: Sized) -> dict[str, Any]:
