@@ -9,7 +9,6 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,79 +35,21 @@ _CHUNK_FILE = re.compile(r"\d{6,}\.npz")
 
 
 @dataclass(frozen=True)
-class Manifest:
-    """What ``campaign.json`` adds to the other files: cases, chunks, versions, and what varies."""
-
-    entries: dict[str, Any]
-
-    @classmethod
-    def of(cls, design: Design, chunk_size: int) -> Manifest:
-        """Manifest of a new campaign."""
-        entries = {
-            "cases": design.cases, "chunk_size": chunk_size, "versions": package_versions(), "combinations": design.combinations,
-            "levels": [asdict(x) for x in design.levels], "uncertain": [asdict(x) for x in design.uncertain],
-        }  # fmt: skip
-        return cls(json.loads(to_json(entries)))
-
-    @cached_property
-    def text(self) -> str:
-        """The manifest as one line of JSON."""
-        return json.dumps(self.entries)
-
-    @property
-    def chunk_size(self) -> int:
-        """Cases of a chunk; ValueError where it is not a number of them."""
-        size = self.entries["chunk_size"]
-        if not isinstance(size, int) or size < 1:
-            raise ValueError(f"chunk_size {size!r} is not a whole number from 1 on")
-        return size
-
-    @property
-    def microvib(self) -> str:
-        """Version of microvib that made the campaign, and that must compute it."""
-        return str(self.entries["versions"]["microvib"])
-
-    def design(self, folder: Path) -> Design:
-        """The design that it describes together with the other files of ``folder``."""
-        study = validated(Study, parse_yaml(read_text(folder / STUDY, "study", ()), STUDY))
-        base = load_scenario(folder / SCENARIO)
-        levels = tuple(Levels(**_frozen(x)) for x in self.entries["levels"])
-        uncertain = tuple(Uncertain(**_frozen(x)) for x in self.entries["uncertain"])
-        samples = np.load(folder / SAMPLES, allow_pickle=False)
-        return Design(study, base, tuple(self.entries["combinations"]), levels, uncertain, samples)
-
-    def identity(self, design: Design) -> str:
-        """SHA-256 over all of it: study, scenario, samples, and the manifest with its versions."""
-        digest = hashlib.sha256(self.text.encode())
-        digest.update(dump_part(design.study).encode())
-        digest.update(dump_scenario(design.base).encode())
-        digest.update(np.ascontiguousarray(design.samples, dtype="<f8").tobytes())
-        return digest.hexdigest()
-
-
-def _frozen(entry: dict[str, Any]) -> dict[str, Any]:
-    """Lists of JSON as the tuples that they were, and its nulls, of which only open ends are some, as infinite."""
-    known = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
-    ends = {"lower": -np.inf, "upper": np.inf}
-    return known | {key: end for key, end in ends.items() if key in known and known[key] is None}
-
-
-@dataclass(frozen=True)
 class Campaign:
     """An open campaign. All that is needed to compute any of its chunks is in its folder."""
 
     folder: Path
     design: Design
-    manifest: Manifest
+    chunk_size: int
+    """Cases of every chunk but the last."""
+    microvib: str
+    """Version of microvib that made the campaign, and that must compute it."""
+    manifest: str
+    """What ``campaign.json`` adds to the other files, as one line of JSON: cases, chunks, versions, and what varies."""
     identity: str
     """SHA-256 of what is computed, and with which version."""
     mended: str = ""
     """What was found wrong and put right when it was opened; empty where nothing was."""
-
-    @property
-    def chunk_size(self) -> int:
-        """Cases of every chunk but the last."""
-        return self.manifest.chunk_size
 
     @property
     def chunks(self) -> int:
@@ -123,7 +64,7 @@ class Campaign:
     def work(self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()) -> Work:
         """A chunk, or some cases of it, ready to be sent to a worker."""
         changes = tuple(map(self.design.changes, self.cases_of(chunk) if cases is None else cases))
-        label = Label(self.identity, chunk, self.manifest.text)
+        label = Label(self.identity, chunk, self.manifest)
         return Work(self.design.study, self.design.base, changes, label, deadly)
 
     def file(self, chunk: int) -> Path:
@@ -142,9 +83,9 @@ class Campaign:
     def check_version(self) -> None:
         """MicrovibError unless this is the version that made the campaign: its cases must not be computed by two."""
         here = package_versions()["microvib"]
-        if here != self.manifest.microvib:
+        if here != self.microvib:
             raise MicrovibError(
-                f"{self.folder}: was made by microvib {self.manifest.microvib}, and this is {here}; continue with that version,"
+                f"{self.folder}: was made by microvib {self.microvib}, and this is {here}; continue with that version,"
                 " or make the campaign again"
             )
 
@@ -187,10 +128,15 @@ def default_chunk(design: Design) -> int:
 
 def create(design: Design, folder: Path, chunk_size: int | None = None) -> Campaign:
     """Write the folder of a new campaign; OutputError where something is in the way."""
-    manifest = Manifest.of(design, chunk_size or default_chunk(design))
+    entries = {
+        "cases": design.cases, "chunk_size": chunk_size or default_chunk(design), "versions": package_versions(),
+        "combinations": design.combinations, "levels": [asdict(x) for x in design.levels],
+        "uncertain": [asdict(x) for x in design.uncertain],
+    }  # fmt: skip
+    identity = _identity(json.dumps(json.loads(to_json(entries))), design)
     write_folder(folder, {
         STUDY: dump_part(design.study), SCENARIO: dump_scenario(design.base),
-        MANIFEST: _manifest_text(manifest, manifest.identity(design)),
+        MANIFEST: to_json({"sha256": identity, **entries}),
         SAMPLES: lambda path: np.save(path, design.samples), CHUNKS: lambda path: path.mkdir(),
     })  # fmt: skip
     return open_campaign(folder)
@@ -204,11 +150,11 @@ def open_campaign(folder: Path) -> Campaign:
     mended = "" if (folder / MANIFEST).is_file() else _mend(folder)
     try:
         entries = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        stated = entries.pop("sha256")
-        manifest = Manifest(entries)
-        design = manifest.design(folder)
-        identity = manifest.identity(design)
-        _ = manifest.chunk_size, manifest.microvib
+        stated, size, microvib = entries.pop("sha256"), entries["chunk_size"], str(entries["versions"]["microvib"])
+        if not isinstance(size, int) or size < 1:
+            raise ValueError(f"chunk_size {size!r} is not a whole number from 1 on")
+        design, manifest = _design(folder, entries), json.dumps(entries)
+        identity = _identity(manifest, design)
         (folder / CHUNKS).mkdir(exist_ok=True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise MicrovibError(f"{folder}: is not a whole campaign: {error}") from None
@@ -217,7 +163,32 @@ def open_campaign(folder: Path) -> Campaign:
             f"{folder}: {MANIFEST}, {STUDY}, {SCENARIO} or {SAMPLES} were changed after the campaign was made; put them back,"
             " or make a new campaign (another limit needs none: give it to `microvib campaign report`)"
         )
-    return Campaign(folder, design, manifest, identity, mended)
+    return Campaign(folder, design, size, microvib, manifest, identity, mended)
+
+
+def _design(folder: Path, entries: dict[str, Any]) -> Design:
+    """The design that the manifest's entries describe together with the other files of ``folder``."""
+    study = validated(Study, parse_yaml(read_text(folder / STUDY, "study", ()), STUDY))
+    levels = tuple(Levels(**_frozen(x)) for x in entries["levels"])
+    uncertain = tuple(Uncertain(**_frozen(x)) for x in entries["uncertain"])
+    samples = np.load(folder / SAMPLES, allow_pickle=False)
+    return Design(study, load_scenario(folder / SCENARIO), tuple(entries["combinations"]), levels, uncertain, samples)
+
+
+def _frozen(entry: dict[str, Any]) -> dict[str, Any]:
+    """Lists of JSON as the tuples that they were, and its nulls, of which only open ends are some, as infinite."""
+    known = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
+    ends = {"lower": -np.inf, "upper": np.inf}
+    return known | {key: end for key, end in ends.items() if key in known and known[key] is None}
+
+
+def _identity(manifest: str, design: Design) -> str:
+    """SHA-256 over all of it: the manifest with its versions, study, scenario and samples."""
+    digest = hashlib.sha256(manifest.encode())
+    digest.update(dump_part(design.study).encode())
+    digest.update(dump_scenario(design.base).encode())
+    digest.update(np.ascontiguousarray(design.samples, dtype="<f8").tobytes())
+    return digest.hexdigest()
 
 
 def _mend(folder: Path) -> str:
@@ -226,9 +197,5 @@ def _mend(folder: Path) -> str:
     if not found or not (folder / STUDY).is_file():
         raise MicrovibError(f"{folder}: is not a campaign; make one with: microvib campaign create STUDY {folder}")
     label = _chunk_of(found[0], "delete it, and try again").label
-    write_file(folder / MANIFEST, _manifest_text(Manifest(json.loads(label.manifest)), label.campaign))
+    write_file(folder / MANIFEST, to_json({"sha256": label.campaign, **json.loads(label.manifest)}))
     return f"{folder / MANIFEST}: was missing and was written again from {found[0].name}."
-
-
-def _manifest_text(manifest: Manifest, identity: str) -> str:
-    return to_json({"sha256": identity, **manifest.entries})
