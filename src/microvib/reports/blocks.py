@@ -31,24 +31,22 @@ def study(
     facts: Sequence[Fact] = (),
     scenario: Scenario | None = None,
     parts: Mapping[str, Part] | None = None,
+    versions: Mapping[str, str] | None = None,
+    again: Sequence[Block] = (),
 ) -> Document:
-    """The report of a study; how to reproduce it is added as its last section.
+    """The report of a study; how to reproduce it is added as its last section, and a line at the foot.
 
-    ``scenario`` is what all of it rests on; ``parts`` are further descriptions, by what they are.
+    ``scenario`` is what all of it rests on; ``parts`` are further descriptions, by what they are. ``versions`` are those that made
+    it, without them today's; ``again`` says how else to reproduce it.
     """
-    form = form or Form()
-    blocks: list[Block] = [Text("Made by:"), Code(form.command)] if form.command else []
-    named = {**({} if scenario is None else {"scenario": scenario}), **(parts or {})}
-    hashes = [(f"{name} SHA-256", sha256(dump_part(part).encode()).hexdigest()) for name, part in named.items()]
-    last = Section("Versions, and how to reproduce", (*blocks, pairs([*package_versions().items(), *hashes])))
-    foot = made_by(package_versions()["microvib"], scenario)
+    form, versions = form or Form(), versions or package_versions()
+    blocks = [*again, *((Text("Made by:"), Code(form.command)) if form.command else ())]
+    hashes = {} if scenario is None else {"scenario": scenario_hash(scenario)}
+    foot = f"microvib {versions['microvib']}" + "".join(f" · scenario SHA-256 {text[:16]}…" for text in hashes.values())
+    hashes |= {name: sha256(dump_part(part).encode()).hexdigest() for name, part in (parts or {}).items()}
+    made = pairs([*versions.items(), *((f"{name} SHA-256", text) for name, text in hashes.items())])
+    last = Section("Versions, and how to reproduce", (*blocks, made))
     return Document(kind, title, subtitle, tuple(facts), tuple(first_page), (*sections, last), foot, form.title_block)
-
-
-def made_by(version: str, scenario: Scenario | None = None) -> str:
-    """The line at the foot: version, and what tells the scenario from all others."""
-    tail = "" if scenario is None else f" · scenario SHA-256 {scenario_hash(scenario)[:16]}…"
-    return f"microvib {version}{tail}"
 
 
 def drawn(drawing: Drawing, alt: str, caption: str = "", turned: bool = False) -> Figure:

@@ -10,12 +10,10 @@ import numpy as np
 from microvib.analysis.accuracy import KEY
 from microvib.analysis.budget import budget
 from microvib.analysis.limits import Judgement, Limit, judge
-from microvib.io.runs import scenario_hash
-from microvib.io.tables import package_versions
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
-from microvib.reports.blocks import drawn, made_by
+from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Code, Document, Form, Section, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, milli
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
@@ -51,12 +49,15 @@ def run_report(
 ) -> Document:
     """The report on one run; ``versions`` are those that made the motion, without them today's."""
     scenario, axis = motion.scenario, motion.scenario.array.drive_axis
-    versions, form = versions or package_versions(), form or Form()
+    again = (
+        Text("In the folder of this report (the scenario there is complete):"),
+        Code("microvib run scenario.yaml --out again"),
+    )
     judged = None if limit is None else judge(lines, limit, scenario)
-    return Document(
-        kind="Run report",
-        title=scenario.title or "microvib run",
-        subtitle=f"Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis ({axis}).",
+    return study(
+        "Run report",
+        scenario.title or "microvib run",
+        f"Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis ({axis}).",
         facts=facts(motion, lines, judged),
         first_page=first_page(motion, lines, judged),
         sections=(
@@ -69,10 +70,11 @@ def run_report(
             Section("Derived values", (table(["quantity", "value [1]", "by"], derived_values(scenario)),)),
             _method(motion),
             trust_section(motion),
-            _provenance(motion, versions, form),
         ),
-        made=made_by(versions["microvib"], scenario),
-        title_block=form.title_block,
+        form=form,
+        scenario=scenario,
+        versions=versions,
+        again=again,
     )
 
 
@@ -212,13 +214,3 @@ def _method(motion: Motion) -> Section:
         name = key.removesuffix("_s").replace("_", " ") + (" [s]" if key.endswith("_s") else "")
         account += [(name, f"{value:.4g}" if isinstance(value, float) else str(value))] if key not in _NOT_SHOWN else []
     return Section("Method", (Text(text), pairs(account)))
-
-
-def _provenance(motion: Motion, versions: Mapping[str, str], form: Form) -> Section:
-    again = (
-        Text("In the folder of this report (the scenario there is complete):"),
-        Code("microvib run scenario.yaml --out again"),
-    )
-    blocks = (Text("Made by:"), Code(form.command)) if form.command else ()
-    made = pairs([*versions.items(), ("scenario SHA-256", scenario_hash(motion.scenario))])
-    return Section("Versions, and how to reproduce", (*again, *blocks, made))
