@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -43,42 +43,66 @@ def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -
 _BRANCHES = ("function-plain", "function-wrap", "literal", "constrained", "tuple", "lax-or-strict")
 
 
+class _Place(NamedTuple):
+    """What a path of keys leads to."""
+
+    keys: tuple[str, ...] = ()
+    """Keys that are allowed there."""
+    meaning: str = ""
+    """Meaning and unit, in parentheses."""
+    number: str = "a whole number"
+    """What is expected where whole numbers are."""
+
+
+def _place(root: type[Part], where: list[str]) -> _Place:
+    part: type[Part] | None = root
+    parent, field = root, None
+    for name in (name for name in where if not name.isdigit()):
+        if part is None or name not in part.model_fields:
+            return _Place()
+        parent, field = part, part.model_fields[name]
+        part = part_in(field.annotation)
+    keys = () if part is None else tuple(part.model_fields)
+    if field is None:
+        return _Place(keys)
+    quantity = parent.quantity_of(where[-1])
+    unit = f", in {quantity.display or quantity.unit}" if quantity and quantity.unit else ""
+    meaning = f"{quantity.meaning}{unit}" if quantity else field.description
+    return _Place(keys, f" ({meaning})" if meaning else "", whole_numbers(field) or "a whole number")
+
+
 def _sentence(root: type[Part], item: ErrorDetails) -> str:
     """One validation error as a sentence: which key, what was found, what is allowed."""
     where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
     key = ".".join(where) or root.__name__.lower()
-    kind, found, context = item["type"], item.get("input"), item.get("ctx", {})
+    kind, found, context, place = item["type"], item.get("input"), item.get("ctx", {}), _place(root, where)
     if kind == "extra_forbidden":
-        allowed = _keys_at(root, where[:-1])
+        allowed = _place(root, where[:-1]).keys
         known = [".".join([*where[:-1], name]) for name in allowed]
         return f"{key}: unknown key; {_near(key, known, root)}allowed here are {', '.join(allowed) or 'none'}"
     if kind == "missing":
-        return f"{key}: missing{_meaning(root, where)}"
+        return f"{key}: missing{place.meaning}"
     if kind == "quantity":
         return f"{key}: {context['text']}"
     if kind == "value_error":
         text = str(context.get("error", item["msg"]))
-        if not where:
-            return text
-        return (
-            f"{key}.{text}"
-            if where and text.split(":")[0].replace(".", "").replace("_", "").isalnum()
-            else f"{key}: {text}"
-        )
-    if kind == "literal_error":
-        return f"{key}: {shown(found)} is not allowed; write {context.get('expected')}{_meaning(root, where)}"
-    if kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
-        return f"{key}: {shown(found)} is not allowed; {_range(root, where)} is expected{_meaning(root, where)}"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{key}: {shown(found)} is not allowed; keys are expected here: {', '.join(_keys_at(root, where)) or 'text to text'}"
-    if kind == "tuple_type":
-        return f"{key}: {shown(found)} is not allowed; a list is expected{_meaning(root, where)}"
+        deeper = text.split(":")[0].replace(".", "").replace("_", "").isalnum()  # begins with a key
+        return f"{key}{'.' if deeper else ': '}{text}" if where else text
     if kind in ("too_long", "string_too_long"):
         what = "characters" if kind.startswith("string") else "entries"
         length = context.get("actual_length") or len(found)
-        return f"{key}: has {length} {what}; at most {context['max_length']} are allowed{_meaning(root, where)}"
-    message = item["msg"].replace("Input should", "it should")
-    return f"{key}: {shown(found)} is not allowed; {message}"
+        return f"{key}: has {length} {what}; at most {context['max_length']} are allowed{place.meaning}"
+    if kind == "literal_error":
+        expected = f"write {context.get('expected')}{place.meaning}"
+    elif kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
+        expected = f"{place.number} is expected{place.meaning}"
+    elif kind in ("model_type", "model_attributes_type", "dict_type"):
+        expected = f"keys are expected here: {', '.join(place.keys) or 'text to text'}"
+    elif kind == "tuple_type":
+        expected = f"a list is expected{place.meaning}"
+    else:
+        expected = item["msg"].replace("Input should", "it should")
+    return f"{key}: {shown(found)} is not allowed; {expected}"
 
 
 def _near(key: str, known: list[str], root: type[Part]) -> str:
@@ -95,39 +119,3 @@ def _all_keys(part: type[Part], prefix: str = "") -> Iterator[str]:
             yield from _all_keys(
                 inner, f"{prefix}{name}.0." if "tuple" in str(field.annotation) else f"{prefix}{name}."
             )
-
-
-def _field_at(root: type[Part], where: list[str]) -> tuple[type[Part] | None, Any]:
-    """The part class and the field that a path leads to."""
-    part: type[Part] | None = root
-    field: Any = None
-    for name in where:
-        if name.isdigit():
-            continue
-        if part is None or name not in part.model_fields:
-            return None, None
-        field = part.model_fields[name]
-        part = part_in(field.annotation)
-    return part, field
-
-
-def _keys_at(root: type[Part], where: list[str]) -> list[str]:
-    part, _ = _field_at(root, where)
-    return list(part.model_fields) if part is not None else []
-
-
-def _meaning(root: type[Part], where: list[str]) -> str:
-    parent, _ = _field_at(root, where[:-1])
-    _, field = _field_at(root, where)
-    if field is None or parent is None:
-        return ""
-    quantity = parent.quantity_of(where[-1])
-    if quantity is not None:
-        unit = f", in {quantity.display or quantity.unit}" if quantity.unit else ""
-        return f" ({quantity.meaning}{unit})"
-    return f" ({field.description})" if field.description else ""
-
-
-def _range(root: type[Part], where: list[str]) -> str:
-    _, field = _field_at(root, where)
-    return (field and whole_numbers(field)) or "a whole number"
