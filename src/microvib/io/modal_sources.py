@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from microvib.errors import ScenarioError
-from microvib.io.modal_table import MAX_MODES, read_modes
 from microvib.io.scenario_file import catalog_text, read_text, reference_names
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
@@ -18,8 +17,6 @@ from microvib.structures.simulator_design import SimulatorDesign
 if TYPE_CHECKING:
     from microvib.structures.deck import Import
     from microvib.structures.fem.modes import Modes
-
-__all__ = ["DEFAULT_MODES", "MAX_MODES", "ModalSource", "load_design", "modal_source"]
 
 DEFAULT_MODES = 10  # modes taken of finite elements where their number is not given
 StructureDesign = ArrayDesign | SimulatorDesign
@@ -53,10 +50,7 @@ def modal_source(
         )
     if source in reference_names() or ending in DESCRIPTIONS:
         return _from_design(load_design(source, folder), source, DEFAULT_MODES if count is None else count)
-    if ending in TABLES:
-        model = read_modes(folder / source)
-        return ModalSource(source, model if count is None else model.first(count))
-    if ending in RESULTS:
+    if ending in (*TABLES, *RESULTS):
         from microvib.io.nastran import read_modal_model
 
         model = read_modal_model(folder / source, options)

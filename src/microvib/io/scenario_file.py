@@ -128,7 +128,8 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
 
 def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
     """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
-    from microvib.io.modal_sources import DEFAULT_MODES, DESCRIPTIONS, MAX_MODES, TABLES, modal_source
+    from microvib.io.modal_sources import DEFAULT_MODES, DESCRIPTIONS, TABLES, modal_source
+    from microvib.io.modal_table import MAX_MODES
 
     key, *others = [key for key in group if key in ARRAY_ORIGINS]
     if not isinstance(group[key], str) or "\0" in group[key]:
