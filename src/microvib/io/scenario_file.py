@@ -136,7 +136,11 @@ def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
         raise ScenarioError(f"array.{key}: {shown(group[key])} is not allowed; the name of a file is expected")
     name = str(group[key])
     if key == "from" and not others and Path(name).suffix.lower() not in (*TABLES, *DESCRIPTIONS):
-        return _imported(group, folder / name), name
+        from microvib.io.nastran import read_modal_model
+        from microvib.structures.deck import import_options
+
+        said = {option: value for option, value in group.items() if option not in ARRAY_ORIGINS}
+        return read_modal_model(folder / name, import_options(said, "array")), name
     unknown = [*others, *(key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping"))]
     if unknown:
         raise ScenarioError(
@@ -149,15 +153,6 @@ def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
     count = _count({"modes": DEFAULT_MODES, **group}, MAX_MODES)
     model = modal_source(name, max(count, 1), folder).model
     return _damped(model.first(count), group), f"finite elements of {name}, {count} modes"
-
-
-def _imported(group: dict[str, Any], file: Path) -> ModalModel:
-    """Modes of a finite-element program's results, understood as the scenario says."""
-    from microvib.io.nastran import read_modal_model
-    from microvib.structures.deck import import_options
-
-    said = {key: value for key, value in group.items() if key not in ARRAY_ORIGINS}
-    return read_modal_model(file, import_options(said, "array"))
 
 
 def _count(group: dict[str, Any], available: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -89,57 +90,45 @@ def with_findings(model: ModalModel, units: str) -> ModalModel:
     return replace(model, notes=(*model.notes, *_shares(model), *_rigid_body(model), *_plausible(model, units)))
 
 
-def _shares(model: ModalModel) -> list[str]:
+def _shares(model: ModalModel) -> Iterator[str]:
     share = model.fraction.sum(axis=1)
-    notes = []
     low = [f"{DIRECTIONS[k]} {100.0 * share[k]:.1f} %" for k in range(6) if share[k] < ENOUGH]
     if low:
-        notes.append(
+        yield (
             f"The {model.frequency.size} modes hold less than 90 % of the rigid-body mass in: {', '.join(low)}; more modes are"
             " wanted where these directions matter."
         )
     if share[model.axis] < 1e-6:
-        notes.append(f"No mode moves about the drive axis ({model.drive_axis}): is the drive axis right?")
-    if model.spatial:
-        bare = [DIRECTIONS[k] for k in range(6) if not np.isfinite(share[k])]
-        if bare:
-            notes.append(f"The model has no mass in {', '.join(bare)}: these directions are missing.")
-    return notes
+        yield f"No mode moves about the drive axis ({model.drive_axis}): is the drive axis right?"
+    bare = [DIRECTIONS[k] for k in range(6) if model.spatial and not np.isfinite(share[k])]
+    if bare:
+        yield f"The model has no mass in {', '.join(bare)}: these directions are missing."
 
 
-def _rigid_body(model: ModalModel) -> list[str]:
+def _rigid_body(model: ModalModel) -> Iterator[str]:
     """Whether the matrix is that of a rigid body: one mass, the same in all directions, with its centre."""
-    m = np.diag(model.mass)[:3]
+    m, coupling = np.diag(model.mass)[:3], model.mass[:3, 3:]
     if not model.spatial or not m.all():
-        return []
+        return
+    skew = np.abs(coupling + coupling.T).max()
     if np.ptp(m) > 0.01 * m.max():
         values = ", ".join(f"{v:.4g} kg" for v in m)
-        return [
-            f"The mass differs by direction ({values} along x, y, z): scalar masses, or degrees of freedom left out."
-        ]
-    coupling = model.mass[:3, 3:]
-    skew = np.abs(coupling + coupling.T).max()
-    if skew > 0.01 * max(np.abs(coupling).max(), np.sqrt(m.max() * np.diag(model.mass)[3:].max())):
-        return [
-            "The coupling of translation and rotation is not that of a rigid body: degrees of freedom were left out."
-        ]
-    return []
+        yield f"The mass differs by direction ({values} along x, y, z): scalar masses, or degrees of freedom left out."
+    elif skew > 0.01 * max(np.abs(coupling).max(), np.sqrt(m.max() * np.diag(model.mass)[3:].max())):
+        yield "The coupling of translation and rotation is not that of a rigid body: degrees of freedom were left out."
 
 
-def _plausible(model: ModalModel, units: str) -> list[str]:
+def _plausible(model: ModalModel, units: str) -> Iterator[str]:
     """Magnitudes that another unit system than the declared one would explain."""
-    notes = []
     doubt = f"is the deck really in {units}?"
     if model.frequency[-1] > HIGHEST:
-        notes.append(f"The highest frequency is {model.frequency[-1]:.4g} Hz, above {HIGHEST:g} Hz: {doubt}")
+        yield f"The highest frequency is {model.frequency[-1]:.4g} Hz, above {HIGHEST:g} Hz: {doubt}"
     m = float(np.diag(model.mass)[:3].max())
     if not model.spatial or m <= 0.0:
-        return notes
-    if not MASSES[0] <= m <= MASSES[1]:
-        notes.append(f"The mass is {m:.4g} kg, not within {MASSES[0]:g} to {MASSES[1]:g} kg as arrays are: {doubt}")
+        return
+    (light, heavy), (short, long) = MASSES, LENGTHS
+    if not light <= m <= heavy:
+        yield f"The mass is {m:.4g} kg, not within {light:g} to {heavy:g} kg as arrays are: {doubt}"
     radius = float(np.sqrt(np.diag(model.mass)[3:].max() / m))
-    if not LENGTHS[0] <= radius <= LENGTHS[1]:
-        notes.append(
-            f"The largest radius of gyration is {radius:.4g} m, not within {LENGTHS[0]:g} to {LENGTHS[1]:g} m: {doubt}"
-        )
-    return notes
+    if not short <= radius <= long:
+        yield f"The largest radius of gyration is {radius:.4g} m, not within {short:g} to {long:g} m: {doubt}"

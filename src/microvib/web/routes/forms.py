@@ -189,10 +189,7 @@ def slow(spec: Spec) -> bool:
 def scenario(spec: Spec) -> Scenario:
     """The scenario that is meant; ScenarioError says what is wrong."""
     names_elements(spec)
-    return _bounded(scenario_of(_data(spec), spec.name, _changes(spec)))
-
-
-def _bounded(loaded: Scenario) -> Scenario:
+    loaded = scenario_of(_data(spec), spec.name, _changes(spec))
     n = len(loaded.array.modes)
     if n > MAX_MODES:
         raise ScenarioError(f"array.modes: has {n} modes; the page takes at most {MAX_MODES}, `microvib run` takes all")
