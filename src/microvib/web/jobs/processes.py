@@ -161,26 +161,19 @@ class Workers:
                     job.end("failed", f"stopped after {self._wall_s:g} s, the longest that is allowed here")
                 elif worker.pipe.poll(0.2):
                     kind, content = worker.pipe.recv()
+                    if kind == "done":
+                        job.value = content
+                        job.end(kind)
+                    elif kind == "failed":
+                        job.end(kind, content)
+                    else:
+                        job.progress = content
                     if kind == "ready":
                         deadline = time.monotonic() + self._wall_s
                         worker.pipe.send((job.task, job.arguments))
-                    self._note(job, kind, content)
         except (EOFError, OSError):
             worker.process.join(2.0)
-            job.end("failed", _death(worker.process.exitcode))
-
-    def _note(self, job: Job, kind: str, content: Any) -> None:
-        """Take in what a worker says."""
-        if kind == "done":
-            job.value = content
-            job.end("done")
-        elif kind == "failed":
-            job.end("failed", content)
-        else:
-            job.progress = content
-
-
-def _death(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f"its process was killed by signal {-code}, perhaps for lack of memory; nothing else was affected"
-    return f"its process ended unexpectedly (status {code}); nothing else was affected"
+            code = worker.process.exitcode
+            killed = f"was killed by signal {-(code or 0)}, perhaps for lack of memory"
+            how = killed if (code or 0) < 0 else f"ended unexpectedly (status {code})"
+            job.end("failed", f"its process {how}; nothing else was affected")
