@@ -16,9 +16,10 @@ PAGES = ["README.md", *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "d
 SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
 
 SHORTER: dict[str, list[str]] = {
-    "microvib rates": ["--count", "2", "--linear"],
+    "microvib rates": ["--count", "2", "--linear", "--from", "0.1 deg/s", "--microsteps", "16,32"],
     "microvib modes": ["--count", "3"],
     "microvib run": SHORT,
+    "microvib measure": ["--bench", "short.yaml"],
     "microvib identify": ["--set", "record.settle=0.2 s", "--set", "record.duration=1 s", "--starts", "2"],
 }
 """What is appended to lines that have these words: the same command on less work."""
@@ -35,7 +36,9 @@ NOT_RUN = {
 }
 """Lines that are left out, by words that they have, and why."""
 CATALOG = ROOT / "src" / "microvib" / "catalog"
-DRIVE, ARRAY = ((CATALOG / name).read_text("utf-8") for name in ("new.yaml", "reference-array.yaml"))
+DRIVE, ARRAY, BENCH = (
+    (CATALOG / name).read_text("utf-8") for name in ("new.yaml", "reference-array.yaml", "benches/force-table.yaml")
+)
 STUDY = "{scenario: state-1, set: {record.settle: 0.5 s, record.duration: 1 s}, vary: {driver.microsteps: [16, 32]}}"
 GIVEN: dict[str, dict[str, str]] = {
     "README.md": {"study.yaml": STUDY},
@@ -45,6 +48,8 @@ GIVEN: dict[str, dict[str, str]] = {
     "docs/howto/rate.md": {"my-drive.yaml": DRIVE},
 }
 """Files that a page tells its reader to have written, and does not print."""
+SHORT_BENCH = BENCH.replace("duration: 16 s", "duration: 4 s")
+"""``short.yaml``: every later command looks at the recording, and an identification simulates as long, hundreds of times."""
 ONE_AFTER_ANOTHER = """
 import json, sys
 from microvib.cli.main import main
@@ -91,7 +96,7 @@ def words_of(line: str) -> list[str]:
     [pytest.param(page, marks=() if page == "README.md" else pytest.mark.long) for page in PAGES if lines_of(page)],
 )
 def test_the_lines_of_a_page_run_as_printed(page, tmp_path):
-    for name, text in {**GIVEN.get(page, {}), **printed(page)}.items():
+    for name, text in {"short.yaml": SHORT_BENCH, **GIVEN.get(page, {}), **printed(page)}.items():
         (tmp_path / name).write_text(fewer(text))
     run = [words_of(line) for line in lines_of(page) if entry(NOT_RUN, line) is None]
     done = subprocess.run(

@@ -6,6 +6,7 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from microvib.cli.main import main
+from microvib.io.scenario_file import catalog_text
 
 ONE_AFTER_ANOTHER = """
 import json, sys
@@ -32,11 +33,12 @@ _FILES = {
     + """vary: {friction.breakaway: {distribution: uniform, within: 20 percent}}
 sampling: {method: random, count: 4000}
 """,
+    "bench.yaml": catalog_text("benches/force-table").replace("duration: 16 s", "duration: 4 s"),
     "modes.csv": "frequency_hz,damping,effective_inertia_kg_m2,inertia_kg_m2\n1.19,0.01,8,9\n",
 }
 _BEFORE = (
     ["run", "state-1", *SHORT, "--out", "old"],
-    ["measure", "state-1", *SHORT, "-o", "old.csv"],
+    ["measure", "state-1", "--bench", "bench.yaml", *SHORT, "-o", "old.csv"],
     ["campaign", "create", "study.yaml", "batch"],
     ["campaign", "create", "long.yaml", "long"],
     ["campaign", "run", "batch", "--workers", "1"],

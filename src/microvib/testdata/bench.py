@@ -178,12 +178,14 @@ Transfer = Callable[[np.ndarray, float, Resonance], np.ndarray]
 def _through(x: np.ndarray, rate: float, resonance: Resonance, transfer: Transfer) -> None:
     """One component of ``x`` through an analog resonance, in place; it starts in equilibrium with its first value.
 
-    Computed in the frequency domain, exact up to half the rate; the padding takes what rings on after the end.
+    Computed in the frequency domain, exact up to half the rate; the padding takes what rings on after the end, at least.
     """
+    from scipy.fft import next_fast_len
+
     row = x[COMPONENTS.index(resonance.component)]
     w = 2.0 * math.pi * resonance.frequency
     ringing = min(12.0 / (resonance.damping * w), LONGEST_RINGING)
-    size = row.size + math.ceil(ringing * rate)
+    size = next_fast_len(row.size + math.ceil(ringing * rate), real=True)
     s = 2j * math.pi * np.fft.rfftfreq(size, 1.0 / rate)
     start = row[0]
     row[:] = start + np.fft.irfft(np.fft.rfft(row - start, size) * transfer(s, w, resonance), size)[: row.size]

@@ -217,11 +217,11 @@ def quantile(x: np.ndarray, q: float) -> Estimate:
 
     NONE where the draws are too few to bound it: an extreme of the sample is not a percentile.
     """
-    from scipy.stats import binom
-
     ordered, n = np.sort(x), x.size
     if n < draws_needed(q):
         return NONE
+    from scipy.stats import binom
+
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = int(binom.ppf(tail, n, q)) - 1, int(binom.ppf(1.0 - tail, n, q))
     return Estimate(float(np.quantile(ordered, q)), float(ordered[max(low, 0)]), float(ordered[min(high, n - 1)]))
