@@ -44,7 +44,7 @@ def test_lines_are_those_of_the_settled_run_in_time(name):
     assert steady["array_mode_1"].status == TRANSIENT
 
 
-@pytest.mark.parametrize("seed", [4, 14, 31, 45, 52])
+@pytest.mark.parametrize("seed", [4, 14, 31, 45, pytest.param(52, marks=pytest.mark.long)])
 def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
     scenario = random_scenario(seed)
     deviation, line = worst_deviation(steady_state(scenario), settled_motion(scenario))
