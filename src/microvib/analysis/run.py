@@ -47,11 +47,11 @@ def solve_run(
     """
     state, fallback = find_steady(scenario) if scenario.record.start == "steady" else (None, "")
     not_used = {"steady": f"not used: {fallback}"} if fallback else {}
-    if lines_only and state is None:
-        table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
-        return RunResult(scenario, table, invariants, solver | not_used, None, None, fallback)
     if lines_only and state is not None:
         return RunResult(scenario, lines(state, harmonics=harmonics), state.invariants, state.solver, None, state)
+    if lines_only:
+        table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
+        return RunResult(scenario, table, invariants, solver | not_used, None, None, fallback)
     motion = from_rest(scenario, progress=progress) if state is None else state.motion(progress=progress)
     source = state or motion
     table = lines(source, harmonics=harmonics)

@@ -57,12 +57,14 @@ _MAX_FIRST_PAGE = 8
 def analysis_report(a: Analysis, form: Form | None = None) -> Document:
     """The report of an analysis: lines with uncertainties, amplitude spectrum, density, waterfall, bands."""
     reach = figures.reach(_largest(a))
-    spectrum, density, fall = (
-        _drawn(made, height, alt, reach, a)
-        for made, height, alt in (
-            (a.spectrum, 4.4, "Amplitude spectrum"), (a.density, 2.7, "Power spectral density"), (a.waterfall, 2.9, "Waterfall"),
-        )
-    )  # fmt: skip
+
+    def drawing(made: figures.Spectral, height: float, alt: str) -> Figure:
+        text = str(made)
+        return drawn(figures.draw_spectral(made, a.unit, reach, height, a.table), alt, f"{text[:1].upper()}{text[1:]}.")
+
+    spectrum = drawing(a.spectrum, 4.4, "Amplitude spectrum")
+    density = drawing(a.density, 2.7, "Power spectral density")
+    fall = drawing(a.waterfall, 2.9, "Waterfall")
     lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
     record = f"{a.recording.samples} samples at {a.recording.sample_rate:g} Hz, {a.recording.duration:g} s"
     notes = [("Note", note) for note in a.recording.notes if note]
@@ -80,11 +82,6 @@ def analysis_report(a: Analysis, form: Form | None = None) -> Document:
         ),
         form=form,
     )
-
-
-def _drawn(made: figures.Spectral, height: float, alt: str, reach: float, a: Analysis) -> Figure:
-    text = str(made)
-    return drawn(figures.draw_spectral(made, a.unit, reach, height, a.table), alt, f"{text[:1].upper()}{text[1:]}.")
 
 
 def _facts(a: Analysis) -> list[Fact]:

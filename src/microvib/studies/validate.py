@@ -121,7 +121,8 @@ def validate(progress: Callable[[str], None] | None = None) -> tuple[list[Check]
     first = states[1].motion.scenario
     finer = _state(first.with_({"solver.refinement": 2 * first.solver.refinement}))
     tell("state 1 from switch-on")
-    start = _from_switch_on(first)
+    whole = {"record.settle": 0.0, "record.duration": first.record.settle + first.record.duration}
+    start = float(np.abs(simulate(first.with_si(whole), channels=("T_d",))["T_d"]).max())
     checks = [
         *_equations(first),
         *_tables(states[1]),
@@ -136,13 +137,6 @@ def validate(progress: Callable[[str], None] | None = None) -> tuple[list[Check]
 def _state(scenario: Scenario) -> SimulatedState:
     motion = simulate(scenario, channels=("T_d",))
     return SimulatedState(motion, lines(motion))
-
-
-def _from_switch_on(scenario: Scenario) -> float:
-    """Largest torque from the start of the command to the end of the record [N m]."""
-    record = scenario.record
-    whole = {"record.settle": 0.0, "record.duration": record.settle + record.duration}
-    return float(np.abs(simulate(scenario.with_si(whole), channels=("T_d",))["T_d"]).max())
 
 
 def _claim(

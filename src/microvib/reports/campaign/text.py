@@ -64,7 +64,10 @@ def report_text(s: Summary) -> str:
         above = "" if s.limit is None else f"{'above ' + format(1e3 * s.limit, 'g') + ' mN m':>32s}"
         lines += ["", f"{'line':18s} {'Hz':>19s} {'median':>9s} {'P95':>9s} {'P95, 95 % sure':>20s} {'P99':>9s} {'largest':>9s}"
                   f" {'case':>8s}{above}   mN m, 0-to-peak"]  # fmt: skip
-        lines += [_row_text(r) for r in shown(s)]
+        for r in shown(s):
+            median, p95, p99, top = map(brief_milli, (r.median.value, r.p95.value, r.p99.value, r.largest))
+            text = f"{r.line:18s} {hertz(r):>19s} {median:>9s} {p95:>9s} {interval(r.p95):>20s} {p99:>9s} {top:>9s}"
+            lines.append(f"{text} {r.worst:8d}" + ("" if r.above is None else f"{above_limit(r):>32s}"))
     if s.rows and s.several:
         text = "Each line at the level at which it is largest. The largest line level by level, highest first:"
         lines += ["", text, "", *(_level_text(r) for r in s.by_level[:MAX_LEVELS])]
@@ -86,14 +89,6 @@ def report_text(s: Summary) -> str:
     worst = s.worst[ANY][:1]
     lines += ["", f"Worst case again: microvib campaign case {folder} {worst[0][0]} --out worst.yaml"] if worst else []
     return "\n".join(lines)
-
-
-def _row_text(r: LineStatistics) -> str:
-    text = (
-        f"{r.line:18s} {hertz(r):>19s} {brief_milli(r.median.value):>9s} {brief_milli(r.p95.value):>9s} {interval(r.p95):>20s}"
-        f" {brief_milli(r.p99.value):>9s} {brief_milli(r.largest):>9s} {r.worst:8d}"
-    )
-    return text if r.above is None else f"{text}{above_limit(r):>32s}"
 
 
 def _level_text(r: LineStatistics) -> str:

@@ -44,16 +44,9 @@ def trust_section(motion: Motion) -> Section:
     )
     header = ["invariant", "value [1]", "at most [1]", "meaning", "verdict"]
     bars = table(header, rows, "", marks)
-    return Section("Can it be trusted?", (Text(verdict), bars, Text(energy), Text(_lines(motion))))
-
-
-def _lines(motion: Motion) -> str:
-    """What is known of the error of the lines, which invariants do not bound."""
+    finer = "To see the lines converge, run again with `solver.refinement=2` and `4`: every step is then that many times finer."
     estimate = estimate_in(motion.solver)
-    said = "These invariants do not bound the error of a line."
     if estimate is not None:
-        return f"{said} The beginning of the record was run again from the same state with finer steps: {estimate}."
-    return (
-        f"{said} To see the lines converge, run again with `solver.refinement=2` and `4`: every step is then that many"
-        " times finer."
-    )
+        finer = f"The beginning of the record was run again from the same state with finer steps: {estimate}."
+    lines = f"These invariants do not bound the error of a line. {finer}"
+    return Section("Can it be trusted?", (Text(verdict), bars, Text(energy), Text(lines)))
