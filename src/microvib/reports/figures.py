@@ -25,6 +25,8 @@ Spectral = Spectrum | Density | Waterfall
 """What is drawn over frequency."""
 _POINTS = 2000
 """Groups of samples that a time history is drawn of, at least where there are more."""
+_MICROSTEPS = 4.0
+"""At the start of a record that are drawn."""
 
 
 def draw_overview(motion: Motion, table: LineTable) -> Figure:
@@ -63,28 +65,28 @@ def draw_history(ax: Axes, motion: Motion) -> None:
     ax.margins(x=0)
 
 
-def draw_stretch(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
+def draw_stretch(ax: Axes, motion: Motion) -> None:
     """A few microsteps at the start of the record, with the time that the shaft sticks shaded."""
-    n = _stretch(motion, microsteps)
-    t = (motion.time[:n] - motion.time[0]) * 1e3
-    ax.plot(t, 1e3 * motion["T_d"][:n], color=BLUE, linewidth=1.4)
-    title = f"Disturbance torque through {microsteps:g} microsteps"
+    t = _beginning(motion)
+    ax.plot(t, 1e3 * motion["T_d"][: t.size], color=BLUE, linewidth=1.4)
+    title = f"Disturbance torque through {_MICROSTEPS:g} microsteps"
     ax.set(xlabel="time in the record [ms]", ylabel="torque [mN m]", title=title)
     ax.margins(x=0)
     _headroom(ax, 0.2)
-    if "stuck_output" in motion.channels and _shade_stuck(ax, t, motion["stuck_output"][:n]):
+    if "stuck_output" in motion.channels and _shade_stuck(ax, motion, t):
         ax.legend(loc="upper right", fontsize=8)
 
 
-def _stretch(motion: Motion, microsteps: float) -> int:
+def _beginning(motion: Motion) -> np.ndarray:
+    """Times of the first microsteps from the start of the record on [ms]."""
     f_d = motion.scenario.driving_frequency
-    span = microsteps / f_d if f_d else 0.1
-    return int(np.clip(span * motion.sample_rate, 8, motion.time.size))
+    n = int(np.clip((_MICROSTEPS / f_d if f_d else 0.1) * motion.sample_rate, 8, motion.time.size))
+    return (motion.time[:n] - motion.time[0]) * 1e3
 
 
-def _shade_stuck(ax: Axes, t: np.ndarray, stuck: np.ndarray) -> bool:
+def _shade_stuck(ax: Axes, motion: Motion, t: np.ndarray) -> bool:
     """Shade the time that the shaft sticks; whether it does."""
-    where = stuck > 0.5
+    where = motion["stuck_output"][: t.size] > 0.5
     if np.any(where):
         grey = ax.fill_between(t, 0, 1, where=where, transform=ax.get_xaxis_transform(), color="#bbbbbb", alpha=0.45)
         grey.set(linewidth=0, label="shaft sticks")
@@ -193,38 +195,32 @@ def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
             ax.annotate(x.line, at, xytext=(6, 2), textcoords="offset points", fontsize=8)
 
 
-def draw_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
-    """Torques through a few microsteps, less their means: which torque goes where."""
+def draw_torques(output: Axes, rotor: Axes, motion: Motion) -> None:
+    """Torques through a few microsteps: which goes where at the output, less their means, and at the rotor."""
     names = {"T_d": "on the spacecraft", "T_g": "gear", "T_f": "friction", "T_l": "array"}
-    curves = {label: motion[name] - motion[name].mean() for name, label in names.items()}
-    _draw_curves(ax, motion, curves, microsteps)
-    ax.set(ylabel="torque less its mean [mN m]", title="At the output")
-
-
-def draw_motor_torques(ax: Axes, motion: Motion, microsteps: float = 4.0) -> None:
-    """Torques at the rotor through a few microsteps."""
+    _draw_curves(output, motion, {label: motion[name] - motion[name].mean() for name, label in names.items()})
+    output.set(ylabel="torque less its mean [mN m]", title="At the output")
     gear = motion["T_g"] / motion.scenario.reducer.ratio
-    curves = {"motor": motion["T_e"], "friction": motion["T_f_m"], "gear over ratio": gear}
-    _draw_curves(ax, motion, curves, microsteps)
-    ax.set(ylabel="torque [mN m]", title="At the rotor")
+    _draw_curves(rotor, motion, {"motor": motion["T_e"], "friction": motion["T_f_m"], "gear over ratio": gear})
+    rotor.set(ylabel="torque [mN m]", title="At the rotor")
 
 
-def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray], microsteps: float) -> None:
+def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray]) -> None:
     """Curves over the first microsteps, told apart by colour and by dashes."""
-    n = _stretch(motion, microsteps)
-    t = (motion.time[:n] - motion.time[0]) * 1e3
+    t = _beginning(motion)
     for (label, x), colour, dashes in zip(curves.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
-        ax.plot(t, 1e3 * x[:n], color=colour, linestyle=dashes, linewidth=1.3, label=label)
-    _shade_stuck(ax, t, motion["stuck_output"][:n])
+        ax.plot(t, 1e3 * x[: t.size], color=colour, linestyle=dashes, linewidth=1.3, label=label)
+    _shade_stuck(ax, motion, t)
     ax.set(xlabel="time in the record [ms]")
     ax.margins(x=0)
     _headroom(ax, 0.45)
     ax.legend(loc="upper right", fontsize=7, ncols=2)
 
 
-def _headroom(ax: Axes, share: float) -> None:
+def _headroom(ax: Axes, share: float = 0.25) -> None:
+    """Room above the curves for a legend or labels."""
     low, high = ax.get_ylim()
-    ax.set_ylim(low, high + share * (high - low))
+    ax.set_ylim(low, high * (high / low) ** share if ax.get_yscale() == "log" else high + share * (high - low))
 
 
 def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float = 200.0) -> None:
@@ -240,10 +236,14 @@ def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highe
 
 
 def _compared(ax: Axes, highest: float, bottom: float, top: float) -> None:
-    ax.set(yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
-    ax.set_xlim(0, highest)
-    ax.set_ylim(bottom, top)
-    _headroom_log(ax)
+    ax.set(
+        yscale="log",
+        xlabel="frequency [Hz]",
+        ylabel="amplitude, 0-to-peak [mN m]",
+        xlim=(0, highest),
+        ylim=(bottom, top),
+    )
+    _headroom(ax)
     ax.legend(loc="upper right", fontsize=6.5)
 
 
@@ -291,7 +291,7 @@ def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:
     right.set_ylabel(f"cumulative RMS from 0 Hz [m{unit}]")
     right.set_ylim(bottom=0)
     right.spines["top"].set_visible(False)
-    _headroom_log(ax)
+    _headroom(ax)
     _headroom(right, 0.2)
     ax.legend(handles=[*ax.lines, *right.lines], loc="upper right", fontsize=7.5, ncols=2)
 
@@ -318,10 +318,5 @@ def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[flo
         ax.semilogy(x + aside, 1e3 * np.asarray(values), "osD^v"[k % 5], color=colour, markersize=5, label=label)
     ax.set_xticks(x, names, rotation=20, ha="right")
     ax.set_ylabel("amplitude, 0-to-peak [mN m]")
-    _headroom_log(ax)
+    _headroom(ax)
     ax.legend(loc="upper right", fontsize=7.5, ncols=len(groups))
-
-
-def _headroom_log(ax: Axes) -> None:
-    low, high = ax.get_ylim()
-    ax.set_ylim(low, high * (high / low) ** 0.25)

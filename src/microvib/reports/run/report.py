@@ -148,8 +148,7 @@ def _torque_budget(motion: Motion, lines: LineTable) -> Section:
         " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a cosine at the first sample."
     )
     drawing, axes = sheets.plain_sheet(2.9, 1, 2)
-    figures.draw_torques(axes[0, 0], motion)
-    figures.draw_motor_torques(axes[0, 1], motion)
+    figures.draw_torques(axes[0, 0], axes[0, 1], motion)
     caption = (
         "Left, torques at the output less their means: T_d on the spacecraft, T_g of the gear, T_f of friction, T_l of the array."
         " Right, torques at the rotor: T_e of the motor, T_f,m of friction, T_g/h of the gear."
