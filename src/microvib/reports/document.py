@@ -139,6 +139,6 @@ def _column(text: str) -> Column:
     return Column(title, "" if unit == "1]" else unit.removesuffix("]"), "number")
 
 
-def pairs(rows: Iterable[tuple[str, str]], caption: str = "") -> Table:
+def pairs(rows: Iterable[tuple[str, str]]) -> Table:
     """Names and what they stand for, without a head."""
-    return Table((Column(""), Column("")), tuple(Row(row) for row in rows), caption)
+    return Table((Column(""), Column("")), tuple(map(Row, rows)))

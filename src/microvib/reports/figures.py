@@ -40,9 +40,9 @@ def draw_overview(motion: Motion, table: LineTable) -> Figure:
     return figure
 
 
-def reach(lines: Iterable[Line], least: float = 200.0) -> float:
-    """Upper end [Hz] of a spectrum that shows all the lines."""
-    return max([least, *(1.08 * x.frequency_hz for x in lines)])
+def reach(lines: Iterable[Line]) -> float:
+    """Upper end [Hz] of a spectrum that shows all the lines, at least 200 Hz."""
+    return max([200.0, *(1.08 * x.frequency_hz for x in lines)])
 
 
 def draw_first_page(motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None) -> Figure:

@@ -26,8 +26,8 @@ FAINTEST = 1e-3
 SHOWN = 12
 
 
-def _deg(rate: float, digits: int = 5) -> str:
-    return f"{math.degrees(rate):.{digits}g}"
+def _deg(rate: float) -> str:
+    return f"{math.degrees(rate):.5g}"
 
 
 def plan_text(plan: RatePlan) -> str:
