@@ -68,7 +68,9 @@ def parameter_blocks(scenario: Scenario) -> tuple[Block, ...]:
         rows.append(Row((group,), "group"))
         for key, shown, meaning in told:
             found = provenance(scenario.source_of(key))
-            rows.append(Row((key.partition(".")[2], shown, found.status, _basis(found, references), meaning)))
+            number = references.setdefault(found.reference, len(references) + 1) if found.reference else 0
+            basis = f"{found.detail} [{number}]".strip() if number else found.detail
+            rows.append(Row((key.partition(".")[2], shown, found.status, basis, meaning)))
     columns = table(("`key`", "value [1]", "status", "basis", "meaning"), ()).columns
     listed = pairs((f"[{number}]", text) for text, number in references.items())
     return (Table(columns, tuple(rows)), *((Text("References of the column `basis`:"), listed) if references else ()))
@@ -81,13 +83,6 @@ def _shown(value: Any, quantity: Quantity | None) -> str:
     if isinstance(value, tuple):
         return ", ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in value)
     return str(value)
-
-
-def _basis(found: Provenance, references: dict[str, int]) -> str:
-    if not found.reference:
-        return found.detail
-    number = references.setdefault(found.reference, len(references) + 1)
-    return f"{found.detail} [{number}]".strip()
 
 
 def status_sentence(scenario: Scenario) -> str:
