@@ -34,15 +34,17 @@ def lines_of_stream(
     blocks = max(-(-samples // BLOCK_SAMPLES), 1)
     run = Simulation(scenario, progress=progress, channels=("T_d",))
     tables: list[LineTable] = []
-    bins: _Bins | None = None
+    sums, start = np.zeros(1, dtype=complex), 0
     for block in _regroup(run, samples // blocks):
         tables.append(lines_of_samples(block, rate, scenario, harmonics))
-        if bins is None:
-            first, begun = tables[0], block[: round(stretch(scenario) * rate)].copy()
-            at = [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in first]
-            bins = _Bins(at, samples, rate)
-        bins.add(block)
-    assert bins is not None
+        if start == 0:
+            begun = block[: round(stretch(scenario) * rate)].copy()
+            at = [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in tables[0]]
+            numbers = [round(f * samples / rate) for f in at]
+        sums = sums + _bin_sums(block, start, numbers, samples)
+        start += block.size
+    amplitudes = np.where(np.array(numbers) == 0, 0.0, 2.0 * np.abs(sums) / samples).tolist()  # bin 0: mean taken out
+    bins = [(number * rate / samples, amplitude) for number, amplitude in zip(numbers, amplitudes, strict=True)]
     table = tables[0] if len(tables) == 1 else _mean(tables, bins)
     t = scenario.record.settle + np.arange(begun.size) / rate
     motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
@@ -65,31 +67,16 @@ def _regroup(run: Simulation, size: int) -> Iterator[np.ndarray]:
         yield np.concatenate(kept)
 
 
-class _Bins:
-    """Nearest-bin amplitudes of the whole record, as the sums of its blocks."""
-
-    def __init__(self, frequencies: list[float], samples: int, sample_rate: float) -> None:
-        self._numbers = [round(f * samples / sample_rate) for f in frequencies]
-        self._samples, self._rate = samples, sample_rate
-        self._sums = np.zeros(len(frequencies), dtype=complex)
-        self._start = 0
-
-    def add(self, block: np.ndarray) -> None:
-        n = self._start + np.arange(block.size)
-        for k, number in enumerate(self._numbers):
-            # the angle is reduced by whole turns before it is scaled, so that it keeps its digits in a long record
-            self._sums[k] += np.exp(-2j * np.pi * (n * number % self._samples) / self._samples) @ block
-        self._start += block.size
-
-    def figures(self) -> list[tuple[float, float]]:
-        numbers = np.array(self._numbers)
-        amplitudes = np.where(numbers == 0, 0.0, 2.0 * np.abs(self._sums) / self._samples)  # bin 0: mean taken out
-        return list(zip((numbers * self._rate / self._samples).tolist(), amplitudes.tolist(), strict=True))
+def _bin_sums(block: np.ndarray, start: int, numbers: list[int], samples: int) -> np.ndarray:
+    """What a block from the sample ``start`` on adds to the Fourier sums of the whole record, at the bins ``numbers``."""
+    n = start + np.arange(block.size)
+    # the angle is reduced by whole turns before it is scaled, so that it keeps its digits in a long record
+    return np.array([np.exp(-2j * np.pi * (n * number % samples) / samples) @ block for number in numbers])
 
 
-def _mean(tables: list[LineTable], bins: _Bins) -> LineTable:
+def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable:
     lines = []
-    for first, (bin_hz, bin_amplitude) in zip(tables[0], bins.figures(), strict=True):
+    for first, (bin_hz, bin_amplitude) in zip(tables[0], bins, strict=True):
         column = [row for row in (_row(table, first) for table in tables) if row is not None]
         # A mode that has died away says nothing of its frequency: blocks count by the square of what they show.
         weights = np.array([x.amplitude_n_m**2 if x.status in SEEN else 0.0 for x in column])
