@@ -71,9 +71,13 @@ class Descent:
         known = self.seen.get(v.tobytes())
         if known is None:
             known = self.seen[v.tobytes()] = slopes(self.problem, self._whole(v), self.steps, self.free, self.central)
-            size = np.sqrt(np.sum(known[1] ** 2, axis=0))
-            self.steps[self.free] = np.clip(STEP / np.maximum(size, 1e-300), *STEPS)
+            self.steps[self.free] = _resolved(known[1])
         return known
+
+
+def _resolved(J: np.ndarray) -> np.ndarray:
+    """Steps of differences that the evidence resolves, by its slopes (rows, m)."""
+    return np.clip(STEP / np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300), *STEPS)
 
 
 def slopes(
@@ -83,8 +87,8 @@ def slopes(
     points = [x]
     for k in free:
         up = 1.0 if x[k] + steps[k] <= problem.high[k] else -1.0
-        sides = (up, -up) if central and problem.low[k] <= x[k] - up * steps[k] <= problem.high[k] else (up,)
-        points += [x + side * steps[k] * np.eye(x.size)[k] for side in (sides if len(sides) == 2 else (up, 0.0))]
+        down = -up if central and problem.low[k] <= x[k] - up * steps[k] <= problem.high[k] else 0.0
+        points += [x + side * steps[k] * np.eye(x.size)[k] for side in (up, down)]
     ends = [p for p in points[1:] if np.any(p != x)]
     found = problem.residuals([x, *ends])
     at = {p.tobytes(): r for p, r in zip([x, *ends], found, strict=True)}
@@ -189,7 +193,7 @@ def local_at(problem: Problem, best: Optimum) -> Local:
     every, steps = np.arange(best.x.size), np.full(best.x.size, FIRST_STEP)
     for central in (False, True):
         _, J = slopes(problem, best.x, steps, every, central)
-        steps = np.clip(STEP / np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300), *STEPS)
+        steps = _resolved(J)
     scatter = max(goodness(problem, best.r).ratio, 1.0)
     return Local(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter)
 
