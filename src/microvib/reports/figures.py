@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from microvib.analysis.limits import Judgement
 from microvib.analysis.spectra import spectrum
 from microvib.model.linear import coupled_modes
 from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, one_axes, plain_sheet
@@ -18,8 +19,6 @@ from microvib.solve.motion import Motion
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from microvib.analysis.limits import Judgement
 
 Spectral = Spectrum | Density | Waterfall
 """What is drawn over frequency."""
