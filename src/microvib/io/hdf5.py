@@ -71,11 +71,9 @@ class _File:
 
 @dataclass(frozen=True)
 class _Object:
-    id: Any
-    """Identifier of h5py's low-level interface."""
+    id: Any  # identifier of h5py's low-level interface
     file: _File = field(repr=False)
-    name: str
-    """Path in the file."""
+    name: str  # path in the file
     depth: int = 0
 
     @property

@@ -27,10 +27,8 @@ _STEPS = re.compile(
 class Hints:
     """What a preparation says of a file that the file does not say itself."""
 
-    sample_rate: float | None = None
-    """[Hz]."""
-    time: str | None = None
-    """Name of the time axis."""
+    sample_rate: float | None = None  # [Hz]
+    time: str | None = None  # name of the time axis
     units: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -41,11 +39,9 @@ class Column:
     name: str
     values: np.ndarray
     unit: str = ""
-    rates: Mapping[str, float] = field(default_factory=dict)
-    """Sample rates [Hz], each by who says so."""
+    rates: Mapping[str, float] = field(default_factory=dict)  # sample rates [Hz], each by who says so
     time: Column | None = None
-    start: float | None = None
-    """Time of the first sample [s], where the file says that and no time axis."""
+    start: float | None = None  # time of the first sample [s], where the file says that and no time axis
 
 
 def stated_rates(scalars: Mapping[str, float]) -> dict[str, float]:

@@ -36,16 +36,11 @@ class Tones:
     """Tones a exp((2 pi i frequency - decay) t), (m,) each."""
 
     lines: tuple[ExpectedLine, ...]
-    frequency: np.ndarray
-    """[Hz]."""
-    decay: np.ndarray
-    """Decay rates [1/s]."""
-    free: np.ndarray
-    """Whether the frequency is fitted separately; the others are known, or known up to the clock ratio."""
-    falls: np.ndarray
-    """Whether the decay is fitted."""
-    limited: np.ndarray
-    """Whether the fit ended at a bound of the frequency band or of the decay rate."""
+    frequency: np.ndarray  # [Hz]
+    decay: np.ndarray  # decay rates [1/s]
+    free: np.ndarray  # whether the frequency is fitted separately; the others are known, or known up to the clock ratio
+    falls: np.ndarray  # whether the decay is fitted
+    limited: np.ndarray  # whether the fit ended at a bound of the frequency band or of the decay rate
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -86,10 +81,8 @@ def falling(lines: Sequence[ExpectedLine], frequency: np.ndarray, decay: np.ndar
 class HannSpectrum:
     """Hann-windowed spectrum with interpolation between bins and a local floor."""
 
-    values: np.ndarray
-    """One-sided, (n//2 + 1,): a tone on a bin reads its amplitude."""
-    unwindowed: np.ndarray
-    """The same without a window."""
+    values: np.ndarray  # one-sided, (n//2 + 1,): a tone on a bin reads its amplitude
+    unwindowed: np.ndarray  # the same without a window
     samples: int
     sample_rate: float
 
@@ -200,8 +193,7 @@ class Joint:
 
     spectrum: HannSpectrum
     tones: Tones
-    amplitudes: np.ndarray
-    """Complex, at the first sample, (m,)."""
+    amplitudes: np.ndarray  # complex, at the first sample, (m,)
     rest: HannSpectrum
 
     @classmethod

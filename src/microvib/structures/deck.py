@@ -79,20 +79,14 @@ def _sentence(kind: str, where: tuple[int | str, ...], found: Any) -> str:
 class Deck:
     """What a file says of the clamped modes, in the deck's units and basic frame."""
 
-    frequency: np.ndarray
-    """Hz, (s,)."""
-    participation: np.ndarray
-    """Mass-normalised, about ``reference``, (6, s)."""
-    mass: np.ndarray
-    """Rigid-body mass matrix about ``reference``, (6, 6)."""
-    reference: int | Point = ORIGIN
-    """A grid id or coordinates."""
-    grids: Mapping[int, np.ndarray] = field(default_factory=dict)
-    """Coordinates of the grids, where known, (3,) each."""
+    frequency: np.ndarray  # Hz, (s,)
+    participation: np.ndarray  # mass-normalised, about ``reference``, (6, s)
+    mass: np.ndarray  # rigid-body mass matrix about ``reference``, (6, 6)
+    reference: int | Point = ORIGIN  # a grid id or coordinates
+    grids: Mapping[int, np.ndarray] = field(default_factory=dict)  # coordinates of the grids, where known, (3,) each
     frames: Mapping[int, np.ndarray] = field(default_factory=dict)
     """Axes of rectangular coordinate systems as columns in the basic frame, (3, 3) each."""
-    signed: bool = True
-    """False where only magnitudes are known, as from a table of effective masses."""
+    signed: bool = True  # false where only magnitudes are known, as from a table of effective masses
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

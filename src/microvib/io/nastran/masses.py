@@ -18,13 +18,10 @@ ALIKE = (0.999, 1.5)
 class Masses:
     """Rigid-body mass matrices of a file, in its units, (6, 6) each."""
 
-    free: np.ndarray | None = None
-    """Of the free degrees of freedom (A-set of MEFFMASS), about ``reference``."""
+    free: np.ndarray | None = None  # of the free degrees of freedom (A-set of MEFFMASS), about ``reference``
     reference: int | Point = ORIGIN
-    whole: np.ndarray | None = None
-    """Of the whole model (grid point weight generator), about ``whole_grid``."""
-    whole_grid: int = 0
-    """A grid id; 0 is the origin of the basic frame."""
+    whole: np.ndarray | None = None  # of the whole model (grid point weight generator), about ``whole_grid``
+    whole_grid: int = 0  # a grid id; 0 is the origin of the basic frame
 
 
 def rigid_mass(masses: Masses, grids: Mapping[int, np.ndarray], wtmass: float) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -19,16 +19,11 @@ ROUNDING = 1e-12  # entry of an element's matrix over the root of its diagonals 
 class System:
     """Matrices of a structure clamped at its interface."""
 
-    K: Any
-    """Stiffness of the free degrees of freedom, sparse (m, m) [N/m, N m/rad]."""
-    M: Any
-    """Mass of the free degrees of freedom, sparse (m, m) [kg, kg m, kg m^2]."""
-    T: Any
-    """From the free degrees of freedom to all, sparse (n, m)."""
-    M_all: Any
-    """Mass of all degrees of freedom before links, sparse (n, n)."""
-    R: np.ndarray
-    """Rigid-body motions of all degrees of freedom about the interface, (n, 6)."""
+    K: Any  # stiffness of the free degrees of freedom, sparse (m, m) [N/m, N m/rad]
+    M: Any  # mass of the free degrees of freedom, sparse (m, m) [kg, kg m, kg m^2]
+    T: Any  # from the free degrees of freedom to all, sparse (n, m)
+    M_all: Any  # mass of all degrees of freedom before links, sparse (n, n)
+    R: np.ndarray  # rigid-body motions of all degrees of freedom about the interface, (n, 6)
 
 
 def assemble(structure: Structure, clamped: bool = True) -> System:

@@ -13,28 +13,20 @@ from microvib.structures.fem.modes import Modes
 class Coupling:
     """Structural coupling of modes that turn about the drive axis, for a rate of 1 rad/s."""
 
-    F: np.ndarray
-    """Coriolis coupling F_omega: sum of m phi_i . (e x phi_j), antisymmetric (s, s)."""
-    N: np.ndarray
-    """Centrifugal coupling -F_omega_omega: sum of m phi_i . phi_j across the axis, (s, s)."""
-    C: np.ndarray
-    """Centrifugal load H_omega about the axis: sum of m rho . phi_i across the axis [kg^0.5 m], (s,)."""
+    F: np.ndarray  # Coriolis coupling F_omega: sum of m phi_i . (e x phi_j), antisymmetric (s, s)
+    N: np.ndarray  # centrifugal coupling -F_omega_omega: sum of m phi_i . phi_j across the axis, (s, s)
+    C: np.ndarray  # centrifugal load H_omega about the axis: sum of m rho . phi_i across the axis [kg^0.5 m], (s,)
 
 
 @dataclass(frozen=True)
 class Size:
     """How much Eq. 15's coupling terms change at one rate, each relative to what is kept."""
 
-    rate: float
-    """[rad/s]."""
-    coriolis: float
-    """Largest 2 omega |F_ij| / sqrt(Omega_i Omega_j): Coriolis against inertia."""
-    centrifugal: float
-    """Largest omega^2 N_ii / Omega_i^2: centrifugal against elastic force."""
-    frequency: float
-    """Largest change of a natural frequency."""
-    torque: float
-    """Largest change of T_l over the acceleration of the shaft, 0.01 to 200 Hz."""
+    rate: float  # [rad/s]
+    coriolis: float  # largest 2 omega |F_ij| / sqrt(Omega_i Omega_j): Coriolis against inertia
+    centrifugal: float  # largest omega^2 N_ii / Omega_i^2: centrifugal against elastic force
+    frequency: float  # largest change of a natural frequency
+    torque: float  # largest change of T_l over the acceleration of the shaft, 0.01 to 200 Hz
 
 
 def coupling(modes: Modes, axis: int = 0) -> Coupling:

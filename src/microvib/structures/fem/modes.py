@@ -56,16 +56,11 @@ class Modes:
     """Fixed-interface modes of a structure, mass-normalised."""
 
     structure: Structure
-    frequency: np.ndarray
-    """[Hz], (s,)."""
-    shapes: np.ndarray
-    """Displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] of the nodes, (n, 6, s)."""
-    participation: np.ndarray
-    """In the six directions at the interface [kg^0.5, kg^0.5 m], (6, s) (Eq. 13)."""
-    mass: np.ndarray
-    """Rigid-body mass matrix at the interface, (6, 6)."""
-    node_masses: np.ndarray
-    """Mass of each node [kg], (n,): row sums of the mass matrix."""
+    frequency: np.ndarray  # [Hz], (s,)
+    shapes: np.ndarray  # displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] of the nodes, (n, 6, s)
+    participation: np.ndarray  # in the six directions at the interface [kg^0.5, kg^0.5 m], (6, s) (Eq. 13)
+    mass: np.ndarray  # rigid-body mass matrix at the interface, (6, 6)
+    node_masses: np.ndarray  # mass of each node [kg], (n,): row sums of the mass matrix
 
 
 def solve(structure: Structure, count: int) -> Modes:

@@ -19,10 +19,8 @@ class Shells:
     """Four-node shells of one laminate; their angles count from ``axis``, projected onto them."""
 
     name: str
-    nodes: np.ndarray
-    """Corners, counter-clockwise seen from the side of the upper face, (n, 4)."""
-    laminate: Any
-    """``pyfe3d`` ShellProp: stiffnesses and mass of the laminate per area."""
+    nodes: np.ndarray  # corners, counter-clockwise seen from the side of the upper face, (n, 4)
+    laminate: Any  # ``pyfe3d`` ShellProp: stiffnesses and mass of the laminate per area
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
 
@@ -46,8 +44,7 @@ class Beams:
     """Two-node Timoshenko beams of one section."""
 
     name: str
-    nodes: np.ndarray
-    """Ends, (n, 2)."""
+    nodes: np.ndarray  # ends, (n, 2)
     section: Section
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
@@ -96,8 +93,7 @@ def nodes_of(part: Part) -> np.ndarray:
 class Structure:
     """What is solved: coordinates [m], parts, and the node that is the interface."""
 
-    xyz: np.ndarray
-    """Nodes, (n, 3) [m]."""
+    xyz: np.ndarray  # nodes, (n, 3) [m]
     parts: tuple[Part, ...]
     interface: int
     title: str = ""

@@ -38,8 +38,7 @@ class Job:
     state: str = "queued"
     progress: dict[str, Any] = field(default_factory=lambda: step(text="waiting"))
     error: str | None = None
-    value: Any = None
-    """What the task returned."""
+    value: Any = None  # what the task returned
     pid: int | None = None
     ended: threading.Event = field(default_factory=threading.Event)
     stop: Callable[[], None] | None = None

@@ -35,14 +35,12 @@ class Access:
     alone. Neither opens anything without the other, but that links to files go with the cookie: nobody else knows the id in them.
     """
 
-    names: frozenset[str] = frozenset({"localhost"})
-    """Host names that it goes by, besides addresses."""
+    names: frozenset[str] = frozenset({"localhost"})  # host names that it goes by, besides addresses
     remote: bool = False
     cookie: str = "microvib"
     """Name of the cookie; it has the port in it, because servers at other ports of the host have their own."""
     token: str = field(default_factory=_secret, repr=False)
-    session: str = field(default_factory=_secret, repr=False)
-    """Value of the cookie."""
+    session: str = field(default_factory=_secret, repr=False)  # value of the cookie
     key: str = field(default_factory=_secret, repr=False)
 
     def known(self, host: str) -> bool:
