@@ -29,8 +29,8 @@ NOT_RUN = {
     "-m venv": "makes an environment; CI does it",
     "pip install": "installs; what its lines name is looked up below",
     "-m pytest": "this is one of its tests",
-    "microvib serve": "serves until it is stopped; tests/test_serve.py starts and stops it",
-    "curl ": "asks a server that runs; tests/test_serve.py asks",
+    "microvib serve": "serves until it is stopped; tests/serve/test_command.py starts and stops it",
+    "curl ": "asks a server that runs; tests/serve asks",
     "/shared/batch": "a cluster with Slurm; tests/campaign/test_killed.py looks at what it is given",
     "microvib identify state-1 paper": "minutes, as its page says; tests/test_studies.py identifies",
 }

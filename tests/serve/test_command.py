@@ -1,0 +1,63 @@
+"""`microvib serve` as a program."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import httpx2 as httpx
+import pytest
+from support.server import LONG, start, wait
+
+
+@contextmanager
+def microvib(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "microvib", "serve", "--no-browser", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        try:
+            yield server
+        finally:
+            server.kill()
+
+
+def told(*arguments: str) -> tuple[int, str]:
+    """Exit status and what is said of a server that should not start."""
+    with microvib(*arguments) as server:
+        said = server.communicate(timeout=60)[1]
+        return server.returncode, said
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
+def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with microvib("--port", "0") as server:
+        url, port, token = re.search(r"(http://127.0.0.1:(\d+))/\?token=(\S+)", server.stdout.readline()).groups()
+        with httpx.Client(base_url=url, timeout=60.0, headers={"authorization": f"Bearer {token}"}) as client:
+            assert "<html" in client.get("/").text
+            assert client.get("/static/plotly.min.js").headers["content-type"].startswith("text/javascript")
+            if end == signal.SIGTERM:
+                used = f"Error: --port {port}: is in use; choose another, or end what uses it\n"
+                assert told("--port", port) == (1, used)
+                wait(client, start(client, LONG), "running")
+            server.send_signal(end)
+            _, said = server.communicate(timeout=60)
+        assert (server.returncode, said) == (0, "")
+    assert not list(tmp_path.glob(".page-*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--host", "0.0.0.0"], "(--allow-remote)"),
+        (["--host", "no.such.host.invalid"], "is not an address of this machine"),
+    ],
+)
+def test_addresses_that_are_refused(arguments, words):
+    status, said = told("--port", "0", *arguments)
+    assert (status, said.count("\n")) == (1, 1)
+    assert words in said

@@ -1,0 +1,157 @@
+"""The form: sentences beside their keys, what differs from the catalog, and no file of the server's owner."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from support.server import spec
+
+from microvib.io.scenario_file import catalog_text, parse_yaml
+from microvib.web.routes import forms
+
+
+def test_what_is_wrong_is_said_beside_its_key(client):
+    answer = client.post("/api/scenario", json=spec(motor__current="5 V", driver__microsteps="0")).json()
+    errors = {e["key"]: e["error"] for e in answer["errors"]}
+    assert errors["motor.current"].startswith("motor.current: '5 V' has the wrong dimension; a unit compatible with A")
+    assert "a whole number from 1 to 65536" in errors["driver.microsteps"]
+    assert answer["values"]["motor.current"] == "5 V"
+    assert answer["base_values"]["motor.current"] == "0.6 A"
+    assert answer["yaml"] is None
+    refused = client.post("/api/runs", json={"scenario": spec(motor__current="5 V")})
+    assert refused.status_code == 422
+    assert refused.json() == {"error": errors["motor.current"], "key": "motor.current"}
+
+
+def test_what_differs_from_the_catalog_is_marked(client):
+    changes = {"motor__current": "700 mA", "driver__microsteps": "16", "reducer__stiffness": "rigid"}
+    answer = client.post("/api/scenario", json=spec(**changes)).json()
+    assert answer["errors"] == []
+    assert sorted(answer["changed"]) == ["motor.current", "reducer.stiffness"]
+    assert answer["values"]["motor.current"] == "700 mA"  # as it was typed
+    assert answer["sources"]["motor.current"] == "set by the user"
+    assert answer["sources"]["motor.torque_constant"].startswith("Appl. Sci.")
+    again = client.post("/api/scenario", json={"text": answer["yaml"]}).json()
+    assert again["values"]["motor.current"] == "0.70000000000000007 A"  # to the last digit
+    assert again["yaml"] == answer["yaml"]
+
+
+def test_a_wrong_file_is_shown_with_what_is_wrong_and_can_be_mended(client):
+    text = catalog_text("state-1").replace("current: 0.6 A", "current: 0.6 V")
+    shown = client.post("/api/scenario", json={"text": text}).json()
+    assert [e["key"] for e in shown["errors"]] == ["motor.current"]
+    assert (shown["values"]["motor.current"], shown["values"]["array.modes.0.frequency"]) == ("0.6 V", "1.2459 Hz")
+    assert shown["yaml"] is None
+    plain = re.sub(r"sources:\n(  .*\n)*", "", text)
+    mended = client.post("/api/scenario", json={"text": plain, "changes": {"motor.current": "0.5 A"}}).json()
+    assert mended["errors"] == []
+    assert "current: 0.5 A" in mended["yaml"]
+
+
+def test_every_value_as_typed_reads_back(client):
+    """Typing what the form shows changes nothing: each text goes through units and back."""
+    shown = client.post("/api/scenario", json=spec()).json()
+    typed = {key: text for key, text in shown["values"].items() if text}
+    again = client.post("/api/scenario", json={"base": "state-1", "changes": typed}).json()
+    assert again["errors"] == []
+    assert again["changed"] == []
+
+
+def test_every_value_has_its_field(client):
+    groups = client.get("/api/schema").json()["groups"]
+    assert [g["key"] for g in groups] == [
+        "motor",
+        "driver",
+        "reducer",
+        "friction",
+        "array",
+        "tracking",
+        "record",
+        "solver",
+    ]
+    fields = {f["key"]: f for g in groups for f in g["fields"]}
+    for key in client.post("/api/scenario", json=spec()).json()["values"]:
+        generic = re.sub(r"\.\d+\..*", "", key)
+        assert any(f == generic or f.startswith(f"{generic}.") for f in fields), key
+    stiffness = fields["reducer.stiffness"]
+    assert (stiffness["kind"], stiffness["unit"], stiffness["choices"]) == ("quantity", "N*m/rad", ["rigid"])
+    assert fields["array.modes"]["items"][0]["unit"] == "Hz"
+    assert fields["friction.slip_ring.ring_radius"]["optional"]
+    assert not fields["motor.current"]["optional"]
+
+
+def test_the_catalog(client):
+    assert [entry["name"] for entry in client.get("/api/catalog").json()] == [f"state-{k}" for k in range(1, 6)]
+
+
+def test_an_array_from_finite_elements(client):
+    answer = client.post("/api/scenario", json=spec(array__fem="reference-array")).json()
+    assert answer["errors"] == []
+    assert answer["values"]["array.modes.9.frequency"]
+
+
+@pytest.mark.parametrize("key", ["from", "fem"])
+@pytest.mark.parametrize("path", ["/etc/passwd", "../x.yaml", "state-1.yaml", "modes.csv", "reference-array.yaml"])
+def test_no_path_of_a_page_is_opened(client, key, path):
+    text = f"array: {{{key}: {path}}}"
+    for asked in (
+        {"text": text},
+        {"text": f"array:\n  {key}: {path}\n  modes: 2"},
+        {"text": text, "changes": {"array.modes": "2"}},
+        {"base": "state-1", "changes": {f"array.{key}": path}},
+        {"base": "state-1", "changes": {"array": f"{{{key}: {path}}}"}},
+    ):
+        error = client.post("/api/scenario", json=asked).json()["errors"][0]
+        assert error["key"] == f"array.{key}"
+        assert "the page opens no files" in error["error"]
+        assert client.post("/api/runs", json={"scenario": asked}).status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: &a [1, 2]\nb: [*a, *a]", "anchors and aliases"),
+        ("[" * 5000, "is not YAML"),
+        ("motor: {current: 1 A", "line 1"),
+        ("- 1\n- 2", "a mapping of keys is expected"),
+        ("\x00", "is not YAML"),
+        ("", "a mapping of keys is expected"),
+        ("1: 2", ""),
+        ("motor: !!set {a, b}", "tags"),
+        (f"array: {{inertia: {'9' * 5000}}}", ""),
+    ],
+)
+def test_texts_that_are_no_scenarios(client, text, words):
+    answer = client.post("/api/scenario", json={"text": text})
+    assert answer.status_code == 200
+    assert words in answer.json()["errors"][0]["error"]
+
+
+@pytest.mark.parametrize("text", ["motor: [", "motor: {current: 1 V}"])
+def test_a_text_is_read_once(monkeypatch, text):
+    read: list[str] = []
+    monkeypatch.setattr(forms, "parse_yaml", lambda text, name: read.append(text) or parse_yaml(text, name))
+    forms._parsed.cache_clear()
+    assert forms.view_of(forms.Spec(text=text, changes={"motor.current": "1 A"}))["errors"]
+    assert read == [text]
+
+
+def test_a_large_text_is_read_by_a_worker_and_an_array_has_bounds(client):
+    modes = "\n".join("    - {frequency: 3 Hz, damping: 1 percent, participation: 0.01 kg^0.5*m}" for _ in range(250))
+    state_1 = catalog_text("state-1")
+    text = re.sub(r"  rigid_inertia:.*\n  modes:\n(    .*\n)*", f"  modes:\n{modes}\n", state_1)
+    text = re.sub(r"  array\.\S+: .*\n", "", text)
+    error = client.post("/api/scenario", json={"text": text}).json()["errors"][0]
+    assert error == {
+        "error": "array.modes: has 250 modes; the page takes at most 100, `microvib run` takes all",
+        "key": "array.modes",
+    }
+
+
+def test_the_form_tells_unusual_values():
+    from microvib.web.routes.forms import Spec, view_of
+
+    assert view_of(Spec(base="state-1"))["doubts"] == []
+    (said,) = view_of(Spec(base="state-1", changes={"motor.current": "0.25 mA"}))["doubts"]
+    assert said.startswith("motor.current: 0.00025 A is unusual")

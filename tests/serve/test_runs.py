@@ -1,0 +1,157 @@
+"""A run on the page has the numbers, verdicts and files of the command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from support.scenarios import limit_of
+from support.server import SHORT, result, start
+
+import microvib as mv
+from microvib.reports.run.folder import run_scenario
+from microvib.signals.screen import outline
+from microvib.solve.channels import CHANNELS
+from microvib.web.routes.results import series
+
+
+def test_a_run_gives_the_numbers_of_the_command_line(client, finished, tmp_path):
+    run_scenario(mv.load_scenario("state-1", SHORT), tmp_path / "run", lines_only=True)
+    text = (tmp_path / "run" / "lines.csv").read_text()
+    assert client.get(f"/api/runs/{finished}/files/lines.csv").text == text
+    rows = {row["line"]: row for row in csv.DictReader(io.StringIO(text))}
+    for line in result(client, finished)["lines"]:
+        for column in ("frequency_hz", "amplitude_n_m", "phase_rad", "bin_amplitude_n_m"):
+            shown = "" if line[column] is None else f"{line[column]:.9g}"
+            assert shown == rows[line["line"]][column]
+
+
+def test_the_drive_train_balances(client, finished, motion):
+    found = result(client, finished)["drivetrain"]
+    power = found["power"]
+    stored = power["kinetic"] + power["magnetic"] + power["elastic"]
+    spent = power["joule"] + power["friction"] + power["damping"] + stored
+    assert power["electrical"] == pytest.approx(spent, rel=1e-3)
+    assert found["T_d"]["peak"] == np.abs(motion["T_d"]).max()
+    assert found["i_rms"] == pytest.approx(0.6 / np.sqrt(2), rel=0.01)  # sine of 0.6 A
+    torques = {row["torque"]: row for row in result(client, finished)["budget"]}
+    drive_1 = mv.lines(motion)["drive_1"]
+    assert torques["T_d"]["drive_1_amplitude"] == pytest.approx(drive_1.amplitude_n_m, rel=1e-3)
+    assert torques["T_d"]["drive_1_phase"] == pytest.approx(drive_1.phase_rad, abs=1e-2)
+    assert found["stuck_output"] == motion["stuck_output"].mean()
+
+
+def test_series_are_exact_where_every_sample_is_there(client, finished, motion):
+    query = {"channels": "T_d,i_A", "from": 1.5, "to": 1.6, "points": 2000}
+    found = client.get(f"/api/runs/{finished}/series", params=query).json()
+    keep = (motion.time >= 1.5) & (motion.time <= 1.6)
+    assert found["exact"]
+    assert found["t"] == motion.time[keep].tolist()
+    for name in ("T_d", "i_A"):
+        assert found["channels"][name]["min"] == found["channels"][name]["max"] == motion[name][keep].tolist()
+    assert found["channels"]["T_d"]["unit"] == "N*m"
+
+
+@pytest.mark.parametrize("points", [2, 37, 1000, 16_383, 16_384])
+def test_no_peak_is_lost_at_any_zoom(client, finished, motion, points):
+    found = client.get(f"/api/runs/{finished}/series", params={"channels": "T_d", "points": points}).json()
+    assert len(found["t"]) <= points
+    assert max(found["channels"]["T_d"]["max"]) == motion["T_d"].max()
+    assert min(found["channels"]["T_d"]["min"]) == motion["T_d"].min()
+    assert np.all(np.diff(found["t"]) > 0.0)
+
+
+def test_the_last_samples_are_in_the_last_group():
+    x = np.zeros(1003)
+    x[-1] = 5.0
+    found = series({"T_d": x}, 0.0, 100.0, None, None, 10)
+    assert found["channels"]["T_d"]["max"][-1] == 5.0
+    assert found["to"] == 10.02
+
+
+def test_a_thinned_spectrum_keeps_its_peaks_at_their_frequency(client, finished, motion):
+    whole = mv.spectrum(motion, window="hann")
+    k = int(np.argmax(whole.amplitude))
+    found = client.get(f"/api/runs/{finished}/spectrum", params={"points": 50}).json()
+    assert len(found["f"]) <= 50
+    assert found["amplitude"][int(np.argmax(found["amplitude"]))] == whole.amplitude[k]
+    assert whole.frequency[k] in found["f"]
+    part = client.get(f"/api/runs/{finished}/spectrum", params={"from": 50, "to": 60, "window": "rectangular"}).json()
+    assert 50 <= min(part["f"]) < max(part["f"]) <= 60
+
+
+def test_a_thinned_spectrum_has_no_plateaus_on_a_logarithmic_axis():
+    """A tone between two decades: few points at low frequencies would draw a level line from it to its neighbours."""
+    f = np.arange(200_000) / 100.0
+    y = np.where(np.abs(f - 1.19) < 0.005, 1.0, 1e-6)
+    shown, values = outline(f, y, 4000, log=True)
+    assert np.array_equal(shown[shown < 3.0], f[f < 3.0])
+    assert (values == 1.0).sum() == 1
+    thinned, low = outline(f, np.abs(np.sin(f)) + 1e-6, 1000)
+    assert thinned.size <= 1000
+    assert np.median(low) < 0.75  # the smallest are there beside the largest
+
+
+def test_a_verdict_is_that_of_the_report(client, finished, motion):
+    from microvib.analysis.limits import judge
+
+    table = mv.lines(motion)
+    for query, limit in (
+        ({"limit": "30 mN*m"}, limit_of(0.03)),
+        ({"limit": "30 mN*m", "band": "0.5:5 Hz"}, limit_of(0.03, 0.5, 5.0)),
+    ):
+        judged = judge(table, limit, motion.scenario)
+        found = client.get(f"/api/runs/{finished}/verdict", params=query).json()
+        assert found["text"] == str(judged)
+        assert found["verdict"] == judged.verdict
+        assert [m["line"] for m in found["margins"]] == [m.line.line for m in judged.margins]
+    page = client.get(f"/api/runs/{finished}/files/report.html", params={"limit": "30 mN*m"}).text
+    assert "limit 30" in page
+    assert "limit 30" not in client.get(f"/api/runs/{finished}/files/report.html").text
+    wrong = client.get(f"/api/runs/{finished}/verdict", params={"limit": "30 kg"})
+    assert wrong.status_code == 422
+    assert wrong.json()["key"] == "limit"
+
+
+def test_jobs_that_are_asked_for(client, finished):
+    assert [job["id"] for job in client.get("/api/jobs", params={"ids": f"{finished},{'0' * 16}"}).json()] == [finished]
+    assert client.get("/api/jobs", params={"ids": ""}).json() == []
+    assert finished in [job["id"] for job in client.get("/api/jobs").json()]
+
+
+def test_files_of_a_run(client, finished):
+    assert mv.Scenario  # the scenario reads back to the same
+    text = client.get(f"/api/runs/{finished}/files/scenario.yaml").text
+    assert text == mv.dump_scenario(mv.load_scenario("state-1", SHORT))
+    netcdf = client.get(f"/api/runs/{finished}/files/motion.nc")
+    assert netcdf.content[:4] == b"\x89HDF"
+    assert "attachment" in netcdf.headers["content-disposition"]
+    assert "drive_1" in client.get(f"/api/runs/{finished}/files/report.html").text
+    assert client.get(f"/api/runs/{finished}/files/report.pdf").content.startswith(b"%PDF")
+    for name in ("report.exe", "result.json", "run.pickle", "..%2F..%2Fetc%2Fpasswd"):
+        assert client.get(f"/api/runs/{finished}/files/{name}").status_code == 404
+
+
+def test_a_steady_run_says_that_it_is_steady(client):
+    run = start(client, {**SHORT, "record.settle": "0 s"}, steady=True)
+    found = result(client, run)
+    lines = {line["line"]: line for line in found["lines"]}
+    assert lines["array_mode_1"]["status"] == "not in a steady state"
+    assert found["solver"]["multiplier"] < 1.0
+    assert "start: steady" in client.get(f"/api/runs/{run}/files/scenario.yaml").text
+
+
+def test_events_tell_how_far_a_run_is(client):
+    id = start(client, {"record.settle": "60 s", "record.duration": "4 s"})
+    states = [json.loads(line[6:]) for line in client.get(f"/api/jobs/{id}/events").text.splitlines() if line]
+    assert states[-1]["state"] == "done"
+    done = [s["progress"]["done"] for s in states if s["progress"]["unit"] == "s"]
+    assert done == sorted(done)
+    assert states[-1]["progress"]["total"] == pytest.approx(64.0, abs=0.1)
+
+
+def test_channels_of_the_page_are_those_of_a_motion(client, finished):
+    assert [c["name"] for c in result(client, finished)["channels"]] == list(CHANNELS)

@@ -1,0 +1,145 @@
+"""Recordings, comparisons, identifications, rate plans and simulators on the page."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from support.server import SHORT, result, spec, wait
+
+import microvib as mv
+from microvib.io.recordings import write_recording
+from microvib.testdata.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def recording(motion, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("recordings") / "bench.uff"
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, motion["T_d"].size)
+    write_recording(Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"}, "bench"), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def loaded(client, recording) -> dict:
+    answer = client.post("/api/recordings", params={"name": "my bench.uff"}, content=recording.read_bytes())
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, recording):
+    from microvib.io.sources import open_source
+    from microvib.studies.analyse import analyse
+
+    assert loaded["channels"][0]["name"] == "Mz"
+    assert loaded["duration"] == pytest.approx(4.0)
+    id = client.post("/api/analyses", json={"recording": loaded["id"], "scenario": spec()}).json()["id"]
+    found, expected = result(client, id), analyse(open_source(str(recording)), scenario=mv.load_scenario("state-1"))
+    assert found["title"] == "my bench.uff, Mz"
+    assert found["clock_ratio"] == expected.clock_ratio
+    assert [x["amplitude_n_m"] for x in found["lines"] if x["line"] == "drive_1"] == [
+        expected.table["drive_1"].amplitude_n_m
+    ]
+    assert max(found["spectrum"]["amplitude"]) == expected.spectrum.amplitude.max()
+    part = {"from": 50, "to": 60}
+    zoomed = client.get(f"/api/analyses/{id}/spectrum", params=part).json()
+    inside = (expected.spectrum.frequency >= 50) & (expected.spectrum.frequency <= 60)
+    assert zoomed == {
+        "f": expected.spectrum.frequency[inside].tolist(),
+        "values": expected.spectrum.amplitude[inside].tolist(),
+    }
+    density = client.get(f"/api/analyses/{id}/spectrum", params={"of": "density", **part}).json()
+    assert max(density["values"]) == max(
+        expected.density.density[(expected.density.frequency >= 50) & (expected.density.frequency <= 60)]
+    )
+
+
+def test_a_recording_beside_a_run(client, loaded, finished):
+    id = client.post("/api/comparisons", json={"recording": loaded["id"], "run": finished}).json()["id"]
+    found = result(client, id)
+    assert found["a"]["name"] == "my bench.uff"
+    row = next(row for row in found["rows"] if row["line"] == "drive_1")
+    assert row["error"] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_parameter_is_identified_from_the_page(client, loaded):
+    start_at = {**SHORT, "motor.friction.viscous": "0.02 N*m*s/rad"}
+    asked = {"recordings": [loaded["id"]], "scenario": {"base": "state-1", "changes": start_at}, "starts": 2}
+    wrong = client.post("/api/identifications", json={**asked, "fit": ["motor.colour"]}).json()["id"]
+    assert wait(client, wrong)["error"].startswith("fit motor.colour: is not a key of the scenario")
+    id = client.post(
+        "/api/identifications", json={**asked, "fit": ["motor.friction.viscous=0.01 N*m*s/rad:0.03 N*m*s/rad"]}
+    ).json()["id"]
+    job = wait(client, id)
+    assert job["state"] == "done", job
+    found = client.get(f"/api/jobs/{id}/result").json()
+    (parameter,) = found["parameters"]
+    assert parameter["start"] == 0.02
+    assert parameter["value"] == pytest.approx(0.01442, rel=0.05)
+    assert found["scenario_changes"]["motor.friction.viscous"].endswith("N*m*s/rad")
+
+
+def matlab(**arrays) -> bytes:
+    stream = io.BytesIO()
+    savemat(stream, arrays)
+    return stream.getvalue()
+
+
+def leading_out() -> bytes:
+    """An HDF5 file whose channel lies in a file of the server's owner."""
+    import h5py
+
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as file:
+        file["fs"] = 4096.0
+        file.create_dataset("Mz", shape=(64,), dtype="u1", external=[(__file__, 0, 64)])
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "status", "words"),
+    [
+        ("x.exe", b"MZ", 422, "'.exe' is not known"),
+        ("x.uff", b"no uff", 422, "x.uff: is truncated, or no UFF"),
+        ("x.mat", b"\x89HDF\r\n\x1a\n" + b"junk" * 100, 422, "x.mat: is broken or truncated"),
+        ("x.mat", matlab(fs=np.nan, Mz=np.arange(9.0)), 422, "x.mat: fs gives a sample rate of nan Hz"),
+        ("x.nc", b"", 422, "x.nc: is broken or truncated"),
+        ("x.mat", leading_out(), 422, "x.mat: /Mz is stored in other files"),
+        ("x.nc", leading_out(), 422, "x.nc: /Mz is stored in other files"),
+        ("../../x.csv", b"a,b\n1,2\n", 422, "x.csv: has no 8 rows of numbers"),
+        ("x.csv", b"t,Mz\n" + b"0,1\n" * 1_000_000, 413, "at most 3 MB"),
+    ],
+)
+def test_recordings_that_are_none(client, store, name, content, status, words):
+    before = sorted(store.root.iterdir())
+    answer = client.post("/api/recordings", params={"name": name}, content=content)
+    assert answer.status_code == status
+    assert words in answer.json()["error"]
+    assert str(store.root) not in answer.text
+    assert sorted(store.root.iterdir()) == before
+
+
+def test_a_rate_plan_and_its_bad_options(client):
+    asked = {"scenario": spec(), "from": "0.02 deg/s", "to": "0.2 deg/s", "count": 5, "linear": True}
+    found = result(client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"])
+    assert found["best"]["largest"] == min(max(x["amplitude"] for x in case["lines"]) for case in found["cases"])
+    for more, key in (
+        ({"from": "1 m"}, "from"), ({"to": "0.01 deg/s"}, "from"), ({"limit": "-1 N*m"}, "limit"), ({"band": "5"}, "band"),
+        ({"count": 2000, "microsteps": [8, 16, 32]}, "count"), ({"microsteps": [0]}, "microsteps.0"),
+        ({"scenario": spec(motor__current="1 V")}, "motor.current"),
+    ):  # fmt: skip
+        answer = client.post("/api/rates", json={**asked, **more})
+        assert (answer.status_code, answer.json()["key"]) == (422, key), answer.text
+
+
+def test_a_simulator_is_sized(client):
+    asked = {"inertia": "8.18 kg*m^2", "frequency": "1.19 Hz", "states": ["1.39:8.18"]}
+    found = result(client, client.post("/api/sas", json=asked).json()["id"])
+    assert found["settings"][0]["elements_frequency_hz"] == pytest.approx(1.19, rel=0.01)
+    assert found["drawing"].startswith("data:image/svg+xml;base64,")
+    bad = client.post("/api/sas", json={**asked, "inertia": "8 m"}).json()["id"]
+    assert wait(client, bad)["error"].startswith("inertia: '8 m' has the wrong dimension")
+    assert client.post("/api/sas", json={"inertia": "8 kg*m^2"}).json()["key"] == "frequency"
