@@ -11,7 +11,7 @@ import numpy as np
 from microvib.errors import SimulationError
 from microvib.model.friction import Friction
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel
+from microvib.solve import kernel, propagate, rodas4
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,17 @@ class Packed:
 
     drive: Any
     state: Any
+    propagators: Any
+    """None where ``solver.method`` is rodas4."""
     scratch: np.ndarray
+    lanes: np.ndarray
 
     def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
-        """Advance to the time ``stop`` [s]; see ``kernel.advance``."""
-        return int(kernel.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
+        """Advance to the time ``stop`` [s]; see ``propagate.advance``, ``rodas4.advance``."""
+        if self.propagators is None:
+            return int(rodas4.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
+        own = self.state, self.drive, self.propagators
+        return int(propagate.advance(stop, *own, samples, steps_t, steps_ref, self.lanes, self.scratch.ravel()))
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -58,11 +64,71 @@ def pack(scenario: Scenario) -> Packed:
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
+        levels=np.full(propagate.KINDS * propagate.PATTERNS, 4, dtype=np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
-    packed = Packed(_finite(_drive(scenario)), state, np.zeros((kernel.SCRATCH_ROWS, width)))
-    _hold(scenario, packed)
-    return packed
+    drive = _finite(_drive(scenario))
+    _hold(scenario, drive, state)
+    propagators = _propagators(scenario, drive, state)
+    lanes = np.zeros((49 + 2 * size + 2 * (kernel.N_CHANNELS + size), 4))
+    return Packed(drive, state, propagators, np.zeros((rodas4.SCRATCH_ROWS, width)), lanes)
+
+
+def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
+    """Tables of ``microvib.solve.propagate`` for a drive, at rest in ``state``."""
+    n, s, solver = kernel.MODES, drive.H.size, scenario.solver
+    sizes = 1.0 / (drive.scale[propagate.INPUTS] * solver.tolerance / solver.refinement**4)
+    levels = propagate.LEVELS
+    tables = propagate.Propagators(
+        longest=solver.max_step / solver.refinement,
+        accuracy=1e-3 / solver.refinement**4,
+        current=float(state.y[kernel.IA]),
+        windup=float(state.y[kernel.XA]),
+        inputs=6 if math.isfinite(drive.U_max) else 4,
+        A=_linear_part(drive, state),
+        per_size=1.0 / sizes,
+        nodes=np.zeros((propagate.PATTERNS * levels * propagate.NODE_ROWS, 4)),
+        pieces=np.zeros((propagate.PATTERNS * levels * propagate.PIECE_ROWS, 4)),
+        modes=np.zeros((levels * s * propagate.MODE_ROWS, 4)),
+        sums=np.zeros((levels * propagate.SUM_ROWS, 4)),
+    )
+    propagate.tabulate(tables, drive, _moments(n, 6), _moments(2, 1))
+    return tables
+
+
+def _moments(n: int, inputs: int) -> Any:
+    square = np.zeros((n, n))
+    return propagate.Moments(
+        square, np.zeros((n, inputs)), square.copy(), np.zeros((4, n, inputs)), square.copy(), square.copy()
+    )
+
+
+def _linear_part(drive: Any, state: Any) -> np.ndarray:
+    """Derivative of the equations of motion by the state, without modes, detent, dry friction and supply limit, at rest.
+
+    By differences, for each pattern of what sticks. Its errors do not matter: the propagators treat as a deficit what it lacks.
+    """
+    none = np.zeros(0)
+    bare = drive._replace(
+        K_d=0.0, m_slide=0.0, m_stribeck=0.0, l_slide=0.0, l_stribeck=0.0, U_max=math.inf, H=none, D=none, Lam=none, te=none
+    )
+    n = kernel.MODES
+    A, q = np.zeros((propagate.PATTERNS, n, n)), np.zeros(7)
+    sizes = np.maximum(np.abs(state.y[:n]), 1.0)
+    for pattern in range(propagate.PATTERNS):
+        stick = np.array([pattern < 2, pattern % 2 == 0], dtype=float)
+        for j in range(n):
+            ends = []
+            for sign in (-1.0, 1.0):
+                y, f = state.y[:n].copy(), np.zeros(n)
+                y[j] += sign * 1e-4 * sizes[j] / (drive.z if j == kernel.TM else 1.0)
+                kernel.rates(state._replace(y=y, stick=stick), bare, f, q)
+                ends.append(f)
+            A[pattern, :, j] = (ends[1] - ends[0]) / (2e-4 * sizes[j] / (drive.z if j == kernel.TM else 1.0))
+        if drive.rigid:
+            A[pattern][[kernel.TL, kernel.WL]] = 0.0
+        A[pattern][:, [k for k, held in ((kernel.WM, stick[0] == 0.0), (kernel.WL, stick[1] == 0.0)) if held]] = 0.0
+    return A
 
 
 def _finite(drive: Any) -> Any:
@@ -76,9 +142,9 @@ def _finite(drive: Any) -> Any:
     return drive
 
 
-def _hold(scenario: Scenario, packed: Packed) -> None:
+def _hold(scenario: Scenario, drive: Any, state: Any) -> None:
     """State before t = 0: at rest, phase A at its holding current, the loop in equilibrium."""
-    driver, motor, state = scenario.driver, scenario.motor, packed.state
+    driver, motor = scenario.driver, scenario.motor
     current, R = motor.current, motor.winding_resistance
     if driver.integral_gain > 0.0:
         state.y[kernel.XA] = R * current / driver.integral_gain
@@ -88,8 +154,8 @@ def _hold(scenario: Scenario, packed: Packed) -> None:
     # The transmission error may be non-zero at theta_m = 0; the gear is relaxed there.
     state.y[kernel.TL] = scenario.reducer.kinematic_error(0.0)
     state.clock[kernel.REF_A] = current
-    state.clock[kernel.NEXT_STEP] = packed.drive.layer
-    kernel.initial_friction(state, packed.drive)
+    state.clock[kernel.NEXT_STEP] = drive.layer
+    kernel.initial_friction(state, drive)
 
 
 def _friction(friction: Friction) -> tuple[float, float, float, float, float]:

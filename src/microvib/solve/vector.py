@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-WIDTH = 8
-"""Lanes: two registers of four, so that one computes while the other waits."""
+WIDTH = 4
+"""Lanes."""
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:

@@ -159,6 +159,7 @@ _define(operator.and_, MASK, (MASK, MASK), ir.IRBuilder.and_)
 _define(operator.or_, MASK, (MASK, MASK), ir.IRBuilder.or_)
 _define(where, LANES, (MASK, LANES, LANES), ir.IRBuilder.select)
 _define(where, types.float64, (types.boolean, types.float64, types.float64), ir.IRBuilder.select)
+_define(where, LANES, (types.boolean, LANES, LANES), ir.IRBuilder.select)
 
 
 _define(some, types.boolean, (types.boolean,), lambda builder, condition: condition)
