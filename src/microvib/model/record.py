@@ -43,8 +43,16 @@ class Record(Part):
 class Solver(Part):
     """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it."""
 
+    method: Literal["propagators", "rodas4"] = Field(
+        default="propagators",
+        description="exact propagation of what is linear, or RODAS4 steps as a reference",
+    )
+    accuracy: Annotated[
+        float,
+        Quantity("", "error of a step over what a microstep moves, with propagators", gt=0, le=0.1, usual=(1e-8, 1e-2)),
+    ] = 1e-3
     tolerance: Annotated[
-        float, Quantity("", "local error over the size of each state", gt=0, le=0.01, usual=(1e-10, 1e-3))
+        float, Quantity("", "local error over the size of each state, with rodas4", gt=0, le=0.01, usual=(1e-10, 1e-3))
     ] = 2e-5
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
     refinement: Annotated[

@@ -51,7 +51,7 @@ N_POWERS = N_CHANNELS - POWERS
 
 OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
 # entries of State.counters and State.clock
-STEPS, REJECTED, MICROSTEPS, STICKS, ROTOR_STICKS, BREAKAWAYS, EVENT_STEPS, N_COUNTERS = range(8)
+STEPS, REJECTED, MICROSTEPS, STICKS, ROTOR_STICKS, BREAKAWAYS, EVENT_STEPS, ITERATIONS_MADE, N_COUNTERS = range(9)
 NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, N_CLOCK = range(10)
 
 
@@ -407,7 +407,6 @@ def filter_and_decimate(rows: Matrix, taps: Vector, factor: int, out: Matrix) ->
         for k in range(taps.size):
             for j in range(out.shape[1]):
                 out[m, j] += taps[k] * rows[factor * m + k, j]
-
 
 
 @code.entry(**COMPILE)

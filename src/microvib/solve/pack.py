@@ -11,7 +11,10 @@ import numpy as np
 from microvib.errors import SimulationError
 from microvib.model.friction import Friction
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel, propagate, rodas4
+from microvib.solve import kernel, propagate, propagators, rodas4
+
+SHORTEST = 0.5
+"""Shortest step in units of the fastest part of the linear motion."""
 
 
 @dataclass(frozen=True)
@@ -64,41 +67,47 @@ def pack(scenario: Scenario) -> Packed:
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
-        levels=np.full(propagate.KINDS * propagate.PATTERNS, 4, dtype=np.int64),
+        levels=np.full(propagate.KINDS * propagators.PATTERNS, 4, dtype=np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
     drive = _finite(_drive(scenario))
     _hold(scenario, drive, state)
-    propagators = _propagators(scenario, drive, state)
-    lanes = np.zeros((49 + 2 * size + 2 * (kernel.N_CHANNELS + size), 4))
-    return Packed(drive, state, propagators, np.zeros((rodas4.SCRATCH_ROWS, width)), lanes)
+    tables = _propagators(scenario, drive, state) if scenario.solver.method == "propagators" else None
+    lanes = np.zeros((70 + 2 * size + 2 * (kernel.N_CHANNELS + size), 4))
+    return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), lanes)
 
 
 def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
     """Tables of ``microvib.solve.propagate`` for a drive, at rest in ``state``."""
     n, s, solver = kernel.MODES, drive.H.size, scenario.solver
-    sizes = 1.0 / (drive.scale[propagate.INPUTS] * solver.tolerance / solver.refinement**4)
-    levels = propagate.LEVELS
-    tables = propagate.Propagators(
-        longest=solver.max_step / solver.refinement,
-        accuracy=1e-3 / solver.refinement**4,
+    sizes = 1.0 / (drive.scale[propagators.INPUTS] * solver.tolerance / solver.refinement**4)
+    A, longest = _linear_part(drive, state), solver.max_step / solver.refinement
+    fastest = float(np.max(np.sum(np.abs(A) * drive.scale[:n, None] / drive.scale[:n], axis=2)))
+    levels = min(max(1 + math.ceil(math.log2(longest * fastest / SHORTEST)), 8), propagators.MOST_LEVELS)
+    tables = propagators.Propagators(
+        longest=longest,
+        accuracy=solver.accuracy / solver.refinement**4,
         current=float(state.y[kernel.IA]),
         windup=float(state.y[kernel.XA]),
         inputs=6 if math.isfinite(drive.U_max) else 4,
-        A=_linear_part(drive, state),
+        levels=levels,
+        A=A,
+        columns=A.transpose(0, 2, 1).reshape(-1, 4).copy(),
         per_size=1.0 / sizes,
-        nodes=np.zeros((propagate.PATTERNS * levels * propagate.NODE_ROWS, 4)),
-        pieces=np.zeros((propagate.PATTERNS * levels * propagate.PIECE_ROWS, 4)),
-        modes=np.zeros((levels * s * propagate.MODE_ROWS, 4)),
-        sums=np.zeros((levels * propagate.SUM_ROWS, 4)),
+        nodes=np.zeros((propagators.PATTERNS * levels * propagators.NODE_ROWS, 4)),
+        pieces=np.zeros((propagators.PATTERNS * levels * propagators.PIECE_ROWS, 4)),
+        modes=np.zeros((levels * s * propagators.MODE_ROWS, 4)),
+        sums=np.zeros((levels * propagators.SUM_ROWS, 4)),
+        momentum=propagators.HERMITE.T.reshape(16, 4).copy(),
+        onwards=propagators.ONWARDS.reshape(16, 4).copy(),
     )
-    propagate.tabulate(tables, drive, _moments(n, 6), _moments(2, 1))
+    propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 1))
     return tables
 
 
 def _moments(n: int, inputs: int) -> Any:
     square = np.zeros((n, n))
-    return propagate.Moments(
+    return propagators.Moments(
         square, np.zeros((n, inputs)), square.copy(), np.zeros((4, n, inputs)), square.copy(), square.copy()
     )
 
@@ -110,12 +119,21 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     """
     none = np.zeros(0)
     bare = drive._replace(
-        K_d=0.0, m_slide=0.0, m_stribeck=0.0, l_slide=0.0, l_stribeck=0.0, U_max=math.inf, H=none, D=none, Lam=none, te=none
+        K_d=0.0,
+        m_slide=0.0,
+        m_stribeck=0.0,
+        l_slide=0.0,
+        l_stribeck=0.0,
+        U_max=math.inf,
+        H=none,
+        D=none,
+        Lam=none,
+        te=none,
     )
     n = kernel.MODES
-    A, q = np.zeros((propagate.PATTERNS, n, n)), np.zeros(7)
+    A, q = np.zeros((propagators.PATTERNS, n, n)), np.zeros(7)
     sizes = np.maximum(np.abs(state.y[:n]), 1.0)
-    for pattern in range(propagate.PATTERNS):
+    for pattern in range(propagators.PATTERNS):
         stick = np.array([pattern < 2, pattern % 2 == 0], dtype=float)
         for j in range(n):
             ends = []

@@ -17,10 +17,52 @@ import numpy as np
 
 from microvib.compiled import Matrix, Unit, Vector
 from microvib.solve.kernel import (
-    BREAKAWAYS, COMPILE, EVENT_STEPS, FORCED, IA, IB, IMPULSE, INLINE, LARGEST, MICROSTEPS, MISMATCH, MODES, N_CHANNELS, N_POWERS,
-    NEXT_STEP, NOT_FINITE, NOW, OK, POWERS, REF_A, REF_B, REJECTED, STEP_TOO_SMALL, STEPS, T_D, T_D_FORCE, THETA_E, TL, TM, WEIGHT,
-    WL, WM, XA, XB, Drive, Samples, State, _friction, _limits, _winding, channels, decide_friction, derivative, follow, health,
-    margins, transmission_error,
+    COMPILE,
+    EVENT_STEPS,
+    FORCED,
+    IA,
+    IB,
+    IMPULSE,
+    INLINE,
+    LARGEST,
+    MICROSTEPS,
+    MISMATCH,
+    MODES,
+    N_CHANNELS,
+    N_POWERS,
+    NEXT_STEP,
+    NOT_FINITE,
+    NOW,
+    OK,
+    POWERS,
+    REF_A,
+    REF_B,
+    REJECTED,
+    STEP_TOO_SMALL,
+    STEPS,
+    T_D,
+    T_D_FORCE,
+    THETA_E,
+    TL,
+    TM,
+    WEIGHT,
+    WL,
+    WM,
+    XA,
+    XB,
+    Drive,
+    Samples,
+    State,
+    _friction,
+    _limits,
+    _winding,
+    channels,
+    decide_friction,
+    derivative,
+    follow,
+    health,
+    margins,
+    transmission_error,
 )  # fmt: skip
 from microvib.solve.vector import sincos, where
 
@@ -581,5 +623,3 @@ def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, step
         if status != OK:
             return status
     return OK
-
-

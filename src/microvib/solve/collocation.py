@@ -1,0 +1,534 @@
+"""One step of a drive: what is linear is propagated exactly, and what is not enters as a polynomial.
+
+Between two events a drive is nearly linear, if it is seen from its command: with the currents turned by the commanded electrical
+angle and the angles counted from it, dx/dt = A x + r, with a matrix A that only depends on which bodies stick, and a deficit
+r = f - A x that is left of the equations of motion f (``kernel.drive_derivative``): the sine of the electromagnetic spring beyond
+its slope, detent torque, friction, transmission error, the supply's limit. However large r is, this is no approximation.
+
+A step takes r as the cubic through its values at four nodes (Lobatto's: both ends are nodes). The states there are then
+
+    x(c T) = E(c T) x(0) + sum over nodes j of K_j(c T) r_j,      E(t) = exp(A t),  K_j = integral of E(c T - t) l_j(t / T) dt
+
+with l_j the cubic that is 1 at node j and 0 at the others; E and K come from tables (``tabulate``), for lengths T of the longest
+step over powers of two. r depends on x, so the equation is iterated; that contracts, because A has taken what is stiff. The nodes
+are the four lanes of a vector (``microvib.solve.vector``), so that f is evaluated at all of them at once. The highest Legendre
+coefficient of r, over what a microstep moves, is the error estimate.
+
+Wherever a step has to end, at a microstep or where a friction sticks or breaks away, its solution is taken there
+(``_evaluate``): the propagators of shorter and shorter lengths lead to any instant of it. So an event costs no further step.
+
+The modes of the array are no part of A, so that their number costs no more than their sum: they move as free oscillators, driven by
+the cubic through the output's rate at the nodes, and their torque is a part of f.
+"""
+
+import math
+from typing import NamedTuple
+
+from microvib.compiled import Matrix, Unit, Vector
+from microvib.solve.kernel import (
+    COMPILE,
+    FORCED,
+    ITERATIONS_MADE,
+    IA,
+    IB,
+    INLINE,
+    MODES,
+    THETA_E,
+    TL,
+    TM,
+    WL,
+    WM,
+    XA,
+    XB,
+    drive_derivative,
+    drive_margins,
+    follow,
+    margins,
+    transmission_error,
+)
+from microvib.solve.propagators import (
+    CONVERGED,
+    CUBES,
+    HERMITE,
+    HIGHEST,
+    INPUTS,
+    ITERATIONS,
+    LAGRANGE,
+    M_E,
+    M_ETA_END,
+    M_ETA_PART,
+    M_MOMENTUM,
+    M_TORQUE,
+    M_W_END,
+    M_W_PART,
+    MODE_ROWS,
+    NODE_ROWS,
+    PIECE_ROWS,
+    SUM_ROWS,
+    N,
+)
+from microvib.solve.vector import rows, sincos, where
+
+code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+
+
+class Work(NamedTuple):
+    """Scratch of a step; matrices of lanes have a row of four for each quantity."""
+
+    x: Vector  # state seen from the command, (N,)
+    end: Vector  # the same at the end of the step
+    modes: Vector  # states of the modes at the end of the step
+    there: Vector  # both, not seen from the command
+    free: Matrix  # lanes: E x
+    at: Matrix  # lanes: states at the nodes
+    y: Matrix  # lanes: the same, and the modes', not seen from the command
+    f: Matrix  # lanes
+    q: Matrix  # lanes
+    r: Matrix  # lanes: deficits
+    before: Matrix  # lanes: the same of the last iterate
+    sums: Matrix  # lanes: torque and momentum of the modes as free oscillators; torque; T_d; momentum; margins; change
+    values: Matrix  # lanes: channels
+    by_node: Matrix  # channels, (4, channels)
+    powers: Matrix  # coefficients of the deficits' cubics, two rows for each power
+    shifted: Matrix  # the same about another instant
+    halves: Matrix  # ``end`` as two rows of lanes
+    both: Matrix  # ``poly`` as two rows of lanes
+    poly: Vector  # coefficients of the momentum, (8,)
+    term: Vector  # (N,)
+    term_halves: Matrix
+    weights: Matrix  # (3, 4)
+
+
+FREE_TORQUE, FREE_MOMENTUM, TORQUE, TORQUE_D, MOMENTUM, MARGIN_M, MARGIN_L, CHANGE, N_SUMS = range(9)
+
+
+# ---- The frame of the command ----
+
+
+@code.inner(**INLINE)
+def _see(x, p, t, w):
+    """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding drive is 0 there."""
+    s, c = sincos(x.clock[THETA_E])
+    y, angle = x.y, x.clock[THETA_E] / p.z
+    w.x[IA], w.x[IB] = y[IA] * c + y[IB] * s - t.current, y[IB] * c - y[IA] * s
+    w.x[XA], w.x[XB] = y[XA] * c + y[XB] * s - t.windup, y[XB] * c - y[XA] * s
+    w.x[TM], w.x[WM], w.x[TL], w.x[WL] = y[TM] - angle, y[WM], y[TL] + angle * p.inv_h, y[WL]
+    return s, c
+
+
+@code.inner(**INLINE)
+def _unsee(v, y, x, p, t):
+    """The drive's state ``y`` from ``v``, as seen from its command; the angle of what sticks stays what it was, to the last bit."""
+    s, c = sincos(x.clock[THETA_E])
+    i_d, x_d, angle = v[IA] + t.current, v[XA] + t.windup, x.clock[THETA_E] / p.z
+    y[IA], y[IB] = i_d * c - v[IB] * s, v[IB] * c + i_d * s
+    y[XA], y[XB] = x_d * c - v[XB] * s, v[XB] * c + x_d * s
+    y[TM] = x.y[TM] if x.stick[0] == 0.0 else v[TM] + angle
+    y[TL] = x.y[TL] if x.stick[1] == 0.0 else v[TL] - angle * p.inv_h
+    y[WM], y[WL] = v[WM], v[WL]
+    follow(y, p)
+
+
+@code.inner(**INLINE)
+def _pattern(stick, p):
+    """Which bodies stick."""
+    return (2 if stick[0] == 0.0 else 0) + (1 if stick[1] == 0.0 and not p.rigid else 0)
+
+
+# ---- One step ----
+
+
+@code.inner(**FORCED)
+def _evaluate_deficits(s, c, modal, x, p, t, w):
+    """States at the nodes not seen from the command, the derivative there, and the deficits ``w.r``."""
+    at, y, f = rows(w.at, 0, N, 1), rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1)
+    r, sums, A = rows(w.r, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1), t.A[_pattern(x.stick, p)]
+    a0, a1, a2, a3, a4, a5, a6, a7 = at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]
+    i_d, x_d, angle = a0 + t.current, a2 + t.windup, x.clock[THETA_E] / p.z
+    y[IA], y[IB] = i_d * c - a1 * s, a1 * c + i_d * s
+    y[XA], y[XB] = x_d * c - a3 * s, a3 * c + x_d * s
+    y[TM], y[WM], y[TL], y[WL] = a4 + angle, a5, a6 - angle * p.inv_h, a7
+    drive_derivative(y, modal, x.clock, x.stick, p, f, rows(w.q, 0, 7, 1))
+    sums[TORQUE] = modal
+    f_d, f_q = f[IA] * c + f[IB] * s, f[IB] * c - f[IA] * s
+    r[0] = (
+        f_d
+        - ((A[IA, 0] * a0 + A[IA, 1] * a1) + (A[IA, 2] * a2 + A[IA, 3] * a3))
+        - ((A[IA, 4] * a4 + A[IA, 5] * a5) + (A[IA, 6] * a6 + A[IA, 7] * a7))
+    )
+    r[1] = (
+        f_q
+        - ((A[IB, 0] * a0 + A[IB, 1] * a1) + (A[IB, 2] * a2 + A[IB, 3] * a3))
+        - ((A[IB, 4] * a4 + A[IB, 5] * a5) + (A[IB, 6] * a6 + A[IB, 7] * a7))
+    )
+    for k in range(2, 4):
+        i = WM if k == 2 else WL
+        r[k] = (
+            f[i]
+            - ((A[i, 0] * a0 + A[i, 1] * a1) + (A[i, 2] * a2 + A[i, 3] * a3))
+            - ((A[i, 4] * a4 + A[i, 5] * a5) + (A[i, 6] * a6 + A[i, 7] * a7))
+        )
+    if t.inputs > 4:
+        r[4], r[5] = f[XA] * c + f[XB] * s, f[XB] * c - f[XA] * s
+        for j in range(N):
+            r[4] = r[4] - A[XA, j] * at[j]
+            r[5] = r[5] - A[XB, j] * at[j]
+
+
+@code.inner(**FORCED)
+def _free_modes(level, x, p, t, w):
+    """Torque and momentum of the modes as free oscillators."""
+    sums, modes = (
+        rows(w.sums, 0, N_SUMS, 1),
+        rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS),
+    )
+    torque = momentum = sums[CHANGE] * 0.0
+    for k in range(p.H.size):
+        eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
+        torque += modes[k, M_TORQUE] * eta + modes[k, M_TORQUE + 1] * rate
+        momentum += modes[k, M_MOMENTUM] * eta + modes[k, M_MOMENTUM + 1] * rate
+    sums[FREE_TORQUE], sums[FREE_MOMENTUM] = torque, momentum
+
+
+@code.inner(**FORCED)
+def _iterate(level, s, c, x, p, t, w):
+    """Solve the step's equation from the deficits in ``w.r``; the last change of the deficits, over what a microstep moves."""
+    at, r, before, sums = rows(w.at, 0, N, 1), rows(w.r, 0, 6, 1), rows(w.before, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1)
+    free, T, block = (
+        rows(w.free, 0, N, 1),
+        t.longest * 0.5**level,
+        (_pattern(x.stick, p) * t.levels + level) * NODE_ROWS,
+    )
+    E, K = rows(t.nodes, block, N * N, N), rows(t.nodes, block + N * N, 24 * N, N)
+    coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)
+    for i in range(N):
+        total = E[0, i] * w.x[0]
+        for j in range(1, N):
+            total += E[j, i] * w.x[j]
+        free[i] = total
+    _free_modes(level, x, p, t, w)
+    last = math.inf
+    for _ in range(ITERATIONS):
+        a0, a1, a2, a3, a4, a5, a6, a7 = free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7]
+        for k in range(t.inputs):
+            for j in range(4):
+                m, value = 4 * k + j, w.r[k, j]
+                a0 += K[m, 0] * value
+                a1 += K[m, 1] * value
+                a2 += K[m, 2] * value
+                a3 += K[m, 3] * value
+                a4 += K[m, 4] * value
+                a5 += K[m, 5] * value
+                a6 += K[m, 6] * value
+                a7 += K[m, 7] * value
+            before[k] = r[k]
+        if p.rigid:
+            _, e1, _, _ = transmission_error(a4 + x.clock[THETA_E] / p.z, p.te)
+            a7 = (e1 - p.inv_h) * a5
+        at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = a0, a1, a2, a3, a4, a5, a6, a7
+        modal = sums[FREE_TORQUE]
+        for j in range(4):
+            modal += coupling[j] * w.at[WL, j]
+        _evaluate_deficits(s, c, modal, x, p, t, w)
+        x.counters[ITERATIONS_MADE] += 1
+        largest = math.fabs(r[0] - before[0]) * t.per_size[0]
+        for k in range(1, t.inputs):
+            size = math.fabs(r[k] - before[k]) * t.per_size[k]
+            largest = where(size > largest, size, largest)
+        sums[CHANGE] = largest
+        change = T * max(max(w.sums[CHANGE, 0], w.sums[CHANGE, 1]), max(w.sums[CHANGE, 2], w.sums[CHANGE, 3]))
+        if not change > CONVERGED * t.accuracy or not change < 0.7 * last:
+            break
+        last = change
+    return change
+
+
+@code.inner(**INLINE)
+def _error(level, t, w):
+    """The highest Legendre coefficient of the deficits, over what a microstep moves."""
+    error = 0.0
+    for k in range(t.inputs):
+        total = 0.0
+        for j in range(4):
+            total += HIGHEST[j] * w.r[k, j]
+        error = max(error, math.fabs(total) * t.per_size[k])
+    return error * t.longest * 0.5**level
+
+
+@code.inner(**FORCED)
+def _begin(s, c, x, p, t, w):
+    """Deficits at the start of a step, taken for all of it."""
+    at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
+    modal, total = sums[CHANGE] * 0.0, 0.0
+    rate = w.x[WL]
+    if p.rigid:
+        _, e1, _, _ = transmission_error(w.x[TM] + x.clock[THETA_E] / p.z, p.te)
+        rate = (e1 - p.inv_h) * w.x[WM]
+    for k in range(p.H.size):
+        total += p.H[k] * (p.D[k] * (x.y[MODES + 2 * k + 1] - p.H[k] * rate) + p.Lam[k] * x.y[MODES + 2 * k])
+    for i in range(N):
+        at[i] = modal + w.x[i]
+    _evaluate_deficits(s, c, modal + total, x, p, t, w)
+
+
+@code.inner(**FORCED)
+def _continue(how, t, w):
+    """Deficits of another step, from those of the last."""
+    r, by = rows(w.r, 0, 6, 1), rows(t.onwards, 4 * how, 4, 1)
+    for k in range(t.inputs):
+        r[k] = by[0] * w.r[k, 0] + by[1] * w.r[k, 1] + by[2] * w.r[k, 2] + by[3] * w.r[k, 3]
+
+
+@code.inner(**FORCED)
+def _judge(p, x, w):
+    """Margins of both frictions, momentum and disturbance torque at the nodes."""
+    y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
+    sums = rows(w.sums, 0, N_SUMS, 1)
+    sums[MARGIN_M], sums[MARGIN_L] = drive_margins(y, sums[TORQUE], x.stick, p)
+    sums[TORQUE_D] = sums[TORQUE] - p.J_L * q[6] - p.J_m * f[WM]
+
+
+@code.inner(**FORCED)
+def _momentum(level, p, t, w):
+    """Momentum at the nodes, and the polynomial of degree 7 through it and the torque, into ``w.poly``."""
+    at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
+    coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)
+    total = p.J_m * at[WM] + p.J_L * at[WL] + sums[FREE_MOMENTUM]
+    for j in range(4):
+        total += coupling[4 + j] * w.at[WL, j]
+    sums[MOMENTUM] = total
+    T, by = -t.longest * 0.5**level, rows(t.momentum, 0, 16, 2)
+    lower, upper = by[0, 0] * w.sums[MOMENTUM, 0], by[0, 1] * w.sums[MOMENTUM, 0]
+    for j in range(1, 4):
+        lower += by[j, 0] * w.sums[MOMENTUM, j]
+        upper += by[j, 1] * w.sums[MOMENTUM, j]
+    for j in range(4):
+        lower += by[4 + j, 0] * (T * w.sums[TORQUE_D, j])
+        upper += by[4 + j, 1] * (T * w.sums[TORQUE_D, j])
+    both = rows(w.both, 0, 2, 1)
+    both[0], both[1] = lower, upper
+
+
+# ---- Ends of steps ----
+
+
+@code.inner(**COMPILE)
+def _first_root(which, until, T, x, t, w):
+    """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls below zero at the nodes; else 2.
+
+    The margin is a polynomial through its values at the nodes; that of a friction that slips has its slopes as well.
+    """
+    values, row = w.sums[MARGIN_M + which], WM if which == 0 else WL
+    node = 1
+    while node < 4 and values[node] >= 0.0:
+        node += 1
+    if node == 4 or CUBES[node - 1] >= until:
+        return 2.0
+    lo, hi = CUBES[node - 1], CUBES[node]
+    if values[node - 1] < 0.0:
+        return lo
+    poly, sign = w.poly, x.stick[which]
+    for m in range(8):
+        poly[m] = 0.0
+        for j in range(4):
+            if sign != 0.0:
+                slope = w.f[row, j]
+                poly[m] += sign * (HERMITE[m, j] * w.at[row, j] + HERMITE[m, 4 + j] * T * slope)
+            elif m < 4:
+                poly[m] += LAGRANGE[j, m] * values[j]
+    u = lo + (hi - lo) * values[node - 1] / (values[node - 1] - values[node])
+    for _ in range(60):
+        value, slope = poly[7], 0.0
+        for m in range(6, -1, -1):
+            slope = slope * u + value
+            value = value * u + poly[m]
+        if value < 0.0:
+            hi = u
+        else:
+            lo = u
+        following = u - value / slope if slope < 0.0 else 0.5 * (lo + hi)
+        if not lo < following < hi:
+            following = 0.5 * (lo + hi)
+        if math.fabs(following - u) < 1e-13:
+            break
+        u = following
+    return u if u < until else 2.0
+
+
+@code.inner(**FORCED)
+def _shift(done, piece, t, w):
+    """Coefficients of the deficits' cubics about the fraction ``done`` of the step, in units of a ``piece`` of it."""
+    powers, shifted = rows(w.powers, 0, 8, 2), rows(w.shifted, 0, 8, 2)
+    for half in range(t.inputs // 4 + t.inputs % 4 // 2):
+        c0, c1, c2, c3 = powers[0, half], powers[1, half], powers[2, half], powers[3, half]
+        shifted[0, half] = c0 + done * (c1 + done * (c2 + done * c3))
+        shifted[1, half] = piece * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
+        shifted[2, half] = piece * piece * (c2 + done * 3.0 * c3)
+        shifted[3, half] = piece * piece * piece * c3
+
+
+@code.inner(**COMPILE)
+def _evaluate(u, level, x, p, t, w):
+    """The step's solution at its fraction ``u``: the drive into ``w.end``, the modes into ``w.modes``.
+
+    Pieces of half, a quarter, ... of the step lead there, and a Taylor series over what is left.
+    """
+    pattern, inputs = _pattern(x.stick, p), t.inputs
+    for m in range(4):
+        for k in range(inputs):
+            w.powers[2 * m + k // 4, k % 4] = (
+                LAGRANGE[0, m] * w.r[k, 0]
+                + LAGRANGE[1, m] * w.r[k, 1]
+                + (LAGRANGE[2, m] * w.r[k, 2] + LAGRANGE[3, m] * w.r[k, 3])
+            )
+    for i in range(N):
+        w.end[i] = w.x[i]
+    for j in range(w.modes.size):
+        w.modes[j] = x.y[MODES + j]
+    done, piece, end = 0.0, 1.0, rows(w.halves, 0, 2, 1)
+    for deeper in range(level + 1, t.levels):
+        piece *= 0.5
+        if done + piece <= u:
+            _shift(done, piece, t, w)
+            block = rows(t.pieces, (pattern * t.levels + deeper) * PIECE_ROWS, PIECE_ROWS, 2)
+            # four sums, because each addition waits for the one before
+            lower, upper = block[0, 0] * w.end[0], block[0, 1] * w.end[0]
+            for j in range(1, N):
+                lower += block[j, 0] * w.end[j]
+                upper += block[j, 1] * w.end[j]
+            for k in range(0, inputs, 2):
+                first, second = k // 4, k % 4
+                below, above = (
+                    block[N + 4 * k, 0] * w.shifted[first, second],
+                    block[N + 4 * k, 1] * w.shifted[first, second],
+                )
+                for m in range(1, 4):
+                    below += block[N + 4 * k + m, 0] * w.shifted[2 * m + first, second]
+                    above += block[N + 4 * k + m, 1] * w.shifted[2 * m + first, second]
+                for m in range(4):
+                    below += block[N + 4 * k + 4 + m, 0] * w.shifted[2 * m + first, second + 1]
+                    above += block[N + 4 * k + 4 + m, 1] * w.shifted[2 * m + first, second + 1]
+                lower += below
+                upper += above
+            end[0], end[1] = lower, upper
+            _pass_modes(deeper, done, piece, p, t, w)
+            done += piece
+    _finish(pattern, done, u - done, t.longest * 0.5**level, x, p, t, w)
+
+
+@code.inner(**FORCED)
+def _pass_modes(level, done, piece, p, t, w):
+    """Move ``w.modes`` on by a piece of a step."""
+    c0, c1, c2, c3 = _rate_cubic(w)
+    b0, b1 = c0 + done * (c1 + done * (c2 + done * c3)), piece * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
+    b2, b3 = piece * piece * (c2 + done * 3.0 * c3), piece * piece * piece * c3
+    modes, s = t.modes, p.H.size
+    for k in range(s):
+        row = (level * s + k) * MODE_ROWS
+        eta, rate, M = w.modes[2 * k], w.modes[2 * k + 1], modes[row : row + MODE_ROWS]
+        by_eta, by_w = M[M_ETA_PART], M[M_W_PART]
+        w.modes[2 * k] = (
+            M[M_E, 0] * eta + M[M_E, 1] * rate + by_eta[0] * b0 + by_eta[1] * b1 + by_eta[2] * b2 + by_eta[3] * b3
+        )
+        w.modes[2 * k + 1] = (
+            M[M_E, 2] * eta + M[M_E, 3] * rate + by_w[0] * b0 + by_w[1] * b1 + by_w[2] * b2 + by_w[3] * b3
+        )
+
+
+@code.inner(**FORCED)
+def _rate_cubic(w):
+    """Coefficients of the cubic through the output's rate at the nodes."""
+    r0, r1, r2, r3 = w.at[WL, 0], w.at[WL, 1], w.at[WL, 2], w.at[WL, 3]
+    return (
+        LAGRANGE[0, 0] * r0 + LAGRANGE[1, 0] * r1 + LAGRANGE[2, 0] * r2 + LAGRANGE[3, 0] * r3,
+        LAGRANGE[0, 1] * r0 + LAGRANGE[1, 1] * r1 + LAGRANGE[2, 1] * r2 + LAGRANGE[3, 1] * r3,
+        LAGRANGE[0, 2] * r0 + LAGRANGE[1, 2] * r1 + LAGRANGE[2, 2] * r2 + LAGRANGE[3, 2] * r3,
+        LAGRANGE[0, 3] * r0 + LAGRANGE[1, 3] * r1 + LAGRANGE[2, 3] * r2 + LAGRANGE[3, 3] * r3,
+    )
+
+
+@code.inner(**FORCED)
+def _finish(pattern, done, left, T, x, p, t, w):
+    """The last part of the step's solution, shorter than the shortest piece, by its Taylor series: x_(m+1) = (A x_m + c_m) dt/(m+1)."""
+    _shift(done, left, t, w)
+    dt, A, term, end = (
+        left * T,
+        rows(t.columns, pattern * 2 * N, 2 * N, 2),
+        rows(w.term_halves, 0, 2, 1),
+        rows(w.halves, 0, 2, 1),
+    )
+    term[0], term[1] = end[0], end[1]
+    for m in range(4):
+        lower, upper = A[0, 0] * w.term[0], A[0, 1] * w.term[0]
+        below, above = A[1, 0] * w.term[1], A[1, 1] * w.term[1]
+        for j in range(2, N, 2):
+            lower += A[j, 0] * w.term[j]
+            upper += A[j, 1] * w.term[j]
+            below += A[j + 1, 0] * w.term[j + 1]
+            above += A[j + 1, 1] * w.term[j + 1]
+        term[0], term[1] = lower + below, upper + above
+        factor = dt / (m + 1)
+        for k in range(t.inputs):
+            w.term[INPUTS[k]] += w.shifted[2 * m + k // 4, k % 4]
+        term[0], term[1] = term[0] * factor, term[1] * factor
+        end[0], end[1] = end[0] + term[0], end[1] + term[1]
+    c0, c1, c2, c3 = _rate_cubic(w)
+    output = c0 + done * (c1 + done * (c2 + done * c3))
+    for k in range(p.H.size):
+        rate = w.modes[2 * k + 1] - p.H[k] * output
+        pull = p.D[k] * rate + p.Lam[k] * w.modes[2 * k]
+        w.modes[2 * k] += dt * rate
+        w.modes[2 * k + 1] -= dt * pull
+    if x.stick[0] == 0.0:
+        w.end[TM], w.end[WM] = w.x[TM], 0.0
+    if x.stick[1] == 0.0:
+        w.end[TL], w.end[WL] = w.x[TL], 0.0
+
+
+@code.inner(**FORCED)
+def _whole(level, p, x, t, w):
+    """The end of a whole step, which is its last node."""
+    for i in range(N):
+        w.end[i] = w.at[i, 3]
+    modes, s = t.modes, p.H.size
+    for k in range(s):
+        row = (level * s + k) * MODE_ROWS
+        eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
+        after_eta = modes[row + M_E, 0] * eta + modes[row + M_E, 1] * rate
+        after_rate = modes[row + M_E, 2] * eta + modes[row + M_E, 3] * rate
+        for j in range(4):
+            after_eta += modes[row + M_ETA_END, j] * w.at[WL, j]
+            after_rate += modes[row + M_W_END, j] * w.at[WL, j]
+        w.modes[2 * k], w.modes[2 * k + 1] = after_eta, after_rate
+
+
+@code.inner(**COMPILE)
+def _end_at_event(u, which, level, x, p, t, w):
+    """End the step where the margin of friction ``which`` is just spent, near its fraction ``u``; returns where.
+
+    ``u`` comes from the cubic through the nodes; the solution itself corrects it.
+    """
+    scale = t.per_size[2 if which == 0 else 3]
+    limit = (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
+    enough = 1e-4 * t.accuracy / scale if x.stick[which] != 0.0 else 1e-8 * limit
+    below, above = 0.0, 1.0
+    last_u, last_e = 0.0, math.inf
+    for _ in range(8):
+        _evaluate(u, level, x, p, t, w)
+        _unsee(w.end, w.there, x, p, t)
+        for j in range(w.modes.size):
+            w.there[MODES + j] = w.modes[j]
+        e = margins(w.there, x.stick, p)[which]
+        if e < 0.0:
+            above = u
+        else:
+            below = u
+        if math.fabs(e) <= enough or above - below < 1e-9:
+            break
+        step = 1e-3 if e > 0.0 else -1e-3
+        if math.isfinite(last_e) and last_e != e:
+            step = e * (u - last_u) / (last_e - e)
+        last_u, last_e = u, e
+        following = u + step
+        u = following if below < following < above else 0.5 * (below + above)
+    return u

@@ -1,0 +1,254 @@
+"""What is linear in a drive, as tables of its exact propagators: x(t) = E(t) x(0) + integrals of E with polynomials.
+
+``microvib.solve.collocation`` says what they are for. Their lengths are the longest step over powers of two, made from the shortest
+by doubling.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from microvib.compiled import Cube, Matrix, Unit, Vector
+from microvib.solve.kernel import COMPILE, IA, IB, MODES, WL, WM, XA, XB, Drive
+
+code = Unit(__name__, "kernel.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+
+MOST_LEVELS = 40
+"""Lengths of steps: the longest over powers of two, at most so many, until what is linear changes little over the shortest."""
+PATTERNS = 4
+N = MODES  # states of the drive itself
+INPUTS = np.array([IA, IB, WM, WL, XA, XB])
+"""States of which the derivative has a deficit; the last two only where the supply limits the voltage."""
+NODE_ROWS, PIECE_ROWS, SUM_ROWS = (N + 24) * N, 2 * (N + 24), 8
+# rows of a mode: by its eta and its w at the start, torque, momentum, eta, w; by the output's rate at each node, eta and w; then
+# numbers for the end of a step: exp(A t) (2, 2); eta and w by the rate at each node; by the moments of the rate
+M_TORQUE, M_MOMENTUM, M_ETA, M_W, M_ETA_BY, M_W_BY, M_E, M_ETA_END, M_W_END, M_ETA_PART, M_W_PART, MODE_ROWS = (
+    0, 2, 4, 6, 8, 12, 16, 17, 18, 19, 20, 21,
+)  # fmt: skip
+ITERATIONS = 10
+CONVERGED = 0.05
+"""Last change of the deficits, over the accuracy, at which an iteration ends."""
+GROW_BELOW = 0.02
+"""Error, over the accuracy, below which the next step is twice as long: sixteen times less than the accuracy, and a margin."""
+
+CUBES = np.array([0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0])
+"""Nodes of a step."""
+LAGRANGE = np.linalg.inv(np.vander(CUBES, 4, increasing=True)).T.copy()
+"""Coefficients of the cubics l_j, (node, power)."""
+HIGHEST = np.array([1.0, -math.sqrt(5.0), math.sqrt(5.0), -1.0]) * -0.5
+"""Weights of the highest Legendre coefficient of a cubic, by its values at the nodes."""
+
+
+def _hermite() -> np.ndarray:
+    """Coefficients of the polynomial of degree 7 with given values and slopes at the nodes, (power, 4 values and 4 slopes)."""
+    powers = np.arange(8)
+    values = CUBES[:, None] ** powers
+    slopes = powers * CUBES[:, None] ** np.maximum(powers - 1, 0)
+    return np.linalg.inv(np.vstack([values, slopes]))
+
+
+HERMITE = _hermite()
+
+
+def _onwards() -> np.ndarray:
+    """Values at the nodes of another step by those of this one, (step, 4 nodes of this, 4 of that).
+
+    Of the first half of this step; of the next step of half its length, of its length, and, by the end's slope, of twice that.
+    """
+    cubic = [at[:, None] ** np.arange(4) @ LAGRANGE.T for at in (0.5 * CUBES, 1.0 + 0.5 * CUBES, 1.0 + CUBES)]
+    slope = LAGRANGE @ np.arange(4)
+    line = np.eye(4)[3] + 2.0 * CUBES[:, None] * slope
+    return np.array([values.T for values in (*cubic, line)])
+
+
+ONWARDS = _onwards()
+FIRST_HALF, HALF, SAME, TWICE = range(4)
+
+
+class Propagators(NamedTuple):
+    """Tables of one drive. Rows of four are the nodes of a step, unless said otherwise."""
+
+    longest: float  # length of a step of level 0
+    accuracy: float
+    current: float  # holding current and its windup, from which those in x are counted
+    windup: float
+    inputs: int
+    levels: int
+    A: Cube  # (PATTERNS, N, N); pattern 1: output stuck, 2: rotor stuck
+    columns: Matrix  # its columns, in two rows of four each
+    per_size: Vector  # (6,), 1 / (what a microstep moves) of the states with deficits
+    nodes: Matrix  # for each pattern and level the columns of E and of K (6, 4), N rows each
+    pieces: Matrix  # for each pattern and level the columns of E and of the moments (6, 4), in two rows of four each
+    modes: Matrix  # for each level and mode the rows that M_... name
+    sums: Matrix  # for each level, by the output's rate at each node: torque and momentum of all modes
+    momentum: Matrix  # (16, 4): coefficients of the momentum's polynomial by its values and slopes, two rows each
+    onwards: Matrix  # (16, 4): deficits at the nodes of another step
+
+
+class Moments(NamedTuple):
+    """Propagators of dx/dt = A x + B r over some time, with r a polynomial of that time."""
+
+    A: Matrix  # (n, n)
+    B: Matrix  # (n, k)
+    E: Matrix  # exp(A t)
+    P: Cube  # (4, n, k): integrals of exp(A (t - t')) B (t' / t)^m / m!
+    swap: Matrix
+    power: Matrix
+
+
+@code.inner(**COMPILE)
+def _start(m, T):
+    """Fill ``E`` and ``P`` for a time ``T`` by Taylor's series of a short time, doubled."""
+    A, B, E, P, swap, power = m
+    n, k = B.shape
+    norm = 0.0
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += math.fabs(A[i, j])
+        norm = max(norm, total * T)
+    doublings, t = 0, T
+    while norm > 0.25 and doublings < 1000:
+        norm, t, doublings = 0.5 * norm, 0.5 * t, doublings + 1
+    for i in range(n):
+        for j in range(n):
+            E[i, j] = power[i, j] = 1.0 if i == j else 0.0
+    P[:] = 0.0
+    factor = 1.0
+    for order in range(14):  # ``power`` is (A t)^order, ``factor`` 1 / order!
+        factorial = factor
+        for m in range(4):
+            factorial /= order + m + 1
+            for i in range(n):
+                for c in range(k):
+                    for j in range(n):
+                        P[m, i, c] += t * factorial * power[i, j] * B[j, c]
+        factor /= order + 1
+        for i in range(n):
+            for j in range(n):
+                swap[i, j] = 0.0
+                for l in range(n):
+                    swap[i, j] += power[i, l] * A[l, j] * t
+        for i in range(n):
+            for j in range(n):
+                power[i, j] = swap[i, j]
+                E[i, j] += factor * power[i, j]
+    for _ in range(doublings):
+        _double(E, P, swap)
+
+
+@code.inner(**COMPILE)
+def _double(E, P, swap):
+    """Twice the time: exp(2 A t) = exp(A t)^2, and each integral over 2 t follows from those over t."""
+    n, k = P.shape[1], P.shape[2]
+    for m in range(3, -1, -1):  # the higher ones need the lower ones of before
+        for c in range(k):
+            for i in range(n):
+                total, inverse = P[m, i, c], 1.0
+                for lower in range(m - 1, -1, -1):
+                    inverse /= m - lower
+                    total += P[lower, i, c] * inverse
+                for j in range(n):
+                    total += E[i, j] * P[m, j, c]
+                swap[i, 0] = total * 0.5**m
+            for i in range(n):
+                P[m, i, c] = swap[i, 0]
+    for i in range(n):
+        for j in range(n):
+            swap[i, j] = 0.0
+            for l in range(n):
+                swap[i, j] += E[i, l] * E[l, j]
+    for i in range(n):
+        for j in range(n):
+            E[i, j] = swap[i, j]
+
+
+@code.inner(**COMPILE)
+def _by_node(P, i, c, j, until):
+    """Integral of the cubic that is 1 at node ``j``, up to the fraction ``until`` of a step over which ``P`` is."""
+    total, factor = 0.0, 1.0
+    for m in range(4):
+        total += LAGRANGE[j, m] * factor * P[m, i, c]
+        factor *= until * (m + 1)
+    return total
+
+
+@code.entry(**COMPILE)
+def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
+    """Fill the tables of a drive whose ``A`` is known; ``drive`` and ``mode`` are scratch for N states and for 2."""
+    shortest = t.longest * 0.5 ** (t.levels - 1)
+    for pattern in range(PATTERNS):
+        for i in range(N):
+            for j in range(N):
+                drive.A[i, j] = t.A[pattern, i, j]
+        drive.B[:] = 0.0
+        for k in range(6):
+            i = INPUTS[k]
+            held = (i == WL and (p.rigid or pattern % 2 == 1)) or (i == WM and pattern >= 2)
+            drive.B[i, k] = 0.0 if held else 1.0
+        for node in range(4):
+            _start(drive, CUBES[node] * shortest)
+            for level in range(t.levels - 1, -1, -1):
+                if level < t.levels - 1:
+                    _double(drive.E, drive.P, drive.swap)
+                _tabulate_drive(pattern * t.levels + level, node, drive.E, drive.P, t)
+    for k in range(p.H.size):
+        H, D, Lam = p.H[k], p.D[k], p.Lam[k]
+        mode.A[0, 0], mode.A[0, 1], mode.A[1, 0], mode.A[1, 1] = 0.0, 1.0, -Lam, -D
+        mode.B[0, 0], mode.B[1, 0] = -H, D * H
+        for node in range(4):
+            _start(mode, CUBES[node] * shortest)
+            for level in range(t.levels - 1, -1, -1):
+                if level < t.levels - 1:
+                    _double(mode.E, mode.P, mode.swap)
+                _tabulate_mode(level, k, node, mode.E, mode.P, t, p)
+
+
+@code.inner(**COMPILE)
+def _tabulate_drive(block, node, E, P, t):
+    """Entries of a pattern and level for one node, which is also the end for node 3."""
+    nodes, pieces = block * NODE_ROWS, block * PIECE_ROWS
+    for i in range(N):
+        for j in range(N):
+            t.nodes[nodes + N * j + i, node] = E[i, j]
+        for k in range(6):
+            for j in range(4):
+                t.nodes[nodes + N * (N + 4 * k + j) + i, node] = _by_node(P, i, k, j, CUBES[node])
+    if node == 3:
+        for i in range(N):
+            half, lane = i // 4, i % 4
+            for j in range(N):
+                t.pieces[pieces + 2 * j + half, lane] = E[i, j]
+            for k in range(6):
+                factor = 1.0
+                for m in range(4):
+                    t.pieces[pieces + 2 * (N + 4 * k + m) + half, lane] = factor * P[m, i, k]
+                    factor *= m + 1
+
+
+@code.inner(**COMPILE)
+def _tabulate_mode(level, k, node, E, P, t, p):
+    """Entries of a level and mode for one node."""
+    H, D, Lam = p.H[k], p.D[k], p.Lam[k]
+    row, total = (level * p.H.size + k) * MODE_ROWS, level * SUM_ROWS
+    for j in range(2):
+        t.modes[row + M_TORQUE + j, node] = H * (Lam * E[0, j] + D * E[1, j])
+        t.modes[row + M_MOMENTUM + j, node] = H * E[1, j]
+        t.modes[row + M_ETA + j, node] = E[0, j]
+        t.modes[row + M_W + j, node] = E[1, j]
+    for j in range(4):
+        eta, w = _by_node(P, 0, 0, j, CUBES[node]), _by_node(P, 1, 0, j, CUBES[node])
+        t.modes[row + M_ETA_BY + j, node] = eta
+        t.modes[row + M_W_BY + j, node] = w
+        t.sums[total + j, node] += H * (Lam * eta + D * (w - (H if j == node else 0.0)))
+        t.sums[total + 4 + j, node] += H * w
+        if node == 3:
+            t.modes[row + M_ETA_END, j], t.modes[row + M_W_END, j] = eta, w
+    if node == 3:
+        factor = 1.0
+        for m in range(4):
+            t.modes[row + M_ETA_PART, m], t.modes[row + M_W_PART, m] = factor * P[m, 0, 0], factor * P[m, 1, 0]
+            factor *= m + 1
+        for j in range(2):
+            t.modes[row + M_E, j], t.modes[row + M_E, 2 + j] = E[0, j], E[1, j]
