@@ -28,10 +28,10 @@ from microvib.compiled import Matrix, Unit, Vector
 from microvib.solve.kernel import (
     COMPILE,
     FORCED,
-    ITERATIONS_MADE,
     IA,
     IB,
     INLINE,
+    ITERATIONS_MADE,
     MODES,
     THETA_E,
     TL,
@@ -68,6 +68,9 @@ from microvib.solve.propagators import (
     N,
 )
 from microvib.solve.vector import rows, sincos, where
+
+SHOWN = 0.1
+"""Weight of what is between the ends of a step, where that is sampled."""
 
 code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
@@ -244,15 +247,24 @@ def _iterate(level, s, c, x, p, t, w):
 
 
 @code.inner(**INLINE)
-def _error(level, t, w):
-    """The highest Legendre coefficient of the deficits, over what a microstep moves."""
-    error = 0.0
+def _error(level, shown, t, w):
+    """The highest Legendre coefficient of the deficits over the step, over what a microstep moves; of all that moves, if ``shown``.
+
+    The ends of steps are exact where deficits are cubics; what is sampled inside is a cubic only where the motion itself is.
+    """
+    error, T = 0.0, t.longest * 0.5**level
     for k in range(t.inputs):
         total = 0.0
         for j in range(4):
             total += HIGHEST[j] * w.r[k, j]
-        error = max(error, math.fabs(total) * t.per_size[k])
-    return error * t.longest * 0.5**level
+        error = max(error, math.fabs(total) * t.per_size[k] * T)
+    if shown:
+        for k in range(4):
+            total = 0.0
+            for j in range(4):
+                total += HIGHEST[j] * w.at[INPUTS[k], j]
+            error = max(error, SHOWN * math.fabs(total) * t.per_size[k])
+    return error
 
 
 @code.inner(**FORCED)
@@ -449,7 +461,7 @@ def _rate_cubic(w):
 
 @code.inner(**FORCED)
 def _finish(pattern, done, left, T, x, p, t, w):
-    """The last part of the step's solution, shorter than the shortest piece, by its Taylor series: x_(m+1) = (A x_m + c_m) dt/(m+1)."""
+    """The last part of the step's solution, shorter than the shortest piece, by Taylor: x_(m+1) = (A x_m + c_m) dt/(m+1)."""
     _shift(done, left, t, w)
     dt, A, term, end = (
         left * T,

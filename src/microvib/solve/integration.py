@@ -21,6 +21,10 @@ from microvib.solve.sampling import Decimator, sample_intervals
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 1.0
 """Simulated seconds between two reports of progress; also bounds the memory of a long run."""
+METHODS = {
+    "propagators": "exact propagation of what is linear, with located friction events",
+    "rodas4": "RODAS4, order 4(3), with located friction events",
+}
 CHUNK_BYTES = 32_000_000
 """Memory of one chunk's rows, at most."""
 
@@ -46,7 +50,7 @@ def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float)
     own = packed.state.y, packed.state.stick, packed.state.clock
     for mine, given in zip(own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True):
         mine[:] = given
-    run = Simulation(changed, channels=("T_d",), packed=packed, command=beginning.command)
+    run = Simulation(changed, torque_only=True, packed=packed, command=beginning.command)
     return np.concatenate([block["T_d"] for block in run])
 
 
@@ -59,6 +63,8 @@ class Simulation:
     invariants: Invariants
     solver: dict[str, Any]
     beginning: Beginning
+    stuck_output: float
+    momentum: float
 
     def __init__(
         self,
@@ -68,7 +74,10 @@ class Simulation:
         channels: tuple[str, ...] | None = None,
         packed: Packed | None = None,
         command: Command | None = None,
+        torque_only: bool = False,
     ) -> None:
+        """With ``torque_only`` nothing but ``T_d`` is sampled, which takes a fraction of the time; then there are no invariants,
+        but ``stuck_output`` and ``momentum`` (see ``microvib.solve.batch.Torque``)."""
         self.scenario = scenario
         self._progress = progress or (lambda done, total: None)
         known = CHANNELS | MODAL
@@ -81,27 +90,30 @@ class Simulation:
             near = did_you_mean(unknown[0], known)
             raise ChannelError(f"channel '{unknown[0]}' does not exist; {near}there are {', '.join(known)}")
         self._wanted = channels
-        self._packed = packed or pack(scenario)
+        self.packed = packed or pack(scenario)
+        self._torque_only = torque_only
         self._command = command or Command(scenario)
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         begun = clock_time.perf_counter()
-        record, packed = self.scenario.record, self._packed
+        record, packed = self.scenario.record, self.packed
         t = start = float(packed.state.clock[kernel.NOW])
         intervals = sample_intervals(self.scenario, start)
         self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
         before, momentum_before = packed.snapshot(), packed.momentum
-        n_chan = packed.channels
-        samples = kernel.Samples(first, width, np.zeros((0, n_chan)), np.zeros(n_chan), np.zeros(2, dtype=np.int64))
+        columns = packed.torque_columns if self._torque_only else packed.channels
+        samples = kernel.Samples(first, width, np.zeros((0, columns)), np.zeros(columns), np.zeros(2, dtype=np.int64))
+        chunk = CHUNK_TIME * (16 if self._torque_only else 1)
         while t < first:
-            t = self._advance(min(t + CHUNK_TIME, first), end, samples)
+            t = self._advance(min(t + chunk, first), end, samples)
         moving = packed.state
         self.beginning = Beginning(np.concatenate([moving.y, moving.stick, moving.clock]), self._command)
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
-        per_chunk = int(np.clip(CHUNK_TIME / width, 512, CHUNK_BYTES // (8 * n_chan)))
-        buffer = np.zeros((per_chunk, n_chan))
+        per_chunk = int(np.clip(chunk / width, 512, CHUNK_BYTES // (8 * columns)))
+        buffer = np.zeros((per_chunk, columns))
         done = made = 0
+        stuck = largest = 0.0
         while made < record.samples:
             count = min(per_chunk, intervals.rows - done)
             if count > 0:
@@ -110,6 +122,10 @@ class Simulation:
                 samples.cursor[:] = 0, done
                 self._advance(first + (done + count) * width, end, samples)
                 assert samples.cursor[0] == count
+                if self._torque_only:
+                    T_d, output = packed.torque_of(rows)
+                    stuck, largest = stuck + float(np.sum(output)), max(largest, float(np.max(np.abs(T_d))))
+                    rows = np.ascontiguousarray(T_d)[:, None]
                 if done == 0:
                     rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
                 done += count
@@ -118,13 +134,18 @@ class Simulation:
             block = decimator.push(rows)[: record.samples - made]
             made += block.shape[0]
             if block.shape[0]:
-                yield self._name(block)
+                yield {"T_d": block[:, 0]} if self._torque_only else self._name(block)
+        if self._torque_only:
+            lost = abs(packed.momentum - momentum_before + float(packed.state.clock[kernel.IMPULSE]))
+            self.stuck_output = stuck / intervals.rows
+            self.momentum = lost / (largest * (end - start)) if largest > 0.0 else 0.0
+            return
         self.invariants = balance(packed, before, momentum_before, end - start)
         self._finish(end - start, clock_time.perf_counter() - begun)
 
     def _advance(self, stop: float, end: float, samples: Any) -> float:
-        clock = self._packed.state.clock
-        status = self._packed.advance(stop, samples, *self._command.microsteps(float(clock[kernel.NOW]), stop))
+        clock = self.packed.state.clock
+        status = self.packed.advance(stop, samples, *self._command.microsteps(float(clock[kernel.NOW]), stop))
         now = float(clock[kernel.NOW])
         if status != kernel.OK:
             raise stopped(self.scenario, status, now)
@@ -132,21 +153,18 @@ class Simulation:
         return stop
 
     def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
-        block = channels_of(samples, self._packed.drive.H.size)
+        block = channels_of(samples, self.packed.drive.H.size)
         keep = self._wanted or tuple(block)
         return {name: np.ascontiguousarray(block[name]) for name in keep}
 
     def _finish(self, simulated: float, seconds: float) -> None:
-        count = self._packed.state.counters
-        settings = self.scenario.solver
+        count = self.packed.state.counters
         self.solver = {
-            "method": "RODAS4, order 4(3), with located friction events",
-            "tolerance": settings.tolerance,
-            "max_step_s": settings.max_step,
-            "refinement": settings.refinement,
+            **method_of(self.scenario),
             "steps": int(count[kernel.STEPS]),
             "rejected_steps": int(count[kernel.REJECTED]),
             "event_location_steps": int(count[kernel.EVENT_STEPS]),
+            "iterations": int(count[kernel.ITERATIONS_MADE]),
             "microsteps": int(count[kernel.MICROSTEPS]),
             "sticks": int(count[kernel.STICKS]),
             "breakaways": int(count[kernel.BREAKAWAYS]),
@@ -158,6 +176,18 @@ class Simulation:
             "wall_s": seconds,
             "times_real_time": simulated / seconds,
         }
+
+
+def method_of(scenario: Scenario) -> dict[str, Any]:
+    """The method of integration and its settings, as a report says them."""
+    solver = scenario.solver
+    exact = solver.method == "propagators"
+    return {
+        "method": METHODS[solver.method],
+        **({"accuracy": solver.accuracy} if exact else {"tolerance": solver.tolerance}),
+        "max_step_s": solver.max_step,
+        "refinement": solver.refinement,
+    }
 
 
 def balance(packed: Packed, before: np.ndarray, momentum_before: float, span: float) -> Invariants:

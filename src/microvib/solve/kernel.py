@@ -398,9 +398,16 @@ def snapshot(x: State, p: Drive, scratch: Matrix, out: Vector) -> None:
     channels(x.y, x.clock, x.stick, p, scratch[0, : x.y.size], scratch[1], out)
 
 
-@code.entry(**COMPILE)
+@code.entry(**COMPILE | {"fastmath": {"contract", "arcp", "reassoc"}})  # so that a sum becomes one of vectors
 def filter_and_decimate(rows: Matrix, taps: Vector, factor: int, out: Matrix) -> None:
     """``out[m] = sum over k of taps[k] rows[factor m + k]`` for each channel; rows (n, channels), out (m, channels)."""
+    if rows.shape[1] == 1:
+        for m in range(out.shape[0]):
+            total = 0.0
+            for k in range(taps.size):
+                total += taps[k] * rows[factor * m + k, 0]
+            out[m, 0] = total
+        return
     for m in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[m, j] = 0.0

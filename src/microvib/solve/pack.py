@@ -26,14 +26,15 @@ class Packed:
     propagators: Any
     """None where ``solver.method`` is rodas4."""
     scratch: np.ndarray
-    lanes: np.ndarray
+    lanes: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """Scratch of the propagators."""
 
     def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
         """Advance to the time ``stop`` [s]; see ``propagate.advance``, ``rodas4.advance``."""
         if self.propagators is None:
             return int(rodas4.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
         own = self.state, self.drive, self.propagators
-        return int(propagate.advance(stop, *own, samples, steps_t, steps_ref, self.lanes, self.scratch.ravel()))
+        return int(propagate.advance(stop, *own, samples, steps_t, steps_ref, *self.lanes, self.scratch.ravel()))
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -45,6 +46,17 @@ class Packed:
     def channels(self) -> int:
         """Number of channels of a sample, modal ones included."""
         return kernel.N_CHANNELS + 2 * int(self.drive.H.size)
+
+    @property
+    def torque_columns(self) -> int:
+        """Number of columns of samples of the torque alone (``torque_of``)."""
+        return self.channels if self.propagators is None else 2
+
+    def torque_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Disturbance torque [N m] and the output's stick in such samples, (n,) each."""
+        if self.propagators is None:
+            return rows[:, kernel.T_D], rows[:, kernel.CHANNELS.index("stuck_output")]
+        return rows[:, 0], rows[:, 1]
 
     @property
     def momentum(self) -> float:
@@ -73,8 +85,9 @@ def pack(scenario: Scenario) -> Packed:
     drive = _finite(_drive(scenario))
     _hold(scenario, drive, state)
     tables = _propagators(scenario, drive, state) if scenario.solver.method == "propagators" else None
-    lanes = np.zeros((70 + 2 * size + 2 * (kernel.N_CHANNELS + size), 4))
-    return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), lanes)
+    lanes = np.zeros((70 + 3 * size + kernel.N_CHANNELS, 4))
+    by_node = np.zeros((4, kernel.N_CHANNELS + size - kernel.MODES))
+    return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
 
 
 def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:

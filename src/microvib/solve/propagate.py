@@ -210,6 +210,8 @@ def _record(u, end, level, x, p, t, w, out):
             clock[WEIGHT] += (u - u_a) * T
     if all_channels:
         _integrate(u, now, T, first_row, x, w, out)
+    else:
+        clock[IMPULSE] += w.poly[0] - _momentum_at(u, w.poly)
 
 
 @code.inner(**COMPILE)
@@ -251,6 +253,8 @@ def advance(
     steps_t: Vector,
     steps_ref: Matrix,
     lanes: Matrix,
+    flat: Vector,
+    by_node: Matrix,
     room: Vector,
 ) -> int:
     """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in place.
@@ -259,18 +263,18 @@ def advance(
     estimate passes, and ended at the next microstep or at the first friction event inside it.
 
     ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 3) the references i_A*, i_B* and the
-    electrical angle after each; ``lanes`` (``lane_rows``, 4) and ``room`` (``room_size``,) scratch. Returns a status code.
+    electrical angle after each; ``lanes`` with ``flat``, the same memory, ``by_node`` (4, channels) and ``room`` are scratch. Returns a status code.
     """
     n, modes = x.y.size, x.y.size - MODES
     count = N_CHANNELS + modes
-    many = lanes[63 + 2 * n :]
+    many = lanes[67 + n :]
     w = Work(
-        room[:N], lanes[61:63].reshape(8), room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16], lanes[63 : 63 + n],
-        many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
-        many[n + count : n + 2 * count].reshape(4, count), lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], lanes[59:61].reshape(8),
-        many[n + 2 * count : n + 2 * count + 2].reshape(8), many[n + 2 * count : n + 2 * count + 2], many[n + 2 * count + 4 : n + 2 * count + 7],
+        room[:N], flat[244:252], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
+        lanes[67 : 67 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
+        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[252:260], lanes[63:65], many[n + count : n + count + 3],
     )  # fmt: skip
     clock, coming, stalled, status = x.clock, 0, 0, OK
+    shown = out.width > 0.0 and out.rows.shape[1] > 2
     s, c = _see(x, p, t, w)
     kind, last_level = FURTHER, -1
     while clock[NOW] < stop:
@@ -301,7 +305,7 @@ def advance(
             _begin(s, c, x, p, t, w)
         while True:
             change = _iterate(level, s, c, x, p, t, w)
-            error = _error(level, t, w)
+            error = _error(level, shown, t, w)
             if change <= CONVERGED * t.accuracy and error <= t.accuracy:
                 break
             x.counters[REJECTED] += 1

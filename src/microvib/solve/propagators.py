@@ -128,8 +128,8 @@ def _start(m, T):
         for i in range(n):
             for j in range(n):
                 swap[i, j] = 0.0
-                for l in range(n):
-                    swap[i, j] += power[i, l] * A[l, j] * t
+                for q in range(n):
+                    swap[i, j] += power[i, q] * A[q, j] * t
         for i in range(n):
             for j in range(n):
                 power[i, j] = swap[i, j]
@@ -157,8 +157,8 @@ def _double(E, P, swap):
     for i in range(n):
         for j in range(n):
             swap[i, j] = 0.0
-            for l in range(n):
-                swap[i, j] += E[i, l] * E[l, j]
+            for q in range(n):
+                swap[i, j] += E[i, q] * E[q, j]
     for i in range(n):
         for j in range(n):
             E[i, j] = swap[i, j]

@@ -146,13 +146,20 @@ class PeriodMap:
         return turned
 
     def put(self, x: np.ndarray) -> None:
-        """Make ``x`` the state at the start of the period."""
+        """Make ``x``, seen from the command, the state at the start of the period."""
+        self.set(self.absolute(x[None], self.turn([0]))[0], 0)
+
+    def set(self, y: np.ndarray, microstep: int) -> None:
+        """Make ``y`` the state before a ``microstep`` of the period."""
         state, p = self.packed.state, self.packed.drive
-        state.y[:] = self.absolute(x[None], self.turn([0]))[0]
-        angle = float(self.angle(0))
+        state.y[:] = y
+        angle = float(self.angle(microstep))
         state.clock[:] = 0.0
         state.energy[:] = 0.0
-        state.clock[kernel.NOW], state.clock[kernel.NEXT_STEP] = self.start, p.max_step
+        state.clock[kernel.NOW], state.clock[kernel.NEXT_STEP] = (
+            self.start + microstep * self.microstep_time,
+            p.max_step,
+        )
         state.clock[kernel.REF_A], state.clock[kernel.REF_B] = self.references(angle)
         state.clock[kernel.THETA_E] = p.z * angle
         kernel.initial_friction(state, p)

@@ -6,7 +6,7 @@ segment ends where the next one starts, and the last where the first does:
 
     P_j(x_j) = x_(j+1),    j = 0 ... k - 1,    x_k = x_0
 
-with P_j the kernel's own integration over segment j, all segments at the same time in the lanes. ``_Newton`` solves this with
+with P_j the kernel's own integration over segment j. ``_Newton`` solves this with
 derivatives from differences (``Search._derivatives``) and Broyden's updates.
 
 A solution repeats with the command, but need not be what the drive does. Five **checks** stand against one failure each:
@@ -31,8 +31,7 @@ import numpy as np
 from microvib.model.record import PASSBAND
 from microvib.solve import kernel
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
-from microvib.solve.steady.segments import Ends, Segments
-from microvib.solve.vector import WIDTH
+from microvib.solve.steady.segments import MOST, Ends, Segments
 
 CONVERGED = 1e-5
 """Last correction, over what a microstep moves, below which a state is accepted."""
@@ -62,7 +61,7 @@ SLOW = 0.8
 DEVIATION = 0.3
 """Deviation with which that is measured, over what a microstep moves."""
 WINDUP_STEPS = np.array([-12.0, -8.0, -5.0, -3.0, -2.0, -1.0, 3.0, 6.0]) / 32.0
-"""Full steps by which the output is wound forward, one lane each, to see whether it comes back."""
+"""Full steps by which the output is wound forward, to see whether it comes back."""
 RETURNED = 0.1
 """Distance at which it has come back."""
 STICKING = np.array([kernel.WM, kernel.WL])
@@ -72,13 +71,13 @@ NUDGE = 0.03
 SLIPS_AGAIN_WITHIN = 4.0
 """Time [s] within which a body that was stopped must slip for a whole period without sticking."""
 REST_FRACTIONS = np.array([1.0, 0.75, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01])
-"""Starts between the motion found (0) and rest (1), one lane each; the last shows how small deviations decay."""
+"""Starts between the motion found (0) and rest (1); the last shows how small deviations decay."""
 CHECKED_AFTER = (4, 8, 16, 32)
-"""Periods after which all lanes are checked for having come back, or being on the way; the last check decides."""
+"""Periods after which all are checked for having come back, or being on the way; the last check decides."""
 DECAY_ALLOWANCE = 1.3
 """Distance that a large deviation may have, over that expected from the decay of the small one."""
 ARRIVED = 0.02
-"""Distance at which a lane has arrived."""
+"""Distance at which one has arrived."""
 NOT_GROWING = 1.01
 """Factor by which the small deviation may differ after twice as many periods: an undamped mode keeps its amplitude."""
 NOT_FOUND = "no motion was found that repeats with the command"
@@ -234,21 +233,21 @@ class Search:
     def _check_for_others(self) -> None:
         """Against several motions: what sticks and slips may do so in more than one way, such as long and short slips in turn.
 
-        The output is wound up, backward and forward, by a different angle in each lane, and must have come back after a period, or
+        The output is wound up, backward and forward, by several angles, and must have come back after a period, or
         be coming. Array modes are held at the motion found, since they take longer.
         """
         period, bounds, modes = self.period, self.segments.bounds, slice(kernel.MODES, None)
         if not np.any(self.ends.ever):
             return
         driver, turned = period.scenario.driver, math.copysign(1.0, period.scenario.rate or 0.0)
-        x = np.tile(self.x[0], (WIDTH, 1))
+        x = np.tile(self.x[0], (WINDUP_STEPS.size, 1))
         x[:, kernel.TM if period.packed.drive.rigid else kernel.TL] += (
             WINDUP_STEPS * turned * driver.beats / 4 * driver.microsteps
         )
         away = []
-        for k in range(max(bounds.size - 1, WIDTH)):
+        for k in range(max(bounds.size - 1, MOST)):
             j = k % (bounds.size - 1)
-            x = self._from(x, np.full(WIDTH, bounds[j]), np.full(WIDTH, bounds[j + 1])).x
+            x = self._from(x, np.full(len(x), bounds[j]), np.full(len(x), bounds[j + 1])).x
             away.append(np.max(np.abs(x - self.ends.x[j])[:, : kernel.MODES], axis=1))
             if np.all(away[-1] < RETURNED):
                 return
@@ -279,9 +278,9 @@ class Search:
     def _check_from_rest(self) -> None:
         """Against all else: the motion that a run shows is the one that a start from rest leads to.
 
-        One lane starts from rest with the command, the others at fractions of its distance from the motion found, the last so
-        near that it shows whether and how fast small deviations decay. Every lane must arrive, or decay as the small deviation
-        does: a mode may ring for long, but a lane that keeps its distance, or decays more slowly, goes to another motion.
+        One start is from rest with the command, the others at fractions of its distance from the motion found, the last so
+        near that it shows whether and how fast small deviations decay. Every one must arrive, or decay as the small deviation
+        does: a mode may ring for long, but one that keeps its distance, or decays more slowly, goes to another motion.
         """
         x = self.x[0] + REST_FRACTIONS[:, None] * (self._at_section_from_rest() - self.x[0])
         away = [self._distance(x)]
@@ -298,9 +297,9 @@ class Search:
     def _at_section_from_rest(self) -> np.ndarray:
         """State at the end of the period, in units, of a drive that started from rest with a run's first microstep."""
         state, first = self.period.at_rest()
-        x = np.tile(state / self.period.sizes, (WIDTH, 1))
+        x = (state / self.period.sizes)[None]
         for last in self.segments.bounds[self.segments.bounds > first].tolist():
-            x = self._from(x, np.full(WIDTH, first), np.full(WIDTH, last)).x
+            x = self._from(x, np.array([first]), np.array([last])).x
             first = last
         end: np.ndarray = x[0]
         return end

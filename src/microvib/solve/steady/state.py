@@ -15,7 +15,7 @@ import numpy as np
 
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
-from microvib.solve.integration import Progress, Simulation, balance, channels_of
+from microvib.solve.integration import Progress, Simulation, balance, channels_of, method_of
 from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search
@@ -150,12 +150,10 @@ def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
 def _found(search: Search, spent: float, seconds: float) -> SteadyState:
     """The result of a search, after others simulated ``spent`` [s] in vain."""
     period = search.period
-    settings, simulated = period.scenario.solver, spent + period.evaluations / period.frequency
+    simulated = spent + period.evaluations / period.frequency
     solver = {
-        "method": "steady state by multiple shooting over one period, quasi-Newton; RODAS4 with located friction events",
-        "tolerance": settings.tolerance,
-        "max_step_s": settings.max_step,
-        "refinement": settings.refinement,
+        **method_of(period.scenario),
+        "search": "multiple shooting over one period, quasi-Newton",
         "period_s": 1.0 / period.frequency,
         "period_microsteps": period.microsteps,
         "periods_evaluated": simulated * period.frequency,

@@ -20,7 +20,6 @@ from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.batch import Torque, simulate_torques
-from microvib.solve.vector import WIDTH
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
 from microvib.units import Si
@@ -236,7 +235,7 @@ class Problem:
             with suppress(MicrovibError):
                 cases += [(k, test.with_si(changed), one) for one, test in self.tests]
         found: list[list[Simulated]] = [[] for _ in changes]
-        for chunk in self.in_threads(_lines_of, [cases[k : k + WIDTH] for k in range(0, len(cases), WIDTH)]):
+        for chunk in self.in_threads(_lines_of, [cases[k : k + 1] for k in range(len(cases))]):
             for k, simulated in chunk:
                 found[k].append(simulated)
         return [tables if len(tables) == len(self.tests) else None for tables in found]
