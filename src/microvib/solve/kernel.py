@@ -414,9 +414,3 @@ def filter_and_decimate(rows: Matrix, taps: Vector, factor: int, out: Matrix) ->
         for k in range(taps.size):
             for j in range(out.shape[1]):
                 out[m, j] += taps[k] * rows[factor * m + k, j]
-
-
-@code.entry(**COMPILE)
-def rates(x: State, p: Drive, f: Vector, q: Vector) -> None:
-    """``derivative`` at the present state."""
-    derivative(x.y, x.clock, x.stick, p, f, q)

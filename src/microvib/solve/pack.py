@@ -13,7 +13,9 @@ from microvib.model.friction import Friction
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, propagate, propagators, rodas4
 
-SHORTEST = 0.5
+FIRST_LEVEL = 4
+"""Level of the first steps."""
+SHORTEST = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
 
 
@@ -79,7 +81,7 @@ def pack(scenario: Scenario) -> Packed:
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
-        levels=np.full(propagate.KINDS * propagators.PATTERNS, 4, dtype=np.int64),
+        levels=np.full(propagate.KINDS * propagators.PATTERNS, FIRST_LEVEL, dtype=np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
     drive = _finite(_drive(scenario))
@@ -93,9 +95,11 @@ def pack(scenario: Scenario) -> Packed:
 def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
     """Tables of ``microvib.solve.propagate`` for a drive, at rest in ``state``."""
     n, s, solver = kernel.MODES, drive.H.size, scenario.solver
-    sizes = 1.0 / (drive.scale[propagators.INPUTS] * solver.tolerance / solver.refinement**4)
+    per_size = drive.scale * solver.tolerance / solver.refinement**4  # 0 for what no gain moves
     A, longest = _linear_part(drive, state), solver.max_step / solver.refinement
-    fastest = float(np.max(np.sum(np.abs(A) * drive.scale[:n, None] / drive.scale[:n], axis=2)))
+    fastest = float(
+        np.max(np.sum(np.abs(A) * per_size[:n, None] / np.where(per_size[:n] > 0.0, per_size[:n], np.inf), axis=2))
+    )
     levels = min(max(1 + math.ceil(math.log2(longest * fastest / SHORTEST)), 8), propagators.MOST_LEVELS)
     tables = propagators.Propagators(
         longest=longest,
@@ -106,7 +110,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         levels=levels,
         A=A,
         columns=A.transpose(0, 2, 1).reshape(-1, 4).copy(),
-        per_size=1.0 / sizes,
+        per_size=per_size[propagators.INPUTS],
         nodes=np.zeros((propagators.PATTERNS * levels * propagators.NODE_ROWS, 4)),
         pieces=np.zeros((propagators.PATTERNS * levels * propagators.PIECE_ROWS, 4)),
         modes=np.zeros((levels * s * propagators.MODE_ROWS, 4)),
@@ -126,11 +130,8 @@ def _moments(n: int, inputs: int) -> Any:
 
 
 def _linear_part(drive: Any, state: Any) -> np.ndarray:
-    """Derivative of the equations of motion by the state, without modes, detent, dry friction and supply limit, at rest.
-
-    By differences, for each pattern of what sticks. Its errors do not matter: the propagators treat as a deficit what it lacks.
-    """
-    none = np.zeros(0)
+    """Derivative of the equations of motion by the state, without modes, detent, dry friction and supply limit, at rest."""
+    none, n = np.zeros(0), kernel.MODES
     bare = drive._replace(
         K_d=0.0,
         m_slide=0.0,
@@ -143,22 +144,10 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
         Lam=none,
         te=none,
     )
-    n = kernel.MODES
-    A, q = np.zeros((propagators.PATTERNS, n, n)), np.zeros(7)
-    sizes = np.maximum(np.abs(state.y[:n]), 1.0)
-    for pattern in range(propagators.PATTERNS):
-        stick = np.array([pattern < 2, pattern % 2 == 0], dtype=float)
-        for j in range(n):
-            ends = []
-            for sign in (-1.0, 1.0):
-                y, f = state.y[:n].copy(), np.zeros(n)
-                y[j] += sign * 1e-4 * sizes[j] / (drive.z if j == kernel.TM else 1.0)
-                kernel.rates(state._replace(y=y, stick=stick), bare, f, q)
-                ends.append(f)
-            A[pattern, :, j] = (ends[1] - ends[0]) / (2e-4 * sizes[j] / (drive.z if j == kernel.TM else 1.0))
-        if drive.rigid:
-            A[pattern][[kernel.TL, kernel.WL]] = 0.0
-        A[pattern][:, [k for k, held in ((kernel.WM, stick[0] == 0.0), (kernel.WL, stick[1] == 0.0)) if held]] = 0.0
+    steps = 1e-4 * np.maximum(np.abs(state.y[:n]), 1.0)
+    steps[kernel.TM] /= drive.z
+    A, rest = np.zeros((propagators.PATTERNS, n, n)), state._replace(y=state.y.copy(), stick=np.zeros(2))
+    propagators.linear_part(rest, bare, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
     return A
 
 

@@ -263,7 +263,8 @@ def advance(
     estimate passes, and ended at the next microstep or at the first friction event inside it.
 
     ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 3) the references i_A*, i_B* and the
-    electrical angle after each; ``lanes`` with ``flat``, the same memory, ``by_node`` (4, channels) and ``room`` are scratch. Returns a status code.
+    electrical angle after each; ``lanes`` with ``flat``, the same memory,
+    ``by_node`` (4, channels) and ``room`` are scratch. Returns a status code.
     """
     n, modes = x.y.size, x.y.size - MODES
     count = N_CHANNELS + modes
@@ -271,7 +272,8 @@ def advance(
     w = Work(
         room[:N], flat[244:252], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
         lanes[67 : 67 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
-        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[252:260], lanes[63:65], many[n + count : n + count + 3],
+        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[252:260], lanes[63:65],
+        many[n + count : n + count + 3],
     )  # fmt: skip
     clock, coming, stalled, status = x.clock, 0, 0, OK
     shown = out.width > 0.0 and out.rows.shape[1] > 2

@@ -10,7 +10,21 @@ from typing import NamedTuple
 import numpy as np
 
 from microvib.compiled import Cube, Matrix, Unit, Vector
-from microvib.solve.kernel import COMPILE, IA, IB, MODES, WL, WM, XA, XB, Drive
+from microvib.solve.kernel import (
+    COMPILE,
+    IA,
+    IB,
+    INLINE,
+    MODES,
+    TL,
+    WL,
+    WM,
+    XA,
+    XB,
+    Drive,
+    State,
+    drive_derivative,
+)  # fmt: skip
 
 code = Unit(__name__, "kernel.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
@@ -174,11 +188,43 @@ def _by_node(P, i, c, j, until):
     return total
 
 
+@code.inner(**INLINE)
+def occurs(pattern, p):
+    """Whether friction can make this pattern of sticking bodies."""
+    on_rotor, on_output = p.m_slide + p.m_stribeck > 0.0, p.l_slide + p.l_stribeck > 0.0
+    if p.rigid:
+        return pattern == 0 or (pattern == 2 and (on_rotor or on_output))
+    return (pattern < 2 or on_rotor) and (pattern % 2 == 0 or on_output)
+
+
+@code.entry(**COMPILE)
+def linear_part(x: State, p: Drive, steps: Vector, A: Cube, up: Vector, down: Vector, q: Vector) -> None:
+    """Derivative of the equations of motion by the state, at rest, for each pattern of what sticks, by differences.
+
+    ``p`` is without what is not linear. Errors of differences do not matter: what A lacks is a deficit. The rest is scratch.
+    """
+    for pattern in range(PATTERNS):
+        x.stick[0], x.stick[1] = (1.0 if pattern < 2 else 0.0), (1.0 if pattern % 2 == 0 else 0.0)
+        for j in range(N):
+            held = (j == WM and pattern >= 2) or (j == WL and (pattern % 2 == 1 or p.rigid)) or (j == TL and p.rigid)
+            here = x.y[j]
+            x.y[j] = here + steps[j]
+            drive_derivative(x.y, 0.0, x.clock, x.stick, p, up, q)
+            x.y[j] = here - steps[j]
+            drive_derivative(x.y, 0.0, x.clock, x.stick, p, down, q)
+            x.y[j] = here
+            for i in range(N):
+                follows = p.rigid and i in (TL, WL)
+                A[pattern, i, j] = 0.0 if held or follows else (up[i] - down[i]) / (2.0 * steps[j])
+
+
 @code.entry(**COMPILE)
 def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
     """Fill the tables of a drive whose ``A`` is known; ``drive`` and ``mode`` are scratch for N states and for 2."""
     shortest = t.longest * 0.5 ** (t.levels - 1)
     for pattern in range(PATTERNS):
+        if not occurs(pattern, p):
+            continue
         for i in range(N):
             for j in range(N):
                 drive.A[i, j] = t.A[pattern, i, j]

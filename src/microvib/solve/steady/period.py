@@ -16,7 +16,7 @@ from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import FIRST_LEVEL, no_samples, pack
 from microvib.solve.sampling import LOBES
 
 SECTION = 0.1
@@ -154,7 +154,7 @@ class PeriodMap:
         state, p = self.packed.state, self.packed.drive
         state.y[:] = y
         angle = float(self.angle(microstep))
-        state.clock[:] = 0.0
+        state.clock[:], state.levels[:] = 0.0, FIRST_LEVEL
         state.energy[:] = 0.0
         state.clock[kernel.NOW], state.clock[kernel.NEXT_STEP] = (
             self.start + microstep * self.microstep_time,
