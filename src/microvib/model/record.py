@@ -41,7 +41,11 @@ class Record(Part):
 
 
 class Solver(Part):
-    """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it."""
+    """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it.
+
+    ``accuracy`` is that of propagators, ``tolerance`` that of rodas4; a tolerance below its default makes propagators
+    as much finer.
+    """
 
     method: Literal["propagators", "rodas4"] = Field(
         default="propagators",
@@ -49,10 +53,10 @@ class Solver(Part):
     )
     accuracy: Annotated[
         float,
-        Quantity("", "error of a step over what a microstep moves, with propagators", gt=0, le=0.1, usual=(1e-8, 1e-2)),
+        Quantity("", "error of a step over what a microstep moves", gt=0, le=0.1, usual=(1e-8, 1e-2)),
     ] = 1e-3
     tolerance: Annotated[
-        float, Quantity("", "local error over the size of each state, with rodas4", gt=0, le=0.01, usual=(1e-10, 1e-3))
+        float, Quantity("", "local error over the size of each state", gt=0, le=0.01, usual=(1e-10, 1e-3))
     ] = 2e-5
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
     refinement: Annotated[

@@ -69,8 +69,8 @@ from microvib.solve.propagators import (
 )
 from microvib.solve.vector import rows, sincos, where
 
-SHOWN = 0.1
-"""Weight of what is between the ends of a step, where that is sampled."""
+SHOWN = 0.3
+"""Weight of the rates between the ends of a step, where they are sampled; currents, which carry the energy, count in full."""
 
 code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
@@ -196,7 +196,7 @@ def _free_modes(level, x, p, t, w):
 @code.inner(**FORCED)
 def _iterate(level, s, c, x, p, t, w):
     """Solve the step's equation from the deficits in ``w.r``; the last change of the deficits, over what a microstep moves."""
-    at, r, before, sums = rows(w.at, 0, N, 1), rows(w.r, 0, 6, 1), rows(w.before, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1)
+    r, before, sums = rows(w.r, 0, 6, 1), rows(w.before, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1)
     free, T, block = (
         rows(w.free, 0, N, 1),
         t.longest * 0.5**level,
@@ -212,26 +212,12 @@ def _iterate(level, s, c, x, p, t, w):
     _free_modes(level, x, p, t, w)
     last = math.inf
     for _ in range(ITERATIONS):
-        a0, a1, a2, a3, a4, a5, a6, a7 = free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7]
-        for k in range(t.inputs):
-            for j in range(4):
-                m, value = 4 * k + j, w.r[k, j]
-                a0 += K[m, 0] * value
-                a1 += K[m, 1] * value
-                a2 += K[m, 2] * value
-                a3 += K[m, 3] * value
-                a4 += K[m, 4] * value
-                a5 += K[m, 5] * value
-                a6 += K[m, 6] * value
-                a7 += K[m, 7] * value
-            before[k] = r[k]
-        if p.rigid:
-            _, e1, _, _ = transmission_error(a4 + x.clock[THETA_E] / p.z, p.te)
-            a7 = (e1 - p.inv_h) * a5
-        at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = a0, a1, a2, a3, a4, a5, a6, a7
+        _states_at_nodes(K, x, p, t, w)
         modal = sums[FREE_TORQUE]
         for j in range(4):
             modal += coupling[j] * w.at[WL, j]
+        for k in range(t.inputs):
+            before[k] = r[k]
         _evaluate_deficits(s, c, modal, x, p, t, w)
         x.counters[ITERATIONS_MADE] += 1
         largest = math.fabs(r[0] - before[0]) * t.per_size[0]
@@ -243,7 +229,30 @@ def _iterate(level, s, c, x, p, t, w):
         if not change > CONVERGED * t.accuracy or not change < 0.7 * last:
             break
         last = change
+    _states_at_nodes(K, x, p, t, w)
     return change
+
+
+@code.inner(**FORCED)
+def _states_at_nodes(K, x, p, t, w):
+    """States at the nodes by the deficits ``w.r``."""
+    free, at = rows(w.free, 0, N, 1), rows(w.at, 0, N, 1)
+    a0, a1, a2, a3, a4, a5, a6, a7 = free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7]
+    for k in range(t.inputs):
+        for j in range(4):
+            m, value = 4 * k + j, w.r[k, j]
+            a0 += K[m, 0] * value
+            a1 += K[m, 1] * value
+            a2 += K[m, 2] * value
+            a3 += K[m, 3] * value
+            a4 += K[m, 4] * value
+            a5 += K[m, 5] * value
+            a6 += K[m, 6] * value
+            a7 += K[m, 7] * value
+    if p.rigid:
+        _, e1, _, _ = transmission_error(a4 + x.clock[THETA_E] / p.z, p.te)
+        a7 = (e1 - p.inv_h) * a5
+    at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = a0, a1, a2, a3, a4, a5, a6, a7
 
 
 @code.inner(**INLINE)
@@ -263,7 +272,7 @@ def _error(level, shown, t, w):
             total = 0.0
             for j in range(4):
                 total += HIGHEST[j] * w.at[INPUTS[k], j]
-            error = max(error, SHOWN * math.fabs(total) * t.per_size[k])
+            error = max(error, (1.0 if k < 2 else SHOWN) * math.fabs(total) * t.per_size[k])
     return error
 
 
@@ -485,12 +494,13 @@ def _finish(pattern, done, left, T, x, p, t, w):
         term[0], term[1] = term[0] * factor, term[1] * factor
         end[0], end[1] = end[0] + term[0], end[1] + term[1]
     c0, c1, c2, c3 = _rate_cubic(w)
-    output = c0 + done * (c1 + done * (c2 + done * c3))
-    for k in range(p.H.size):
-        rate = w.modes[2 * k + 1] - p.H[k] * output
-        pull = p.D[k] * rate + p.Lam[k] * w.modes[2 * k]
-        w.modes[2 * k] += dt * rate
-        w.modes[2 * k + 1] -= dt * pull
+    output, change = c0 + done * (c1 + done * (c2 + done * c3)), left * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
+    for k in range(p.H.size):  # two terms: modes are slow
+        d_eta = dt * (w.modes[2 * k + 1] - p.H[k] * output)
+        d_w = -p.D[k] * d_eta - dt * p.Lam[k] * w.modes[2 * k]
+        moved = d_w - p.H[k] * change
+        w.modes[2 * k] += d_eta + 0.5 * dt * moved
+        w.modes[2 * k + 1] += d_w - 0.5 * dt * (p.D[k] * moved + p.Lam[k] * d_eta)
     if x.stick[0] == 0.0:
         w.end[TM], w.end[WM] = w.x[TM], 0.0
     if x.stick[1] == 0.0:

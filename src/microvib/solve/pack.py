@@ -13,6 +13,8 @@ from microvib.model.friction import Friction
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, propagate, propagators, rodas4
 
+ALIKE = 50.0
+"""Accuracy of propagators over the tolerance of RODAS4 that gives like results: a tolerance tighter than usual tightens both."""
 FIRST_LEVEL = 4
 """Level of the first steps."""
 SHORTEST = 0.01
@@ -103,7 +105,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
     levels = min(max(1 + math.ceil(math.log2(longest * fastest / SHORTEST)), 8), propagators.MOST_LEVELS)
     tables = propagators.Propagators(
         longest=longest,
-        accuracy=solver.accuracy / solver.refinement**4,
+        accuracy=min(solver.accuracy, ALIKE * solver.tolerance) / solver.refinement**4,
         current=float(state.y[kernel.IA]),
         windup=float(state.y[kernel.XA]),
         inputs=6 if math.isfinite(drive.U_max) else 4,
@@ -254,7 +256,10 @@ def _scale(scenario: Scenario) -> np.ndarray:
     """
     motor, driver, array = scenario.motor, scenario.driver, scenario.array
     step = driver.microstep(motor)
-    rotor_rate = math.sqrt(motor.electromagnetic_stiffness / scenario.rotor_inertia)
+    turned = scenario.rotor_inertia
+    if scenario.reducer.rigid:
+        turned += scenario.output_inertia / scenario.reducer.ratio**2
+    rotor_rate = math.sqrt(motor.electromagnetic_stiffness / turned)
     output_rate = rotor_rate
     if not scenario.reducer.rigid:
         output_rate = min(rotor_rate, math.sqrt(float(scenario.reducer.stiffness) / scenario.output_inertia))

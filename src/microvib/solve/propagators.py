@@ -41,7 +41,7 @@ M_TORQUE, M_MOMENTUM, M_ETA, M_W, M_ETA_BY, M_W_BY, M_E, M_ETA_END, M_W_END, M_E
     0, 2, 4, 6, 8, 12, 16, 17, 18, 19, 20, 21,
 )  # fmt: skip
 ITERATIONS = 10
-CONVERGED = 0.05
+CONVERGED = 0.1
 """Last change of the deficits, over the accuracy, at which an iteration ends."""
 GROW_BELOW = 0.02
 """Error, over the accuracy, below which the next step is twice as long: sixteen times less than the accuracy, and a margin."""
@@ -105,7 +105,7 @@ class Moments(NamedTuple):
 
     A: Matrix  # (n, n)
     B: Matrix  # (n, k)
-    E: Matrix  # exp(A t)
+    E: Matrix  # exp(A t) - 1
     P: Cube  # (4, n, k): integrals of exp(A (t - t')) B (t' / t)^m / m!
     swap: Matrix
     power: Matrix
@@ -127,7 +127,7 @@ def _start(m, T):
         norm, t, doublings = 0.5 * norm, 0.5 * t, doublings + 1
     for i in range(n):
         for j in range(n):
-            E[i, j] = power[i, j] = 1.0 if i == j else 0.0
+            power[i, j], E[i, j] = (1.0 if i == j else 0.0), 0.0
     P[:] = 0.0
     factor = 1.0
     for order in range(14):  # ``power`` is (A t)^order, ``factor`` 1 / order!
@@ -154,12 +154,15 @@ def _start(m, T):
 
 @code.inner(**COMPILE)
 def _double(E, P, swap):
-    """Twice the time: exp(2 A t) = exp(A t)^2, and each integral over 2 t follows from those over t."""
+    """Twice the time: exp(2 A t) = exp(A t)^2, and each integral over 2 t follows from those over t.
+
+    ``E`` is exp(A t) - 1, so that what changes little over a short time is not lost in rounding.
+    """
     n, k = P.shape[1], P.shape[2]
     for m in range(3, -1, -1):  # the higher ones need the lower ones of before
         for c in range(k):
             for i in range(n):
-                total, inverse = P[m, i, c], 1.0
+                total, inverse = 2.0 * P[m, i, c], 1.0
                 for lower in range(m - 1, -1, -1):
                     inverse /= m - lower
                     total += P[lower, i, c] * inverse
@@ -170,7 +173,7 @@ def _double(E, P, swap):
                 P[m, i, c] = swap[i, 0]
     for i in range(n):
         for j in range(n):
-            swap[i, j] = 0.0
+            swap[i, j] = 2.0 * E[i, j]
             for q in range(n):
                 swap[i, j] += E[i, q] * E[q, j]
     for i in range(n):
@@ -257,7 +260,7 @@ def _tabulate_drive(block, node, E, P, t):
     nodes, pieces = block * NODE_ROWS, block * PIECE_ROWS
     for i in range(N):
         for j in range(N):
-            t.nodes[nodes + N * j + i, node] = E[i, j]
+            t.nodes[nodes + N * j + i, node] = E[i, j] + (1.0 if i == j else 0.0)
         for k in range(6):
             for j in range(4):
                 t.nodes[nodes + N * (N + 4 * k + j) + i, node] = _by_node(P, i, k, j, CUBES[node])
@@ -265,7 +268,7 @@ def _tabulate_drive(block, node, E, P, t):
         for i in range(N):
             half, lane = i // 4, i % 4
             for j in range(N):
-                t.pieces[pieces + 2 * j + half, lane] = E[i, j]
+                t.pieces[pieces + 2 * j + half, lane] = E[i, j] + (1.0 if i == j else 0.0)
             for k in range(6):
                 factor = 1.0
                 for m in range(4):
@@ -279,10 +282,13 @@ def _tabulate_mode(level, k, node, E, P, t, p):
     H, D, Lam = p.H[k], p.D[k], p.Lam[k]
     row, total = (level * p.H.size + k) * MODE_ROWS, level * SUM_ROWS
     for j in range(2):
-        t.modes[row + M_TORQUE + j, node] = H * (Lam * E[0, j] + D * E[1, j])
-        t.modes[row + M_MOMENTUM + j, node] = H * E[1, j]
-        t.modes[row + M_ETA + j, node] = E[0, j]
-        t.modes[row + M_W + j, node] = E[1, j]
+        by_eta, by_w = E[0, j] + (1.0 if j == 0 else 0.0), E[1, j] + (1.0 if j == 1 else 0.0)
+        t.modes[row + M_TORQUE + j, node] = H * (Lam * by_eta + D * by_w)
+        t.modes[row + M_MOMENTUM + j, node] = H * by_w
+        t.modes[row + M_ETA + j, node] = by_eta
+        t.modes[row + M_W + j, node] = by_w
+        if node == 3:
+            t.modes[row + M_E, j], t.modes[row + M_E, 2 + j] = by_eta, by_w
     for j in range(4):
         eta, w = _by_node(P, 0, 0, j, CUBES[node]), _by_node(P, 1, 0, j, CUBES[node])
         t.modes[row + M_ETA_BY + j, node] = eta
@@ -296,5 +302,3 @@ def _tabulate_mode(level, k, node, E, P, t, p):
         for m in range(4):
             t.modes[row + M_ETA_PART, m], t.modes[row + M_W_PART, m] = factor * P[m, 0, 0], factor * P[m, 1, 0]
             factor *= m + 1
-        for j in range(2):
-            t.modes[row + M_E, j], t.modes[row + M_E, 2 + j] = E[0, j], E[1, j]
