@@ -69,6 +69,8 @@ from microvib.solve.propagators import (
 )
 from microvib.solve.vector import rows, sincos, where
 
+LAYER = 5.0
+"""Rate over the Stribeck rate below which friction falls."""
 SHOWN = 0.3
 """Weight of the rates between the ends of a step, where they are sampled; currents, which carry the energy, count in full."""
 
@@ -97,6 +99,7 @@ class Work(NamedTuple):
     halves: Matrix  # ``end`` as two rows of lanes
     both: Matrix  # ``poly`` as two rows of lanes
     poly: Vector  # coefficients of the momentum, (8,)
+    per_size: Vector  # of this step
     term: Vector  # (N,)
     term_halves: Matrix
     weights: Matrix  # (3, 4)
@@ -220,9 +223,9 @@ def _iterate(level, s, c, x, p, t, w):
             before[k] = r[k]
         _evaluate_deficits(s, c, modal, x, p, t, w)
         x.counters[ITERATIONS_MADE] += 1
-        largest = math.fabs(r[0] - before[0]) * t.per_size[0]
+        largest = math.fabs(r[0] - before[0]) * w.per_size[0]
         for k in range(1, t.inputs):
-            size = math.fabs(r[k] - before[k]) * t.per_size[k]
+            size = math.fabs(r[k] - before[k]) * w.per_size[k]
             largest = where(size > largest, size, largest)
         sums[CHANGE] = largest
         change = T * max(max(w.sums[CHANGE, 0], w.sums[CHANGE, 1]), max(w.sums[CHANGE, 2], w.sums[CHANGE, 3]))
@@ -257,7 +260,7 @@ def _states_at_nodes(K, x, p, t, w):
 
 @code.inner(**INLINE)
 def _error(level, shown, t, w):
-    """The highest Legendre coefficient of the deficits over the step, over what a microstep moves; of all that moves, if ``shown``.
+    """The highest Legendre coefficient of the deficits over what a microstep moves; with weight ``shown``, of all that moves.
 
     The ends of steps are exact where deficits are cubics; what is sampled inside is a cubic only where the motion itself is.
     """
@@ -266,14 +269,30 @@ def _error(level, shown, t, w):
         total = 0.0
         for j in range(4):
             total += HIGHEST[j] * w.r[k, j]
-        error = max(error, math.fabs(total) * t.per_size[k] * T)
-    if shown:
+        error = max(error, math.fabs(total) * w.per_size[k] * T)
+    if shown > 0.0:
         for k in range(4):
             total = 0.0
             for j in range(4):
                 total += HIGHEST[j] * w.at[INPUTS[k], j]
-            error = max(error, (1.0 if k < 2 else SHOWN) * math.fabs(total) * t.per_size[k])
+            weight = SHOWN * shown if k >= 2 else shown if shown == 1.0 else 0.0
+            error = max(error, weight * math.fabs(total) * t.per_size[k])
     return error
+
+
+@code.inner(**INLINE)
+def _weigh(x, p, t, w):
+    """Sizes over which errors count: where friction falls with the rate, they grow, and so count over the rate that it takes."""
+    near_m = x.stick[0] != 0.0 and math.fabs(w.x[WM]) * p.m_inv_rate < LAYER and p.m_stribeck > 0.0
+    near_l = x.stick[1] != 0.0 and math.fabs(w.x[WL]) * p.l_inv_rate < LAYER and p.l_stribeck > 0.0
+    if p.rigid:
+        near_m = near_m or (x.stick[0] != 0.0 and math.fabs(w.x[WL]) * p.l_inv_rate < LAYER and p.l_stribeck > 0.0)
+    for k in range(6):
+        w.per_size[k] = t.per_size[k]
+    if near_m:
+        w.per_size[2] = t.per_layer[2]
+    if near_l:
+        w.per_size[3] = t.per_layer[3]
 
 
 @code.inner(**FORCED)
@@ -530,7 +549,7 @@ def _end_at_event(u, which, level, x, p, t, w):
 
     ``u`` comes from the cubic through the nodes; the solution itself corrects it.
     """
-    scale = t.per_size[2 if which == 0 else 3]
+    scale = w.per_size[2 if which == 0 else 3]
     limit = (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
     enough = 1e-4 * t.accuracy / scale if x.stick[which] != 0.0 else 1e-8 * limit
     below, above = 0.0, 1.0

@@ -102,6 +102,11 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
     fastest = float(
         np.max(np.sum(np.abs(A) * per_size[:n, None] / np.where(per_size[:n] > 0.0, per_size[:n], np.inf), axis=2))
     )
+    for stribeck, inv_rate, inertia in (
+        (drive.m_stribeck, drive.m_inv_rate, drive.J_m),
+        (drive.l_stribeck, drive.l_inv_rate, max(drive.J_L, drive.J_m if drive.rigid else 0.0)),
+    ):
+        fastest = max(fastest, stribeck * inv_rate / inertia if inertia > 0.0 else 0.0)
     levels = min(max(1 + math.ceil(math.log2(longest * fastest / SHORTEST)), 8), propagators.MOST_LEVELS)
     tables = propagators.Propagators(
         longest=longest,
@@ -113,6 +118,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         A=A,
         columns=A.transpose(0, 2, 1).reshape(-1, 4).copy(),
         per_size=per_size[propagators.INPUTS],
+        per_layer=np.maximum(per_size[propagators.INPUTS], _layers(drive)),
         nodes=np.zeros((propagators.PATTERNS * levels * propagators.NODE_ROWS, 4)),
         pieces=np.zeros((propagators.PATTERNS * levels * propagators.PIECE_ROWS, 4)),
         modes=np.zeros((levels * s * propagators.MODE_ROWS, 4)),
@@ -122,6 +128,15 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
     )
     propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 1))
     return tables
+
+
+def _layers(drive: Any) -> np.ndarray:
+    """1 / (rate within which friction falls), (6,), of the states with deficits that are rates."""
+    m = drive.m_inv_rate if drive.m_stribeck > 0.0 else 0.0
+    output = drive.l_inv_rate if drive.l_stribeck > 0.0 else 0.0
+    if drive.rigid:
+        m = max(m, output * drive.inv_h)
+    return np.array([0.0, 0.0, m, output, 0.0, 0.0])
 
 
 def _moments(n: int, inputs: int) -> Any:
@@ -149,7 +164,7 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     steps = 1e-4 * np.maximum(np.abs(state.y[:n]), 1.0)
     steps[kernel.TM] /= drive.z
     A, rest = np.zeros((propagators.PATTERNS, n, n)), state._replace(y=state.y.copy(), stick=np.zeros(2))
-    propagators.linear_part(rest, bare, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
+    propagators.linear_part(rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
     return A
 
 

@@ -21,6 +21,7 @@ from microvib.solve.collocation import (
     _pattern,
     _see,
     _unsee,
+    _weigh,
     _whole,
 )
 from microvib.solve.kernel import (
@@ -272,11 +273,12 @@ def advance(
     w = Work(
         room[:N], flat[244:252], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
         lanes[67 : 67 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
-        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[252:260], lanes[63:65],
+        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[260:266],
+        flat[252:260], lanes[63:65],
         many[n + count : n + count + 3],
     )  # fmt: skip
     clock, coming, stalled, status = x.clock, 0, 0, OK
-    shown = out.width > 0.0 and out.rows.shape[1] > 2
+    shown = 0.0 if out.width == 0.0 else (1.0 if out.rows.shape[1] > 2 else 0.3)
     s, c = _see(x, p, t, w)
     kind, last_level = FURTHER, -1
     while clock[NOW] < stop:
@@ -298,6 +300,7 @@ def advance(
         left = target - clock[NOW]
         pattern = _pattern(x.stick, p)
         remembered = x.levels[kind * PATTERNS + pattern]
+        _weigh(x, p, t, w)
         level = remembered
         while level < t.levels - 1 and t.longest * 0.5 ** (level + 1) >= left:
             level += 1
@@ -310,6 +313,8 @@ def advance(
             error = _error(level, shown, t, w)
             if change <= CONVERGED * t.accuracy and error <= t.accuracy:
                 break
+            if level >= t.levels - 1 and change <= CONVERGED * t.accuracy:
+                break  # a kink, such as the supply's limit, inside the shortest step
             x.counters[REJECTED] += 1
             if level >= t.levels - 1:
                 status = STEP_TOO_SMALL if math.isfinite(change) and math.isfinite(error) else NOT_FINITE

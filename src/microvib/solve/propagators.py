@@ -17,6 +17,7 @@ from microvib.solve.kernel import (
     INLINE,
     MODES,
     TL,
+    TM,
     WL,
     WM,
     XA,
@@ -92,6 +93,7 @@ class Propagators(NamedTuple):
     A: Cube  # (PATTERNS, N, N); pattern 1: output stuck, 2: rotor stuck
     columns: Matrix  # its columns, in two rows of four each
     per_size: Vector  # (6,), 1 / (what a microstep moves) of the states with deficits
+    per_layer: Vector  # the same near a stop: of rotor and output at most the rate within which friction falls
     nodes: Matrix  # for each pattern and level the columns of E and of K (6, 4), N rows each
     pieces: Matrix  # for each pattern and level the columns of E and of the moments (6, 4), in two rows of four each
     modes: Matrix  # for each level and mode the rows that M_... name
@@ -201,10 +203,11 @@ def occurs(pattern, p):
 
 
 @code.entry(**COMPILE)
-def linear_part(x: State, p: Drive, steps: Vector, A: Cube, up: Vector, down: Vector, q: Vector) -> None:
+def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Vector, down: Vector, q: Vector) -> None:
     """Derivative of the equations of motion by the state, at rest, for each pattern of what sticks, by differences.
 
-    ``p`` is without what is not linear. Errors of differences do not matter: what A lacks is a deficit. The rest is scratch.
+    ``p`` is without what is not linear, ``modes`` the drive with its modes. Errors of differences do not matter: what A lacks is a
+    deficit. The rest is scratch.
     """
     for pattern in range(PATTERNS):
         x.stick[0], x.stick[1] = (1.0 if pattern < 2 else 0.0), (1.0 if pattern % 2 == 0 else 0.0)
@@ -219,6 +222,26 @@ def linear_part(x: State, p: Drive, steps: Vector, A: Cube, up: Vector, down: Ve
             for i in range(N):
                 follows = p.rigid and i in (TL, WL)
                 A[pattern, i, j] = 0.0 if held or follows else (up[i] - down[i]) / (2.0 * steps[j])
+        _add_modes(pattern, modes, p, A)
+
+
+@code.inner(**COMPILE)
+def _add_modes(pattern, modes, p, A):
+    """What the modes are to the output over short times: the spring and the damper of an array that stands still.
+
+    Their motion is no part of A; without this the iteration would have to find heavy modes on a light shaft.
+    """
+    spring = damper = 0.0
+    for k in range(modes.H.size):
+        spring += modes.H[k] * modes.H[k] * modes.Lam[k]
+        damper += modes.H[k] * modes.H[k] * modes.D[k]
+    if p.rigid and pattern < 2:
+        share = p.inv_h * p.inv_h / (p.J_m + p.inv_h * p.inv_h * p.J_L)
+        A[pattern, WM, TM] -= share * spring
+        A[pattern, WM, WM] -= share * damper
+    elif not p.rigid and pattern % 2 == 0:
+        A[pattern, WL, TL] -= p.inv_J_L * spring
+        A[pattern, WL, WL] -= p.inv_J_L * damper
 
 
 @code.entry(**COMPILE)
