@@ -10,9 +10,9 @@ import microvib as mv
 import microvib.solve.vector_type
 from microvib.model.expected import expected_lines
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.solve import batch
 from microvib.solve import vector as lanes
-from microvib.solve.batch import Torque, simulate_torques
+from microvib.solve.batch import simulate_torques
+from microvib.solve.command import Command
 
 SHORT = {"record.settle": 1.0, "record.duration": 2.0}
 MODES = [{"frequency": f, "damping": 0.01, "effective_inertia": m} for f, m in ((0.4, 5.0), (1.19, 2.5), (31.0, 0.5))]
@@ -62,7 +62,7 @@ def test_torque_is_that_of_simulate(drives, torques, k):
     rms = np.sqrt(np.mean((torque.T_d - motion["T_d"]) ** 2))
     assert rms < 6e-4 * np.abs(motion["T_d"]).max()  # measured 1.6e-5 to 2.8e-4, most of it the solver's tolerance
     assert torque.stuck_output == pytest.approx(motion["stuck_output"].mean(), abs=2e-4)  # the filter reaches further
-    assert torque.steps == pytest.approx(motion.solver["steps"], rel=2e-3)
+    assert torque.steps <= motion.solver["steps"]  # nothing but the torque has to be smooth inside them
     assert torque.momentum < 1e-7
 
 
@@ -111,14 +111,14 @@ def test_failures_stand_in_their_place(state_1, drives, torques):
 
 
 def test_a_command_that_cannot_be_followed_is_a_failure_too(drives, torques, monkeypatch):
-    known = batch.Command.microsteps
+    known = Command.microsteps
 
     def refuse(self, start, stop):
         if self._motor == drives[1].motor:
             raise mv.SimulationError("too many microsteps")
         return known(self, start, stop)
 
-    monkeypatch.setattr(batch.Command, "microsteps", refuse)
+    monkeypatch.setattr(Command, "microsteps", refuse)
     results = simulate_torques([drives[1], drives[0]])
     assert str(results[0]) == "too many microsteps"
     assert same(results[1], torques[0])
@@ -126,28 +126,6 @@ def test_a_command_that_cannot_be_followed_is_a_failure_too(drives, torques, mon
 
 def test_nothing_to_do():
     assert simulate_torques([]) == []
-
-
-def test_what_waits_for_the_filter_may_be_short(drives, torques, monkeypatch):
-    monkeypatch.setattr(batch, "SAMPLES_AT_ONCE", 3)
-    assert same(simulate_torques([drives[0]])[0], torques[0])
-
-
-def test_microsteps_that_come_in_pieces(drives, torques, monkeypatch):
-    monkeypatch.setattr(batch, "MICROSTEPS_AT_ONCE", 40)
-    torque = simulate_torques([drives[0]])[0]
-    assert isinstance(torque, Torque)
-    # their times differ in the last digit
-    assert torque.T_d == pytest.approx(torques[0].T_d, abs=1e-8)
-
-
-def test_room_does_not_grow_with_the_length_of_a_run(state_1):
-    def room(seconds):
-        scenario = state_1.with_si({"record.settle": seconds, "record.duration": 2.0})
-        group = batch._Queue(batch._kind(scenario), {0: scenario}).group
-        return sum(part.nbytes for part in group if isinstance(part, np.ndarray))
-
-    assert room(10.0) == room(10_000.0) < 10_000_000
 
 
 def _on_lanes(function, x):

@@ -11,6 +11,7 @@ from microvib.solve.pack import no_samples, pack
 
 SMOOTH = {
     "sources": {},
+    "solver.method": "rodas4",
     "friction.coulomb": 0.0,
     "friction.breakaway": 0.0,
     "friction.slip_ring": None,

@@ -54,7 +54,7 @@ class Solver(Part):
     accuracy: Annotated[
         float,
         Quantity("", "error of a step over what a microstep moves", gt=0, le=0.1, usual=(1e-8, 1e-2)),
-    ] = 1e-3
+    ] = 5e-4
     tolerance: Annotated[
         float, Quantity("", "local error over the size of each state", gt=0, le=0.01, usual=(1e-10, 1e-3))
     ] = 2e-5

@@ -71,8 +71,8 @@ from microvib.solve.vector import rows, sincos, where
 
 LAYER = 5.0
 """Rate over the Stribeck rate below which friction falls."""
-SHOWN = 0.3
-"""Weight of the rates between the ends of a step, where they are sampled; currents, which carry the energy, count in full."""
+SHOWN, SHOWN_CURRENT = 0.5, 5.0
+"""Weights of rates and of currents, which carry the energy, between the ends of a step, where they are sampled."""
 
 code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
@@ -275,7 +275,7 @@ def _error(level, shown, t, w):
             total = 0.0
             for j in range(4):
                 total += HIGHEST[j] * w.at[INPUTS[k], j]
-            weight = SHOWN * shown if k >= 2 else shown if shown == 1.0 else 0.0
+            weight = SHOWN * shown if k >= 2 else SHOWN_CURRENT if shown == 1.0 else 0.0
             error = max(error, weight * math.fabs(total) * t.per_size[k])
     return error
 

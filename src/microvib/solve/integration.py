@@ -47,10 +47,10 @@ def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float)
     """
     changed = scenario.with_si({"solver.refinement": finer * scenario.solver.refinement, "record.duration": duration})
     packed = pack(changed)
-    own = packed.state.y, packed.state.stick, packed.state.clock
+    own = packed.state.y, packed.state.stick, packed.state.clock, packed.state.levels
     for mine, given in zip(own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True):
         mine[:] = given
-    run = Simulation(changed, torque_only=True, packed=packed, command=beginning.command)
+    run = Simulation(changed, channels=("T_d",), packed=packed, command=beginning.command)
     return np.concatenate([block["T_d"] for block in run])
 
 
@@ -107,13 +107,15 @@ class Simulation:
         while t < first:
             t = self._advance(min(t + chunk, first), end, samples)
         moving = packed.state
-        self.beginning = Beginning(np.concatenate([moving.y, moving.stick, moving.clock]), self._command)
+        self.beginning = Beginning(np.concatenate([moving.y, moving.stick, moving.clock, moving.levels]), self._command)
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         per_chunk = int(np.clip(chunk / width, 512, CHUNK_BYTES // (8 * columns)))
         buffer = np.zeros((per_chunk, columns))
         done = made = 0
         stuck = largest = 0.0
+        lead = round((record.settle - first) / width)
+        last = lead + self._factor * record.samples
         while made < record.samples:
             count = min(per_chunk, intervals.rows - done)
             if count > 0:
@@ -124,7 +126,10 @@ class Simulation:
                 assert samples.cursor[0] == count
                 if self._torque_only:
                     T_d, output = packed.torque_of(rows)
-                    stuck, largest = stuck + float(np.sum(output)), max(largest, float(np.max(np.abs(T_d))))
+                    stuck, largest = (
+                        stuck + float(np.sum(output[max(lead - done, 0) : max(last - done, 0)])),
+                        max(largest, float(np.max(np.abs(T_d)))),
+                    )
                     rows = np.ascontiguousarray(T_d)[:, None]
                 if done == 0:
                     rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
@@ -137,7 +142,7 @@ class Simulation:
                 yield {"T_d": block[:, 0]} if self._torque_only else self._name(block)
         if self._torque_only:
             lost = abs(packed.momentum - momentum_before + float(packed.state.clock[kernel.IMPULSE]))
-            self.stuck_output = stuck / intervals.rows
+            self.stuck_output = stuck / (last - lead)
             self.momentum = lost / (largest * (end - start)) if largest > 0.0 else 0.0
             return
         self.invariants = balance(packed, before, momentum_before, end - start)

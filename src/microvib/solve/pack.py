@@ -10,11 +10,10 @@ import numpy as np
 
 from microvib.errors import SimulationError
 from microvib.model.friction import Friction
+from microvib.model.record import Solver
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, propagate, propagators, rodas4
 
-ALIKE = 50.0
-"""Accuracy of propagators over the tolerance of RODAS4 that gives like results: a tolerance tighter than usual tightens both."""
 FIRST_LEVEL = 4
 """Level of the first steps."""
 SHORTEST = 0.01
@@ -107,10 +106,15 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         (drive.l_stribeck, drive.l_inv_rate, max(drive.J_L, drive.J_m if drive.rigid else 0.0)),
     ):
         fastest = max(fastest, stribeck * inv_rate / inertia if inertia > 0.0 else 0.0)
-    levels = min(max(1 + math.ceil(math.log2(longest * fastest / SHORTEST)), 8), propagators.MOST_LEVELS)
+    usual = Solver.model_fields["tolerance"].default
+    accuracy = solver.accuracy * min(1.0, solver.tolerance / usual) / solver.refinement**4
+    shortest = SHORTEST
+    if math.isfinite(drive.U_max):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
+        shortest *= min(1.0, math.sqrt(accuracy / 1e-3))
+    levels = min(max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS)
     tables = propagators.Propagators(
         longest=longest,
-        accuracy=min(solver.accuracy, ALIKE * solver.tolerance) / solver.refinement**4,
+        accuracy=accuracy,
         current=float(state.y[kernel.IA]),
         windup=float(state.y[kernel.XA]),
         inputs=6 if math.isfinite(drive.U_max) else 4,

@@ -242,6 +242,10 @@ def _integrate(u, now, T, first_row, x, w, out):
 # Kinds of a step, by which the level of the last one of its kind is remembered: the first after a microstep, after an event,
 # any other; for each pattern
 AFTER_MICROSTEP, AFTER_EVENT, FURTHER, KINDS = range(4)
+TORQUE_SHOWN = 0.2
+"""Weight of what moves inside a step where nothing but the torque is sampled, which is that of polynomials of degree 7."""
+UNRESOLVED = 1e-4
+"""Change of the deficits, over what a microstep moves, that is accepted in the shortest steps: where equations jump."""
 
 
 @code.entry(**COMPILE)
@@ -278,7 +282,7 @@ def advance(
         many[n + count : n + count + 3],
     )  # fmt: skip
     clock, coming, stalled, status = x.clock, 0, 0, OK
-    shown = 0.0 if out.width == 0.0 else (1.0 if out.rows.shape[1] > 2 else 0.3)
+    shown = 1.0 if out.rows.shape[1] > 2 else TORQUE_SHOWN
     s, c = _see(x, p, t, w)
     kind, last_level = FURTHER, -1
     while clock[NOW] < stop:
@@ -313,7 +317,7 @@ def advance(
             error = _error(level, shown, t, w)
             if change <= CONVERGED * t.accuracy and error <= t.accuracy:
                 break
-            if level >= t.levels - 1 and change <= CONVERGED * t.accuracy:
+            if level >= t.levels - 1 and change <= max(CONVERGED * t.accuracy, UNRESOLVED):
                 break  # a kink, such as the supply's limit, inside the shortest step
             x.counters[REJECTED] += 1
             if level >= t.levels - 1:
