@@ -18,7 +18,7 @@ from microvib.io.runs import read_run
 from microvib.solve.integration import again
 from microvib.solve.sampling import LOBES
 
-OFF, WANDERS = 13, 264
+OFF, WANDERS = 13, 186
 """Random sets whose lines need finer steps than an accuracy of 3 percent asks for, and whose motion depends on the smallest detail."""
 
 
@@ -95,7 +95,7 @@ def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
     # it does: a change far below the tolerance grows a hundredfold within ten seconds
     nudged = replace(motion.beginning, state=motion.beginning.state * (1.0 + 1e-9))
     there, back = (again(motion.scenario, b, 1, 10.0) for b in (motion.beginning, nudged))
-    assert np.std((there - back)[-4096:]) > 100.0 * np.std((there - back)[:4096])
+    assert np.std((there - back)[-4096:]) > 100.0 * np.std((there - back)[:256])
 
 
 def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
@@ -128,7 +128,7 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
 
 
 def test_lines_alone_say_it_too(off):
-    found = solve_run(random_scenario(OFF), lines_only=True)
+    found = solve_run(coarse(OFF), lines_only=True)
     assert found.solver["error_estimate"]["line"] == pytest.approx(off[2].line, rel=1e-6)
     assert found.table.own_error == pytest.approx(off[2].doubt, rel=1e-6)
 
