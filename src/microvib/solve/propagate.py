@@ -128,18 +128,15 @@ def _momentum_at(u, poly):
 def _add(u_a, u_b, T, stuck, all_channels, w, out):
     """Add to ``out.partial`` the integrals over the part of the step between two fractions of it."""
     partial = out.partial
-    change = _momentum_at(u_a, w.poly) - _momentum_at(u_b, w.poly)
     if all_channels:
         _weights(u_a, w.weights[0])
         _weights(u_b, w.weights[1])
-        change += partial[T_D]
         for j in range(4):
             weight, values = T * (w.weights[1, j] - w.weights[0, j]), w.by_node[j]
             for k in range(partial.size):
                 partial[k] += weight * values[k]
-        partial[T_D] = change
     else:
-        partial[0] += change
+        partial[0] += _momentum_at(u_a, w.poly) - _momentum_at(u_b, w.poly)
         partial[1] += (u_b - u_a) * T * stuck
 
 
@@ -158,8 +155,9 @@ def _close(x, all_channels, out):
 @code.inner(**COMPILE)
 def _whole_intervals(count, u, T, stuck, all_channels, w, out):
     """Rows of ``count`` intervals that lie in the step, from its fraction ``u`` on; returns the fraction after them."""
-    first, d, L_a, inverse = out.cursor[0], out.width / T, _momentum_at(u, w.poly), 1.0 / out.width
+    first, d = out.cursor[0], out.width / T
     if not all_channels:
+        L_a, inverse = _momentum_at(u, w.poly), 1.0 / out.width
         for m in range(count):
             L_b = _momentum_at(u + (m + 1) * d, w.poly)
             out.rows[first + m, 0], out.rows[first + m, 1] = (L_a - L_b) * inverse, stuck
@@ -169,15 +167,12 @@ def _whole_intervals(count, u, T, stuck, all_channels, w, out):
         n0, n1, n2, n3 = w.by_node[0], w.by_node[1], w.by_node[2], w.by_node[3]
         _weights(u, before)
         for m in range(count):
-            L_b = _momentum_at(u + (m + 1) * d, w.poly)
             _weights(u + (m + 1) * d, after)
             w0, w1 = (after[0] - before[0]) / d, (after[1] - before[1]) / d
             w2, w3 = (after[2] - before[2]) / d, (after[3] - before[3]) / d
             row = out.rows[first + m]
             for k in range(row.size):
                 row[k] = w0 * n0[k] + w1 * n1[k] + w2 * n2[k] + w3 * n3[k]
-            row[T_D] = (L_a - L_b) * inverse
-            L_a = L_b
             before, after = after, before
     out.cursor[0] += count
     return u + count * d
@@ -187,8 +182,8 @@ def _whole_intervals(count, u, T, stuck, all_channels, w, out):
 def _record(u, end, level, x, p, t, w, out):
     """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every sample interval that ends inside.
 
-    A sample is the mean over its interval. The torque's is that of the change of momentum; where ``out`` has two columns, only
-    the torque and the output's stick are recorded. Steps end at events, so jumps are averaged exactly, not sampled.
+    A sample is the mean over its interval. Where ``out`` has two columns, only the torque, by the change of momentum, and the
+    output's stick are recorded. Steps end at events, so jumps are averaged exactly, not sampled.
     """
     clock, cursor = x.clock, out.cursor
     T, all_channels = t.longest * 0.5**level, out.rows.shape[1] > 2
