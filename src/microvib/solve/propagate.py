@@ -11,10 +11,7 @@ from microvib.solve.collocation import (
     Work,
     _begin,
     _continue,
-    _end_at_event,
     _error,
-    _evaluate,
-    _first_root,
     _iterate,
     _judge,
     _momentum,
@@ -22,6 +19,11 @@ from microvib.solve.collocation import (
     _see,
     _unsee,
     _weigh,
+)
+from microvib.solve.ends import (
+    _end_at_event,
+    _evaluate,
+    _first_root,
     _whole,
 )
 from microvib.solve.kernel import (

@@ -1,0 +1,271 @@
+"""Where a step ends: at its end, at a microstep, or where a friction sticks or breaks away.
+
+The solution of a step (``microvib.solve.collocation``) is known at any instant inside it, not only at its nodes.
+"""
+
+import math
+
+from microvib.compiled import Unit
+from microvib.solve.collocation import (
+    MARGIN_M,
+    _pattern,
+    _unsee,
+)
+from microvib.solve.kernel import (
+    COMPILE,
+    FORCED,
+    MODES,
+    TL,
+    TM,
+    WL,
+    WM,
+    margins,
+)
+from microvib.solve.propagators import (
+    CUBES,
+    HERMITE,
+    INPUTS,
+    LAGRANGE,
+    M_E,
+    M_ETA_END,
+    M_ETA_PART,
+    M_W_END,
+    M_W_PART,
+    MODE_ROWS,
+    PIECE_ROWS,
+    N,
+)
+from microvib.solve.vector import rows
+
+code = Unit(
+    __name__,
+    "kernel.py",
+    "propagators.py",
+    "collocation.py",
+    "vector.py",
+    "vector_type.py",
+    types="microvib.solve.vector_type",
+)
+
+
+@code.inner(**COMPILE)
+def _first_root(which, until, T, x, t, w):
+    """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls below zero at the nodes; else 2.
+
+    The margin is a polynomial through its values at the nodes; that of a friction that slips has its slopes as well.
+    """
+    values, row = w.sums[MARGIN_M + which], WM if which == 0 else WL
+    node = 1
+    while node < 4 and values[node] >= 0.0:
+        node += 1
+    if node == 4 or CUBES[node - 1] >= until:
+        return 2.0
+    lo, hi = CUBES[node - 1], CUBES[node]
+    if values[node - 1] < 0.0:
+        return lo
+    poly, sign = w.poly, x.stick[which]
+    for m in range(8):
+        poly[m] = 0.0
+        for j in range(4):
+            if sign != 0.0:
+                slope = w.f[row, j]
+                poly[m] += sign * (HERMITE[m, j] * w.at[row, j] + HERMITE[m, 4 + j] * T * slope)
+            elif m < 4:
+                poly[m] += LAGRANGE[j, m] * values[j]
+    u = lo + (hi - lo) * values[node - 1] / (values[node - 1] - values[node])
+    for _ in range(60):
+        value, slope = poly[7], 0.0
+        for m in range(6, -1, -1):
+            slope = slope * u + value
+            value = value * u + poly[m]
+        if value < 0.0:
+            hi = u
+        else:
+            lo = u
+        following = u - value / slope if slope < 0.0 else 0.5 * (lo + hi)
+        if not lo < following < hi:
+            following = 0.5 * (lo + hi)
+        if math.fabs(following - u) < 1e-13:
+            break
+        u = following
+    return u if u < until else 2.0
+
+
+@code.inner(**FORCED)
+def _shift(done, piece, t, w):
+    """Coefficients of the deficits' cubics about the fraction ``done`` of the step, in units of a ``piece`` of it."""
+    powers, shifted = rows(w.powers, 0, 8, 2), rows(w.shifted, 0, 8, 2)
+    for half in range(t.inputs // 4 + t.inputs % 4 // 2):
+        c0, c1, c2, c3 = powers[0, half], powers[1, half], powers[2, half], powers[3, half]
+        shifted[0, half] = c0 + done * (c1 + done * (c2 + done * c3))
+        shifted[1, half] = piece * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
+        shifted[2, half] = piece * piece * (c2 + done * 3.0 * c3)
+        shifted[3, half] = piece * piece * piece * c3
+
+
+@code.inner(**COMPILE)
+def _evaluate(u, level, x, p, t, w):
+    """The step's solution at its fraction ``u``: the drive into ``w.end``, the modes into ``w.modes``.
+
+    Pieces of half, a quarter, ... of the step lead there, and a Taylor series over what is left.
+    """
+    pattern, inputs = _pattern(x.stick, p), t.inputs
+    for m in range(4):
+        for k in range(inputs):
+            w.powers[2 * m + k // 4, k % 4] = (
+                LAGRANGE[0, m] * w.r[k, 0]
+                + LAGRANGE[1, m] * w.r[k, 1]
+                + (LAGRANGE[2, m] * w.r[k, 2] + LAGRANGE[3, m] * w.r[k, 3])
+            )
+    for i in range(N):
+        w.end[i] = w.x[i]
+    for j in range(w.modes.size):
+        w.modes[j] = x.y[MODES + j]
+    done, piece, end = 0.0, 1.0, rows(w.halves, 0, 2, 1)
+    for deeper in range(level + 1, t.levels):
+        piece *= 0.5
+        if done + piece <= u:
+            _shift(done, piece, t, w)
+            block = rows(t.pieces, (pattern * t.levels + deeper) * PIECE_ROWS, PIECE_ROWS, 2)
+            # four sums, because each addition waits for the one before
+            lower, upper = block[0, 0] * w.end[0], block[0, 1] * w.end[0]
+            for j in range(1, N):
+                lower += block[j, 0] * w.end[j]
+                upper += block[j, 1] * w.end[j]
+            for k in range(0, inputs, 2):
+                first, second = k // 4, k % 4
+                below, above = (
+                    block[N + 4 * k, 0] * w.shifted[first, second],
+                    block[N + 4 * k, 1] * w.shifted[first, second],
+                )
+                for m in range(1, 4):
+                    below += block[N + 4 * k + m, 0] * w.shifted[2 * m + first, second]
+                    above += block[N + 4 * k + m, 1] * w.shifted[2 * m + first, second]
+                for m in range(4):
+                    below += block[N + 4 * k + 4 + m, 0] * w.shifted[2 * m + first, second + 1]
+                    above += block[N + 4 * k + 4 + m, 1] * w.shifted[2 * m + first, second + 1]
+                lower += below
+                upper += above
+            end[0], end[1] = lower, upper
+            _pass_modes(deeper, done, piece, p, t, w)
+            done += piece
+    _finish(pattern, done, u - done, t.longest * 0.5**level, x, p, t, w)
+
+
+@code.inner(**FORCED)
+def _pass_modes(level, done, piece, p, t, w):
+    """Move ``w.modes`` on by a piece of a step."""
+    c0, c1, c2, c3 = _rate_cubic(w)
+    b0, b1 = c0 + done * (c1 + done * (c2 + done * c3)), piece * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
+    b2, b3 = piece * piece * (c2 + done * 3.0 * c3), piece * piece * piece * c3
+    modes, s = t.modes, p.H.size
+    for k in range(s):
+        row = (level * s + k) * MODE_ROWS
+        eta, rate, M = w.modes[2 * k], w.modes[2 * k + 1], modes[row : row + MODE_ROWS]
+        by_eta, by_w = M[M_ETA_PART], M[M_W_PART]
+        w.modes[2 * k] = (
+            M[M_E, 0] * eta + M[M_E, 1] * rate + by_eta[0] * b0 + by_eta[1] * b1 + by_eta[2] * b2 + by_eta[3] * b3
+        )
+        w.modes[2 * k + 1] = (
+            M[M_E, 2] * eta + M[M_E, 3] * rate + by_w[0] * b0 + by_w[1] * b1 + by_w[2] * b2 + by_w[3] * b3
+        )
+
+
+@code.inner(**FORCED)
+def _rate_cubic(w):
+    """Coefficients of the cubic through the output's rate at the nodes."""
+    r0, r1, r2, r3 = w.at[WL, 0], w.at[WL, 1], w.at[WL, 2], w.at[WL, 3]
+    return (
+        LAGRANGE[0, 0] * r0 + LAGRANGE[1, 0] * r1 + LAGRANGE[2, 0] * r2 + LAGRANGE[3, 0] * r3,
+        LAGRANGE[0, 1] * r0 + LAGRANGE[1, 1] * r1 + LAGRANGE[2, 1] * r2 + LAGRANGE[3, 1] * r3,
+        LAGRANGE[0, 2] * r0 + LAGRANGE[1, 2] * r1 + LAGRANGE[2, 2] * r2 + LAGRANGE[3, 2] * r3,
+        LAGRANGE[0, 3] * r0 + LAGRANGE[1, 3] * r1 + LAGRANGE[2, 3] * r2 + LAGRANGE[3, 3] * r3,
+    )
+
+
+@code.inner(**FORCED)
+def _finish(pattern, done, left, T, x, p, t, w):
+    """The last part of the step's solution, shorter than the shortest piece, by Taylor: x_(m+1) = (A x_m + c_m) dt/(m+1)."""
+    _shift(done, left, t, w)
+    dt, A, term, end = (
+        left * T,
+        rows(t.columns, pattern * 2 * N, 2 * N, 2),
+        rows(w.term_halves, 0, 2, 1),
+        rows(w.halves, 0, 2, 1),
+    )
+    term[0], term[1] = end[0], end[1]
+    for m in range(4):
+        lower, upper = A[0, 0] * w.term[0], A[0, 1] * w.term[0]
+        below, above = A[1, 0] * w.term[1], A[1, 1] * w.term[1]
+        for j in range(2, N, 2):
+            lower += A[j, 0] * w.term[j]
+            upper += A[j, 1] * w.term[j]
+            below += A[j + 1, 0] * w.term[j + 1]
+            above += A[j + 1, 1] * w.term[j + 1]
+        term[0], term[1] = lower + below, upper + above
+        factor = dt / (m + 1)
+        for k in range(t.inputs):
+            w.term[INPUTS[k]] += w.shifted[2 * m + k // 4, k % 4]
+        term[0], term[1] = term[0] * factor, term[1] * factor
+        end[0], end[1] = end[0] + term[0], end[1] + term[1]
+    c0, c1, c2, c3 = _rate_cubic(w)
+    output, change = c0 + done * (c1 + done * (c2 + done * c3)), left * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
+    for k in range(p.H.size):  # two terms: modes are slow
+        d_eta = dt * (w.modes[2 * k + 1] - p.H[k] * output)
+        d_w = -p.D[k] * d_eta - dt * p.Lam[k] * w.modes[2 * k]
+        moved = d_w - p.H[k] * change
+        w.modes[2 * k] += d_eta + 0.5 * dt * moved
+        w.modes[2 * k + 1] += d_w - 0.5 * dt * (p.D[k] * moved + p.Lam[k] * d_eta)
+    if x.stick[0] == 0.0:
+        w.end[TM], w.end[WM] = w.x[TM], 0.0
+    if x.stick[1] == 0.0:
+        w.end[TL], w.end[WL] = w.x[TL], 0.0
+
+
+@code.inner(**FORCED)
+def _whole(level, p, x, t, w):
+    """The end of a whole step, which is its last node."""
+    for i in range(N):
+        w.end[i] = w.at[i, 3]
+    modes, s = t.modes, p.H.size
+    for k in range(s):
+        row = (level * s + k) * MODE_ROWS
+        eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
+        after_eta = modes[row + M_E, 0] * eta + modes[row + M_E, 1] * rate
+        after_rate = modes[row + M_E, 2] * eta + modes[row + M_E, 3] * rate
+        for j in range(4):
+            after_eta += modes[row + M_ETA_END, j] * w.at[WL, j]
+            after_rate += modes[row + M_W_END, j] * w.at[WL, j]
+        w.modes[2 * k], w.modes[2 * k + 1] = after_eta, after_rate
+
+
+@code.inner(**COMPILE)
+def _end_at_event(u, which, level, x, p, t, w):
+    """End the step where the margin of friction ``which`` is just spent, near its fraction ``u``; returns where.
+
+    ``u`` comes from the cubic through the nodes; the solution itself corrects it.
+    """
+    scale = w.per_size[2 if which == 0 else 3]
+    limit = (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
+    enough = 1e-4 * t.accuracy / scale if x.stick[which] != 0.0 else 1e-8 * limit
+    below, above = 0.0, 1.0
+    last_u, last_e = 0.0, math.inf
+    for _ in range(8):
+        _evaluate(u, level, x, p, t, w)
+        _unsee(w.end, w.there, x, p, t)
+        for j in range(w.modes.size):
+            w.there[MODES + j] = w.modes[j]
+        e = margins(w.there, x.stick, p)[which]
+        if e < 0.0:
+            above = u
+        else:
+            below = u
+        if math.fabs(e) <= enough or above - below < 1e-9:
+            break
+        step = 1e-3 if e > 0.0 else -1e-3
+        if math.isfinite(last_e) and last_e != e:
+            step = e * (u - last_u) / (last_e - e)
+        last_u, last_e = u, e
+        following = u + step
+        u = following if below < following < above else 0.5 * (below + above)
+    return u
