@@ -68,7 +68,7 @@ def main() -> None:
     sizes = [int(x) for x in given.cases.split(",")]
     workers = [int(x) for x in given.workers.split(",")]
     with tempfile.TemporaryDirectory() as folder:
-        per_case = alone(study(4 * TOGETHER, given.settle, given.record))
+        per_case = alone(study(4 * TOGETHER, given.settle, given.record), Path(folder) / "alone")
         rates, start, merging, written = scaling(Path(folder), sizes, workers, given.settle, given.record)
     print(f"\none core, no campaign: {1.0 / per_case:.3g} cases/s ({1e3 * per_case:.3g} ms a case)")
     few, many = min(workers), max(workers)
@@ -79,10 +79,10 @@ def main() -> None:
     project(per_case, start, merging, written)
 
 
-def alone(of: Study) -> float:
-    """Seconds of one case in one process, without a campaign around it."""
+def alone(of: Study, folder: Path) -> float:
+    """Seconds of one case in one process, without workers and chunks' files."""
     drawn = design(of)
-    campaign = Campaign(Path(), drawn, drawn.cases)
+    campaign = create(drawn, folder, drawn.cases)
     compute(campaign.work(range(TOGETHER)))  # compiled and warm
     begun = time.perf_counter()
     compute(campaign.work(range(drawn.cases)))

@@ -1,4 +1,4 @@
-"""How long a user waits: first run after installation, first use of lanes, and the same again with warm caches.
+"""How long a user waits: first run after installation, first steady run, and the same again with warm caches.
 
 ``python benchmarks/felt.py [--tree FOLDER] [--rounds N] [--warm]``
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.scenarios import baseline
 
-from microvib.solve import kernel
+from microvib.solve import kernel, propagators
 from microvib.solve.pack import no_samples, pack
 
 SMOOTH = {
@@ -101,3 +101,32 @@ def test_stiff_current_loop_does_not_lower_the_order_for_good(case):
     state, _ = slopes(CASES[case], range(10, 16))
     assert np.all(state > 2.9), state  # measured 3.03 and more
     assert state.mean() > 4.0, state  # measured 4.27 to 4.58
+
+
+def states_in_equal_steps(changes, step, monkeypatch):
+    """Weighted states at STOPS after the same start, by the propagators: tables of one length take every step as it comes."""
+    monkeypatch.setattr(propagators, "MOST_LEVELS", 1)
+    settings = {"solver.method": "propagators", "solver.accuracy": 1e-13, "solver.max_step": step}
+    q = pack(baseline().with_si({**SMOOTH, **changes, **settings}))
+    q.state.levels[:] = 0
+    q.state.y[kernel.TM] += 3e-3
+    q.state.y[kernel.IA] -= 0.05
+    q.state.y[kernel.IB] += 0.05
+    states = []
+    for stop in STOPS:
+        assert q.advance(stop, no_samples(q.channels), np.zeros(0), np.zeros((0, 3))) == kernel.OK
+        states.append(q.state.y * q.drive.scale)
+    assert q.state.counters[kernel.STEPS] == round(STOPS[-1] / step)
+    return np.array(states)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_ends_of_propagated_steps_converge_with_order_six(case, monkeypatch):
+    # Lobatto's four nodes integrate polynomials of degree 5, so that ends of steps are better than the cubics inside them.
+    changes = {**SLOW_LOOP, **CASES[case]}
+    exact = states_in_equal_steps(changes, 2.0**-15, monkeypatch)
+    errors = np.array(
+        [np.abs(states_in_equal_steps(changes, 2.0**-k, monkeypatch) - exact).max() for k in (10, 11, 12)]
+    )
+    order = np.log2(errors[:-1] / errors[1:])
+    assert np.all((order > 5.7) & (order < 6.3)), order  # measured 5.81 to 6.03

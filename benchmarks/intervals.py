@@ -1,6 +1,6 @@
 """How often the intervals of an identification hold the truth: many synthetic recordings, each identified.
 
-``python benchmarks/coverage.py [--recordings N] [--seed N] [--mismatch PART]``
+``python benchmarks/intervals.py [--recordings N] [--seed N] [--mismatch PART]``
 
 Each recording is of a drive of its own (reducer, rotor friction, inertia and clock drawn), with noise, and with figures that
 are wrong by random parts of the size that the identification states for them. The search starts from the catalog's state 1. With
