@@ -83,9 +83,9 @@ def alone(of: Study, folder: Path) -> float:
     """Seconds of one case in one process, without workers and chunks' files."""
     drawn = design(of)
     campaign = create(drawn, folder, drawn.cases)
-    compute(campaign.work(range(TOGETHER)))  # compiled and warm
+    compute(campaign.work(0, range(TOGETHER)))  # compiled and warm
     begun = time.perf_counter()
-    compute(campaign.work(range(drawn.cases)))
+    compute(campaign.work(0))
     return (time.perf_counter() - begun) / drawn.cases
 
 
