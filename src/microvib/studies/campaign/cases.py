@@ -187,7 +187,7 @@ def _end() -> None:
 
 
 def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) -> list[_Result]:
-    """Cases that share the kernel's lanes, or one that is solved alone."""
+    """Cases that run together, one after the other, or one that is solved alone."""
     results = {k: DEADLY for k in positions if k in work.deadly}
     scenarios: dict[int, Scenario] = {}
     for k in (k for k in positions if k not in results):

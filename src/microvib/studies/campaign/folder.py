@@ -119,7 +119,7 @@ def _chunk_of(path: Path, remedy: str) -> Chunk:
 
 
 def default_chunk(design: Design) -> int:
-    """Cases of a chunk: some 64 chunks, none too small to fill the lanes of the kernel, none too large to be sent or lost."""
+    """Cases of a chunk: some 64 chunks, none too small to be worth its file, none too large to be sent or lost."""
     size = min(max(-(-design.cases // CHUNKS_WANTED), SMALLEST_CHUNK), LARGEST_CHUNK)
     if design.study.keep:
         size = min(size, max(HISTORY_BYTES // (8 * design.base.record.samples), 1))

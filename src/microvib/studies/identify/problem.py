@@ -228,7 +228,7 @@ class Problem:
     def simulated(self, changes: Sequence[dict[str, object]]) -> list[list[Simulated] | None]:
         """Lines of every test with each of the changes; None where the model cannot have them, or loses its motion.
 
-        Many at a time: lanes share a core, and the kernel holds no lock.
+        Many at a time: the kernel holds no lock.
         """
         cases: list[tuple[int, Scenario, Evidence]] = []
         for k, changed in enumerate(changes):
