@@ -1,18 +1,13 @@
-"""The one hot loop: the drive's equations, integrated with exact stick and slip.
+"""The drive's equations: motion, friction with exact stick and slip, channels. Both integrations take them from here.
 
-Between two events (a microstep of the command, a friction that sticks, breaks away or reverses) the motion is smooth. It is
-advanced by RODAS4, an L-stable Rosenbrock method of order 4(3) with an embedded error estimate (E. Hairer, G. Wanner,
-*Solving Ordinary Differential Equations II*, section IV.7). Events end a step, so that no step crosses one: microsteps are
-known in advance, a friction event is located by repeating the step with other lengths until it ends on the event.
+Between two events (a microstep of the command, a friction that sticks, breaks away or reverses) the motion is smooth, and is
+advanced by ``microvib.solve.propagate`` or, as a reference, by ``microvib.solve.rodas4``. Events end a step, so that no step
+crosses one.
 
-Friction is set-valued: a stuck body has exactly zero velocity, and no smoothed friction law appears anywhere.
+Friction is set-valued: a stuck body has exactly zero velocity, and no smoothed friction law appears anywhere. docs/theory has the
+equations, docs/numerics.md the methods.
 
-Read from the end: ``advance`` is the loop, and calls what stands above it, section by section: the equations of motion
-(``derivative``), their Jacobian and the linear systems of a step (``linearise``, ``_factor``, ``_solve``), one step (``step``)
-and its continuous extension, friction events (``margins``, ``first_trial``, ``next_trial``, ``decide_friction``), samples
-(``_record``) and the length of steps. docs/numerics.md has the method in words, docs/theory the equations.
-
-The functions take floats, for one drive, or lanes, for many at once (``microvib.solve.vector``, ``microvib.solve.stepper``).
+The functions take floats, for one state, or lanes, for the four nodes of a step at once (``microvib.solve.vector``).
 """
 
 import math
