@@ -60,8 +60,8 @@ from microvib.solve.vector import rows, sincos, where
 
 LAYER = 5.0
 """Rate over the Stribeck rate below which friction falls."""
-SHOWN, SHOWN_CURRENT = 0.5, 5.0
-"""Weights of rates and of currents, which carry the energy, between the ends of a step, where they are sampled."""
+SHOWN, SHOWN_CURRENT = 0.5, 1.0
+"""Weights of rates and of currents between the ends of a step, where they are sampled."""
 
 code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
