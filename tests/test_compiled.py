@@ -213,7 +213,7 @@ llvm.initialize_all_targets(); llvm.initialize_all_asmprinters()
 for module in (kernel, rodas4, propagators, propagate, tone_kernel):
     code = lzma.decompress(module.code.file.read_bytes().partition(b"\\n")[2])
     try:
-        print(len(machine._machine_code(code, {triple!r}, "generic", "")) > 10_000)
+        print(len(machine._machine_code(code, {triple!r}, "generic", "")) > 5_000)
     except RuntimeError as error:
         print(error)
 """
