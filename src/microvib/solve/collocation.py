@@ -12,7 +12,7 @@ A step takes r as the cubic through its values at four nodes (Lobatto's: both en
 with l_j the cubic that is 1 at node j and 0 at the others; E and K come from tables (``tabulate``), for lengths T of the longest
 step over powers of two. r depends on x, so the equation is iterated; that contracts, because A has taken what is stiff. The nodes
 are the four lanes of a vector (``microvib.solve.vector``), so that f is evaluated at all of them at once. The highest Legendre
-coefficient of r, over what a microstep moves, is the error estimate.
+term of r, peak to peak over what a microstep moves, is the error estimate.
 
 Wherever a step has to end, at a microstep or where a friction sticks or breaks away, its solution is taken there
 (``_evaluate``): the propagators of shorter and shorter lengths lead to any instant of it. So an event costs no further step.
@@ -42,7 +42,8 @@ from microvib.solve.kernel import (
     drive_derivative,
     drive_margins,
     follow,
-    transmission_error,
+    modal_torque,
+    output_rate,
 )
 from microvib.solve.propagators import (
     CONVERGED,
@@ -241,15 +242,13 @@ def _states_at_nodes(K, x, p, t, w):
             a5 += K[m, 5] * value
             a6 += K[m, 6] * value
             a7 += K[m, 7] * value
-    if p.rigid:
-        _, e1, _, _ = transmission_error(a4 + x.clock[THETA_E] / p.z, p.te)
-        a7 = (e1 - p.inv_h) * a5
+    a7 = output_rate(a4 + x.clock[THETA_E] / p.z, a5, a7, p)
     at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = a0, a1, a2, a3, a4, a5, a6, a7
 
 
 @code.inner(**INLINE)
 def _error(level, shown, t, w):
-    """The highest Legendre coefficient of the deficits over what a microstep moves; with weight ``shown``, of all that moves.
+    """The highest Legendre term of the deficits, peak to peak, over what a microstep moves; weighted, that of rates and currents.
 
     The ends of steps are exact where deficits are cubics; what is sampled inside is a cubic only where the motion itself is.
     """
@@ -259,13 +258,12 @@ def _error(level, shown, t, w):
         for j in range(4):
             total += HIGHEST[j] * w.r[k, j]
         error = max(error, math.fabs(total) * w.per_size[k] * T)
-    if shown > 0.0:
-        for k in range(4):
-            total = 0.0
-            for j in range(4):
-                total += HIGHEST[j] * w.at[INPUTS[k], j]
-            weight = SHOWN * shown if k >= 2 else SHOWN_CURRENT if shown == 1.0 else 0.0
-            error = max(error, weight * math.fabs(total) * t.per_size[k])
+    for k in range(4):
+        total = 0.0
+        for j in range(4):
+            total += HIGHEST[j] * w.at[INPUTS[k], j]
+        weight = SHOWN * shown if k >= 2 else SHOWN_CURRENT if shown == 1.0 else 0.0
+        error = max(error, weight * math.fabs(total) * t.per_size[k])
     return error
 
 
@@ -288,16 +286,10 @@ def _weigh(x, p, t, w):
 def _begin(s, c, x, p, t, w):
     """Deficits at the start of a step, taken for all of it."""
     at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
-    modal, total = sums[CHANGE] * 0.0, 0.0
-    rate = w.x[WL]
-    if p.rigid:
-        _, e1, _, _ = transmission_error(w.x[TM] + x.clock[THETA_E] / p.z, p.te)
-        rate = (e1 - p.inv_h) * w.x[WM]
-    for k in range(p.H.size):
-        total += p.H[k] * (p.D[k] * (x.y[MODES + 2 * k + 1] - p.H[k] * rate) + p.Lam[k] * x.y[MODES + 2 * k])
+    nothing, rate = sums[CHANGE] * 0.0, output_rate(w.x[TM] + x.clock[THETA_E] / p.z, w.x[WM], w.x[WL], p)
     for i in range(N):
-        at[i] = modal + w.x[i]
-    _evaluate_deficits(s, c, modal + total, x, p, t, w)
+        at[i] = nothing + w.x[i]
+    _evaluate_deficits(s, c, nothing + modal_torque(x.y, rate, p), x, p, t, w)
 
 
 @code.inner(**FORCED)

@@ -172,13 +172,18 @@ def _winding(i, x, reference, back_emf, p):
 
 
 @code.inner(**INLINE)
+def output_rate(theta_m, omega_m, omega_l, p):
+    """The output's rate, which a rigid reducer sets."""
+    if p.rigid:
+        _, e1, _, _ = transmission_error(theta_m, p.te)
+        omega_l = (e1 - p.inv_h) * omega_m
+    return omega_l
+
+
+@code.inner(**INLINE)
 def derivative(y, clock, stick, p, f, q):
     """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18)."""
-    omega_l = y[WL]
-    if p.rigid:
-        _, e1, _, _ = transmission_error(y[TM], p.te)
-        omega_l = (e1 - p.inv_h) * y[WM]
-    modal = 0.0
+    omega_l, modal = output_rate(y[TM], y[WM], y[WL], p), 0.0
     for k in range(p.H.size):
         rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
         pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
@@ -282,12 +287,8 @@ def channels(y, clock, stick, p, f, q, out):
 
 
 @code.inner(**INLINE)
-def modal_torque(y, p):
-    """Torque of the array's modes on the output."""
-    omega_l = y[WL]
-    if p.rigid:
-        _, e1, _, _ = transmission_error(y[TM], p.te)
-        omega_l = (e1 - p.inv_h) * y[WM]
+def modal_torque(y, omega_l, p):
+    """Torque of the array's modes on the output, which turns at the rate ``omega_l``."""
     modal = 0.0
     for k in range(p.H.size):
         modal += p.H[k] * (p.D[k] * (y[MODES + 2 * k + 1] - p.H[k] * omega_l) + p.Lam[k] * y[MODES + 2 * k])
@@ -322,7 +323,7 @@ def margins(y, stick, p):
     """
     modal = 0.0
     if some((stick[0] == 0.0) | (stick[1] == 0.0)):
-        modal = modal_torque(y, p)
+        modal = modal_torque(y, output_rate(y[TM], y[WM], y[WL], p), p)
     return drive_margins(y, modal, stick, p)
 
 
@@ -345,7 +346,7 @@ def decide_friction(which, x, p):
     """The mode that follows at an event of friction ``which``: stuck if it can hold, else slipping the way it is pushed."""
     was_stuck = x.stick[which] == 0.0
     x.y[WM if which == 0 else WL] = 0.0
-    hold_m, hold_l, G = _holds(x.y, modal_torque(x.y, p), p)
+    hold_m, hold_l, G = _holds(x.y, modal_torque(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p), p)
     limit_m, limit_l = _limits(p, G)
     hold, limit = (hold_m, limit_m) if which == 0 else (hold_l, limit_l)
     if math.fabs(hold) <= limit and not was_stuck:
@@ -360,7 +361,7 @@ def decide_friction(which, x, p):
 @code.entry(**COMPILE)
 def initial_friction(x: State, p: Drive) -> None:
     """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
-    hold_m, hold_l, G = _holds(x.y, modal_torque(x.y, p), p)
+    hold_m, hold_l, G = _holds(x.y, modal_torque(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p), p)
     limit_m, limit_l = _limits(p, G)
     for which in range(2):
         hold, limit, rate = (hold_m, limit_m, x.y[WM]) if which == 0 else (hold_l, limit_l, x.y[WL])

@@ -143,7 +143,7 @@ def _add(u_a, u_b, T, stuck, all_channels, w, out):
 
 
 @code.inner(**FORCED)
-def _close(x, all_channels, out):
+def _close(x, out):
     """A row from what has been added up."""
     row, partial = out.rows[out.cursor[0]], out.partial
     inverse = 1.0 / x.clock[WEIGHT]  # not the width: late in a run it is rounded
@@ -200,7 +200,7 @@ def _record(u, end, level, x, p, t, w, out):
             u_b = min((boundary - now) / T, u)
             _add(u_a, u_b, T, stuck, all_channels, w, out)
             clock[WEIGHT] += (u_b - u_a) * T
-            _close(x, all_channels, out)
+            _close(x, out)
             count = min(int((end - boundary) / out.width + 1e-6), out.rows.shape[0] - cursor[0])
             u_a = _whole_intervals(count, u_b, T, stuck, all_channels, w, out) if count > 0 else u_b
         if cursor[0] < out.rows.shape[0] and u - u_a > 1e-6 * out.width / T:
@@ -265,8 +265,8 @@ def advance(
     estimate passes, and ended at the next microstep or at the first friction event inside it.
 
     ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 3) the references i_A*, i_B* and the
-    electrical angle after each; ``lanes`` with ``flat``, the same memory,
-    ``by_node`` (4, channels) and ``room`` are scratch. Returns a status code.
+    electrical angle after each; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels) and ``room`` are scratch. Returns
+    a status code.
     """
     n, modes = x.y.size, x.y.size - MODES
     count = N_CHANNELS + modes
@@ -288,11 +288,8 @@ def advance(
             target = steps_t[coming]
         if target <= clock[NOW]:
             _unsee(w.x, x.y, x, p, t)
-            clock[REF_A], clock[REF_B], clock[THETA_E] = (
-                steps_ref[coming, 0],
-                steps_ref[coming, 1],
-                steps_ref[coming, 2],
-            )
+            clock[REF_A], clock[REF_B] = steps_ref[coming, 0], steps_ref[coming, 1]
+            clock[THETA_E] = steps_ref[coming, 2]
             coming += 1
             x.counters[MICROSTEPS] += 1
             s, c = _see(x, p, t, w)
@@ -343,11 +340,10 @@ def advance(
         _judge(p, x, w)
         root_m, root_l = _first_root(0, u, T, x, t, w), _first_root(1, u, T, x, t, w)
         whole = u == 1.0
-        if min(root_m, root_l) < 1.0 or (min(root_m, root_l) <= u):
+        if min(root_m, root_l) <= u:
             event = 0 if root_m < root_l else 1
-            found = _end_at_event(min(root_m, root_l), event, level, x, p, t, w)
-            end = clock[NOW] + found * T
-            u = found
+            u = _end_at_event(min(root_m, root_l), event, level, x, p, t, w)
+            end = clock[NOW] + u * T
         elif whole:
             _whole(level, p, x, t, w)
             end = target if math.fabs(T - left) <= 1e-12 * left else clock[NOW] + T

@@ -52,7 +52,7 @@ CUBES = np.array([0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0])
 LAGRANGE = np.linalg.inv(np.vander(CUBES, 4, increasing=True)).T.copy()
 """Coefficients of the cubics l_j, (node, power)."""
 HIGHEST = np.array([1.0, -math.sqrt(5.0), math.sqrt(5.0), -1.0]) * -0.5
-"""Weights of the highest Legendre coefficient of a cubic, by its values at the nodes."""
+"""Weights of the highest Legendre term of a cubic, peak to peak (twice its coefficient), by its values at the nodes."""
 
 
 def _hermite() -> np.ndarray:

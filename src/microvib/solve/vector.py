@@ -27,11 +27,6 @@ def some(condition: Any) -> bool:
     return bool(condition)
 
 
-def is_single(y: Any) -> bool:
-    """Whether this is one state."""
-    return True
-
-
 def rows(array: Any, first: int, size: int, columns: int) -> Any:
     """``size`` rows of an array (m, WIDTH), from row ``first`` on, as lanes; also indexed in two dimensions with ``columns``."""
     return array[first : first + size]

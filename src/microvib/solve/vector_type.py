@@ -22,7 +22,7 @@ from numba.extending import (
     register_model,
 )
 
-from microvib.solve.vector import WIDTH, exp, exponent, floor, is_single, nearest, rows, sincos, some, where
+from microvib.solve.vector import WIDTH, exp, exponent, floor, nearest, rows, sincos, some, where
 
 CALLED: Any = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
 """How an overload is compiled: like the kernel that calls it."""
@@ -250,12 +250,6 @@ def _rows(typingctx: Any, array: Any, first: Any, size: Any, columns: Any) -> An
 @overload(rows, jit_options=CALLED)
 def _rows_of(array, first, size, columns):
     return lambda array, first, size, columns: _rows(array, first, size, columns)  # type: ignore[call-arg]
-
-
-@overload(is_single, jit_options=CALLED)
-def _is_single(y):
-    single = y != ROWS
-    return lambda y: single
 
 
 def _place(context: Any, builder: Any, kind: Any, lanes: Any, index: Any) -> Any:
