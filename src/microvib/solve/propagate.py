@@ -245,20 +245,103 @@ UNRESOLVED = 1e-4
 """Change of the deficits, over what a microstep moves, that is accepted in the shortest steps: where equations jump."""
 
 
+@code.inner(**INLINE)
+def _work(x, lanes, flat, by_node, room):
+    """Scratch of a step in the memory given; ``flat`` is that of ``lanes``."""
+    n, modes = x.y.size, x.y.size - MODES
+    count = N_CHANNELS + modes
+    many = lanes[67 + n :]
+    return Work(
+        room[:N], flat[244:252], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
+        lanes[67 : 67 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
+        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[260:266],
+        flat[252:260], lanes[63:65], many[n + count : n + count + 3],
+    )  # fmt: skip
+
+
+@code.inner(**INLINE)
+def _first_level(kind, left, x, p, t):
+    """Level at which the last step of this kind succeeded, or the one that just reaches the end of what is ``left``."""
+    remembered = x.levels[kind * PATTERNS + _pattern(x.stick, p)]
+    level = remembered
+    while level < t.levels - 1 and t.longest * 0.5 ** (level + 1) >= left:
+        level += 1
+    return remembered, level
+
+
+@code.inner(**FORCED)
+def _solved_step(kind, left, last_level, shown, s, c, x, p, t, w):
+    """Solve a step short enough for its iteration to converge and its error to pass; its level, and a status code.
+
+    ``last_level`` is that of the step before, whose deficits go on in this one, or -1.
+    """
+    _weigh(x, p, t, w)
+    remembered, level = _first_level(kind, left, x, p, t)
+    if kind == FURTHER and last_level >= 0 and last_level - 1 <= level <= last_level + 1:
+        _continue(HALF + last_level + 1 - level, t, w)
+    else:
+        _begin(s, c, x, p, t, w)
+    while True:
+        change, shortest = _iterate(level, s, c, x, p, t, w), level >= t.levels - 1
+        error, converged = _error(level, shown, t, w), change <= CONVERGED * t.accuracy
+        if converged and error <= t.accuracy:
+            break
+        if shortest and (converged or change <= UNRESOLVED):
+            break  # a kink, such as the supply's limit, inside the shortest step
+        x.counters[REJECTED] += 1
+        if shortest:
+            return level, STEP_TOO_SMALL if math.isfinite(change) and math.isfinite(error) else NOT_FINITE
+        if converged and error <= 30.0 * t.accuracy:
+            level += 1
+            _continue(FIRST_HALF, t, w)
+        else:
+            level = min(level + (2 if not error <= 1e3 * t.accuracy else 1), t.levels - 1)
+            _begin(s, c, x, p, t, w)
+        remembered = level
+    grows = 1 if error < GROW_BELOW * t.accuracy else 0
+    pattern = _pattern(x.stick, p)
+    x.levels[kind * PATTERNS + pattern] = max((min(remembered, level) if grows else remembered) - grows, 0)
+    x.levels[FURTHER * PATTERNS + pattern] = max(level - grows, 0)
+    return level, OK
+
+
+@code.inner(**FORCED)
+def _end_step(level, left, x, p, t, w):
+    """End the solved step at its first friction event or where nothing is ``left``: its fraction there, which friction or -1."""
+    T = t.longest * 0.5**level
+    u = left / T if left * (1.0 + 1e-12) < T else 1.0
+    _judge(p, x, w)
+    root_m, root_l = _first_root(0, u, T, x, t, w), _first_root(1, u, T, x, t, w)
+    if min(root_m, root_l) <= u:
+        event = 0 if root_m < root_l else 1
+        return _end_at_event(min(root_m, root_l), event, level, x, p, t, w), event
+    if u == 1.0:
+        _whole(level, p, x, t, w)
+    else:
+        _evaluate(u, level, x, p, t, w)
+    return u, -1
+
+
+@code.inner(**FORCED)
+def _move(event, x, p, t, w):
+    """Move the state to the end of the step, with the friction event there."""
+    for j in range(N):
+        w.x[j] = w.end[j]
+    for j in range(w.modes.size):
+        x.y[MODES + j] = w.modes[j]
+    if event >= 0:
+        for j in range(N):
+            x.y[j] = w.there[j]
+        decide_friction(event, x, p)
+        follow(x.y, p)
+        _see(x, p, t, w)
+
+
 @code.entry(**COMPILE)
 def advance(
-    stop: float,
-    x: State,
-    p: Drive,
-    t: Propagators,
-    out: Samples,
-    steps_t: Vector,
-    steps_ref: Matrix,
-    lanes: Matrix,
-    flat: Vector,
-    by_node: Matrix,
-    room: Vector,
-) -> int:
+    stop: float, x: State, p: Drive, t: Propagators, out: Samples, steps_t: Vector, steps_ref: Matrix,
+    lanes: Matrix, flat: Vector, by_node: Matrix, room: Vector,
+) -> int:  # fmt: skip
     """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in place.
 
     Each turn of the loop either takes a microstep that is due, or one step: shortened until its iteration converges and its error
@@ -268,17 +351,7 @@ def advance(
     electrical angle after each; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels) and ``room`` are scratch. Returns
     a status code.
     """
-    n, modes = x.y.size, x.y.size - MODES
-    count = N_CHANNELS + modes
-    many = lanes[67 + n :]
-    w = Work(
-        room[:N], flat[244:252], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
-        lanes[67 : 67 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
-        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[260:266],
-        flat[252:260], lanes[63:65],
-        many[n + count : n + count + 3],
-    )  # fmt: skip
-    clock, coming, stalled, status = x.clock, 0, 0, OK
+    w, clock, coming, stalled, status = _work(x, lanes, flat, by_node, room), x.clock, 0, 0, OK
     shown = 1.0 if out.rows.shape[1] > 2 else TORQUE_SHOWN
     s, c = _see(x, p, t, w)
     kind, last_level = FURTHER, -1
@@ -286,7 +359,8 @@ def advance(
         target = stop
         if coming < steps_t.size and steps_t[coming] < stop:
             target = steps_t[coming]
-        if target <= clock[NOW]:
+        left = target - clock[NOW]
+        if left <= 0.0:
             _unsee(w.x, x.y, x, p, t)
             clock[REF_A], clock[REF_B] = steps_ref[coming, 0], steps_ref[coming, 1]
             clock[THETA_E] = steps_ref[coming, 2]
@@ -295,79 +369,21 @@ def advance(
             s, c = _see(x, p, t, w)
             kind = AFTER_MICROSTEP
             continue
-        left = target - clock[NOW]
-        pattern = _pattern(x.stick, p)
-        remembered = x.levels[kind * PATTERNS + pattern]
-        _weigh(x, p, t, w)
-        level = remembered
-        while level < t.levels - 1 and t.longest * 0.5 ** (level + 1) >= left:
-            level += 1
-        if kind == FURTHER and last_level >= 0 and last_level - 1 <= level <= last_level + 1:
-            _continue(HALF + last_level + 1 - level, t, w)
-        else:
-            _begin(s, c, x, p, t, w)
-        while True:
-            change = _iterate(level, s, c, x, p, t, w)
-            error = _error(level, shown, t, w)
-            if change <= CONVERGED * t.accuracy and error <= t.accuracy:
-                break
-            if level >= t.levels - 1 and change <= max(CONVERGED * t.accuracy, UNRESOLVED):
-                break  # a kink, such as the supply's limit, inside the shortest step
-            x.counters[REJECTED] += 1
-            if level >= t.levels - 1:
-                status = STEP_TOO_SMALL if math.isfinite(change) and math.isfinite(error) else NOT_FINITE
-                break
-            if change <= CONVERGED * t.accuracy and error <= 30.0 * t.accuracy:
-                level += 1
-                _continue(FIRST_HALF, t, w)
-            else:
-                level = min(level + (2 if not error <= 1e3 * t.accuracy else 1), t.levels - 1)
-                _begin(s, c, x, p, t, w)
-            remembered = level
+        level, status = _solved_step(kind, left, last_level, shown, s, c, x, p, t, w)
         if status != OK:
             break
-        following = FURTHER * PATTERNS + pattern
-        if error < GROW_BELOW * t.accuracy:
-            x.levels[kind * PATTERNS + pattern] = max(min(remembered, level) - 1, 0)
-            x.levels[following] = max(level - 1, 0)
-        else:
-            x.levels[kind * PATTERNS + pattern] = remembered
-            x.levels[following] = level
+        u, event = _end_step(level, left, x, p, t, w)
         T = t.longest * 0.5**level
-        u, event = 1.0, -1
-        if left * (1.0 + 1e-12) < T:
-            u = left / T
-        _judge(p, x, w)
-        root_m, root_l = _first_root(0, u, T, x, t, w), _first_root(1, u, T, x, t, w)
-        whole = u == 1.0
-        if min(root_m, root_l) <= u:
-            event = 0 if root_m < root_l else 1
-            u = _end_at_event(min(root_m, root_l), event, level, x, p, t, w)
-            end = clock[NOW] + u * T
-        elif whole:
-            _whole(level, p, x, t, w)
-            end = target if math.fabs(T - left) <= 1e-12 * left else clock[NOW] + T
-        else:
-            _evaluate(u, level, x, p, t, w)
-            end = target
+        # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
+        end = target if event < 0 and left * (1.0 - 1e-12) <= T else clock[NOW] + u * T
         if out.width > 0.0:
             _momentum(level, p, t, w)
             _record(u, end, level, x, p, t, w, out)
         x.counters[STEPS] += 1
         lasted = end - clock[NOW]
         clock[NOW] = end
-        for j in range(N):
-            w.x[j] = w.end[j]
-        for j in range(modes):
-            x.y[MODES + j] = w.modes[j]
-        kind, last_level = FURTHER, level if whole and event < 0 else -1
-        if event >= 0:
-            for j in range(N):
-                x.y[j] = w.there[j]
-            decide_friction(event, x, p)
-            follow(x.y, p)
-            s, c = _see(x, p, t, w)
-            kind = AFTER_EVENT
+        _move(event, x, p, t, w)
+        kind, last_level = (AFTER_EVENT, -1) if event >= 0 else (FURTHER, level if u == 1.0 else -1)
         status, stalled = health(p.z * w.x[TM], lasted, clock[NOW], stalled)
         if status != OK:
             break
