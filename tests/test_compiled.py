@@ -1,5 +1,6 @@
 """Compiled code that is kept: of these sources, without a compiler, the same as compiled on the spot, and never in the way."""
 
+import ast
 import importlib
 import importlib.util
 import lzma
@@ -109,6 +110,23 @@ def keep_beside(module):
 def test_what_is_kept_is_of_these_sources(name):
     stamps = UNITS[name].file.read_bytes().partition(b"\n")[0].decode().split()
     assert UNITS[name].fits(*stamps), f"python -m microvib.compiled {name}"
+
+
+def imported_files(path):
+    """Files of its own folder that a module imports from."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            _, _, last = node.module.rpartition(".")
+            names = [a.name for a in node.names] if last == path.parent.name else [last]
+            yield from (path.parent / f"{name}.py" for name in names)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_a_unit_names_every_file_that_it_is_made_from(name):
+    sources = set(UNITS[name].sources)
+    for source in sources:
+        missing = {file for file in imported_files(source) if file.exists()} - sources
+        assert source.parent != UNITS[name].file.parent or not missing, f"{source.name} imports from {missing}"
 
 
 def test_a_first_run_needs_no_compiler(tmp_path):

@@ -268,18 +268,31 @@ def _error(level, shown, t, w):
 
 
 @code.inner(**INLINE)
+def _grown(rate, stribeck, inv_rate, inertia, alpha):
+    """How much an error of a rate grows while friction falls or rises on the way out of its layer or into it.
+
+    There an error grows as the acceleration does, which changes by the Stribeck excess.
+    """
+    if stribeck > 0.0 and math.fabs(rate) * inv_rate < LAYER:
+        return 1.0 + stribeck / (inertia * math.fabs(alpha) + 1e-300)
+    return 1.0
+
+
+@code.inner(**INLINE)
 def _weigh(x, p, t, w):
-    """Sizes over which errors count: where friction falls with the rate, they grow, and so count over the rate that it takes."""
-    near_m = x.stick[0] != 0.0 and math.fabs(w.x[WM]) * p.m_inv_rate < LAYER and p.m_stribeck > 0.0
-    near_l = x.stick[1] != 0.0 and math.fabs(w.x[WL]) * p.l_inv_rate < LAYER and p.l_stribeck > 0.0
-    if p.rigid:
-        near_m = near_m or (x.stick[0] != 0.0 and math.fabs(w.x[WL]) * p.l_inv_rate < LAYER and p.l_stribeck > 0.0)
+    """Sizes over which errors count: near a stop less, by what an error grows; at most the rate that friction takes to fall."""
+    grown_m = grown_l = 1.0
+    if x.stick[0] != 0.0:
+        J = p.J_m + p.inv_h * p.inv_h * p.J_L if p.rigid else p.J_m
+        grown_m = _grown(w.at[WM, 3], p.m_stribeck, p.m_inv_rate, J, w.f[WM, 3])
+        if p.rigid:
+            grown_m = max(grown_m, _grown(w.at[WL, 3], p.l_stribeck * p.inv_h, p.l_inv_rate, J, w.f[WM, 3]))
+    if x.stick[1] != 0.0 and not p.rigid:
+        grown_l = _grown(w.at[WL, 3], p.l_stribeck, p.l_inv_rate, p.J_L, w.f[WL, 3])
     for k in range(6):
         w.per_size[k] = t.per_size[k]
-    if near_m:
-        w.per_size[2] = t.per_layer[2]
-    if near_l:
-        w.per_size[3] = t.per_layer[3]
+    w.per_size[2] = min(t.per_size[2] * grown_m, t.per_layer[2])
+    w.per_size[3] = min(t.per_size[3] * grown_l, t.per_layer[3])
 
 
 @code.inner(**FORCED)

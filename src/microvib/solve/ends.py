@@ -14,6 +14,7 @@ from microvib.solve.collocation import (
 from microvib.solve.kernel import (
     COMPILE,
     FORCED,
+    INLINE,
     MODES,
     TL,
     TM,
@@ -49,35 +50,84 @@ code = Unit(
 
 
 @code.inner(**COMPILE)
-def _first_root(which, until, T, x, t, w):
-    """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls below zero at the nodes; else 2.
+def _fit_margin(which, T, x, w):
+    """Coefficients of the margin of friction ``which`` over the step, into ``w.poly``.
 
-    The margin is a polynomial through its values at the nodes; that of a friction that slips has its slopes as well.
+    A polynomial through its values at the nodes; that of a friction that slips has its slopes as well.
     """
     values, row = w.sums[MARGIN_M + which], WM if which == 0 else WL
-    node = 1
-    while node < 4 and values[node] >= 0.0:
-        node += 1
-    if node == 4 or CUBES[node - 1] >= until:
-        return 2.0
-    lo, hi = CUBES[node - 1], CUBES[node]
-    if values[node - 1] < 0.0:
-        return lo
     poly, sign = w.poly, x.stick[which]
     for m in range(8):
         poly[m] = 0.0
         for j in range(4):
             if sign != 0.0:
-                slope = w.f[row, j]
-                poly[m] += sign * (HERMITE[m, j] * w.at[row, j] + HERMITE[m, 4 + j] * T * slope)
+                poly[m] += sign * (HERMITE[m, j] * w.at[row, j] + HERMITE[m, 4 + j] * T * w.f[row, j])
             elif m < 4:
                 poly[m] += LAGRANGE[j, m] * values[j]
-    u = lo + (hi - lo) * values[node - 1] / (values[node - 1] - values[node])
+
+
+@code.inner(**INLINE)
+def _value_and_slopes(u, poly):
+    """A polynomial of degree 7 and its first two derivatives at ``u``."""
+    value = slope = curvature = 0.0
+    for m in range(7, -1, -1):
+        curvature = curvature * u + 2.0 * slope
+        slope = slope * u + value
+        value = value * u + poly[m]
+    return value, slope, curvature
+
+
+@code.inner(**COMPILE)
+def _grazes(which, T, x, w):
+    """Node before which, and fraction where, a rate that is positive at all nodes is lowest between two, if negative; else 0, 2."""
+    values, row, sign = w.sums[MARGIN_M + which], WM if which == 0 else WL, x.stick[which]
+    for node in range(1, 4):
+        lo, hi = CUBES[node - 1], CUBES[node]
+        if values[node - 1] == 0.0:
+            continue  # it has just broken away
+        falls, rises = sign * w.f[row, node - 1] * T * (hi - lo), sign * w.f[row, node] * T * (hi - lo)
+        if falls < 0.0 < rises and min(values[node - 1] + falls, values[node] - rises) < 0.0:
+            _fit_margin(which, T, x, w)
+            u = lo + (hi - lo) * falls / (falls - rises)
+            for _ in range(60):
+                _, slope, curvature = _value_and_slopes(u, w.poly)
+                if slope < 0.0:
+                    lo = u
+                else:
+                    hi = u
+                following = u - slope / curvature if curvature > 0.0 else 0.5 * (lo + hi)
+                if not lo < following < hi:
+                    following = 0.5 * (lo + hi)
+                if math.fabs(following - u) < 1e-9:
+                    break
+                u = following
+            if _value_and_slopes(u, w.poly)[0] < 0.0:
+                return node, u
+    return 0, 2.0
+
+
+@code.inner(**COMPILE)
+def _first_root(which, until, T, x, t, w):
+    """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls below zero; else 2."""
+    values = w.sums[MARGIN_M + which]
+    node = 1
+    while node < 4 and values[node] >= 0.0:
+        node += 1
+    lo, hi = CUBES[node - 1], 2.0
+    if node < 4:
+        hi = CUBES[node]
+    elif x.stick[which] != 0.0:
+        node, hi = _grazes(which, T, x, w)
+        lo = CUBES[node - 1]
+    if hi == 2.0 or lo >= until:
+        return 2.0
+    if values[node - 1] < 0.0:
+        return lo
+    _fit_margin(which, T, x, w)
+    at_lo, at_hi = values[node - 1], _value_and_slopes(hi, w.poly)[0]
+    u = lo + (hi - lo) * at_lo / (at_lo - at_hi)
     for _ in range(60):
-        value, slope = poly[7], 0.0
-        for m in range(6, -1, -1):
-            slope = slope * u + value
-            value = value * u + poly[m]
+        value, slope, _ = _value_and_slopes(u, w.poly)
         if value < 0.0:
             hi = u
         else:

@@ -82,6 +82,7 @@ code = Unit(
     "kernel.py",
     "propagators.py",
     "collocation.py",
+    "ends.py",
     "vector.py",
     "vector_type.py",
     types="microvib.solve.vector_type",
@@ -275,14 +276,15 @@ def _solved_step(kind, left, last_level, shown, s, c, x, p, t, w):
 
     ``last_level`` is that of the step before, whose deficits go on in this one, or -1.
     """
-    _weigh(x, p, t, w)
     remembered, level = _first_level(kind, left, x, p, t)
     if kind == FURTHER and last_level >= 0 and last_level - 1 <= level <= last_level + 1:
         _continue(HALF + last_level + 1 - level, t, w)
     else:
         _begin(s, c, x, p, t, w)
     while True:
+        _weigh(x, p, t, w)  # by the start, for the iteration
         change, shortest = _iterate(level, s, c, x, p, t, w), level >= t.levels - 1
+        _weigh(x, p, t, w)  # by the end
         error, converged = _error(level, shown, t, w), change <= CONVERGED * t.accuracy
         if converged and error <= t.accuracy:
             break

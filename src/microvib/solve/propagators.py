@@ -44,7 +44,7 @@ M_TORQUE, M_MOMENTUM, M_ETA, M_W, M_ETA_BY, M_W_BY, M_E, M_ETA_END, M_W_END, M_E
 ITERATIONS = 10
 CONVERGED = 0.1
 """Last change of the deficits, over the accuracy, at which an iteration ends."""
-GROW_BELOW = 0.02
+GROW_BELOW = 0.05
 """Error, over the accuracy, below which the next step is twice as long: sixteen times less than the accuracy, and a margin."""
 
 CUBES = np.array([0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0])
