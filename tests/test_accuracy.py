@@ -16,10 +16,10 @@ from microvib.analysis.run import solve_run
 from microvib.cli.main import main
 from microvib.io.runs import read_run
 from microvib.solve.integration import again
-from microvib.solve.sampling import LOBES
 
-OFF, WANDERS = 13, 186
-"""Random sets whose lines need finer steps than an accuracy of 3 percent asks for, and whose motion depends on the smallest detail."""
+OFF, WANDERS, REMEMBERS = 13, 186, 18
+"""Random sets whose lines need finer steps than an accuracy of 3 percent asks for, whose motion depends on the smallest detail,
+and whose record shows what happened while it settled."""
 
 
 def coarse(k):
@@ -51,11 +51,20 @@ def worst_change(table, exact) -> float:
     )
 
 
-def test_a_record_runs_again_to_the_last_bit(motion_1):
-    shorter = again(motion_1.scenario, motion_1.beginning, 1, 2.0)[
-        :-LOBES
-    ]  # the filter of the last ones sees where it ends
-    assert np.array_equal(shorter, motion_1["T_d"][: shorter.size])
+def test_a_run_is_done_again_to_the_last_bit(motion_1):
+    shorter = motion_1.scenario.with_si({"record.settle": 0.5, "record.duration": 2.0})
+    beginning = mv.simulate(shorter, channels=("T_d",)).beginning
+    assert np.array_equal(again(shorter, beginning, 1, 2.0), mv.batch([shorter])[0].T_d)
+
+
+def test_what_a_motion_remembers_of_its_settling_is_seen():
+    scenario = random_scenario(REMEMBERS)
+    motion = mv.simulate(scenario, channels=("T_d",))
+    table = mv.lines(motion)
+    exact = mv.lines(mv.simulate(scenario.with_({"solver.refinement": 4}), channels=("T_d",)))
+    assert worst_change(table, exact) > BOUND
+    estimate = accuracy(motion, table)
+    assert estimate.sensitive or estimate.line > BOUND
 
 
 def test_a_set_whose_lines_are_off_is_told_what_to_set(off):
@@ -93,8 +102,9 @@ def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
     assert str(estimate).startswith("SENSITIVE: the motion depends on details below the tolerance")
     assert estimate.doubt >= SENSITIVE
     # it does: a change far below the tolerance grows a hundredfold within ten seconds
+    scenario = motion.scenario.with_si({"record.settle": 0.2})
     nudged = replace(motion.beginning, state=motion.beginning.state * (1.0 + 1e-9))
-    there, back = (again(motion.scenario, b, 1, 10.0) for b in (motion.beginning, nudged))
+    there, back = (again(scenario, b, 1, 10.0) for b in (motion.beginning, nudged))
     assert np.std((there - back)[-4096:]) > 100.0 * np.std((there - back)[:256])
 
 

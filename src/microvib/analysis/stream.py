@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.accuracy import account, accuracy, noted, stretch
+from microvib.analysis.accuracy import account, accuracy, noted
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable, Rest
@@ -28,7 +28,8 @@ def lines_of_stream(
     The amplitude is the mean over the blocks; frequency and decay are means weighted with amplitude squared over the blocks in
     which the line is seen; phase and its uncertainty are those of the first block, the status that of the loudest. The
     nearest-bin figure is that of the whole record, summed up exactly as it streams by. Unexpected lines are those of the
-    first block, means over the blocks that have them; those of other blocks count as what is left.
+    first block, means over the blocks that have them; those of other blocks count as what is left. The integration's error is
+    that of the first block.
     """
     samples, rate = scenario.record.samples, scenario.record.sample_rate
     blocks = max(-(-samples // BLOCK_SAMPLES), 1)
@@ -38,7 +39,7 @@ def lines_of_stream(
     for block in _regroup(run, samples // blocks):
         tables.append(lines_of_samples(block, rate, scenario, harmonics))
         if start == 0:
-            begun = block[: round(stretch(scenario) * rate)].copy()
+            begun = block.copy()
             at = [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in tables[0]]
             numbers = [round(f * samples / rate) for f in at]
         sums = sums + _bin_sums(block, start, numbers, samples)

@@ -41,7 +41,9 @@ def from_rest(
 
 
 def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float) -> np.ndarray:
-    """T_d [N m] over the first ``duration`` [s] of a record, from the same state, with steps ``finer`` times finer.
+    """T_d [N m] over the first ``duration`` [s] of a record, from where a run began, with steps ``finer`` times finer.
+
+    Nothing else is sampled.
 
     Raises SimulationError as ``simulate`` does.
     """
@@ -50,7 +52,7 @@ def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float)
     own = packed.state.y, packed.state.stick, packed.state.clock, packed.state.levels
     for mine, given in zip(own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True):
         mine[:] = given
-    run = Simulation(changed, channels=("T_d",), packed=packed, command=beginning.command)
+    run = Simulation(changed, packed=packed, command=beginning.command, torque_only=True)
     return np.concatenate([block["T_d"] for block in run])
 
 
@@ -97,7 +99,9 @@ class Simulation:
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         begun = clock_time.perf_counter()
         record, packed = self.scenario.record, self.packed
-        t = start = float(packed.state.clock[kernel.NOW])
+        x = packed.state
+        t = start = float(x.clock[kernel.NOW])
+        self.beginning = Beginning(np.concatenate([x.y, x.stick, x.clock, x.levels]), self._command)
         intervals = sample_intervals(self.scenario, start)
         self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
         before, momentum_before = packed.snapshot(), packed.momentum
@@ -106,8 +110,6 @@ class Simulation:
         chunk = CHUNK_TIME * (16 if self._torque_only else 1)
         while t < first:
             t = self._advance(min(t + chunk, first), end, samples)
-        moving = packed.state
-        self.beginning = Beginning(np.concatenate([moving.y, moving.stick, moving.clock, moving.levels]), self._command)
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         per_chunk = int(np.clip(chunk / width, 512, CHUNK_BYTES // (8 * columns)))

@@ -37,7 +37,7 @@ class Invariants:
 
 @dataclass(frozen=True)
 class Beginning:
-    """Where a record begins, so that it can be run again."""
+    """Where a run begins, so that it can be run again."""
 
     state: np.ndarray
     """State, friction modes and clock of the kernel, one after another."""

@@ -47,6 +47,6 @@ def trust_section(motion: Motion) -> Section:
     finer = "To see the lines converge, run again with `solver.refinement=2` and `4`: every step is then that many times finer."
     estimate = estimate_in(motion.solver)
     if estimate is not None:
-        finer = f"The beginning of the record was run again from the same state with finer steps: {estimate}."
+        finer = f"The run was done again from the same state with finer steps: {estimate}."
     lines = f"These invariants do not bound the error of a line. {finer}"
     return Section("Can it be trusted?", (Text(verdict), bars, Text(energy), Text(lines)))
