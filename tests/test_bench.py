@@ -45,6 +45,18 @@ def test_a_table_resonance_amplifies(f):
     assert reading(f, "Mx", table=table) == pytest.approx(1.0, rel=1e-6)
 
 
+def test_nothing_is_felt_before_it_happens():
+    """A blow near the end rings on beyond it, and not round to the beginning."""
+    table = (in_si(Resonance, component="Mz", frequency=30.0, damping=0.004),)
+    bench = in_si(Bench, sample_rate=1024.0, duration=4.0, lead=0.0, table=table)
+    loads, twist = loads_of(bench, 30.0)
+    since = np.arange(twist.size) / bench.analog_rate - 3.0
+    loads *= np.where((since > 0.0) & (since < 0.5), np.sin(2.0 * np.pi * since) ** 4, 0.0)
+    felt = np.abs(measure(bench, loads, twist)["Mz"])
+    assert felt.max() > 10.0
+    assert felt[: 3 * 1024 - 100].max() < 1e-4 * felt.max()
+
+
 def test_a_platform_takes_its_share_above_its_resonance():
     platform = (in_si(Resonance, component="Fx", frequency=2.0, damping=0.1, share=0.03),)
     assert reading(100.0, "Fx", platform=platform) == pytest.approx(0.97, rel=1e-3)

@@ -52,6 +52,22 @@ def test_one_rule_for_numbers(state_1, motion_1, door):
             enter(state_1, motion_1, wrong)
 
 
+@pytest.mark.parametrize("number", [0.05, "0.05"])
+@pytest.mark.parametrize(
+    "enter",
+    [
+        lambda s, x: s.with_({"tracking.rate": x}),
+        lambda s, x: rate_grid(x, "0.06 deg/s", 3),
+        lambda s, x: plan_rates(s, [x], linear=True),
+        lambda s, x: at_rate(s, x, 16),
+    ],
+    ids=["scenario", "rate_grid", "plan_rates", "at_rate"],
+)
+def test_a_rate_without_a_unit_is_proposed_in_the_unit_that_people_mean(state_1, enter, number):
+    with pytest.raises(mv.MicrovibError, match=r"needs a unit, such as '0\.05 deg/s'"):
+        enter(state_1, number)
+
+
 def test_numbers_without_a_unit_need_none(state_1):
     assert state_1.with_({"tracking.clock_ratio": 0.994}).tracking.clock_ratio == 0.994
     assert load_bench("force-table") == load_bench("force-table")

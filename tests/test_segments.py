@@ -1,4 +1,4 @@
-"""Segments of a period in lanes: the same motion as the period in one go, for every part of the drive."""
+"""Segments of a period: the same motion as the period in one go, for every part of the drive."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_segments_in_a_row_are_the_period(period):
     width = period.microstep_time / 20
     cursor = np.zeros(2, dtype=np.int64)
     end = period.advance(x, kernel.Samples(period.start, width, rows, np.zeros(rows.shape[1]), cursor))
-    # Each segment begins with a step of its own, and lanes sum in another order: apart by the solver's tolerance.
+    # Each segment begins with a step of its own: apart by the solver's tolerance.
     assert np.max(np.abs(states[-1] - end) / period.sizes) < 2e-3
     T_d = np.concatenate([ends.T_d for ends in known])
     assert T_d.shape == (len(rows),)
@@ -70,7 +70,7 @@ def test_all_segments_at_once_are_those_one_by_one(period):
     assert np.array_equal(together.x, states[1:])
     assert np.array_equal(together.T_d, np.concatenate([ends.T_d for ends in known]))
     assert np.array_equal(together.stuck, np.concatenate([ends.stuck for ends in known]))
-    more = np.tile(np.arange(states.shape[0] - 1), 3)  # more than there are lanes
+    more = np.tile(np.arange(states.shape[0] - 1), 3)
     many = segments.advance(states[more], segments.bounds[more], segments.bounds[more + 1])
     assert np.array_equal(many.x, states[more + 1])
     assert many.T_d.size == 0

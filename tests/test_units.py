@@ -1,5 +1,6 @@
 import importlib
 import math
+import pickle
 from typing import Annotated
 
 import numpy as np
@@ -9,7 +10,15 @@ from hypothesis import strategies as st
 from support.scenarios import in_si
 
 from microvib import units
-from microvib.errors import ScenarioError
+from microvib.errors import (
+    ChannelError,
+    MicrovibError,
+    ObjectError,
+    OptionError,
+    ScenarioError,
+    SynchronismLost,
+    error_context,
+)
 from microvib.model.part import Part
 from microvib.units import Quantity, Si, convert
 
@@ -42,6 +51,26 @@ class Sample(Part):
 )
 def test_units_are_converted(text, unit, value):
     assert convert(text, unit) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MicrovibError("a: is wrong", remedy="overwrite"),
+        OptionError("limit", "must be positive", "-1 N*m", remedy="band"),
+        SynchronismLost("lost", 1.5),
+        ChannelError("channel 'x' is not in this motion"),
+        ObjectError("1 is of type int; expected is a scenario"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_come_back_from_other_processes_as_they_were(error):
+    with pytest.raises(type(error)) as raised, error_context("b"):
+        raise error
+    back = pickle.loads(pickle.dumps(raised.value))
+    assert type(back) is type(error)
+    assert str(back) == f"b: {raised.value.args[0].removeprefix('b: ')}"
+    assert vars(back) == vars(error)
 
 
 @pytest.mark.parametrize(

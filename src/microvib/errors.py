@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 import os
 import reprlib
@@ -19,6 +20,10 @@ class MicrovibError(Exception):
     def __init__(self, text: str = "", *, remedy: str = "") -> None:
         super().__init__(text)
         self.remedy = remedy
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled as text and attributes, whatever a constructor takes: errors come back from other processes."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class OptionError(MicrovibError):

@@ -93,8 +93,8 @@ def plain_unit(written: str) -> str:
     return written.strip()
 
 
-def convert(text: str, unit: str) -> float:
-    """Value of a quantity such as ``"0.2 kg*cm^2"`` in ``unit``; raises ValueError with a sentence.
+def convert(text: str, unit: str, example: str = "") -> float:
+    """Value of a quantity such as ``"0.2 kg*cm^2"`` in ``unit``; ValueError with a sentence that proposes ``unit``, or ``example``.
 
     Units may be written as the project prints them (``0.2 kg cm²``), or run together as on data sheets (``0.2 kgcm2``).
     """
@@ -105,10 +105,11 @@ def convert(text: str, unit: str) -> float:
     plain = written if written in _COMMON.get(unit, ()) else plain_unit(written)
     if match is None or (written and not _UNIT.fullmatch(plain)):
         comma = "; write a decimal point, not a comma" if "," in text else ""
-        example = f"'1 {unit}'" if unit else "'1'"
-        raise ValueError(f"is not a quantity; write one number and a unit, such as {example}{comma}")
+        raise ValueError(
+            f"is not a quantity; write one number and a unit, such as '{f'1 {example or unit}'.strip()}'{comma}"
+        )
     if not written and unit:
-        raise ValueError(f"needs a unit, such as '{text.strip()} {unit}'")
+        raise ValueError(f"needs a unit, such as '{text.strip()} {example or unit}'")
     number = float(match[1])
     value = number * (_factor(plain, written, unit) if written else 1.0)
     if not math.isfinite(value):
@@ -193,7 +194,7 @@ def quantity(key: str, given: Given, unit: str, *, positive: bool = False, examp
 
 def _number_or_text(given: Any, unit: str, example: str) -> float:
     if isinstance(given, str):
-        return convert(given, unit)
+        return convert(given, unit, example)
     if isinstance(given, bool) or not isinstance(given, Real):
         raise ValueError(f"is not a quantity; write a number and a unit, such as '1 {example or unit}'")
     if unit:
@@ -258,7 +259,7 @@ class Quantity:
     def _number(self, value: Any, in_si: bool) -> float:
         if isinstance(value, str):
             try:
-                return convert(value, self.unit)
+                return convert(value, self.unit, self.display)
             except ValueError as error:
                 raise self._error(value, str(error)) from error
         if isinstance(value, bool) or not isinstance(value, Real):

@@ -70,6 +70,16 @@ def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypa
     assert merge(campaign).done == 40
 
 
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="there are no masks of signals")
+def test_workers_leave_ctrl_c_to_the_coordinator_from_their_first_moment_on():
+    """Twice: held back while they start, ignored then, which is all that there is on Windows."""
+    with local(1) as backend:
+        executor = backend.executor()
+        assert signal.SIGINT in executor.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+        assert executor.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory) -> list[bytes]:
     """Chunks of a run that nothing happened to."""

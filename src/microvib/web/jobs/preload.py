@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import signal
 
-signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches workers too, which the server ends itself
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 

@@ -6,6 +6,7 @@ import logging
 import math
 import multiprocessing
 import secrets
+import signal
 import sys
 import threading
 import time
@@ -116,6 +117,8 @@ class Workers:
             thread.join(max(until - time.monotonic(), 0.0))
 
     def _serve(self) -> None:
+        if hasattr(signal, "pthread_sigmask"):  # what is started here never hears Ctrl-C, not even before it could say so
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         worker: _Worker | None = None
         while not self._closed:
             worker = worker or self._worker()
