@@ -6,6 +6,7 @@ import pytest
 from microvib.model.expected import ExpectedLine
 from microvib.signals import tone_kernel as hann
 from microvib.signals.spectrum import window_values
+from microvib.signals.tone_algebra import half_turns
 from microvib.signals.tones import HannSpectrum, steady
 
 
@@ -24,12 +25,12 @@ def transformed(x):
 def test_tone_is_the_transform_of_its_samples(cycles, decay, n):
     amplitude = 1.2 - 0.3j
     expected = transformed(samples_of(cycles, decay, amplitude, n))
-    found = hann.tone(cycles, decay, amplitude, np.arange(expected.size), hann.half_turns(n))
+    found = hann.tone(cycles, decay, amplitude, np.arange(expected.size), half_turns(n))
     assert found == pytest.approx(expected, abs=2e-14 * max(cycles, 10.0) * np.exp(max(-decay, 0.0)))
 
 
 def test_tone_at_bins_that_lie_apart_is_that_of_all_bins():
-    table = hann.half_turns(4096)
+    table = half_turns(4096)
     bins = np.array([0, 3, 4, 5, 90, 92, 93, 2048])
     every = hann.tone(92.3, 0.2, 1.0 + 2.0j, np.arange(2049), table)
     assert np.array_equal(hann.tone(92.3, 0.2, 1.0 + 2.0j, bins, table), every[bins])
@@ -47,7 +48,7 @@ def test_amplitudes_of_tones_that_decay_or_not():
     cycles, decay = np.array([20.3, 24.1, 300.0]), np.array([0.0, 2.5, 0.0])
     truth = np.array([1.0 + 0.5j, -0.02j, 1e-5])
     x = sum(samples_of(f, d, a, 2048) for f, d, a in zip(cycles, decay, truth, strict=True))
-    assert hann.amplitudes(cycles, decay, transformed(x), hann.half_turns(2048)) == pytest.approx(truth, rel=1e-9)
+    assert hann.amplitudes(cycles, decay, transformed(x), half_turns(2048)) == pytest.approx(truth, rel=1e-9)
 
 
 def test_least_squares_are_those_of_an_orthogonal_method():
@@ -112,7 +113,7 @@ def test_a_fit_finds_tones_near_each_other_and_a_shift_of_others_together():
     start = np.array([20.0, 23.2, 100.0, 200.0])
     low, high = np.array([18.0, 21.0, -8.0, -8.0, -np.inf]), np.array([22.0, 25.0, 60.0, 60.0, np.inf])
     there, fold, at = hann.fit(
-        start, 0.3 * (start < 50.0), two, two, two + 2, low, high, k, transformed(x), hann.half_turns(n)
+        start, 0.3 * (start < 50.0), two, two, two + 2, low, high, k, transformed(x), half_turns(n)
     )
     assert there == pytest.approx(truth, rel=1e-7)
     assert fold == pytest.approx([0.4, 1.5, *none], abs=1e-6)
@@ -120,7 +121,7 @@ def test_a_fit_finds_tones_near_each_other_and_a_shift_of_others_together():
 
 
 def test_slopes_of_a_fit_give_the_derivative_of_what_is_left():
-    table, k = hann.half_turns(4096), np.arange(80, 140)
+    table, k = half_turns(4096), np.arange(80, 140)
     random = np.random.default_rng(4)
     values = sum(hann.tone(c, d, a, np.arange(2049), table) for c, d, a in [(100.2, 0.4, 1.0), (104.0, 0.0, 2j)])
     values = values + 0.05 * random.normal(size=2049)

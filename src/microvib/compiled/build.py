@@ -1,8 +1,8 @@
 """From functions that numba compiles to LLVM's code that stands alone: for developers, and where kept code does not fit.
 
 numba's own functions take its flat arguments and its arrays; each entry gets a function about it that takes words (``layout``).
-Arrays that compiled functions make are counted by numba's runtime, which is not there when they run; what they
-need of it, to get memory and to give it back, is added here.
+The users of arrays that compiled functions make are counted by numba's runtime, which is not there when they run; what they
+need of it, to get memory, to count and to give it back, is added here.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ _BYTES, _WORD, _INT = ir.IntType(8).as_pointer(), ir.IntType(64), ir.IntType(32)
 _OWNER = ir.LiteralStructType(
     [_WORD, _BYTES, _BYTES, _BYTES, _WORD, _BYTES]
 )  # as numba's MemInfo: count, ..., data, size
+_PROCESSORS = ("aarch64", "arm", "ppc", "riscv", "x86")
+"""Families of processors that LLVM has instructions of their own for; elsewhere these would end the process."""
 
 
 @global_compiler_lock
@@ -154,11 +156,24 @@ def _add_memory(module: Any) -> None:
     for place, value in ((0, ir.Constant(_WORD, 1)), (3, data), (4, size)):
         builder.store(value, cgutils.gep_inbounds(builder, fields, 0, place))
     builder.ret(owner)
-    function = ir.Function(module, ir.FunctionType(ir.VoidType(), [_BYTES]), "NRT_MemInfo_call_dtor")
-    builder = ir.IRBuilder(function.append_basic_block())
-    builder.call(free, function.args)
-    builder.ret_void()
+    _add_count(module, "NRT_incref", 1, None)
+    _add_count(module, "NRT_decref", -1, free)
     _add_delivery(module, free)
+
+
+def _add_count(module: Any, name: str, change: int, free: Any) -> None:
+    """One user more or less of an array, if there is one. No other thread sees it, so that counting takes no atomic instruction,
+    of which LLVM makes one of this very processor."""
+    function = ir.Function(module, ir.FunctionType(ir.VoidType(), [_BYTES]), name)
+    builder, owner = ir.IRBuilder(function.append_basic_block()), function.args[0]
+    with builder.if_then(builder.icmp_unsigned("!=", owner, ir.Constant(_BYTES, None))):
+        count = builder.bitcast(owner, _WORD.as_pointer())
+        left = builder.add(builder.load(count), ir.Constant(_WORD, change))
+        builder.store(left, count)
+        if free is not None:
+            with builder.if_then(builder.icmp_unsigned("==", left, ir.Constant(_WORD, 0))):
+                builder.call(free, [owner])
+    builder.ret_void()
 
 
 def _add_delivery(module: Any, free: Any) -> None:
@@ -187,7 +202,8 @@ def _alone(text: str, entries: set[str]) -> bytes:
     passes.add_strip_dead_prototype_pass()
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
     needed = {function.name for function in module.functions if function.is_declaration}
-    foreign = {name for name in needed if not name.startswith("llvm.")} - set(LIBRARY)
+    ours = {name for name in needed if name.startswith("llvm.") and name.split(".")[1] not in _PROCESSORS}
+    foreign = needed - ours - set(LIBRARY)
     if foreign:
         raise RuntimeError(f"compiled code would need {', '.join(sorted(foreign))}")
     module.triple, module.data_layout = "", ""

@@ -28,8 +28,6 @@ LIBRARY = (
     "malloc", "free", "memcpy", "memmove", "memset",
 )  # fmt: skip
 """Functions of C that compiled code may call."""
-SPECIAL = {"x86": ("x86_64", "i686"), "aarch64": ("aarch64", "arm64"), "ppc": ("powerpc", "ppc"), "riscv": ("riscv",)}
-"""Families of processors that LLVM has instructions of their own for, and how their triples begin."""
 
 _linker: Any = None
 _loaded: list[Any] = []  # the code lives as long as these
@@ -64,11 +62,6 @@ def _machine_code(code: bytes, triple: str, cpu: str, features: str) -> bytes:
         cpu=cpu, features=features, opt=3, reloc="default", codemodel="jitdefault", jit=True
     )
     module = llvm.parse_bitcode(code)
-    special = {name.split(".")[1] for name in (f.name for f in module.functions) if name.startswith("llvm.")} & set(
-        SPECIAL
-    )
-    if any(not triple.startswith(SPECIAL[family]) for family in special):  # LLVM would end the process
-        raise RuntimeError(f"the code has instructions of {', '.join(special)}")
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
     return bytes(machine.emit_object(module))

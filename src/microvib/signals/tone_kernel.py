@@ -19,14 +19,13 @@ Bins ``k`` (n,) ascend. A spectrum ``values`` is one-sided and scaled so that a 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from microvib.compiled import Complexes, Counts, Matrix, Unit, Vector
+from microvib.signals.tone_algebra import COMPILE, dot, factored, half, solved, subtract
 
-code = Unit(__name__)
+code = Unit(__name__, "tone_algebra.py")
 REACH = 6
 """Bins on each side of a line that its fit uses."""
 FAR = 400
@@ -35,68 +34,14 @@ _FLOOR_BINS = (4, 20)
 """Distances from a line [bins], nearest and farthest, over which its noise floor is taken."""
 _NUDGE = 1e-4
 """Step of difference quotients, in cycles or e-foldings over the record."""
-_DEPENDENT = 1e-12
-"""Squared norm of what is left of a (unit) column after projection on those before it; below, it counts as dependent."""
-COMPILE: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-
-
-@lru_cache(maxsize=2)
-def half_turns(samples: int) -> np.ndarray:
-    """Sine and cosine of pi j/N, j = 0 ... N - 1, (2, N): kept, for many records of one length come in a row."""
-    j = np.arange(samples)
-    angle = np.minimum(j, samples - j) * (np.pi / samples)  # small also at the end, so that its sine is exact there
-    table = np.array([np.sin(angle), np.where(2 * j > samples, -np.cos(angle), np.cos(angle))])
-    table.flags.writeable = False
-    return table
-
-
-@code.inner(**COMPILE)
-def _half(cycles, decay, k, table, out):
-    """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N), scaled as half a tone, into ``out`` (n,).
-
-    Without a window, bin k of exp(z' n) is a geometric series, expm1(N z)/expm1(z) with z = z' - 2 pi i k/N. The Hann window
-    1/2 - 1/4 exp(2 pi i n/N) - 1/4 exp(-2 pi i n/N) combines three of these, one bin apart. N z differs by whole turns
-    between them, so that the numerator is common to all bins; the real part of z is common too, and what remains for each bin
-    is the sine and cosine of one angle, from a table. expm1 keeps the digits where a tone is nearly on a bin.
-    """
-    samples = table.shape[1]
-    whole = round(cycles)
-    over = cycles - whole
-    whole %= samples  # a series has the period N
-    turn, angle = 2.0 * math.pi * over, over * (math.pi / samples)
-    # expm1(N z)
-    real = math.expm1(-decay) * math.cos(turn) - 2.0 * math.sin(0.5 * turn) ** 2
-    imag = math.exp(-decay) * math.sin(turn)
-    growth, less = 2.0 * math.exp(-decay / samples), math.expm1(-decay / samples)
-    s_over, c_over = math.sin(angle), math.cos(angle)
-    on_bin = less == 0.0 and abs(over) < 1e-15 * samples
-    series = np.empty(k.size + 2, np.complex128)
-    first = 0
-    while first < k.size:
-        after = first + 1
-        while after < k.size and k[after] == k[after - 1] + 1:
-            after += 1
-        for i in range(after - first + 2):
-            j = whole - k[first] + 1 - i
-            j += samples if j < 0 else (-samples if j >= samples else 0)
-            s = table[0, j] * c_over + table[1, j] * s_over
-            c = table[1, j] * c_over - table[0, j] * s_over
-            a, b = less - growth * s * s, growth * s * c
-            inverse = 1.0 / (a * a + b * b)
-            series[i] = complex((real * a + imag * b) * inverse, (imag * a - real * b) * inverse)
-            if on_bin and j == 0:
-                series[i] = samples
-        for i in range(after - first):
-            out[first + i] = (0.5 * series[i + 1] - 0.25 * (series[i] + series[i + 2])) * (2.0 / samples)
-        first = after
 
 
 @code.entry(**COMPILE)
 def tone(cycles: float, decay: float, amplitude: complex, k: Counts, table: Matrix) -> Complexes:
     """Spectrum at the bins ``k`` of Re(amplitude exp((2 pi i cycles - decay) n/N)), (n,) complex."""
     plus, minus = np.empty(k.size, np.complex128), np.empty(k.size, np.complex128)
-    _half(cycles, decay, k, table, plus)
-    _half(-cycles, decay, k, table, minus)
+    half(cycles, decay, k, table, plus)
+    half(-cycles, decay, k, table, minus)
     for i in range(k.size):
         plus[i] = amplitude * plus[i] + amplitude.conjugate() * minus[i]
     return plus
@@ -129,13 +74,13 @@ def equations(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table
     columns = np.empty((2 * m + 1, 2 * n))
     plus, minus = np.empty(n, np.complex128), np.empty(n, np.complex128)
     for i in range(m):
-        _half(cycles[i], decay[i], k, table, plus)
-        _half(-cycles[i], decay[i], k, table, minus)
+        half(cycles[i], decay[i], k, table, plus)
+        half(-cycles[i], decay[i], k, table, minus)
         for j in range(n):
             p, q = plus[j], minus[j]
             columns[2 * i, j], columns[2 * i, n + j] = p.real + q.real, p.imag + q.imag
             columns[2 * i + 1, j], columns[2 * i + 1, n + j] = q.imag - p.imag, p.real - q.real
-    _half(0.0, 0.0, k, table, plus)
+    half(0.0, 0.0, k, table, plus)
     right = np.empty(2 * n)
     for j in range(n):
         columns[2 * m, j], columns[2 * m, n + j] = plus[j].real, plus[j].imag
@@ -143,72 +88,18 @@ def equations(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table
     return columns, right
 
 
-@code.inner(fastmath={"reassoc", "contract", "nsz"}, **COMPILE)
-def _dot(a, b):
-    total = 0.0
-    for i in range(a.size):
-        total += a[i] * b[i]
-    return total
-
-
-@code.inner(**COMPILE)
-def _factored(columns):
-    """Scales that make the columns unit vectors, and the Cholesky factor of the scaled normal equations, its diagonal inverted.
-
-    Normal equations suffice: tones that can be told apart are well conditioned. A column that is zero or depends on those
-    before it has a zero on the diagonal.
-    """
-    m = columns.shape[0]
-    scale, factor = np.empty(m), np.empty((m, m))
-    for i in range(m):
-        norm = math.sqrt(_dot(columns[i], columns[i]))
-        scale[i] = 1.0 / norm if norm > 0.0 else 1.0
-    for i in range(m):
-        for j in range(i + 1):
-            rest = _dot(columns[i], columns[j]) * scale[i] * scale[j] - _dot(factor[i, :j], factor[j, :j])
-            if j < i:
-                factor[i, j] = rest * factor[j, j]
-            else:
-                factor[i, i] = 1.0 / math.sqrt(rest) if rest > _DEPENDENT else 0.0
-    return scale, factor
-
-
-@code.inner(**COMPILE)
-def _solved(columns, scale, factor, right):
-    """Least-squares solution from ``_factored``: forward and back substitution; zero for a dependent column."""
-    m = columns.shape[0]
-    solution = np.empty(m)
-    for i in range(m):
-        solution[i] = (_dot(columns[i], right) * scale[i] - _dot(factor[i, :i], solution[:i])) * factor[i, i]
-    for i in range(m - 1, -1, -1):
-        solution[i] *= factor[i, i]
-        for j in range(i):
-            solution[j] -= factor[i, j] * solution[i]
-    for i in range(m):
-        solution[i] *= scale[i]
-    return solution
-
-
 @code.entry(**COMPILE)
 def least_squares(columns: Matrix, right: Vector) -> Vector:
     """Least squares by scaled normal equations; a column that is zero or depends on those before it gets zero."""
-    scale, factor = _factored(columns)
-    return _solved(columns, scale, factor, right)
-
-
-@code.inner(**COMPILE)
-def _subtract(columns, solution, right):
-    """Subtract columns times the solution from the right-hand side, in place."""
-    for i in range(solution.size):
-        for j in range(right.size):
-            right[j] -= solution[i] * columns[i, j]
+    scale, factor = factored(columns)
+    return solved(columns, scale, factor, right)
 
 
 @code.entry(**COMPILE)
 def residual(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table: Matrix) -> Vector:
     """Residual at the bins ``k`` with the best amplitudes, (2 n,): real parts, then imaginary ones."""
     columns, rest = equations(cycles, decay, k, values, table)
-    _subtract(columns, least_squares(columns, rest), rest)
+    subtract(columns, least_squares(columns, rest), rest)
     return rest
 
 
@@ -233,8 +124,8 @@ def _slopes(
     are exact.
     """
     columns, right = equations(cycles, decay, k, values, table)
-    scale, factor = _factored(columns)
-    solution = _solved(columns, scale, factor, right)
+    scale, factor = factored(columns)
+    solution = solved(columns, scale, factor, right)
     highest = 1.0
     for i in clock:
         highest = max(highest, cycles[i])
@@ -247,7 +138,7 @@ def _slopes(
         else:
             for i in clock:
                 _add_change(cycles, decay, solution, i, _NUDGE, 0.0, cycles[i] / highest, k, table, change)
-        _subtract(columns, _solved(columns, scale, factor, change), change)
+        subtract(columns, solved(columns, scale, factor, change), change)
         for i in range(change.size):
             slopes[j, i] = -change[i]
 
@@ -391,47 +282,56 @@ def fit(
     rises by 8 after one that does not. No frequency moves by more than half a bin in one step, no decay by more than 30 %
     or half an e-folding, whichever is more: beyond that the linearisation is of no use.
     """
-    parameters = np.empty(low.size)
+    parameters = _parameters(cycles, decay, free, falls, low, high)
+    there, falling = _with_parameters(parameters, cycles, decay, free, falls, clock)
+    r = residual(there, falling, k, values, table)
+    slopes, right = np.zeros((parameters.size, r.size + parameters.size)), np.zeros(r.size + parameters.size)
+    damping, fresh = 1e-3, False
+    for _ in range(60):
+        if not fresh:
+            _slopes(there, falling, free, falls, clock, k, values, table, slopes)
+            for j in range(r.size):
+                right[j] = -r[j]
+            fresh = True
+        new, largest = _stepped(parameters, slopes, right, damping, free.size, free.size + falls.size, low, high)
+        there, falling = _with_parameters(new, cycles, decay, free, falls, clock)
+        r_new = residual(there, falling, k, values, table)
+        if dot(r_new, r_new) > dot(r, r):
+            damping *= 8.0
+        else:
+            parameters, r, damping, fresh = new, r_new, max(0.2 * damping, 1e-12), False
+        if largest < 1e-9 or damping > 1e8:
+            break
+    there, falling = _with_parameters(parameters, cycles, decay, free, falls, clock)
+    return there, falling, parameters
+
+
+@code.inner(**COMPILE)
+def _parameters(cycles, decay, free, falls, low, high):
+    """The parameters of ``fit`` at which it begins: tones as they are given, the clock's factor without a shift."""
+    parameters = np.zeros(low.size)
     for i in range(free.size):
         parameters[i] = cycles[free[i]]
     for i in range(falls.size):
         parameters[free.size + i] = decay[falls[i]]
-    if clock.size > 0:
-        parameters[-1] = 0.0
     for i in range(parameters.size):
         parameters[i] = _clipped(parameters[i], low[i], high[i])
-    new_cycles, new_decay = _with_parameters(parameters, cycles, decay, free, falls, clock)
-    r = residual(new_cycles, new_decay, k, values, table)
-    n, damping = r.size, 1e-3
-    slopes, right = np.zeros((parameters.size, n + parameters.size)), np.zeros(n + parameters.size)
-    fresh = False
-    for _ in range(60):
-        if not fresh:
-            for j in range(n):
-                right[j] = -r[j]
-            _slopes(new_cycles, new_decay, free, falls, clock, k, values, table, slopes)
-            fresh = True
-        for j in range(parameters.size):  # the damping, as further equations
-            slopes[j, n + j] = math.sqrt(damping * _dot(slopes[j, :n], slopes[j, :n]))
-        step = least_squares(slopes, right)
-        new, largest = np.empty(parameters.size), 0.0
-        for j in range(parameters.size):
-            decays = free.size <= j < free.size + falls.size
-            reach = max(0.5, 0.3 * abs(parameters[j])) if decays else 0.5
-            new[j] = _clipped(parameters[j] + _clipped(step[j], -reach, reach), low[j], high[j])
-            largest = max(largest, abs(new[j] - parameters[j]))
-        new_cycles, new_decay = _with_parameters(new, cycles, decay, free, falls, clock)
-        r_new = residual(new_cycles, new_decay, k, values, table)
-        if _dot(r_new, r_new) > _dot(r, r):
-            damping *= 8.0
-            if damping > 1e8 or largest < 1e-9:
-                break
-            continue
-        parameters, r, damping, fresh = new, r_new, max(0.2 * damping, 1e-12), False
-        if largest < 1e-9:
-            break
-    new_cycles, new_decay = _with_parameters(parameters, cycles, decay, free, falls, clock)
-    return new_cycles, new_decay, parameters
+    return parameters
+
+
+@code.inner(**COMPILE)
+def _stepped(parameters, slopes, right, damping, decays, after, low, high):
+    """Parameters after one damped step, of which those from ``decays`` to ``after`` are decays, and the largest change."""
+    first = right.size - parameters.size
+    for j in range(parameters.size):  # the damping, as further equations
+        slopes[j, first + j] = math.sqrt(damping * dot(slopes[j, :first], slopes[j, :first]))
+    step = least_squares(slopes, right)
+    new, largest = np.empty(parameters.size), 0.0
+    for j in range(parameters.size):
+        reach = max(0.5, 0.3 * abs(parameters[j])) if decays <= j < after else 0.5
+        new[j] = _clipped(parameters[j] + _clipped(step[j], -reach, reach), low[j], high[j])
+        largest = max(largest, abs(new[j] - parameters[j]))
+    return new, largest
 
 
 @code.inner(**COMPILE)

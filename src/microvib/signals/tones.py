@@ -18,6 +18,7 @@ from microvib.model.expected import ExpectedLine
 from microvib.signals import tone_kernel as hann
 from microvib.signals.line_table import Uncertainty
 from microvib.signals.spectrum import SpectrumError
+from microvib.signals.tone_algebra import half_turns
 from microvib.signals.tone_kernel import REACH
 
 FEWEST = 8  # fewest samples of a record
@@ -114,8 +115,8 @@ class HannSpectrum:
 
     @property
     def table(self) -> np.ndarray:
-        """Sines and cosines for the closed forms (``tone_kernel.half_turns``)."""
-        return hann.half_turns(self.samples)
+        """Sines and cosines for the closed forms (``tone_algebra.half_turns``)."""
+        return half_turns(self.samples)
 
     @cached_property
     def magnitude(self) -> np.ndarray:
