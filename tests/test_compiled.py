@@ -148,7 +148,7 @@ print("numba" in sys.modules, "llvmlite" in sys.modules)
 def test_code_that_is_kept_is_used_and_edits_are_not_missed(small, cache):
     for kind, part in zip(results(small()), expected(), strict=True):
         assert np.array_equal(kind, part)
-    assert [path.suffix for path in sorted(cache.iterdir())] == [".llvm", ".o"]
+    assert sorted(path.suffix for path in cache.iterdir()) == [".llvm", ".o"]
     assert keep_beside(small()).startswith("made")
     for path in cache.iterdir():
         path.unlink()
