@@ -117,7 +117,7 @@ class Workers:
             thread.join(max(until - time.monotonic(), 0.0))
 
     def _serve(self) -> None:
-        if hasattr(signal, "pthread_sigmask"):  # what is started here never hears Ctrl-C, not even before it could say so
+        if hasattr(signal, "pthread_sigmask"):  # what is started here hears no Ctrl-C, not even before it could say so
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         worker: _Worker | None = None
         while not self._closed:
