@@ -64,10 +64,10 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
 def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, folder: Path = Path()) -> Scenario:
     """A scenario from the data of a scenario file called ``name``, as ``load_scenario`` makes it; ``data`` is changed.
 
-    Files that ``array`` names are found relative to ``folder``.
+    Files that ``array`` and ``driver.table`` name are found relative to ``folder``.
     """
     if isinstance(data, dict):
-        data = with_array(data, folder, name)
+        data = with_files(data, folder, name)
     if not changes or not isinstance(data, dict):
         return validated(Scenario, data, origin=name)
     before = validated(Scenario, data, origin=name) if "sources" in data else None
@@ -76,7 +76,7 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
         data["array"] = {}  # another array, not a changed one
     for key, value in changes.items():
         set_key(data, key, plain(value))  # a copy, for later keys may change what is inside
-    data = with_array(data, Path(), name)
+    data = with_files(data, Path(), name)
     if other and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
     after = validated(Scenario, {**data, "sources": data.get("sources") if "sources" in changes else {}}, origin=name)
@@ -104,6 +104,30 @@ def load_bench(source: str | Path) -> Bench:
 
 ARRAY_ORIGINS = ("from", "fem")
 """Keys of ``array`` that name where its modes come from, instead of the modes themselves: a table, a description."""
+
+
+def with_files(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
+    """Scenario data with what files hold in place of their names: ``with_array``, and the currents of ``driver.table``."""
+    data = with_array(data, folder, origin)
+    name = table_file(data)
+    if name is None:
+        return data
+    from microvib.io.current_table import read_current_table
+
+    with error_context(origin):
+        if "\0" in name:
+            raise ScenarioError(f"driver.table: {shown(name)} is not allowed; the name of a file is expected")
+        table = read_current_table(folder / name)
+    given = data.get("sources")
+    sources = {"driver.table": name, **given} if isinstance(given, dict) else given or {"driver.table": name}
+    return {**data, "driver": {**data["driver"], "table": table}, "sources": sources}
+
+
+def table_file(data: Any) -> str | None:
+    """Name of the file that scenario data name as ``driver.table``, if they do."""
+    driver = data.get("driver") if isinstance(data, dict) else None
+    table = driver.get("table") if isinstance(driver, dict) else None
+    return table if isinstance(table, str) else None
 
 
 def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:

@@ -1,8 +1,10 @@
-"""Microstep command and current loop (Eq. 1, 2, 25, 26)."""
+"""Microstep command and current loop (Eq. 1, 2, 25, 26), and how a driver's reference currents differ from their ideal."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -11,6 +13,60 @@ from pydantic import Field
 from microvib.model.motor import Motor
 from microvib.model.part import Part
 from microvib.units import Quantity
+
+MAX_TABLE = 16_384  # rows of a table of currents, at most
+
+
+class Imperfections(Part):
+    """Errors of the reference currents; zeros make an ideal driver.
+
+    With I the amplitude and theta_e the electrical angle: i_A* = I (cos theta_e + offset_a) and
+    i_B* = I ((1 + gain_b) sin(theta_e + quadrature) + offset_b), zero where smaller than dead_band I, then rounded to whole
+    multiples of I/(2^(dac_bits - 1) - 1).
+    """
+
+    gain_b: Annotated[float, Quantity("", "gain of phase B over that of A, less 1", ge=-0.5, le=0.5)] = 0.0
+    offset_a: Annotated[float, Quantity("", "offset of phase A over the current I", ge=-0.5, le=0.5)] = 0.0
+    offset_b: Annotated[float, Quantity("", "offset of phase B over the current I", ge=-0.5, le=0.5)] = 0.0
+    quadrature: Annotated[
+        float,
+        Quantity("rad", "electrical angle by which phase B leads its quarter turn", ge=-0.5, le=0.5, display="deg"),
+    ] = 0.0
+    dead_band: Annotated[
+        float, Quantity("", "references smaller than this part of the current I are zero", ge=0, le=0.5)
+    ] = 0.0
+    dac_bits: (
+        Annotated[int, Field(ge=2, le=24, strict=True, description="bits that references are rounded to, over -I..I")]
+        | None
+    ) = Field(default=None, description="bits that references are rounded to, over -I..I; null does not round")
+
+
+class Harmonic(Part):
+    """One harmonic of an angle correction: amplitude x sin(order theta_e + phase)."""
+
+    order: Annotated[int, Field(ge=1, le=10_000, strict=True, description="cycles per electrical turn")]
+    amplitude: Annotated[float, Quantity("rad", "amplitude, electrical angle", ge=-1.0, le=1.0, display="deg")]
+    phase: Annotated[float, Quantity("rad", "phase at theta_e = 0", display="deg")] = 0.0
+
+
+class CurrentTable(Part):
+    """What the driver commands in place of cos theta_e and sin theta_e: currents row by row, or a corrected angle."""
+
+    harmonics: tuple[Harmonic, ...] = Field(
+        default=(), max_length=1000, description="angle that is added to theta_e, harmonic by harmonic"
+    )
+    currents: tuple[tuple[float, float], ...] = Field(
+        default=(),
+        max_length=MAX_TABLE,
+        description="currents of phases A and B over I after each microstep of an electrical turn, from theta_e = 0",
+    )
+
+    def _misfits(self) -> Iterator[str]:
+        if bool(self.harmonics) == bool(self.currents):
+            yield "give either harmonics, of the angle correction, or currents, a pair for each microstep"
+        for k, pair in enumerate(self.currents):
+            if not max(abs(pair[0]), abs(pair[1])) <= 2.0:
+                yield f"currents.{k}: {pair[0]:g}, {pair[1]:g} is not allowed; currents over I from -2 to 2 are expected"
 
 
 class Driver(Part):
@@ -29,6 +85,27 @@ class Driver(Part):
         Annotated[float, Quantity("V", "limit of the phase voltage; null is none", "U", gt=0, usual=(1.0, 400.0))]
         | None
     ) = None
+    microstep_ramp: Annotated[
+        float,
+        Quantity(
+            "", "part of a microstep's time in which references ramp to their new values; 0 is a step", ge=0, le=1
+        ),
+    ] = 0.0
+    delay: Annotated[
+        float, Quantity("s", "time from the command of a microstep to its references", ge=0, le=1, display="ms")
+    ] = 0.0
+    imperfections: Imperfections = Imperfections()
+    table: CurrentTable | None = Field(
+        default=None, description="table of currents in place of cosine and sine, or the name of a file that has it"
+    )
+
+    def _misfits(self) -> Iterator[str]:
+        rows, turn = len(self.table.currents) if self.table else 0, self.beats * self.microsteps
+        if rows not in (0, turn):
+            yield (
+                f"table.currents: has {rows} rows; one for each microstep of an electrical turn is expected,"
+                f" beats x microsteps = {turn}"
+            )
 
     def full_step(self, motor: Motor) -> float:
         """Full step of the rotor Delta theta [rad] (Eq. 25)."""
@@ -48,9 +125,66 @@ class Driver(Part):
 
     def reference_currents(self, motor: Motor, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reference currents i_A*, i_B* [A] after ``count`` microsteps (Eq. 1, corrected)."""
-        angle = self.electrical_angle(count)
-        return motor.current * np.cos(angle), motor.current * np.sin(angle)
+        return self.references(motor, self.electrical_angle(count))
+
+    def references(self, motor: Motor, electrical_angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same at electrical angles [rad], of any shape; with errors or a table only those of microsteps are known."""
+        if not self.distorted:
+            return motor.current * np.cos(electrical_angle), motor.current * np.sin(electrical_angle)
+        turn = electrical_turn(self, motor.current)
+        count = np.rint(np.asarray(electrical_angle) * (len(turn) / (2.0 * math.pi))).astype(np.int64) % len(turn)
+        return turn[count, 0], turn[count, 1]
+
+    @property
+    def distorted(self) -> bool:
+        """Whether references after a microstep are not I cos theta_e and I sin theta_e."""
+        return self.table is not None or self.imperfections != Imperfections()
+
+    @property
+    def ideal(self) -> bool:
+        """Whether references are always I cos theta_e and I sin theta_e, of whole microsteps."""
+        return self.microstep_ramp == 0.0 and not self.distorted
+
+    @property
+    def repeats_after(self) -> int:
+        """Microsteps after which references are as before, but turned, and the detent torque too.
+
+        For an ideal driver a quarter of an electrical turn, or its least multiple that is a whole number of microsteps.
+        """
+        electrical = self.beats * self.microsteps
+        quarter = electrical // math.gcd(electrical, 4)
+        if self.distorted:
+            turn = electrical_turn(self, 1.0)
+            vector = turn[:, 0] + 1j * turn[:, 1]
+            turned = vector * np.exp(2j * math.pi * quarter / electrical)
+            if np.max(np.abs(np.roll(vector, -quarter) - turned)) > 1e-12:
+                return electrical
+        return quarter
 
     def time_constant(self, motor: Motor) -> float:
         """Fast time constant of the closed current loop [s]."""
         return (motor.winding_inductance + self.derivative_gain) / (self.proportional_gain + motor.winding_resistance)
+
+
+@lru_cache(maxsize=32)
+def electrical_turn(driver: Driver, current: float) -> np.ndarray:
+    """References i_A*, i_B* [A] after each microstep of an electrical turn, from theta_e = 0 on, (b n, 2); not to be changed."""
+    errors, table = driver.imperfections, driver.table
+    count = np.arange(driver.beats * driver.microsteps)
+    theta_e = driver.electrical_angle(count)
+    if table is not None and table.currents:
+        along, across = np.array(table.currents).T
+    else:
+        corrections = (h.amplitude * np.sin(h.order * theta_e + h.phase) for h in (table.harmonics if table else ()))
+        theta_e = theta_e + sum(corrections)
+        along, across = np.cos(theta_e), np.sin(theta_e)
+    lead = errors.quadrature
+    turned = across * math.cos(lead) + along * math.sin(lead)
+    turn = np.column_stack([along + errors.offset_a, (1.0 + errors.gain_b) * turned + errors.offset_b])
+    turn[np.abs(turn) < errors.dead_band] = 0.0
+    if errors.dac_bits is not None:
+        levels = 2 ** (errors.dac_bits - 1) - 1
+        turn = np.rint(turn * levels) / levels
+    turn *= current
+    turn.flags.writeable = False
+    return turn

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
+import numpy as np
+
+from microvib.model.driver import Driver, Imperfections, electrical_turn
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.units import Given, quantity
 
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
 
-SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
+SIDEBANDS = 2  # sidebands on each side of a driving line, at the distance of a full step or electrical period, that are expected
+LEAST = 1e-9  # angle error [rad] that is none
 
 
 @dataclass(frozen=True)
@@ -36,8 +41,9 @@ def expected_lines(
     Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the detent period
     4 f_d/(b n), which with four beats is the full-step rate f_d/n; the electrical period f_d/(b n); the wave generator's
     turns, for each transmission-error harmonic; and the sidebands that the detent torque makes about the driving lines. A
-    frequency that belongs to several families carries the name of the first. Where the rate changes within the record, or is
-    zero, there are modes only.
+    frequency that belongs to several families carries the name of the first. Of the electrical period an ideal driver has no
+    lines, and three are listed; one with errors has ``harmonics`` and sidebands, and the origin says which error makes a line.
+    Where the rate changes within the record, or is zero, there are modes only.
 
     ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
     simulation, whose clock is known, a per cent for a test.
@@ -52,9 +58,7 @@ def expected_lines(
         return tuple(modes)
     driver, motor = scenario.driver, scenario.motor
     errors = tuple(e.order for e in scenario.reducer.transmission_error)
-    turn, orders = _orders(
-        driver.microsteps, driver.beats, motor.rotor_teeth, motor.detent_torque > 0.0, errors, harmonics
-    )
+    turn, orders = _orders(driver, motor.rotor_teeth, motor.detent_torque > 0.0, errors, harmonics)
     base, low, high = f_d / turn, 1.0 - clock_tolerance, 1.0 + clock_tolerance
     clock = [
         ExpectedLine(name, kind, order * base, low * (order * base), high * (order * base), origin)
@@ -66,30 +70,95 @@ def expected_lines(
 
 @lru_cache(maxsize=64)
 def _orders(
-    n: int, b: int, z: int, detent_torque: bool, errors: tuple[int, ...], harmonics: int
+    driver: Driver, z: int, detent_torque: bool, errors: tuple[int, ...], harmonics: int
 ) -> tuple[int, dict[int, tuple[str, Kind, str]]]:
     """Microsteps per turn of the wave generator, in which every line of the clock has a whole order; and name, kind and origin of
     the line of each order, that of the first family where several have it."""
-    turn = b * n * z
-    detent = (
-        4 * z
-    )  # order of the detent torque, sin(4 z theta_m): a quarter electrical turn, for four beats a full step
+    b = driver.beats
+    turn = b * driver.microsteps * z
+    # order of the detent torque, sin(4 z theta_m): a quarter electrical turn, for four beats a full step
+    detent = 4 * z
+    made = causes(driver)
     families: list[tuple[str, Kind, int, Sequence[int], str]] = [
         ("drive", "drive", turn, range(1, harmonics + 1), "microstep"),
         ("full_step", "full step", detent, range(1, harmonics + 1), "full step" if b == 4 else "detent period"),
-        ("electrical", "electrical", z, (1, 2, 3), "electrical period"),
+        ("electrical", "electrical", z, range(1, (harmonics if made else 3) + 1), "electrical period"),
         ("wave_generator", "wave generator", 1, errors, "transmission error"),
     ]
     orders: dict[int, tuple[str, Kind, str]] = {}
     for stem, kind, unit, members, origin in families:
         for k in members:
-            orders.setdefault(k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}"))
+            makers = made.get(k * unit // z, ()) if stem in ("full_step", "electrical") else ()
+            text = f"{origin}, order {k}" + (f": {', '.join(makers)}" if makers else "")
+            orders.setdefault(k * unit, (f"{stem}_{k}", kind, text))
     if detent_torque and turn > 2 * SIDEBANDS * detent:
         for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
                 name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
                 orders.setdefault(k * turn + j * detent, (name, "sideband", f"drive_{k} {j:+d} full step"))
+    if made and turn > 2 * SIDEBANDS * z:
+        for k in range(1, harmonics + 1):
+            for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
+                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_electrical_{abs(j)}"
+                orders.setdefault(k * turn + j * z, (name, "sideband", f"drive_{k} {j:+d} electrical period"))
     return turn, orders
+
+
+@dataclass(frozen=True)
+class AngleError:
+    """A harmonic of the electrical angle of a driver's references, less theta_e."""
+
+    order: int
+    """Cycles per electrical turn."""
+    amplitude: float
+    """Electrical angle [rad]."""
+    causes: tuple[str, ...]
+    """Keys under ``driver`` of what makes it."""
+
+
+def angle_errors(driver: Driver) -> tuple[AngleError, ...]:
+    """Harmonics of the angle error of a driver's references, from order 1 to half a turn's microsteps; none for an ideal one.
+
+    Each is given the causes that make at least a tenth of it when they act alone.
+    """
+    if not driver.distorted:
+        return ()
+    size, alone = _angle_error(driver), {}
+    for key, single in _single_causes(driver):
+        alone[key] = _angle_error(single)
+    return tuple(
+        AngleError(k, float(size[k]), tuple(key for key, own in alone.items() if own[k] > max(0.1 * size[k], LEAST)))
+        for k in range(1, size.size)
+        if size[k] > LEAST
+    )
+
+
+def causes(driver: Driver) -> dict[int, tuple[str, ...]]:
+    """What makes lines at which orders of the electrical period, itself at that order; empty for an ideal driver."""
+    return {error.order: error.causes for error in angle_errors(driver)}
+
+
+def _angle_error(driver: Driver) -> np.ndarray:
+    """Amplitudes of the angle error's harmonics, (b n // 2 + 1,) [rad]."""
+    turn = electrical_turn(driver, 1.0)
+    n = len(turn)
+    vector = (turn[:, 0] + 1j * turn[:, 1]) * np.exp(-2j * math.pi * np.arange(n) / n)
+    amplitudes: np.ndarray = np.abs(np.fft.rfft(np.angle(vector))) * (2.0 / n)
+    return amplitudes
+
+
+def _single_causes(driver: Driver) -> Iterator[tuple[str, Driver]]:
+    """Each of a driver's errors, with a driver that has it alone."""
+    none = {"imperfections": Imperfections(), "table": None}
+    if driver.table is not None:
+        yield "table", driver.model_copy(update=none | {"table": driver.table})
+    for name, default in Imperfections():
+        value = getattr(driver.imperfections, name)
+        if value != default:
+            yield (
+                name,
+                driver.model_copy(update=none | {"imperfections": Imperfections().model_copy(update={name: value})}),
+            )
 
 
 def _array_lines(scenario: Scenario, highest: float) -> list[ExpectedLine]:

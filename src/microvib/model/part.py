@@ -77,7 +77,8 @@ def part_in(annotation: Any) -> type[Part] | None:
 
 def whole_numbers(field: FieldInfo) -> str:
     """The range of a field that holds a whole number, in words; empty without one."""
-    low, high = (next((getattr(m, end) for m in field.metadata if hasattr(m, end)), None) for end in ("ge", "le"))
+    told = [*field.metadata, *(m for x in nested(field.annotation) if isinstance(x, FieldInfo) for m in x.metadata)]
+    low, high = (next((getattr(m, end) for m in told if hasattr(m, end)), None) for end in ("ge", "le"))
     return "" if low is None else f"a whole number from {low} to {high}"
 
 

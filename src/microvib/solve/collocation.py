@@ -32,6 +32,14 @@ from microvib.solve.kernel import (
     INLINE,
     ITERATIONS_MADE,
     MODES,
+    REF_A,
+    REF_B,
+    RATE_A,
+    RATE_B,
+    SEEN_D,
+    SEEN_Q,
+    SEEN_RATE_D,
+    SEEN_RATE_Q,
     THETA_E,
     TL,
     TM,
@@ -44,6 +52,7 @@ from microvib.solve.kernel import (
     follow,
     modal_torque,
     output_rate,
+    references_after,
 )
 from microvib.solve.propagators import (
     CONVERGED,
@@ -102,14 +111,46 @@ FREE_TORQUE, FREE_MOMENTUM, TORQUE, TORQUE_D, MOMENTUM, MARGIN_M, MARGIN_L, CHAN
 
 
 @code.inner(**INLINE)
+def _see_references(s, c, x, p):
+    """How the references are off those of an ideal driver, seen from the command, and how fast they ramp."""
+    clock = x.clock
+    clock[SEEN_D] = clock[REF_A] * c + clock[REF_B] * s - p.current
+    clock[SEEN_Q] = clock[REF_B] * c - clock[REF_A] * s
+    clock[SEEN_RATE_D] = clock[RATE_A] * c + clock[RATE_B] * s
+    clock[SEEN_RATE_Q] = clock[RATE_B] * c - clock[RATE_A] * s
+
+
+@code.inner(**INLINE)
+def _off(dt, clock, s, c):
+    """How the references of both phases are off those of an ideal driver, ``dt`` after now."""
+    d, q = clock[SEEN_D] + dt * clock[SEEN_RATE_D], clock[SEEN_Q] + dt * clock[SEEN_RATE_Q]
+    return d * c - q * s, q * c + d * s
+
+
+@code.inner(**INLINE)
 def _see(x, p, t, w):
-    """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding drive is 0 there."""
+    """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding drive is 0 there.
+
+    Currents are counted from their references, also where these are not ideal or ramp, so that the loop's integral is linear.
+    """
     s, c = sincos(x.clock[THETA_E])
-    y, angle = x.y, x.clock[THETA_E] / p.z
+    y, angle = x.y, x.clock[THETA_E] * p.inv_z
     w.x[IA], w.x[IB] = y[IA] * c + y[IB] * s - t.current, y[IB] * c - y[IA] * s
     w.x[XA], w.x[XB] = y[XA] * c + y[XB] * s - t.windup, y[XB] * c - y[XA] * s
     w.x[TM], w.x[WM], w.x[TL], w.x[WL] = y[TM] - angle, y[WM], y[TL] + angle * p.inv_h, y[WL]
+    if not p.ideal:
+        _see_references(s, c, x, p)
+        w.x[IA] -= x.clock[SEEN_D]
+        w.x[IB] -= x.clock[SEEN_Q]
     return s, c
+
+
+@code.inner(**INLINE)
+def _uncount(v, dt, x, p):
+    """Count the currents in ``v`` from those of the ideal driver again, ``dt`` after now."""
+    if not p.ideal:
+        v[IA] += x.clock[SEEN_D] + dt * x.clock[SEEN_RATE_D]
+        v[IB] += x.clock[SEEN_Q] + dt * x.clock[SEEN_RATE_Q]
 
 
 @code.inner(**INLINE)
@@ -135,16 +176,20 @@ def _pattern(stick, p):
 
 
 @code.inner(**FORCED)
-def _evaluate_deficits(s, c, modal, x, p, t, w):
-    """States at the nodes not seen from the command, the derivative there, and the deficits ``w.r``."""
+def _evaluate_deficits(T, s, c, modal, x, p, t, w):
+    """States at the nodes not seen from the command, the derivative there, and the deficits ``w.r``; of a step of length ``T``."""
     at, y, f = rows(w.at, 0, N, 1), rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1)
     r, sums, A = rows(w.r, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1), t.A[_pattern(x.stick, p)]
     a0, a1, a2, a3, a4, a5, a6, a7 = at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]
-    i_d, x_d, angle = a0 + t.current, a2 + t.windup, x.clock[THETA_E] / p.z
+    i_d, x_d, angle = a0 + t.current, a2 + t.windup, x.clock[THETA_E] * p.inv_z
     y[IA], y[IB] = i_d * c - a1 * s, a1 * c + i_d * s
     y[XA], y[XB] = x_d * c - a3 * s, a3 * c + x_d * s
     y[TM], y[WM], y[TL], y[WL] = a4 + angle, a5, a6 - angle * p.inv_h, a7
-    drive_derivative(y, modal, x.clock, x.stick, p, f, rows(w.q, 0, 7, 1))
+    dt = T * rows(t.fractions, 0, 1, 1)[0]
+    if not p.ideal:
+        off_A, off_B = _off(dt, x.clock, s, c)
+        y[IA], y[IB] = y[IA] + off_A, y[IB] + off_B
+    drive_derivative(y, modal, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1))
     sums[TORQUE] = modal
     f_d, f_q = f[IA] * c + f[IB] * s, f[IB] * c - f[IA] * s
     r[0] = (
@@ -157,6 +202,8 @@ def _evaluate_deficits(s, c, modal, x, p, t, w):
         - ((A[IB, 0] * a0 + A[IB, 1] * a1) + (A[IB, 2] * a2 + A[IB, 3] * a3))
         - ((A[IB, 4] * a4 + A[IB, 5] * a5) + (A[IB, 6] * a6 + A[IB, 7] * a7))
     )
+    if not p.ideal:
+        r[0], r[1] = r[0] - x.clock[SEEN_RATE_D], r[1] - x.clock[SEEN_RATE_Q]
     for k in range(2, 4):
         i = WM if k == 2 else WL
         r[k] = (
@@ -211,7 +258,7 @@ def _iterate(level, s, c, x, p, t, w):
             modal += coupling[j] * w.at[WL, j]
         for k in range(t.inputs):
             before[k] = r[k]
-        _evaluate_deficits(s, c, modal, x, p, t, w)
+        _evaluate_deficits(T, s, c, modal, x, p, t, w)
         x.counters[ITERATIONS_MADE] += 1
         largest = math.fabs(r[0] - before[0]) * w.per_size[0]
         for k in range(1, t.inputs):
@@ -242,7 +289,7 @@ def _states_at_nodes(K, x, p, t, w):
             a5 += K[m, 5] * value
             a6 += K[m, 6] * value
             a7 += K[m, 7] * value
-    a7 = output_rate(a4 + x.clock[THETA_E] / p.z, a5, a7, p)
+    a7 = output_rate(a4 + x.clock[THETA_E] * p.inv_z, a5, a7, p)
     at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = a0, a1, a2, a3, a4, a5, a6, a7
 
 
@@ -299,10 +346,10 @@ def _weigh(x, p, t, w):
 def _begin(s, c, x, p, t, w):
     """Deficits at the start of a step, taken for all of it."""
     at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
-    nothing, rate = sums[CHANGE] * 0.0, output_rate(w.x[TM] + x.clock[THETA_E] / p.z, w.x[WM], w.x[WL], p)
+    nothing, rate = sums[CHANGE] * 0.0, output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
     for i in range(N):
         at[i] = nothing + w.x[i]
-    _evaluate_deficits(s, c, nothing + modal_torque(x.y, rate, p), x, p, t, w)
+    _evaluate_deficits(0.0, s, c, nothing + modal_torque(x.y, rate, p), x, p, t, w)
 
 
 @code.inner(**FORCED)

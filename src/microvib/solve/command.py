@@ -23,6 +23,9 @@ class Command:
 
     def __init__(self, scenario: Scenario) -> None:
         times, rates = scenario.tracking.breakpoints()
+        delay = scenario.driver.delay
+        if delay > 0.0:
+            times, rates = np.r_[0.0, delay, times + delay], np.r_[0.0, 0.0, rates]
         self._times = times
         scale = -scenario.reducer.ratio / scenario.driver.microstep(scenario.motor)
         self._rates = rates * scale  # in microsteps per second
@@ -34,11 +37,11 @@ class Command:
     def lasting(cls, scenario: Scenario, since: float) -> Command:
         """The command as if the rate that it has at ``record.settle`` had lasted since the time ``since`` [s] and went on."""
         given = cls(scenario)
-        settle = scenario.record.settle
-        rate = given._rates[int(np.searchsorted(given._times, settle, side="right")) - 1]
+        begun = scenario.record.settle + scenario.driver.delay
+        rate = given._rates[int(np.searchsorted(given._times, begun, side="right")) - 1]
         lasting = copy(given)
         lasting._times, lasting._rates = np.array([since]), np.array([rate])
-        lasting._counts = given.count(np.array([settle])) - rate * (settle - since)
+        lasting._counts = given.count(np.array([begun])) - rate * (begun - since)
         return lasting
 
     def count(self, t: np.ndarray) -> np.ndarray:
@@ -55,17 +58,15 @@ class Command:
         return np.where(span > 0.0, change / np.where(span > 0.0, span, 1.0), 0.0)
 
     def microsteps(self, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times [s], (m,), in [start, stop), and after each i_A*, i_B* [A] and electrical angle [rad], (m, 3)."""
+        """Times [s], (m,), in [start, stop), and of each i_A*, i_B* [A] and electrical angle [rad] after it, and the time [s] of
+        the ramp to them, (m, 4)."""
         edges = np.unique(np.concatenate([[start, stop], self._times[(self._times > start) & (self._times < stop)]]))
-        times, counts = [], []
-        for a, b in pairwise(edges.tolist()):
-            for lo, hi in self._monotone(a, b):
-                t, k = self._crossings(lo, hi)
-                times.append(t)
-                counts.append(k)
-        t = np.concatenate(times) if times else np.zeros(0)
-        k = np.concatenate(counts) if counts else np.zeros(0)
-        return t, np.column_stack([*self._driver.reference_currents(self._motor, k), self._driver.electrical_angle(k)])
+        found = [self._crossings(lo, hi) for a, b in pairwise(edges.tolist()) for lo, hi in self._monotone(a, b)]
+        t, k, rate = np.concatenate(found, axis=1) if found else np.zeros((3, 0))
+        with np.errstate(divide="ignore"):
+            ramp = np.where(rate > 0.0, self._driver.microstep_ramp / rate, 0.0)
+        references = self._driver.reference_currents(self._motor, k)
+        return t, np.column_stack([*references, self._driver.electrical_angle(k), ramp])
 
     def _monotone(self, a: float, b: float) -> list[tuple[float, float]]:
         """Split a piece of constant acceleration where its rate passes zero."""
@@ -75,7 +76,8 @@ class Command:
         turn = a - rate / slope if slope != 0.0 else a
         return [(a, turn), (turn, b)] if a < turn < b else [(a, b)]
 
-    def _crossings(self, a: float, b: float) -> tuple[np.ndarray, np.ndarray]:
+    def _crossings(self, a: float, b: float) -> np.ndarray:
+        """Times [s], microsteps made after each, and microsteps per second there, (3, m), where the rate keeps its sign."""
         leg = int(np.searchsorted(self._times, a, side="right")) - 1
         slope = float(self._slope(np.array([leg]))[0])
         dt_a, dt_b = a - self._times[leg], b - self._times[leg]
@@ -99,4 +101,4 @@ class Command:
         with np.errstate(divide="ignore", invalid="ignore"):
             dt = np.where(rise == 0.0, 0.0, 2.0 * rise / (rate_a + np.copysign(root, to_count - from_count)))
         # A crossing just before b may round to b, which belongs to the next interval: it stays in this one.
-        return np.clip(a + dt, a, np.nextafter(b, a)), after
+        return np.array([np.clip(a + dt, a, np.nextafter(b, a)), after, root])

@@ -9,6 +9,7 @@ from microvib.compiled import Unit
 from microvib.solve.collocation import (
     MARGIN_M,
     _pattern,
+    _uncount,
     _unsee,
 )
 from microvib.solve.kernel import (
@@ -302,6 +303,7 @@ def _end_at_event(u, which, level, x, p, t, w):
     last_u, last_e = 0.0, math.inf
     for _ in range(8):
         _evaluate(u, level, x, p, t, w)
+        _uncount(w.end, u * t.longest * 0.5**level, x, p)
         _unsee(w.end, w.there, x, p, t)
         for j in range(w.modes.size):
             w.there[MODES + j] = w.modes[j]

@@ -44,16 +44,23 @@ N_CHANNELS = len(CHANNELS)
 T_D, T_D_FORCE, ENERGIES, POWERS = 17, 18, 21, 24
 N_POWERS = N_CHANNELS - POWERS
 
+ROUNDED = 1e-12
+"""Times that differ by less, over themselves, are the same."""
 OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
 # entries of State.counters and State.clock
 STEPS, REJECTED, MICROSTEPS, STICKS, ROTOR_STICKS, BREAKAWAYS, EVENT_STEPS, ITERATIONS_MADE, N_COUNTERS = range(9)
-NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, N_CLOCK = range(10)
+(
+    NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, RATE_A, RATE_B, GOAL_A, GOAL_B, RAMP_END,
+    SEEN_D, SEEN_Q, SEEN_RATE_D, SEEN_RATE_Q, N_CLOCK,
+) = range(19)  # fmt: skip
 
 
 class Drive(NamedTuple):
     """Parameters of one drive, in SI units; all scalars are floats."""
 
     z: float
+    current: float  # amplitude of the references
+    ideal: bool  # references of the current I in the direction of the command
     K_m: float
     K_d: float
     R: float
@@ -87,6 +94,7 @@ class Drive(NamedTuple):
     inv_J_m: float
     inv_J_L: float
     inv_h: float
+    inv_z: float
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
     H: Vector  # (s,)
@@ -181,8 +189,11 @@ def output_rate(theta_m, omega_m, omega_l, p):
 
 
 @code.inner(**INLINE)
-def derivative(y, clock, stick, p, f, q):
-    """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18)."""
+def derivative(y, references, stick, p, f, q):
+    """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18).
+
+    ``references`` are i_A* and i_B*.
+    """
     omega_l, modal = output_rate(y[TM], y[WM], y[WL], p), 0.0
     for k in range(p.H.size):
         rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
@@ -190,16 +201,16 @@ def derivative(y, clock, stick, p, f, q):
         f[MODES + 2 * k] = rate
         f[MODES + 2 * k + 1] = -pull
         modal += p.H[k] * pull
-    drive_derivative(y, modal, clock, stick, p, f, q)
+    drive_derivative(y, modal, references, stick, p, f, q)
 
 
 @code.inner(**INLINE)
-def drive_derivative(y, modal, clock, stick, p, f, q):
+def drive_derivative(y, modal, references, stick, p, f, q):
     """The same of the drive alone, with the torque ``modal`` of the array's modes on its output."""
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
-    u_A, f[IA], f[XA], _ = _winding(y[IA], y[XA], clock[REF_A], p.K_m * omega_m * s, p)
-    u_B, f[IB], f[XB], _ = _winding(y[IB], y[XB], clock[REF_B], -p.K_m * omega_m * c, p)
+    u_A, f[IA], f[XA], _ = _winding(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
+    u_B, f[IB], f[XB], _ = _winding(y[IB], y[XB], references[1], -p.K_m * omega_m * c, p)
     sin4 = 4.0 * s * c * (c * c - s * s)  # sin(4 z theta_m)
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * sin4
     e0, e1, e2, _ = transmission_error(theta_m, p.te)
@@ -233,9 +244,9 @@ def drive_derivative(y, modal, clock, stick, p, f, q):
 
 
 @code.inner(**INLINE)
-def channels(y, clock, stick, p, f, q, out):
+def channels(y, references, stick, p, f, q, out):
     """All channels at one instant. ``T_d`` from momentum (Eq. 20), ``T_d_force`` from the torques on the housing."""
-    derivative(y, clock, stick, p, f, q)
+    derivative(y, references, stick, p, f, q)
     T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l = q[0], q[1], q[2], q[3], q[4], q[5], q[6]
     theta_m, omega_m, alpha_m, theta_l, omega_l = y[TM], y[WM], f[WM], y[TL], y[WL]
     e0, e1, _, _ = transmission_error(theta_m, p.te)
@@ -257,7 +268,7 @@ def channels(y, clock, stick, p, f, q, out):
         modal_rate += p.H[k] * f[MODES + 2 * k + 1]
         out[N_CHANNELS + k] = eta
         out[N_CHANNELS + p.H.size + k] = rate
-    out[0], out[1], out[2], out[3], out[4], out[5] = y[IA], y[IB], u_A, u_B, clock[REF_A], clock[REF_B]
+    out[0], out[1], out[2], out[3], out[4], out[5] = y[IA], y[IB], u_A, u_B, references[0], references[1]
     out[6], out[7], out[8], out[9], out[10], out[11] = theta_m, omega_m, alpha_m, theta_l, omega_l, alpha_l
     out[12], out[13], out[14], out[15] = T_e, T_fm, T_f, T_g
     out[16] = p.J_h * alpha_l + modal_rate
@@ -269,6 +280,59 @@ def channels(y, clock, stick, p, f, q, out):
     out[21], out[22], out[23] = kinetic, 0.5 * p.L * squares, elastic
     out[24], out[25] = u_A * y[IA] + u_B * y[IB], p.R * squares
     out[26], out[27] = T_fm * omega_m + T_f * omega_l, damping
+
+
+# ---- References of the currents ----
+#
+# A microstep sets a goal for both references. An ideal driver is there at once; one that interpolates ramps to it, and the end
+# of a ramp ends a step as a microstep does, so that references are linear in time within every step.
+
+
+@code.inner(**INLINE)
+def references_after(dt, clock):
+    """References i_A* and i_B* the time ``dt`` after now, within the step."""
+    return clock[REF_A] + dt * clock[RATE_A], clock[REF_B] + dt * clock[RATE_B]
+
+
+@code.inner(**INLINE)
+def take_microstep(row, x):
+    """Take a microstep: ``row`` has the references and the electrical angle after it, and how long a ramp there lasts."""
+    clock, lasts = x.clock, row[3]
+    clock[THETA_E] = row[2]
+    clock[GOAL_A], clock[GOAL_B] = row[0], row[1]
+    if lasts > 0.0:
+        clock[RATE_A], clock[RATE_B] = (row[0] - clock[REF_A]) / lasts, (row[1] - clock[REF_B]) / lasts
+        clock[RAMP_END] = clock[NOW] + lasts
+    else:
+        clock[REF_A], clock[REF_B], clock[RATE_A], clock[RATE_B] = row[0], row[1], 0.0, 0.0
+    x.counters[MICROSTEPS] += 1
+
+
+@code.inner(**INLINE)
+def _ramps(clock):
+    return clock[RATE_A] != 0.0 or clock[RATE_B] != 0.0
+
+
+@code.inner(**INLINE)
+def before_ramp_ends(target, clock):
+    """``target``, or the end of a ramp where that is earlier by more than rounding."""
+    if _ramps(clock) and clock[RAMP_END] < target - ROUNDED * max(target, 1.0):
+        return clock[RAMP_END]
+    return target
+
+
+@code.inner(**INLINE)
+def pass_time(end, clock):
+    """Move time and references on to ``end``; whether a ramp ends there."""
+    dt = end - clock[NOW]
+    clock[NOW] = end
+    if not _ramps(clock):
+        return False
+    if end < clock[RAMP_END] - ROUNDED * max(end, 1.0):
+        clock[REF_A], clock[REF_B] = references_after(dt, clock)
+        return False
+    clock[REF_A], clock[REF_B], clock[RATE_A], clock[RATE_B] = clock[GOAL_A], clock[GOAL_B], 0.0, 0.0
+    return True
 
 
 # ---- Friction events ----
@@ -382,7 +446,7 @@ def follow(y, p):
 @code.inner(**INLINE)
 def health(lag, h, now, stalled):
     """Status after a step of length ``h`` with the rotor an electrical angle ``lag`` off; count of vanishing steps in a row."""
-    stalled = stalled + 1 if h < 1e-12 * max(1.0, now) else 0
+    stalled = stalled + 1 if h < ROUNDED * max(1.0, now) else 0
     if math.fabs(lag) > math.pi:
         return LOST_SYNCHRONISM, stalled
     return (STEP_TOO_SMALL if stalled > 1000 else OK), stalled
@@ -391,7 +455,7 @@ def health(lag, h, now, stalled):
 @code.entry(**COMPILE)
 def snapshot(x: State, p: Drive, scratch: Matrix, out: Vector) -> None:
     """All channels at the present state, into ``out``."""
-    channels(x.y, x.clock, x.stick, p, scratch[0, : x.y.size], scratch[1], out)
+    channels(x.y, references_after(0.0, x.clock), x.stick, p, scratch[0, : x.y.size], scratch[1], out)
 
 
 @code.entry(**COMPILE | {"fastmath": {"contract", "arcp", "reassoc"}})  # so that a sum becomes one of vectors

@@ -112,11 +112,12 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
     if math.isfinite(drive.U_max):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
         shortest *= min(1.0, math.sqrt(accuracy / 1e-3))
     levels = min(max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS)
+    current, windup = _held(scenario, scenario.motor.current)
     tables = propagators.Propagators(
         longest=longest,
         accuracy=accuracy,
-        current=float(state.y[kernel.IA]),
-        windup=float(state.y[kernel.XA]),
+        current=current,
+        windup=windup,
         inputs=6 if math.isfinite(drive.U_max) else 4,
         levels=levels,
         A=A,
@@ -129,6 +130,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         sums=np.zeros((levels * propagators.SUM_ROWS, 4)),
         momentum=propagators.HERMITE.T.reshape(16, 4).copy(),
         onwards=propagators.ONWARDS.reshape(16, 4).copy(),
+        fractions=propagators.CUBES[None].copy(),
     )
     propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 1))
     return tables
@@ -184,19 +186,23 @@ def _finite(drive: Any) -> Any:
 
 
 def _hold(scenario: Scenario, drive: Any, state: Any) -> None:
-    """State before t = 0: at rest, phase A at its holding current, the loop in equilibrium."""
-    driver, motor = scenario.driver, scenario.motor
-    current, R = motor.current, motor.winding_resistance
-    if driver.integral_gain > 0.0:
-        state.y[kernel.XA] = R * current / driver.integral_gain
-        state.y[kernel.IA] = current
-    else:
-        state.y[kernel.IA] = current * driver.proportional_gain / (driver.proportional_gain + R)
+    """State before t = 0: at rest at theta_m = 0, the phases at their holding currents, the loop in equilibrium."""
+    A, B = (float(x) for x in scenario.driver.references(scenario.motor, np.zeros(())))
+    state.y[kernel.IA], state.y[kernel.XA] = _held(scenario, A)
+    state.y[kernel.IB], state.y[kernel.XB] = _held(scenario, B)
     # The transmission error may be non-zero at theta_m = 0; the gear is relaxed there.
     state.y[kernel.TL] = scenario.reducer.kinematic_error(0.0)
-    state.clock[kernel.REF_A] = current
+    state.clock[kernel.REF_A], state.clock[kernel.REF_B] = A, B
     state.clock[kernel.NEXT_STEP] = drive.layer
     kernel.initial_friction(state, drive)
+
+
+def _held(scenario: Scenario, reference: float) -> tuple[float, float]:
+    """Current [A] and integral of its error [A s] at rest under a reference [A]."""
+    driver, R = scenario.driver, scenario.motor.winding_resistance
+    if driver.integral_gain > 0.0:
+        return reference, R * reference / driver.integral_gain
+    return reference * driver.proportional_gain / (driver.proportional_gain + R), 0.0
 
 
 def _friction(friction: Friction) -> tuple[float, float, float, float, float]:
@@ -219,6 +225,8 @@ def _drive(scenario: Scenario) -> Any:
         fast = min(fast, math.sqrt(L_D / driver.integral_gain))
     return kernel.Drive(
         z=float(motor.rotor_teeth),
+        current=motor.current,
+        ideal=driver.ideal,
         K_m=motor.torque_constant,
         K_d=motor.detent_torque,
         R=motor.winding_resistance,
@@ -250,6 +258,7 @@ def _drive(scenario: Scenario) -> Any:
         inv_J_m=1.0 / J_m,
         inv_J_L=1.0 / J_L if J_L > 0.0 else 0.0,
         inv_h=1.0 / reducer.ratio,
+        inv_z=1.0 / motor.rotor_teeth,
         max_step=solver.max_step / solver.refinement,
         layer=fast / 3.0 / solver.refinement,
         H=scenario.array.H,

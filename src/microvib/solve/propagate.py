@@ -17,6 +17,8 @@ from microvib.solve.collocation import (
     _momentum,
     _pattern,
     _see,
+    _see_references,
+    _uncount,
     _unsee,
     _weigh,
 )
@@ -32,7 +34,6 @@ from microvib.solve.kernel import (
     IMPULSE,
     INLINE,
     LARGEST,
-    MICROSTEPS,
     MISMATCH,
     MODES,
     N_CHANNELS,
@@ -41,24 +42,25 @@ from microvib.solve.kernel import (
     NOW,
     OK,
     POWERS,
-    REF_A,
-    REF_B,
     REJECTED,
     STEP_TOO_SMALL,
     STEPS,
     T_D,
     T_D_FORCE,
-    THETA_E,
     TM,
     WEIGHT,
     WL,
     Drive,
     Samples,
     State,
+    before_ramp_ends,
     channels,
     decide_friction,
     follow,
     health,
+    pass_time,
+    references_after,
+    take_microstep,
 )
 from microvib.solve.propagators import (
     CONVERGED,
@@ -104,7 +106,8 @@ def _channels_at_nodes(level, x, p, t, w):
             there_eta += modes[k, M_ETA_BY + j] * w.at[WL, j]
             there_w += modes[k, M_W_BY + j] * w.at[WL, j]
         y[MODES + 2 * k], y[MODES + 2 * k + 1] = there_eta, there_w
-    channels(y, x.clock, x.stick, p, f, q, rows(w.values, 0, w.values.shape[0], 1))
+    dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
+    channels(y, references_after(dt, x.clock), x.stick, p, f, q, rows(w.values, 0, w.values.shape[0], 1))
     for k in range(w.values.shape[0]):
         for j in range(4):
             w.by_node[j, k] = w.values[k, j]
@@ -349,8 +352,8 @@ def advance(
     Each turn of the loop either takes a microstep that is due, or one step: shortened until its iteration converges and its error
     estimate passes, and ended at the next microstep or at the first friction event inside it.
 
-    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 3) the references i_A*, i_B* and the
-    electrical angle after each; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels) and ``room`` are scratch. Returns
+    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 4) the references i_A*, i_B*, the
+    electrical angle after each and the time of the ramp there; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels) and ``room`` are scratch. Returns
     a status code.
     """
     w, clock, coming, stalled, status = _work(x, lanes, flat, by_node, room), x.clock, 0, 0, OK
@@ -361,13 +364,13 @@ def advance(
         target = stop
         if coming < steps_t.size and steps_t[coming] < stop:
             target = steps_t[coming]
+        target = before_ramp_ends(target, clock)
         left = target - clock[NOW]
         if left <= 0.0:
+            _uncount(w.x, 0.0, x, p)
             _unsee(w.x, x.y, x, p, t)
-            clock[REF_A], clock[REF_B] = steps_ref[coming, 0], steps_ref[coming, 1]
-            clock[THETA_E] = steps_ref[coming, 2]
+            take_microstep(steps_ref[coming], x)
             coming += 1
-            x.counters[MICROSTEPS] += 1
             s, c = _see(x, p, t, w)
             kind = AFTER_MICROSTEP
             continue
@@ -383,11 +386,16 @@ def advance(
             _record(u, end, level, x, p, t, w, out)
         x.counters[STEPS] += 1
         lasted = end - clock[NOW]
-        clock[NOW] = end
+        ramp_ends = pass_time(end, clock)
         _move(event, x, p, t, w)
+        if not p.ideal:
+            _see_references(s, c, x, p)
         kind, last_level = (AFTER_EVENT, -1) if event >= 0 else (FURTHER, level if u == 1.0 else -1)
+        if ramp_ends:
+            kind, last_level = AFTER_MICROSTEP, -1
         status, stalled = health(p.z * w.x[TM], lasted, clock[NOW], stalled)
         if status != OK:
             break
+    _uncount(w.x, 0.0, x, p)
     _unsee(w.x, x.y, x, p, t)
     return status

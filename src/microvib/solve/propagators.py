@@ -25,6 +25,7 @@ from microvib.solve.kernel import (
     Drive,
     State,
     drive_derivative,
+    references_after,
 )  # fmt: skip
 
 code = Unit(__name__, "kernel.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
@@ -100,6 +101,7 @@ class Propagators(NamedTuple):
     sums: Matrix  # for each level, by the output's rate at each node: torque and momentum of all modes
     momentum: Matrix  # (16, 4): coefficients of the momentum's polynomial by its values and slopes, two rows each
     onwards: Matrix  # (16, 4): deficits at the nodes of another step
+    fractions: Matrix  # (1, 4): where in a step the nodes are
 
 
 class Moments(NamedTuple):
@@ -209,15 +211,16 @@ def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Ve
     ``p`` is without what is not linear, ``modes`` the drive with its modes. Errors of differences do not matter: what A lacks is a
     deficit. The rest is scratch.
     """
+    references = references_after(0.0, x.clock)
     for pattern in range(PATTERNS):
         x.stick[0], x.stick[1] = (1.0 if pattern < 2 else 0.0), (1.0 if pattern % 2 == 0 else 0.0)
         for j in range(N):
             held = (j == WM and pattern >= 2) or (j == WL and (pattern % 2 == 1 or p.rigid)) or (j == TL and p.rigid)
             here = x.y[j]
             x.y[j] = here + steps[j]
-            drive_derivative(x.y, 0.0, x.clock, x.stick, p, up, q)
+            drive_derivative(x.y, 0.0, references, x.stick, p, up, q)
             x.y[j] = here - steps[j]
-            drive_derivative(x.y, 0.0, x.clock, x.stick, p, down, q)
+            drive_derivative(x.y, 0.0, references, x.stick, p, down, q)
             x.y[j] = here
             for i in range(N):
                 follows = p.rigid and i in (TL, WL)

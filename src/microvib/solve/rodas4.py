@@ -25,7 +25,6 @@ from microvib.solve.kernel import (
     IMPULSE,
     INLINE,
     LARGEST,
-    MICROSTEPS,
     MISMATCH,
     MODES,
     N_CHANNELS,
@@ -35,8 +34,8 @@ from microvib.solve.kernel import (
     NOW,
     OK,
     POWERS,
-    REF_A,
-    REF_B,
+    RATE_A,
+    RATE_B,
     REJECTED,
     STEP_TOO_SMALL,
     STEPS,
@@ -56,12 +55,16 @@ from microvib.solve.kernel import (
     _friction,
     _limits,
     _winding,
+    before_ramp_ends,
     channels,
     decide_friction,
     derivative,
     follow,
     health,
     margins,
+    pass_time,
+    references_after,
+    take_microstep,
     transmission_error,
 )  # fmt: skip
 from microvib.solve.vector import sincos, where
@@ -124,6 +127,10 @@ DENSE = np.array(
         [-0.6762803392801253, 6.087714651680015, 16.43084320892478, 24.76722511418386, -6.594389125716872],
     ]
 )
+AT = np.array([0.0, 0.386, 0.21, 0.63, 1.0, 1.0])  # fraction of the step at which each stage is
+BY_TIME = np.array(
+    [0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0]
+)  # weight of the derivative by time in each stage, over the step
 GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, over the length
 
 
@@ -173,11 +180,12 @@ GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, ov
 @code.inner(**INLINE)
 def linearise(x, p, w):
     """Varying entries of the Jacobian, into ``w.jac``, at the state whose derivative is in ``w.f0`` and ``w.q``."""
-    y, clock, stick, q, jac = x.y, x.clock, x.stick, w.q, w.jac
+    y, stick, q, jac = x.y, x.stick, w.q, w.jac
+    ref_A, ref_B = references_after(0.0, x.clock)
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
-    _, _, _, limited_A = _winding(y[IA], y[XA], clock[REF_A], p.K_m * omega_m * s, p)
-    _, _, _, limited_B = _winding(y[IB], y[XB], clock[REF_B], -p.K_m * omega_m * c, p)
+    _, _, _, limited_A = _winding(y[IA], y[XA], ref_A, p.K_m * omega_m * s, p)
+    _, _, _, limited_B = _winding(y[IB], y[XB], ref_B, -p.K_m * omega_m * c, p)
     cos4 = 1.0 - 8.0 * s * s * c * c
     stiffness = -p.z * p.K_m * (y[IB] * s + y[IA] * c) - 4.0 * p.z * p.K_d * cos4
     _, e1, e2, e3 = transmission_error(theta_m, p.te)
@@ -300,6 +308,17 @@ def _combine(stage, weight, table, y, K, out):
             out[j] += scaled * K[m, j]
 
 
+@code.inner(**INLINE)
+def _add_ramp(weight, clock, p, jac, f):
+    """Add ``weight`` times the derivative of the right-hand side by time, that of ramping references, to ``f``."""
+    if jac[7] == 0.0:
+        f[IA] += weight * p.K_P * p.inv_L_D * clock[RATE_A]
+        f[XA] += weight * clock[RATE_A]
+    if jac[8] == 0.0:
+        f[IB] += weight * p.K_P * p.inv_L_D * clock[RATE_B]
+        f[XB] += weight * clock[RATE_B]
+
+
 @code.inner(**FORCED)
 def step(h, x, p, w):
     """One RODAS4 step of size ``h`` from ``x.y`` (whose derivative is ``w.f0``) to ``w.y1``; returns the scaled error."""
@@ -312,8 +331,9 @@ def step(h, x, p, w):
                 f[j] = w.f0[j]
         else:
             _combine(stage, 1.0, A, y, K, y1)
-            derivative(y1, x.clock, x.stick, p, f, w.q)
+            derivative(y1, references_after(AT[stage] * h, x.clock), x.stick, p, f, w.q)
             _combine(stage, ih, C, f, K, f)
+        _add_ramp(BY_TIME[stage] * h, x.clock, p, w.jac, f)
         _solve(inv_g, x.stick, p, w, f)
         for j in range(n):
             K[stage, j] = f[j]
@@ -482,7 +502,7 @@ def _record(h, end, x, p, w, out):
         for node in range(nodes):
             point = 0.5 * (a + b) + (0.0 if nodes == 1 else (2.0 * node - 1.0) * GAUSS * (b - a))
             interpolate((point - t) / h, x.y, w)
-            channels(w.between, clock, x.stick, p, w.f, w.q, values)
+            channels(w.between, references_after(point - t, clock), x.stick, p, w.f, w.q, values)
             for j in range(N_POWERS):
                 x.energy[j] += weight * values[POWERS + j]
             clock[IMPULSE] += weight * values[T_D_FORCE]
@@ -570,8 +590,8 @@ def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, step
     transient that follows), or one step: to the next microstep at most, shortened until its error estimate passes, shortened
     again to the first friction event inside it. Only then are samples integrated and the state moved on.
 
-    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 3) the references i_A*, i_B* and the
-    electrical angle after each, ``scratch`` (SCRATCH_ROWS, wide enough). Returns a status code.
+    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 4) the references i_A*, i_B*, the
+    electrical angle after each and the time of the ramp there, ``scratch`` (SCRATCH_ROWS, wide enough). Returns a status code.
     """
     n, s = x.y.size, p.H.size
     w = Work(
@@ -584,16 +604,12 @@ def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, step
         if coming < steps_t.size and steps_t[coming] < stop:
             target = steps_t[coming]
         if target <= clock[NOW]:
-            clock[REF_A], clock[REF_B], clock[THETA_E] = (
-                steps_ref[coming, 0],
-                steps_ref[coming, 1],
-                steps_ref[coming, 2],
-            )
+            take_microstep(steps_ref[coming], x)
             coming += 1
-            x.counters[MICROSTEPS] += 1
             clock[NEXT_STEP] = min(clock[NEXT_STEP], p.layer)
             continue
-        derivative(x.y, clock, x.stick, p, w.f0, w.q)
+        target = before_ramp_ends(target, clock)
+        derivative(x.y, references_after(0.0, clock), x.stick, p, w.f0, w.q)
         linearise(x, p, w)
         left = target - clock[NOW]
         h, status = _accepted_step(left, x, p, w)
@@ -613,7 +629,8 @@ def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, step
         if out.width > 0.0:
             _record(h, end, x, p, w, out)
         x.counters[STEPS] += 1
-        clock[NOW] = end
+        if pass_time(end, clock):
+            clock[NEXT_STEP] = min(clock[NEXT_STEP], p.layer)
         for j in range(n):
             x.y[j] = w.y1[j]
         if event >= 0:

@@ -2,7 +2,7 @@
 
 States are compared as seen from the command: turned back by the angle that the command has advanced. The drive is unchanged when
 its motor turns by a quarter of an electrical period, because that exchanges the phases and is a period of the detent torque; so
-the state may repeat after that many microsteps.
+the state may repeat after that many microsteps. Where the phases are not equal it takes a whole electrical turn.
 """
 
 from __future__ import annotations
@@ -28,15 +28,11 @@ class NotPeriodic(SimulationError):
 
 
 def repeats_after(scenario: Scenario) -> tuple[int, int]:
-    """Microsteps after which drive and command are as before, but turned; and those of a quarter electrical turn alone.
-
-    Where a quarter turn is not a whole number of microsteps, its least multiple that is one takes its place.
-    """
-    electrical = scenario.driver.beats * scenario.driver.microsteps
-    turn = electrical * scenario.motor.rotor_teeth
-    quarter = electrical // math.gcd(electrical, 4)
+    """Microsteps after which drive and command are as before, but turned; and those of the motor and its driver alone."""
+    own = scenario.driver.repeats_after
+    turn = scenario.driver.beats * scenario.driver.microsteps * scenario.motor.rotor_teeth
     orders = [e.order for e in scenario.reducer.transmission_error if e.amplitude > 0.0]
-    return math.lcm(quarter, *(turn // math.gcd(turn, order) for order in orders)), quarter
+    return math.lcm(own, *(turn // math.gcd(turn, order) for order in orders)), own
 
 
 class Turn(NamedTuple):
@@ -110,8 +106,7 @@ class PeriodMap:
 
     def references(self, angle: Any) -> tuple[Any, Any]:
         """Commanded currents [A] at a rotor angle [rad]."""
-        current, electrical = self.scenario.motor.current, self.packed.drive.z * angle
-        return current * np.cos(electrical), current * np.sin(electrical)
+        return self.scenario.driver.references(self.scenario.motor, self.packed.drive.z * angle)
 
     def turn(self, microsteps: Any) -> Turn:
         """The turn that ``microsteps`` (k,) of the command make."""
@@ -160,9 +155,25 @@ class PeriodMap:
             self.start + microstep * self.microstep_time,
             p.max_step,
         )
-        state.clock[kernel.REF_A], state.clock[kernel.REF_B] = self.references(angle)
+        self._refer(microstep, state.clock)
         state.clock[kernel.THETA_E] = p.z * angle
         kernel.initial_friction(state, p)
+
+    def _refer(self, microstep: int, clock: np.ndarray) -> None:
+        """Set references before a ``microstep`` of the period, and the ramp that may be on its way there."""
+        goal, lasts = self.references(self.angle(microstep)), self.scenario.driver.microstep_ramp * self.microstep_time
+        clock[kernel.REF_A], clock[kernel.REF_B] = goal
+        left = lasts - (1.0 - SECTION) * self.microstep_time
+        if left <= 0.0:
+            return
+        before = self.references(self.angle(microstep - 1))
+        for ref, rate, at, a, b in (
+            (kernel.REF_A, kernel.RATE_A, kernel.GOAL_A, before[0], goal[0]),
+            (kernel.REF_B, kernel.RATE_B, kernel.GOAL_B, before[1], goal[1]),
+        ):
+            clock[at], clock[rate] = b, (b - a) / lasts
+            clock[ref] = b - left * clock[rate]
+        clock[kernel.RAMP_END] = clock[kernel.NOW] + left
 
     def advance(self, x: np.ndarray, samples: Any = None) -> np.ndarray:
         """State after the period, seen from the command."""

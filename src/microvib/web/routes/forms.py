@@ -20,6 +20,7 @@ from microvib.io.scenario_file import (
     parse_value,
     reference_names,
     scenario_of,
+    table_file,
 )
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import nested, part_in, whole_numbers
@@ -116,7 +117,7 @@ def _kind(field: FieldInfo, quantity: Quantity | None) -> str:
         return "quantity"
     if _is_list(field.annotation):
         return "list"
-    if field.annotation is int:
+    if field.annotation in (int, int | None):
         return "count"
     if field.annotation is bool:
         return "flag"
@@ -166,6 +167,11 @@ def names_elements(spec: Spec) -> bool:
     groups = [data.get("array") if isinstance(data, dict) else None, changes.get("array")]
     named = [group for group in groups if isinstance(group, dict)]
     named.append({key.removeprefix("array."): value for key, value in changes.items() if key.startswith("array.")})
+    drivers = [{"driver": {"table": changes.get("driver.table")}}, {"driver": changes.get("driver")}, data]
+    if any(table_file(each) is not None for each in drivers):
+        raise ScenarioError(
+            "driver.table: the page opens no files; write the table itself, harmonics or currents, in the scenario"
+        )
     found = [(key, group[key]) for group in named for key in ARRAY_ORIGINS if key in group]
     for key, value in found:
         if key != "fem" or value not in reference_names():

@@ -1,0 +1,71 @@
+"""Tables of a driver's currents as CSV: one row a microstep of an electrical turn, or one row a harmonic."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import ScenarioError
+from microvib.io.scenario_file import read_text
+from microvib.io.tables import finite
+from microvib.model.driver import MAX_TABLE
+
+ANGLES = {"rad": 1.0, "deg": np.pi / 180.0}
+FORMS = (
+    "i_a,i_b (currents over I, a row for each microstep of an electrical turn), angle_deg or angle_rad (added to theta_e, a row for"
+    " each of them), or order,amplitude_deg,phase_deg (harmonics of what is added; _rad in place of _deg is read, too)"
+)
+
+
+def read_current_table(path: Path) -> dict[str, Any]:
+    """Keys of ``driver.table`` that a file says; ScenarioError tells the row and column that is wrong.
+
+    The first line names the columns: see ``FORMS``. Rows of an electrical turn begin at theta_e = 0.
+    """
+    head, *rows = list(csv.reader(read_text(path, "table of currents", ()).removeprefix("\ufeff").splitlines())) or [[]]
+    names = [name.strip().lower() for name in head]
+    if len(rows) > MAX_TABLE:
+        raise ScenarioError(f"{path}: has {len(rows)} rows; at most {MAX_TABLE} are read")
+    columns = {
+        name: np.array(
+            [
+                finite(f"{path}, row {k}: {name}", "".join(row[j : j + 1]), ScenarioError)
+                for k, row in enumerate(rows, 2)
+            ]
+        )
+        for j, name in enumerate(names)
+    }
+    if names == ["i_a", "i_b"]:
+        return {"currents": np.column_stack([columns["i_a"], columns["i_b"]]).tolist()}
+    angle = _angle(columns, "angle")
+    if len(names) == 1 and angle is not None:
+        theta_e = 2.0 * np.pi * np.arange(len(rows)) / len(rows) + angle
+        return {"currents": np.column_stack([np.cos(theta_e), np.sin(theta_e)]).tolist()}
+    amplitude, phase = _angle(columns, "amplitude"), _angle(columns, "phase")
+    if names[:1] != ["order"] or amplitude is None or len(names) != (2 if phase is None else 3):
+        raise ScenarioError(f"{path}: is not a table of currents; its first line must be {FORMS}")
+    return {
+        "harmonics": [
+            {
+                "order": int(order) if order == int(order) else float(order),
+                "amplitude": f"{a!r} rad",
+                "phase": f"{p!r} rad",
+            }
+            for order, a, p in zip(
+                columns["order"].tolist(),
+                amplitude.tolist(),
+                (0.0 * amplitude if phase is None else phase).tolist(),
+                strict=True,
+            )
+        ]
+    }
+
+
+def _angle(columns: dict[str, np.ndarray], stem: str) -> np.ndarray | None:
+    """A column of angles [rad], whichever unit its name ends in; None where there is none."""
+    return next(
+        (columns[f"{stem}_{unit}"] * size for unit, size in ANGLES.items() if f"{stem}_{unit}" in columns), None
+    )
