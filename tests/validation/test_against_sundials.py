@@ -44,6 +44,14 @@ ERROR = {
 }
 # R I is 3.6 V; what is left of 4.5 V moves a current by 0.07 A/ms, so that a microstep's 0.06 A stays at the limit.
 LIMITED = {"driver.supply_voltage": 4.5, "tracking.rate": math.radians(0.2)}
+ERRORS = {
+    "driver.imperfections": {"gain_b": 0.05, "offset_a": 0.03, "offset_b": -0.02, "quadrature": 0.04, "dac_bits": 8},
+    "driver.delay": 3e-3,
+}
+TABLE = {
+    "driver.table": {"harmonics": [{"order": 1, "amplitude": 0.02, "phase": 0.4}, {"order": 4, "amplitude": 0.011}]}
+}
+RAMP = {"driver.microstep_ramp": 0.6, "tracking.clock_ratio": 1.0017}
 CASES = {
     "compliant reducer, one mode": {},
     "compliant reducer, three modes": THREE_MODES,
@@ -60,6 +68,16 @@ CASES = {
     "turning back, slow clock": {"tracking.rate": -math.radians(0.1), "tracking.clock_ratio": 0.994},
     "compliant reducer with transmission error": ERROR,
     "rigid reducer with transmission error": {**RIGID, **ERROR},
+    "errors of the references": ERRORS,
+    "errors of the references, no integral gain": {**ERRORS, "driver.integral_gain": 0.0},
+    "errors of the references, supply limit": {**ERRORS, **LIMITED},
+    "errors of the references, rigid reducer": {**ERRORS, **RIGID, **ERROR},
+    "table of currents, dead band": {**TABLE, "driver.imperfections.dead_band": 0.06},
+    "ramps": RAMP,
+    "ramps over the whole microstep": {"driver.microstep_ramp": 1.0},
+    "ramps, errors of the references": {**RAMP, **ERRORS, **TABLE},
+    "ramps, supply limit": {**RAMP, **LIMITED, "tracking.clock_ratio": 1.0},
+    "ramps, no integral gain, rigid reducer": {**RAMP, **RIGID, "driver.integral_gain": 0.0},
 }
 END = 0.5
 TIMES = np.linspace(0.0, END, 41)[1:]
@@ -89,20 +107,48 @@ class Reference:
         turned = -s.reducer.ratio * s.tracking.rate * s.tracking.clock_ratio
         per_second = s.driver.microsteps * turned / (2 * math.pi / (s.driver.beats * s.motor.rotor_teeth))
         way = math.copysign(1.0, per_second)
-        return [((j - 0.5) / abs(per_second), way * j) for j in range(1, int(abs(per_second) * end + 0.5) + 1)]
+        self.ramp = s.driver.microstep_ramp / abs(per_second)
+        times = (
+            (s.driver.delay + (j - 0.5) / abs(per_second), way * j) for j in range(1, int(abs(per_second) * end) + 2)
+        )
+        return [(t, k) for t, k in times if t < end]
 
-    def command(self, k):
-        angle = 2 * math.pi * k / (self.s.driver.beats * self.s.driver.microsteps)
-        self.reference = (self.s.motor.current * math.cos(angle), self.s.motor.current * math.sin(angle))
+    def goal(self, k):
+        """References after the microstep k, with the driver's errors."""
+        driver, current = self.s.driver, self.s.motor.current
+        errors, angle = driver.imperfections, 2 * math.pi * k / (driver.beats * driver.microsteps)
+        if driver.table is not None:
+            angle += sum(h.amplitude * math.sin(h.order * angle + h.phase) for h in driver.table.harmonics)
+        a = math.cos(angle) + errors.offset_a
+        b = (1 + errors.gain_b) * math.sin(angle + errors.quadrature) + errors.offset_b
+        found = []
+        for x in (a, b):
+            x = 0.0 if abs(x) < errors.dead_band else x
+            if errors.dac_bits is not None:
+                size = 1.0 / (2 ** (errors.dac_bits - 1) - 1)
+                x = size * round(x / size)
+            found.append(current * x)
+        return found
+
+    def command(self, k, t=0.0):
+        """From the time t on, on the way from what references were to what they are after the microstep k."""
+        before = self.goal(k) if k == 0 else self.references(t)
+        self.way = t, before, self.goal(k)
+
+    def references(self, t):
+        begun, before, after = self.way
+        part = min((t - begun) / self.ramp, 1.0) if self.ramp else 1.0
+        return [a + part * (b - a) for a, b in zip(before, after, strict=True)]
 
     def start(self):
         s, n = self.s, self.H.size
         y = np.zeros(8 + 2 * n)
         K_P, K_I = s.driver.proportional_gain, s.driver.integral_gain
-        R, current = s.motor.winding_resistance, s.motor.current
+        R = s.motor.winding_resistance
         # Eq. 2 and 3 at rest: u = R i, and with an integral there is no error.
-        y[0] = current if K_I else K_P * current / (K_P + R)
-        y[2] = R * current / K_I if K_I else 0.0
+        for i, held in enumerate(self.goal(0)):
+            y[i] = held if K_I else K_P * held / (K_P + R)
+            y[2 + i] = R * held / K_I if K_I else 0.0
         y[5] = self.epsilon(0.0)[0]
         return y
 
@@ -137,8 +183,9 @@ class Reference:
         G = slope - 1.0 / s.reducer.ratio
         if s.reducer.rigid:
             omega_l = G * omega_m
-        di_A, dx_A = self.winding(i_A, x_A, self.reference[0], m.torque_constant * omega_m * sin)
-        di_B, dx_B = self.winding(i_B, x_B, self.reference[1], -m.torque_constant * omega_m * cos)
+        reference = self.references(t)
+        di_A, dx_A = self.winding(i_A, x_A, reference[0], m.torque_constant * omega_m * sin)
+        di_B, dx_B = self.winding(i_B, x_B, reference[1], -m.torque_constant * omega_m * cos)
         T_e = m.torque_constant * (i_B * cos - i_A * sin) - m.detent_torque * math.sin(4 * m.rotor_teeth * theta_m)
         T_fm, T_f = m.friction.viscous * omega_m, s.friction.viscous * omega_l
         elastic = -self.D * eta_rate - self.Lambda * eta
@@ -161,26 +208,29 @@ class Reference:
         T_d = -(self.J * alpha_l + self.H @ eta_acc + self.J_m * alpha_m)
         return f, T_d
 
-    def row(self, y):
+    def row(self, t, y):
         n = self.H.size
         theta_l, omega_l = y[5], y[7 + n]
         if self.s.reducer.rigid:
             epsilon, slope, _ = self.epsilon(y[4])
             theta_l, omega_l = epsilon - y[4] / self.s.reducer.ratio, (slope - 1 / self.s.reducer.ratio) * y[6 + n]
-        T_d = self.rates(0.0, y)[1]
+        T_d = self.rates(t, y)[1]
         return np.concatenate([[y[0], y[1], y[4], y[6 + n], theta_l, omega_l, T_d], y[6 : 6 + n], y[8 + n :]])
 
     def run(self, times, leg):
         """Rows of (i_A, i_B, theta_m, omega_m, theta_l, omega_l, T_d, eta..., eta_rate...) at ``times``."""
+        microsteps = self.microsteps(times[-1])
+        ends = [(t + self.ramp, None) for t, _ in microsteps if self.ramp > 0.0 and t + self.ramp < times[-1]]
         self.command(0)
         y, t, rows = self.start(), 0.0, []
-        for stop, k in [*self.microsteps(times[-1]), (times[-1], None)]:
+        for stop, k in [*sorted([*microsteps, *ends], key=lambda event: event[0]), (times[-1], None)]:
             inside = times[(times > t) & (times <= stop)]
-            states = leg(lambda t, y: self.rates(t, y)[0], t, y, np.unique([*inside, stop]))
-            rows += [self.row(states[q]) for q in range(inside.size)]
-            y, t = states[-1], stop
+            if stop - t > 1e-12:
+                states = leg(lambda t, y: self.rates(t, y)[0], t, y, np.unique([*inside, stop]))
+                rows += [self.row(when, states[q]) for q, when in enumerate(inside)]
+                y, t = states[-1], stop
             if k is not None:
-                self.command(k)
+                self.command(k, stop)
         return np.array(rows)
 
     def names(self):

@@ -135,6 +135,10 @@ class Driver(Part):
         count = np.rint(np.asarray(electrical_angle) * (len(turn) / (2.0 * math.pi))).astype(np.int64) % len(turn)
         return turn[count, 0], turn[count, 1]
 
+    def largest_reference(self, motor: Motor) -> float:
+        """Largest reference current of a phase [A]."""
+        return float(np.max(np.abs(electrical_turn(self, motor.current)))) if self.distorted else motor.current
+
     @property
     def distorted(self) -> bool:
         """Whether references after a microstep are not I cos theta_e and I sin theta_e."""

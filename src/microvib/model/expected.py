@@ -18,7 +18,6 @@ from microvib.units import Given, quantity
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
 
 SIDEBANDS = 2  # sidebands on each side of a driving line, at the distance of a full step or electrical period, that are expected
-LEAST = 1e-9  # angle error [rad] that is none
 
 
 @dataclass(frozen=True)
@@ -78,29 +77,26 @@ def _orders(
     turn = b * driver.microsteps * z
     # order of the detent torque, sin(4 z theta_m): a quarter electrical turn, for four beats a full step
     detent = 4 * z
-    made = causes(driver)
+    makers = {error.order: error.causes for error in angle_errors(driver)}
     families: list[tuple[str, Kind, int, Sequence[int], str]] = [
         ("drive", "drive", turn, range(1, harmonics + 1), "microstep"),
         ("full_step", "full step", detent, range(1, harmonics + 1), "full step" if b == 4 else "detent period"),
-        ("electrical", "electrical", z, range(1, (harmonics if made else 3) + 1), "electrical period"),
+        ("electrical", "electrical", z, range(1, (harmonics if driver.distorted else 3) + 1), "electrical period"),
         ("wave_generator", "wave generator", 1, errors, "transmission error"),
     ]
     orders: dict[int, tuple[str, Kind, str]] = {}
     for stem, kind, unit, members, origin in families:
         for k in members:
-            makers = made.get(k * unit // z, ()) if stem in ("full_step", "electrical") else ()
-            text = f"{origin}, order {k}" + (f": {', '.join(makers)}" if makers else "")
-            orders.setdefault(k * unit, (f"{stem}_{k}", kind, text))
-    if detent_torque and turn > 2 * SIDEBANDS * detent:
-        for k in range(1, harmonics + 1):
+            made = ", ".join(makers.get(k * unit // z, ())) if stem in ("full_step", "electrical") else ""
+            orders.setdefault(k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}{made and f': {made}'}"))
+    sidebands = [(detent, "", "full step")] * detent_torque + [
+        (z, "electrical_", "electrical period")
+    ] * driver.distorted
+    for unit, stem, origin in sidebands:
+        for k in range(1, harmonics + 1) if turn > 2 * SIDEBANDS * unit else ():
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
-                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
-                orders.setdefault(k * turn + j * detent, (name, "sideband", f"drive_{k} {j:+d} full step"))
-    if made and turn > 2 * SIDEBANDS * z:
-        for k in range(1, harmonics + 1):
-            for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
-                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_electrical_{abs(j)}"
-                orders.setdefault(k * turn + j * z, (name, "sideband", f"drive_{k} {j:+d} electrical period"))
+                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{stem}{abs(j)}"
+                orders.setdefault(k * turn + j * unit, (name, "sideband", f"drive_{k} {j:+d} {origin}"))
     return turn, orders
 
 
@@ -119,23 +115,16 @@ class AngleError:
 def angle_errors(driver: Driver) -> tuple[AngleError, ...]:
     """Harmonics of the angle error of a driver's references, from order 1 to half a turn's microsteps; none for an ideal one.
 
-    Each is given the causes that make at least a tenth of it when they act alone.
+    Those below a hundredth of the largest are left out. Each is given the causes that make at least a tenth of it when they act
+    alone.
     """
     if not driver.distorted:
         return ()
-    size, alone = _angle_error(driver), {}
-    for key, single in _single_causes(driver):
-        alone[key] = _angle_error(single)
+    size, alone = _angle_error(driver), {key: _angle_error(single) for key, single in _single_causes(driver)}
+    told = [k for k in range(1, size.size) if size[k] > max(0.01 * np.max(size[1:]), 1e-9)]
     return tuple(
-        AngleError(k, float(size[k]), tuple(key for key, own in alone.items() if own[k] > max(0.1 * size[k], LEAST)))
-        for k in range(1, size.size)
-        if size[k] > LEAST
+        AngleError(k, float(size[k]), tuple(key for key, own in alone.items() if own[k] > 0.1 * size[k])) for k in told
     )
-
-
-def causes(driver: Driver) -> dict[int, tuple[str, ...]]:
-    """What makes lines at which orders of the electrical period, itself at that order; empty for an ideal driver."""
-    return {error.order: error.causes for error in angle_errors(driver)}
 
 
 def _angle_error(driver: Driver) -> np.ndarray:

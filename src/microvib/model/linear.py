@@ -79,7 +79,8 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
 
     The command is a ramp and a sawtooth of one microstep's height delta, whose order k has the amplitude delta/(pi k); it pulls
     at the rotor through the electromagnetic spring z K_m I. Currents are assumed to follow instantly, friction is viscous only,
-    and detent torque and stick do not exist, so that there are no full-step lines. Empty where the rate is zero or changes.
+    and detent torque, stick and errors of the driver do not exist, so that there are no full-step lines. A ramp over the part r
+    of a microstep averages the staircase, whose order k falls by sinc(k r). Empty where the rate is zero or changes.
     """
     f_d = scenario.driving_frequency
     if not f_d:
@@ -90,9 +91,11 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     pull = np.zeros(M.shape[0])
     pull[0] = scenario.motor.electromagnetic_stiffness
     lines = []
+    r = scenario.driver.microstep_ramp
     for k in range(1, harmonics + 1):
         omega = 2.0 * math.pi * k * f_d
-        motion = np.linalg.solve(K - omega**2 * M + 1j * omega * C, pull * (-1j * step / (math.pi * k)))
+        sawtooth = -1j * step / (math.pi * k) * (np.sinc(k * r) * np.exp(-1j * math.pi * k * r))
+        motion = np.linalg.solve(K - omega**2 * M + 1j * omega * C, pull * sawtooth)
         lines.append(LinearLine(k, k * f_d, complex(omega**2 * (inertia @ motion))))
     return tuple(lines)
 

@@ -51,10 +51,11 @@ class Scenario(Part):
             yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
         if driver.proportional_gain == 0.0 and driver.supply_voltage is not None:
             yield "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
-        needed = motor.winding_resistance * motor.current
+        largest = driver.largest_reference(motor)
+        needed = motor.winding_resistance * largest
         if driver.supply_voltage is not None and driver.supply_voltage < needed:
             yield (
-                f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {motor.current:g} A through"
+                f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {largest:g} A through"
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
         yield from (f"sources: '{key}' is not a key of this scenario" for key in self.sources if not self._has(key))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+from microvib.model.expected import angle_errors
 from microvib.model.linear import coupled_modes
 from microvib.model.part import Part, entries
 from microvib.model.scenario import Scenario
@@ -112,7 +113,7 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
     step, spring = math.degrees(driver.full_step(scenario.motor)), scenario.motor.electromagnetic_stiffness
     breakaway = scenario.friction.breakaway_torque
     rate = (f"{f_d:.6g} Hz", "Eq. 26") if f_d else ("none", "the rate is zero or changes in the record")
-    return [
+    values = [
         ("full step at the rotor", f"{step:.6g} deg", "Eq. 25"),
         ("microstep at the rotor", f"{step / driver.microsteps:.6g} deg", "Eq. 25"),
         ("driving frequency f_d", *rate),
@@ -121,6 +122,29 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
         ("breakaway torque of the output", f"{breakaway:.6g} N m", "slip ring included, Eq. 6 and 7"),
         ("rigidly attached inertia J_h", f"{array.J_h:.6g} kg m²", f"of J {array.inertia:.6g} kg m²"),
     ]
+    return values + _driver_orders(scenario)
+
+
+SHOWN_ERRORS = 8
+"""Harmonics of a driver's angle error that are listed, the largest."""
+
+
+def _driver_orders(scenario: Scenario) -> list[tuple[str, str, str]]:
+    """Orders of the electrical period at which errors of the driver make lines, with their angle errors and causes."""
+    driver, f_d = scenario.driver, scenario.driving_frequency
+    found = sorted(angle_errors(driver), key=lambda error: -error.amplitude)[:SHOWN_ERRORS]
+    rows = []
+    for error in sorted(found, key=lambda error: error.order):
+        name = f"full_step_{error.order // 4}" if error.order % 4 == 0 else f"electrical_{error.order}"
+        at = f" at {error.order * f_d / (driver.beats * driver.microsteps):.6g} Hz" if f_d else ""
+        rows.append(
+            (
+                f"angle error of the references, {name}{at}",
+                f"{error.amplitude:.3g} rad",
+                ", ".join(error.causes) or "together",
+            )
+        )
+    return rows
 
 
 def derived(scenario: Scenario) -> list[str]:

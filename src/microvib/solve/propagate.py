@@ -353,8 +353,8 @@ def advance(
     estimate passes, and ended at the next microstep or at the first friction event inside it.
 
     ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 4) the references i_A*, i_B*, the
-    electrical angle after each and the time of the ramp there; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels) and ``room`` are scratch. Returns
-    a status code.
+    electrical angle after each and the time of the ramp there; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels)
+    and ``room`` are scratch. Returns a status code.
     """
     w, clock, coming, stalled, status = _work(x, lanes, flat, by_node, room), x.clock, 0, 0, OK
     shown = 1.0 if out.rows.shape[1] > 2 else TORQUE_SHOWN

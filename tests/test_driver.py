@@ -1,0 +1,309 @@
+"""Errors of a driver's reference currents: their angle errors in closed form, the lines they make, and tables from files."""
+
+import math
+
+import numpy as np
+import pytest
+from support.scenarios import baseline
+
+import microvib as mv
+from microvib.model.driver import electrical_turn
+from microvib.model.expected import angle_errors, expected_lines
+from microvib.model.linear import linear_lines
+from microvib.reports.parameters import derived
+from microvib.solve.batch import simulate_torques
+from microvib.solve.command import Command
+from microvib.solve.steady.period import repeats_after
+from microvib.solve.steady.state import steady_state
+
+ERRORS = {"gain_b": 0.012, "offset_a": 0.006, "offset_b": -0.004, "quadrature": math.radians(0.9)}
+FREE = {"sources": {}, "friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None}
+
+
+def driver_with(**errors):
+    return baseline().with_si({f"driver.imperfections.{key}": value for key, value in errors.items()}).driver
+
+
+def angle_error(driver):
+    """Angle of the current vector less theta_e, by the four-quadrant arctangent, (b n,)."""
+    turn = electrical_turn(driver, 0.6)
+    theta_e = 2 * math.pi * np.arange(len(turn)) / len(turn)
+    return np.angle(np.exp(1j * (np.arctan2(turn[:, 1], turn[:, 0]) - theta_e)))
+
+
+def amplitude(x, order):
+    k = np.arange(x.size)
+    return 2.0 * np.mean(x * np.exp(-2j * math.pi * order * k / x.size))
+
+
+@pytest.mark.parametrize(
+    ("errors", "order", "expected"),
+    [
+        ({"gain_b": 0.01}, 2, 0.01 / 2 * -1j),  # (g/2) sin 2 theta_e
+        ({"offset_b": 0.006}, 1, 0.006),  # o cos theta_e
+        ({"offset_a": 0.006}, 1, 0.006 * 1j),  # -o sin theta_e
+        ({"quadrature": 0.01}, 2, 0.01 / 2),  # (q/2)(1 + cos 2 theta_e)
+    ],
+    ids=str,
+)
+def test_small_errors_have_the_angle_errors_of_the_closed_forms(errors, order, expected):
+    found = angle_error(driver_with(**errors))
+    assert amplitude(found, order) == pytest.approx(expected, rel=0.02)
+    rest = found - found.mean() - np.real(amplitude(found, order) * np.exp(2j * math.pi * order * np.arange(64) / 64))
+    assert np.max(np.abs(rest)) < 0.02 * abs(expected)
+    assert found.mean() == pytest.approx(errors.get("quadrature", 0.0) / 2, abs=1e-4)
+    (said,) = (x for x in angle_errors(driver_with(**errors)) if x.amplitude > 0.1 * abs(expected))
+    assert (said.order, said.causes) == (order, tuple(errors))
+    assert said.amplitude == pytest.approx(abs(expected), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("bits", "fourth", "rms"), [(6, 1.9e-3, 7.4e-3), (8, 1.6e-3, 2.3e-3), (10, 1.3e-4, 4.7e-4), (12, 5e-5, 1.5e-4)]
+)
+def test_rounded_references_have_the_angle_errors_of_an_independent_computation(bits, fourth, rms):
+    """Figures computed outside the project, to two digits."""
+    found = angle_error(driver_with(dac_bits=bits))
+    assert abs(amplitude(found, 4)) == pytest.approx(fourth, rel=0.05)
+    assert found.std() == pytest.approx(rms, rel=0.05)
+    assert {x.order % 4 for x in angle_errors(driver_with(dac_bits=bits)) if x.amplitude > 1e-8} == {0}
+
+
+def test_an_ideal_driver_is_as_before():
+    driver, motor = baseline().driver, baseline().motor
+    assert driver.ideal
+    assert angle_errors(driver) == ()
+    k = np.arange(-200, 200)
+    A, B = driver.reference_currents(motor, k)
+    assert np.array_equal(A, 0.6 * np.cos(2.0 * math.pi * k / 64))
+    assert np.array_equal(B, 0.6 * np.sin(2.0 * math.pi * k / 64))
+
+
+def test_references_with_errors_repeat_exactly_and_are_the_formula():
+    s = baseline().with_si({f"driver.imperfections.{key}": value for key, value in ERRORS.items()})
+    k = np.arange(-1000, 1000)
+    A, B = s.driver.reference_currents(s.motor, k)
+    assert np.array_equal(A[:-64], A[64:])
+    theta_e = 2 * math.pi * k / 64
+    np.testing.assert_allclose(A, 0.6 * (np.cos(theta_e) + 0.006), atol=1e-14)
+    np.testing.assert_allclose(B, 0.6 * (1.012 * np.sin(theta_e + ERRORS["quadrature"]) - 0.004), atol=1e-14)
+
+
+def test_a_dead_band_holds_small_references_at_zero():
+    A, B = electrical_turn(driver_with(dead_band=0.15), 1.0).T
+    assert np.array_equal(A == 0.0, np.abs(np.cos(2 * math.pi * np.arange(64) / 64)) < 0.15)
+    assert np.array_equal(B == 0.0, np.abs(np.sin(2 * math.pi * np.arange(64) / 64)) < 0.15)
+
+
+@pytest.mark.parametrize(
+    ("errors", "after"),
+    [(ERRORS, 64), ({"offset_a": 1e-6}, 64), ({"dac_bits": 8}, 16), ({"dead_band": 0.11}, 16), ({"gain_b": 0.01}, 64)],
+    ids=str,
+)
+def test_a_steady_state_repeats_after_an_electrical_turn_unless_the_errors_are_the_same_in_each_quarter(errors, after):
+    s = baseline().with_si({f"driver.imperfections.{key}": value for key, value in errors.items()})
+    assert repeats_after(s) == (after, after)
+
+
+def line_orders(table, scenario):
+    """Lines above a millionth of the largest, as multiples of the electrical frequency."""
+    f_e = scenario.driving_frequency / 64
+    seen = [x for x in table if x.kind != "array mode" and x.amplitude_n_m > 0.0]
+    top = max(x.amplitude_n_m for x in seen)
+    return {x.line: x.frequency_hz / f_e for x in seen if x.amplitude_n_m > 1e-6 * top}
+
+
+@pytest.fixture(scope="module")
+def distorted():
+    return baseline().with_si({f"driver.imperfections.{key}": value for key, value in ERRORS.items()})
+
+
+@pytest.fixture(scope="module")
+def steady_distorted(distorted):
+    return mv.steady(distorted)
+
+
+def test_all_lines_are_multiples_of_the_electrical_frequency(distorted, steady_distorted):
+    assert steady_distorted.fallback == ""
+    orders = line_orders(steady_distorted.lines, distorted)
+    assert {"electrical_1", "electrical_2", "full_step_1", "drive_1", "drive_1_plus_electrical_1"} <= set(orders)
+    assert max(abs(order - round(order)) for order in orders.values()) < 1e-9
+    by_name = {x.line: x for x in steady_distorted.lines}
+    assert by_name["electrical_1"].origin == "electrical period, order 1: offset_a, offset_b"
+    assert by_name["electrical_2"].origin == "electrical period, order 2: gain_b, quadrature"
+    assert by_name["full_step_1"].origin == "full step, order 1"
+    ideal = {x.line for x in expected_lines(baseline(), "100 Hz")}
+    assert {x for x in ideal if x.startswith("electrical")} == {"electrical_1", "electrical_2", "electrical_3"}
+
+
+def test_the_steady_state_is_that_of_a_run(distorted, steady_distorted):
+    run = mv.lines(mv.simulate(distorted.with_si({"record.settle": 60.0}), channels=("T_d",)))
+    for name in ("electrical_1", "electrical_2", "full_step_1", "drive_1", "drive_2", "drive_1_plus_electrical_1"):
+        assert run[name].amplitude_n_m == pytest.approx(steady_distorted.lines[name].amplitude_n_m, rel=0.01), name
+
+
+def test_reference_integration_finds_the_same_lines(distorted):
+    changes = {"record.settle": 4.0, "record.duration": 10.0, "driver.microstep_ramp": 0.5}
+    exact = distorted.with_si(changes)
+    other = mv.lines(mv.simulate(exact.with_si({"solver.method": "rodas4"}), channels=("T_d",)))
+    found = mv.lines(mv.simulate(exact, channels=("T_d",)))
+    for name in ("electrical_1", "electrical_2", "full_step_1", "drive_1", "drive_2", "drive_1_plus_electrical_1"):
+        assert found[name].amplitude_n_m == pytest.approx(other[name].amplitude_n_m, rel=1e-3), name
+
+
+@pytest.mark.parametrize(
+    ("errors", "name", "error"),
+    [
+        ({"offset_a": 0.006}, "electrical_1", 0.006),
+        ({"gain_b": 0.01}, "electrical_2", 0.005),
+        ({"quadrature": 0.01}, "electrical_2", 0.005),
+    ],
+    ids=str,
+)
+def test_a_slow_angle_error_turns_the_apparent_inertia(errors, name, error):
+    """T = apparent inertia x omega^2 x d/(z h): far below the drive's resonances, of a rigid load without dry friction and detent."""
+    s = baseline().with_si(
+        FREE
+        | {f"driver.imperfections.{key}": value for key, value in errors.items()}
+        | {"motor.detent_torque": 0.0, "array.modes": [], "array.rigid_inertia": None, "array.inertia": 0.2}
+    )
+    order = int(name[-1])
+    omega = 2 * math.pi * order * s.driving_frequency / 64
+    seen_by_table = 0.2 - s.rotor_inertia * s.reducer.ratio  # the rotor turns the other way
+    found = mv.steady(s).lines[name].amplitude_n_m
+    assert found == pytest.approx(seen_by_table * omega**2 * error / (50 * 100), rel=0.02)
+
+
+def test_a_table_against_the_detent_torque_removes_its_line():
+    free = FREE | {"array.modes": [], "array.rigid_inertia": None, "array.inertia": 0.2}
+    s = baseline().with_si({**free, "tracking.rate": math.radians(0.006)})
+    e = s.motor.detent_torque / (s.motor.torque_constant * s.motor.current)
+    table = {"harmonics": [{"order": 4, "amplitude": e}]}  # theta_e + e sin 4 theta_e, for a small e
+    with_table = s.with_si({"driver.table": table})
+    before, after = (mv.steady(x).lines["full_step_1"] for x in (s, with_table))
+    assert after.amplitude_n_m < 0.1 * before.amplitude_n_m
+    assert after.origin == "full step, order 1: table"
+
+
+@pytest.mark.parametrize("ramp", [0.3, 0.8])
+def test_a_ramp_weakens_driving_lines_by_its_spectrum(ramp):
+    smooth = FREE | {"motor.detent_torque": 0.0, "driver.microstep_ramp": ramp}
+    s = baseline().with_si(smooth)
+    table = mv.steady(s).lines
+    stepped = {x.order: abs(x.amplitude) for x in linear_lines(s.with_si({"driver.microstep_ramp": 0.0}))}
+    for line in linear_lines(s, 3):
+        assert abs(line.amplitude) == pytest.approx(stepped[line.order] * abs(np.sinc(line.order * ramp)), rel=1e-9)
+        assert abs(line.amplitude) == pytest.approx(table[f"drive_{line.order}"].amplitude_n_m, rel=0.03)
+
+
+def test_a_ramp_ends_where_the_next_microstep_comes():
+    s = baseline().with_si({"driver.microstep_ramp": 1.0, "record.settle": 0.5, "record.duration": 1.0})
+    motion = mv.simulate(s)
+    k = Command(s).count(motion.t)
+    angle = np.unwrap(np.arctan2(motion["i_ref_B"], motion["i_ref_A"]))
+    # half a microstep behind the command; along a chord the angle strays by a part of its square
+    inside = slice(50, -50)
+    np.testing.assert_allclose(
+        (angle - 2 * math.pi * (k - 0.5 * np.sign(k)) / 64)[inside] % (2 * math.pi) + 1.0, 1.0, atol=2e-4
+    )
+
+
+def test_a_delay_moves_everything_by_itself():
+    s = baseline().with_si({"record.settle": 0.25, "record.duration": 1.0, "record.sample_rate": 2048.0})
+    late = s.with_si({"driver.delay": 0.125, "record.settle": 0.375})
+    now, then = (mv.simulate(x, channels=("T_d",))["T_d"] for x in (s, late))
+    assert np.max(np.abs(now - then)) < 1e-3 * np.max(np.abs(now))
+    t, _ = Command(s).microsteps(0.0, 1.0)
+    delayed, _ = Command(late).microsteps(0.0, 1.125)
+    np.testing.assert_allclose(delayed, t + 0.125)
+
+
+def test_a_steady_state_with_ramps_is_found(distorted):
+    s = distorted.with_si({"driver.microstep_ramp": 1.0, "record.settle": 40.0})
+    state = steady_state(s)
+    assert state.microsteps == 64
+    run, found = mv.lines(simulate_torques([s])[0]), mv.lines(state)
+    for name in ("electrical_1", "electrical_2", "full_step_1"):
+        assert run[name].amplitude_n_m == pytest.approx(found[name].amplitude_n_m, rel=0.01), name
+
+
+def test_show_lists_the_orders_with_their_causes(distorted):
+    said = "\n".join(derived(distorted))
+    assert "angle error of the references, electrical_1 at 0.833333 Hz 0.00717 rad (offset_a, offset_b)" in said
+    assert "angle error of the references, electrical_2 at 1.66667 Hz" in said
+    assert "angle error" not in "\n".join(derived(baseline()))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("order,amplitude_deg,phase_deg\n4,0.5,10\n1,-0.1,0\n", "harmonics"),
+        ("order,amplitude_rad\n4,0.01\n", "harmonics"),
+        ("angle_deg\n" + "0.5\n" * 64, "currents"),
+        ("i_A, i_B\n" + "1,0\n" * 64, "currents"),
+    ],
+)
+def test_tables_are_read_and_written_with_the_scenario(tmp_path, text, expected):
+    (tmp_path / "table.csv").write_text(text)
+    (tmp_path / "mine.yaml").write_text(
+        mv.dump_scenario(baseline()).replace("driver:\n", "driver:\n  table: table.csv\n")
+    )
+    s = mv.load_scenario(tmp_path / "mine.yaml")
+    assert getattr(s.driver.table, expected)
+    assert s.source_of("driver.table") == "table.csv"
+    (tmp_path / "again.yaml").write_text(mv.dump_scenario(s))
+    (tmp_path / "table.csv").unlink()
+    assert mv.load_scenario(tmp_path / "again.yaml") == s
+    if "angle" in text:
+        np.testing.assert_allclose(angle_error(s.driver), math.radians(0.5), atol=1e-15)
+    changed = baseline().with_({"driver.table": {expected: getattr(s.driver.table, expected)}})
+    assert changed.driver == s.driver
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("x,y\n1,2\n", "is not a table of currents; its first line must be i_a,i_b"),
+        ("", "is not a table of currents"),
+        ("i_a,i_b\n1,x\n", "row 2: i_b 'x' is not a number"),
+        ("i_a,i_b\n1\n", "row 2: i_b '' is not a number"),
+        (
+            "i_a,i_b\n1,0\n",
+            "driver.table.currents: has 1 rows; one for each microstep of an electrical turn is expected",
+        ),
+        ("i_a,i_b\n" + "3,0\n" * 64, "driver.table.currents.0: 3, 0 is not allowed"),
+        (
+            "order,amplitude_deg\n1.5,1\n",
+            "driver.table.harmonics.0.order: 1.5 is not allowed; a whole number from 1 to",
+        ),
+    ],
+)
+def test_bad_tables_get_a_sentence(tmp_path, text, sentence):
+    (tmp_path / "table.csv").write_text(text)
+    with pytest.raises(mv.ScenarioError) as error:
+        mv.load_scenario("state-1", {"driver.table": str(tmp_path / "table.csv")})
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "sentence"),
+    [
+        ("driver.imperfections.gain_b", 0.7, "must be at least -0.5 and at most 0.5"),
+        ("driver.imperfections.quadrature", 0.9, "needs a unit, such as '0.9 deg'"),
+        ("driver.imperfections.dac_bits", 1, "a whole number from 2 to 24 is expected"),
+        ("driver.imperfections.gain", 0.1, "unknown key; did you mean driver.imperfections.gain_b?"),
+        ("driver.microstep_ramp", 1.5, "must be at least 0 and at most 1"),
+        ("driver.delay", "-1 ms", "must be at least 0 s"),
+        ("driver.table", "nowhere.csv", "there is no such file"),
+    ],
+)
+def test_bad_keys_get_a_sentence(key, value, sentence):
+    with pytest.raises(mv.ScenarioError) as error:
+        mv.load_scenario("state-1", {key: value})
+    assert key in str(error.value) or "nowhere" in str(error.value)
+    assert sentence in str(error.value)
+
+
+def test_the_supply_must_drive_the_largest_reference():
+    s = {"driver.supply_voltage": 3.65, "driver.imperfections.offset_a": 0.05}
+    with pytest.raises(mv.ScenarioError, match=r"supply_voltage 3\.65 V cannot drive 0\.63 A"):
+        baseline().with_si(s)
