@@ -17,6 +17,9 @@ from microvib.units import Quantity
 MAX_TABLE = 16_384  # rows of a table of currents, at most
 
 
+_USUAL = (1e-5, 0.05)  # errors of a driver, over its current
+
+
 class Imperfections(Part):
     """Errors of the reference currents; zeros make an ideal driver.
 
@@ -25,12 +28,18 @@ class Imperfections(Part):
     multiples of I/(2^(dac_bits - 1) - 1).
     """
 
-    gain_b: Annotated[float, Quantity("", "gain of phase B over that of A, less 1", ge=-0.5, le=0.5)] = 0.0
-    offset_a: Annotated[float, Quantity("", "offset of phase A over the current I", ge=-0.5, le=0.5)] = 0.0
-    offset_b: Annotated[float, Quantity("", "offset of phase B over the current I", ge=-0.5, le=0.5)] = 0.0
+    gain_b: Annotated[float, Quantity("", "gain of phase B over that of A, less 1", ge=-0.5, le=0.5, usual=_USUAL)] = (
+        0.0
+    )
+    offset_a: Annotated[float, Quantity("", "offset of phase A over the current I", ge=-0.5, le=0.5, usual=_USUAL)] = (
+        0.0
+    )
+    offset_b: Annotated[float, Quantity("", "offset of phase B over the current I", ge=-0.5, le=0.5, usual=_USUAL)] = (
+        0.0
+    )
     quadrature: Annotated[
         float,
-        Quantity("rad", "electrical angle by which phase B leads its quarter turn", ge=-0.5, le=0.5, display="deg"),
+        Quantity("rad", "angle by which phase B leads its quarter turn", ge=-0.5, le=0.5, display="deg", usual=_USUAL),
     ] = 0.0
     dead_band: Annotated[
         float, Quantity("", "references smaller than this part of the current I are zero", ge=0, le=0.5)

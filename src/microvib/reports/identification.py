@@ -104,7 +104,8 @@ def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
         )
         for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True)
         for o in evidence.observations
-        if o.form != "phase" and (o.line in _MAIN or (o.line.startswith(("drive", "array")) and "us_" not in o.line))
+        if not o.is_angle
+        and (o.line in _MAIN or (o.line.startswith(("drive", "array", "electrical")) and "us_" not in o.line))
     ]  # fmt: skip
 
 
@@ -232,7 +233,9 @@ def draw_before_and_after(fit: Fit) -> Drawing:
 
 def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
     header = [of, *(f"{_short_key(e.key)} [1]" for e in fit.estimates)]
-    return table(header, ([name, *(signed(x) for x in row)] for name, row in rows if "phase" not in name))
+    return table(
+        header, ([name, *(signed(x) for x in row)] for name, row in rows if "phase" not in name and " turn" not in name)
+    )
 
 
 def _short_key(key: str) -> str:

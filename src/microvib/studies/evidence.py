@@ -16,7 +16,7 @@ from microvib.io.sources import Source
 from microvib.io.tables import PAPER_LINES, PaperLines, read_table
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import DETECTION, LineTable
+from microvib.signals.line_table import DETECTION, Line, LineTable
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band
 
@@ -28,8 +28,9 @@ PAPER_CLOCK = 0.994
 class Observation:
     """One measured figure of one line.
 
-    ``form`` is amplitude or nearest_bin [N m], frequency [Hz], decay [1/s], or phase [rad] (of a driving line against the
-    first, k phi_1 - phi_k, which no choice of time zero changes).
+    ``form`` is amplitude or nearest_bin [N m], frequency [Hz], decay [1/s], phase [rad] against another line of the clock
+    (``relative_phase``), which no choice of time zero changes, or turn [rad], the phase at the first sample: of lines of the
+    electrical period, which tell half turns apart only by the time since the start.
     """
 
     line: str
@@ -38,6 +39,11 @@ class Observation:
     uncertainty: float
     bin_hz: float = math.nan
     """Bin of a nearest_bin figure: the test's bin, whichever bin is nearest to the line of a simulation."""
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is a phase, which has no relative error."""
+        return self.form in ("phase", "turn")
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ def chosen(
 ) -> list[Evidence]:
     """The evidence of lines in the ``bands`` (without any: everywhere), less those named in ``without``.
 
-    Phases are relative to the first driving line and go with it. MicrovibError for a name that no evidence has, and where
+    Phases go with the line that they are relative to. MicrovibError for a name that no evidence has, and where
     nothing is left.
     """
     seen = dict.fromkeys(o.line for one in evidence for o in one.observations)
@@ -72,8 +78,10 @@ def chosen(
     def wanted(line: str) -> bool:
         return line not in without and (not ends or any(low <= at.get(line, -1.0) <= high for low, high in ends))
 
-    phases = wanted("drive_1")
-    kept = [[o for o in x.observations if wanted(o.line) and (o.form != "phase" or phases)] for x in evidence]
+    def told(o: Observation) -> bool:
+        return wanted(o.line) and (o.form != "phase" or wanted(PHASE_OF[_family(o.line)]))
+
+    kept = [[o for o in x.observations if told(o)] for x in evidence]
     if not any(kept):
         raise OptionError("without" if without else "band", "leaves no line of the evidence")
     return [replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)]
@@ -98,20 +106,50 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
 
 
 def observations(table: LineTable) -> tuple[Observation, ...]:
-    """Observations from the lines of a table that stand out: amplitudes, phases of driving lines, frequency and decay of modes."""
+    """Observations from the lines of a table that stand out: amplitudes, phases of driving lines and of those of the electrical
+    period, frequency and decay of modes."""
     found = []
-    first = next((x for x in table if x.line == "drive_1" and x.status == "ok"), None)
+    sure = {x.line: x for x in table if x.status == "ok"}
     seen = (x for x in table if x.kind != "other" and x.status in ("ok", "decaying", "growing"))
     for x in (x for x in seen if not x.amplitude_n_m < 2 * DETECTION * x.floor_n_m):
         found.append(Observation(x.line, "amplitude", x.amplitude_n_m, x.amplitude_uncertainty_n_m))
         if x.kind == "array mode":
             found.append(Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz))
             found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
-        elif x.kind == "drive" and first is not None and x.line != "drive_1":
-            order = int(x.line.split("_")[1])
-            spread = math.hypot(order * first.phase_uncertainty_rad, x.phase_uncertainty_rad)
-            found.append(Observation(x.line, "phase", order * first.phase_rad - x.phase_rad, spread))
+        against = sure.get(PHASE_OF.get(_family(x.line), ""))
+        if against is not None and against is not x:
+            found.append(Observation(x.line, "phase", *relative_phase(x, against)))
+        if x.kind == "electrical":
+            found.append(Observation(x.line, "turn", x.phase_rad, math.hypot(TURN, x.phase_uncertainty_rad)))
     return tuple(found)
+
+
+PHASE_OF = {"drive": "drive_1", "electrical": "full_step_1"}
+"""Line against which phases of a family of lines are taken."""
+TURN = 0.5
+"""Standard uncertainty [rad] of the phase at the first sample: enough to tell half turns apart, where ``record.settle`` is known to
+within a few tenths of the electrical period."""
+
+
+def _family(line: str) -> str:
+    """What the name of a driving line or of one of the electrical period begins with; of others, sidebands too, nothing."""
+    stem, _, order = line.rpartition("_")
+    return stem if stem in PHASE_OF and order.isdigit() else ""
+
+
+def relative_phase(line: Line, against: Line) -> tuple[float, float]:
+    """Phase [rad] of a line against another one of its clock, as no choice of time zero changes it, and its uncertainty.
+
+    Of a driving line against the first k phi_1 - phi_k; of the order k of the electrical period against the full step, its order
+    4, with the least common multiple m of both: (m/k) phi_k - (m/4) phi_4.
+    """
+    order = int(line.line.split("_")[1])
+    mine, its = -1, order
+    if line.kind == "electrical":
+        common = math.lcm(order, 4)
+        mine, its = common // order, -(common // 4)
+    value = mine * line.phase_rad + its * against.phase_rad
+    return value, math.hypot(mine * line.phase_uncertainty_rad, its * against.phase_uncertainty_rad)
 
 
 @dataclass(frozen=True)
@@ -134,13 +172,14 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
     if line is None:
         return math.nan
     if wanted.form == "phase":
-        order = int(wanted.line.split("_")[1])
-        return float(order * by_name["drive_1"].phase_rad - line.phase_rad)
+        against = by_name.get(PHASE_OF[_family(line.line)])
+        return math.nan if against is None else relative_phase(line, against)[0]
     figures: dict[str, float] = {
         "amplitude": line.amplitude_n_m,
         "nearest_bin": line.bin_amplitude_n_m if math.isnan(wanted.bin_hz) else lines.bin_amplitude(wanted.bin_hz),
         "frequency": line.frequency_hz,
         "decay": line.decay_per_s,
+        "turn": line.phase_rad,
     }
     return figures[wanted.form]
 

@@ -93,7 +93,10 @@ class FitKey:
 
 
 def parse_fit(scenario: Scenario, text: str) -> FitKey:
-    """``KEY`` or ``KEY=LOW:HIGH`` with units; without a range a factor of four each way, ten per cent for a frequency."""
+    """``KEY`` or ``KEY=LOW:HIGH`` with units; without a range a factor of four each way, ten per cent for a frequency.
+
+    What may be of either sign is fitted within its usual sizes to both sides of zero, or a factor of four beyond its value.
+    """
     key, _, span = text.partition("=")
     key = key.strip()
     entries = {name: (value, quantity) for name, value, quantity in scenario.entries()}
@@ -105,6 +108,9 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     _refuse_what_is_known(scenario, key, value)
     if span:
         return _stated(text, key, span, quantity)
+    if quantity.usual is not None and quantity.ge is not None and quantity.ge < 0.0:
+        far = max(quantity.usual[1], FACTOR * abs(value))
+        return FitKey(key, max(-far, quantity.ge), min(far, quantity.le or far), quantity.unit)
     if value <= 0.0:
         raise OptionError("fit", f"starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}", key)
     return around(key, value, quantity)

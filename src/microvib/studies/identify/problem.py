@@ -20,7 +20,7 @@ from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.batch import Torque, simulate_torques
-from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
+from microvib.studies.evidence import PHASE_OF, Evidence, Observation, Simulated, predicted
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
 from microvib.units import Si
 
@@ -31,7 +31,7 @@ FREQUENCY_FLOOR, DECAY_FLOOR, PHASE_FLOOR = 2e-4, 0.01, 0.01
 """Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is trusted beyond."""
 ROBUST = 5.0
 """Standard deviations from which a residual counts in proportion, not by its square: a start far off still shows the way."""
-_AMISS = {"amplitude": 5.0, "nearest_bin": 5.0, "phase": math.pi, "frequency": 1.0, "decay": 5.0}
+_AMISS = {"amplitude": 5.0, "nearest_bin": 5.0, "phase": math.pi, "turn": math.pi, "frequency": 1.0, "decay": 5.0}
 """Difference of a figure that a simulation does not have: as large as those of the worst that do."""
 REJECTED = 1e-3
 """Probability of so large a chi-square with a correct model, below which a model does not explain the data."""
@@ -60,7 +60,7 @@ def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int
     torques, found = simulate_torques([test for _, test, _ in cases]), []
     for (k, test, evidence), torque in zip(cases, torques, strict=True):
         if isinstance(torque, Torque):
-            asked = {o.line for o in evidence.observations} | {"drive_1"}
+            asked = {o.line for o in evidence.observations} | set(PHASE_OF.values())
             spectrum = amplitude_spectrum(torque.T_d, torque.sample_rate)
             table = lines_among(torque.T_d, torque.sample_rate, test, asked)
             found.append((k, Simulated(table, spectrum.amplitude, spectrum.resolution)))
@@ -80,7 +80,7 @@ def difference(o: Observation, simulated: Simulated | None) -> float:
         return _AMISS[o.form]
     if o.form in ("amplitude", "nearest_bin"):
         return math.log(max(value, 1e-12) / o.value)
-    if o.form == "phase":
+    if o.is_angle:
         return math.remainder(value - o.value, 2.0 * math.pi)
     return (value - o.value) / max(abs(o.value), 1e-6)
 

@@ -155,7 +155,7 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
     rows = [
         {
             "test": evidence.name, "line": o.line, "form": o.form, "measured": o.value, "fitted": predicted(found, o),
-            "error": predicted(found, o) / o.value - 1.0 if o.form != "phase" and o.value else math.nan,
+            "error": predicted(found, o) / o.value - 1.0 if not o.is_angle and o.value else math.nan,
         }
         for evidence, found in fit.after for o in evidence.observations
     ]  # fmt: skip
