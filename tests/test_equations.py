@@ -28,7 +28,7 @@ def no_detent(state_1):
 def test_eq_1_reference_currents(state_1):
     _, reference = Command(state_1).microsteps(0.0, 2.0)
     # a quarter of an electrical turn is one full step of a four-beat motor: 16 microsteps, backwards (Eq. 19)
-    assert reference[15] == pytest.approx([0.0, -0.6, -math.pi / 2], abs=1e-15)
+    assert reference[15] == pytest.approx([0.0, -0.6, -math.pi / 2, 0.0], abs=1e-15)
     assert reference[63, :2] == pytest.approx([0.6, 0.0], abs=1e-14)
     assert np.hypot(*reference[:, :2].T) == pytest.approx(0.6)
 

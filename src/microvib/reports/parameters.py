@@ -28,6 +28,7 @@ _STATUS = (
 """Words by which a source tells the status of its values; a source without such words, or none at all, makes them given."""
 STATUSES = (*(name for name, _ in _STATUS), "given")
 _PLAIN = ("default", "set by the user")
+_NOT_IDEAL = ("driver.imperfections.", "driver.microstep_ramp", "driver.delay")
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,10 @@ def provenance(source: str) -> Provenance:
 
 
 def _told(part: Part) -> Iterator[tuple[str, str, str]]:
-    """Key, value as text and meaning of every parameter of a part that has a value."""
+    """Key, value as text and meaning of every parameter of a part that has a value; of what an ideal driver lacks, nothing."""
     for key, value, quantity in part.entries() if isinstance(part, Scenario) else entries("", part, None):
         key = key.lstrip(".")
-        if value is not None and value != ():
+        if value is not None and value != () and not (key.startswith(_NOT_IDEAL) and value == 0.0):
             yield key, _shown(value, quantity), quantity.meaning if quantity else _description(part, key)
 
 

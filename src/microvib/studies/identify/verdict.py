@@ -25,6 +25,8 @@ NUDGE = 0.01
 ASSUMED_TIME = 0.1
 """Relative error of a settling time that nobody measured."""
 SETTLE = "record.settle"
+PHASES = tuple(f"driver.imperfections.{name}" for name in ("gain_b", "offset_a", "offset_b", "quadrature"))
+"""Errors of the driver: turned by a quarter or half of an electrical turn they make nearly the same torque, later."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ def estimate(findings: Findings, k: int) -> Estimate:
     key = findings.problem.keys[k]
     value = key.value(float(findings.best.x[k]))
     good, verdict = _verdict(findings, k)
+    if good and key.key.startswith(PHASES):
+        verdict += f"; its sign rests on {SETTLE}, since which phase is which is told by the time since the start alone"
     if key.along:
         verdict += "; fitted as well, since no fit with the scenario's value explained the evidence"
     if findings.intervals is None:
