@@ -3,7 +3,7 @@ import numpy as np
 
 import microvib as mv
 
-model = mv.load_scenario("state-1").with_({"record.settle": "6 s", "record.duration": "8 s"})
+model = mv.load_scenario("state-1").with_({"record.settle": "4 s", "record.duration": "6 s"})
 built = mv.simulate(model.with_si({"reducer.stiffness": 1.05 * model["reducer.stiffness"]}))
 noise = np.random.default_rng(1).normal(0.0, 2e-3, built.time.size)
 test = mv.Recording({"Mz": built["T_d"] + noise}, built.sample_rate, {"Mz": "N*m"}, "bench, run 7")

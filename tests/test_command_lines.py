@@ -32,6 +32,7 @@ NOT_RUN = {
     "microvib serve": "serves until it is stopped; tests/serve/test_command.py starts and stops it",
     "curl ": "asks a server that runs; tests/serve asks",
     "/shared/batch": "a cluster with Slurm; tests/campaign/test_killed.py looks at what it is given",
+    "microvib validate": "seconds; tests/test_commands.py runs it, in a terminal and in a pipe",
     "microvib identify state-1 paper": "minutes, as its page says; tests/test_studies.py identifies",
 }
 """Lines that are left out, by words that they have, and why."""
@@ -48,7 +49,7 @@ GIVEN: dict[str, dict[str, str]] = {
     "docs/howto/rate.md": {"my-drive.yaml": DRIVE},
 }
 """Files that a page tells its reader to have written, and does not print."""
-SHORT_BENCH = BENCH.replace("duration: 16 s", "duration: 4 s")
+SHORT_BENCH = BENCH.replace("duration: 16 s", "duration: 3 s")
 """``short.yaml``: every later command looks at the recording, and an identification simulates as long, hundreds of times."""
 ONE_AFTER_ANOTHER = """
 import json, sys

@@ -39,8 +39,11 @@ DONE = {
         "2",
         "--band",
         "40:170 Hz",
-        *SHORT,
-    ],
+        "--set",
+        "record.settle=0.2 s",
+        "--set",
+        "record.duration=0.5 s",
+    ],  # fmt: skip
     "rates": RATES,
     "modes": ["modes", "modes.csv"],
     "sas size": ["sas", "size", "--inertia", "8.18", "--frequency", "1.19"],

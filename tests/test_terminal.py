@@ -152,9 +152,9 @@ def test_a_run_without_standard_error_works_and_nothing_is_written_into_its_file
     assert (tmp_path / "out" / "lines.csv").read_text() == (worked / "old" / "lines.csv").read_text()
 
 
-def test_results_are_written_although_nobody_reads_the_text(worked, tmp_path):
-    done = shell(f"microvib analyse '{worked}/old.csv' --out out | true", tmp_path)
-    assert "Traceback" not in done.stderr
+def test_results_are_written_although_nobody_reads_the_text_whatever_the_window_system(worked, tmp_path):
+    done = shell(f"MPLBACKEND=nonsense microvib analyse '{worked}/old.csv' --out out | true", tmp_path)
+    assert done.stderr == ""
     assert (tmp_path / "out" / "report.html").is_file()
 
 
@@ -196,12 +196,6 @@ def test_a_bug_is_called_a_bug_and_shows_its_traceback_on_request(capsys, monkey
     monkeypatch.setenv(TRACEBACK, "1")
     assert status_of(fail) == BUG
     assert "Traceback" in capsys.readouterr().err
-
-
-def test_drawings_do_not_depend_on_the_window_system(worked, tmp_path):
-    line = f"MPLBACKEND=nonsense microvib analyse '{worked}/old.csv' --out out"
-    done = shell(line, tmp_path)
-    assert done.returncode == 0, done.stderr
 
 
 def test_progress_on_lines_has_rate_and_time_left(capsys, monkeypatch):
