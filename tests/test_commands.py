@@ -43,7 +43,7 @@ DONE = {
         "record.settle=0.2 s",
         "--set",
         "record.duration=0.5 s",
-    ],  # fmt: skip
+    ],
     "rates": RATES,
     "modes": ["modes", "modes.csv"],
     "sas size": ["sas", "size", "--inertia", "8.18", "--frequency", "1.19"],

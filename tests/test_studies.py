@@ -69,7 +69,7 @@ def fit(recording, start):
         {**TRUTH, "reducer.stiffness": 8000.0, "reducer.damping": 0.5, "array.modes.0.frequency": 1.24}
     )
     keys = [parse_fit(wrong, key) for key in ("reducer.stiffness", "reducer.damping")]
-    return identify(wrong, [(read_evidence(recording, wrong), {})], keys, starts=8, finishes=2, seed=2)
+    return identify(wrong, [(read_evidence(recording, wrong), {})], keys, starts=16, finishes=2, seed=2)
 
 
 def test_identification_finds_the_truth(fit):

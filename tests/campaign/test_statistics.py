@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.campaigns import EVERYTHING, SHORT, Fragile, computed, made, spread, study
 
-from microvib.reports.campaign.report import campaign_report, summarise
+from microvib.reports.campaign.report import campaign_report, draw, summarise
 from microvib.reports.campaign.text import report_text
 from microvib.reports.document import Table
 from microvib.reports.rendering import html
@@ -152,6 +152,14 @@ def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):
     assert int(np.sum(results.state == MISSING)) == 6
     assert [row.count for row in line_statistics(results, None, EVERYTHING) if row.line == ANY] == [3, 3]
     assert {row.level.failed for row in line_statistics(results, None, EVERYTHING)} == {3}
+
+
+def test_a_campaign_whose_cases_all_failed_has_a_report_without_pictures(tmp_path):
+    results = computed(tmp_path, study(set={**SHORT, "motor.current": "0.005 A"}))
+    summary = summarise(results, 0.01, EVERYTHING)
+    assert draw(summary) == {}
+    assert "synchronism" in html(campaign_report(summary, {}))
+    assert report_text(summary)
 
 
 def test_effects_one_at_a_time_are_those_of_the_cases(tmp_path):

@@ -133,6 +133,8 @@ def draw(s: Summary) -> dict[str, Picture]:
     """All pictures of a campaign, by the names of their files."""
     results, design = s.results, s.results.campaign.design
     made: dict[str, Picture] = {}
+    if not counts(results)[DONE]:
+        return made  # every case failed, or none is computed
     if s.rows:
         where = " Each line at the level at which it is largest." if s.several else ""
         text = f"Median, 95 % and 99 % point where the draws carry them, and the largest amplitude.{where}"
