@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,8 @@ from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
 from microvib.signals.line_table import LineTable
-from microvib.solve.batch import Torque
-from microvib.solve.integration import Progress, from_rest
+from microvib.solve.batch import Torque, torque_from_rest
+from microvib.solve.integration import Progress, from_rest, method_of
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
 from microvib.solve.steady.state import SteadyState, find_steady
 from microvib.testdata.recording import Recording, RecordingError, check
@@ -39,7 +40,7 @@ class Steady:
     """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from time integration."""
 
     lines: LineTable
-    source: SteadyState | Motion
+    source: SteadyState | Torque
     fallback: str = ""
 
     @property
@@ -47,15 +48,19 @@ class Steady:
         """The steady state, if there is one."""
         return self.source if isinstance(self.source, SteadyState) else None
 
-    @property
+    @cached_property
     def invariants(self) -> Invariants:
-        """What should have held; of a steady state the motion is run once more for it."""
-        return self.source.invariants
+        """What should have held; the motion is run once more for it, with all channels."""
+        if isinstance(self.source, SteadyState):
+            return self.source.invariants
+        return from_rest(self.source.scenario, channels=("T_d",)).invariants
 
     @property
     def solver(self) -> dict[str, Any]:
         """How it was solved."""
-        return self.source.solver
+        if isinstance(self.source, SteadyState):
+            return self.source.solver
+        return {**method_of(self.source.scenario), "steps": self.source.steps}
 
 
 def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None = None) -> Steady:
@@ -66,7 +71,7 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     state, why = find_steady(scenario)
-    source = state or from_rest(scenario, channels=("T_d",), progress=progress)
+    source = state or torque_from_rest(scenario, progress)
     return Steady(lines(source, harmonics=harmonics), source, why)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from microvib.errors import SimulationError, expect
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
-from microvib.solve.integration import Simulation
+from microvib.solve.integration import Progress, Simulation
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,10 @@ class Torque:
     momentum: float
     """Momentum that stops removed (each within its tolerance), as a mean torque, over the largest T_d."""
 
+    def __getitem__(self, name: str) -> np.ndarray:
+        """As of a ``Motion``, which has other channels too."""
+        return {"T_d": self.T_d}[name]
+
 
 def simulate_torques(scenarios: Sequence[Scenario]) -> list[Torque | SimulationError]:
     """Torque of each scenario, or the error with which it stopped, in their order.
@@ -44,10 +48,15 @@ def _torque(scenario: Scenario) -> Torque | SimulationError:
     if scenario.record.start != "rest":
         return SimulationError("record.start: many scenarios at once begin at rest; allowed is rest, not steady")
     try:
-        run = Simulation(scenario, torque_only=True)
-        T_d = np.concatenate([block["T_d"] for block in run])
+        return torque_from_rest(scenario)
     except SimulationError as error:
         return error
+
+
+def torque_from_rest(scenario: Scenario, progress: Progress | None = None) -> Torque:
+    """Torque of one scenario that begins at rest, whatever ``record.start`` says. Raises what ``simulate`` raises."""
+    run = Simulation(scenario, progress=progress, torque_only=True)
+    T_d = np.concatenate([block["T_d"] for block in run])
     return Torque(
         scenario=scenario,
         T_d=T_d,

@@ -53,6 +53,7 @@ class PeriodMap:
             raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
+        self._rest = self.packed.state.y.copy()
         self.frequency, self.microstep_time = f_d / microsteps, 1.0 / f_d
         self.command = Command.lasting(scenario, scenario.record.settle)
         rate = -math.copysign(f_d, scenario.rate or 0.0)  # in microsteps per second
@@ -98,7 +99,7 @@ class PeriodMap:
         angle = self.angle(0)
         electrical = self.packed.drive.z * angle
         turn = Turn(np.array([angle]), np.cos(electrical), np.sin(electrical))
-        return self._turned(pack(self.scenario).state.y[None], turn)[0], round(-angle / self._step) % self.microsteps
+        return self._turned(self._rest[None], turn)[0], round(-angle / self._step) % self.microsteps
 
     def angle(self, microstep: Any) -> Any:
         """Commanded rotor angle [rad] before a ``microstep`` of the period."""

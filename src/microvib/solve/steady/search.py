@@ -24,7 +24,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import reduce
-from itertools import pairwise
 
 import numpy as np
 
@@ -70,9 +69,9 @@ NUDGE = 0.03
 """Step of the differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
 SLIPS_AGAIN_WITHIN = 4.0
 """Time [s] within which a body that was stopped must slip for a whole period without sticking."""
-REST_FRACTIONS = np.array([1.0, 0.75, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01])
+REST_FRACTIONS = np.array([1.0, 0.5, 0.2, 0.07, 0.01])
 """Starts between the motion found (0) and rest (1); the last shows how small deviations decay."""
-CHECKED_AFTER = (4, 8, 16, 32)
+CHECKED_AFTER = (4, 6, 8, 12, 16, 24, 32)
 """Periods after which all are checked for having come back, or being on the way; the last check decides."""
 DECAY_ALLOWANCE = 1.3
 """Distance that a large deviation may have, over that expected from the decay of the small one."""
@@ -278,7 +277,7 @@ class Search:
     def _check_from_rest(self) -> None:
         """Against all else: the motion that a run shows is the one that a start from rest leads to.
 
-        One start is from rest with the command, the others at fractions of its distance from the motion found, the last so
+        One start is from rest with the command, four others at fractions of its distance from the motion found, the last so
         near that it shows whether and how fast small deviations decay. Every one must arrive, or decay as the small deviation
         does: a mode may ring for long, but one that keeps its distance, or decays more slowly, goes to another motion.
         """
@@ -297,18 +296,14 @@ class Search:
     def _at_section_from_rest(self) -> np.ndarray:
         """State at the end of the period, in units, of a drive that started from rest with a run's first microstep."""
         state, first = self.period.at_rest()
-        x = (state / self.period.sizes)[None]
-        for last in self.segments.bounds[self.segments.bounds > first].tolist():
-            x = self._from(x, np.array([first]), np.array([last])).x
-            first = last
-        end: np.ndarray = x[0]
+        start = (state / self.period.sizes)[None]
+        end: np.ndarray = self._from(start, np.array([first]), self.segments.bounds[-1:]).x[0]
         return end
 
     def _period(self, x: np.ndarray) -> np.ndarray:
         """States (k, n) after a period."""
-        for first, last in pairwise(self.segments.bounds.tolist()):
-            x = self._from(x, np.full(len(x), first), np.full(len(x), last)).x
-        return x
+        first = np.zeros(len(x), dtype=int)
+        return self._from(x, first, first + self.period.microsteps).x
 
     def _distance(self, x: np.ndarray) -> np.ndarray:
         """Distance of states (k, n) from the motion found, (k,): root of the sum of squares.
