@@ -13,10 +13,10 @@ import pytest
 
 import microvib as mv
 from microvib.compiled import machine
-from microvib.signals import tone_kernel
+from microvib.signals import tone_fit, tone_kernel
 from microvib.solve import kernel, propagate, propagators, rodas4
 
-UNITS = {module.__name__: module.code for module in (kernel, rodas4, propagators, propagate, tone_kernel)}
+UNITS = {module.__name__: module.code for module in (kernel, rodas4, propagators, propagate, tone_kernel, tone_fit)}
 SMALL = '''
 """A unit of every kind of argument and result."""
 import math
@@ -225,10 +225,10 @@ def test_code_for_other_machines_is_made(triple):
 import lzma
 import llvmlite.binding as llvm
 from microvib.compiled import machine
-from microvib.signals import tone_kernel
+from microvib.signals import tone_fit, tone_kernel
 from microvib.solve import kernel, propagate, propagators, rodas4
 llvm.initialize_all_targets(); llvm.initialize_all_asmprinters()
-for module in (kernel, rodas4, propagators, propagate, tone_kernel):
+for module in (kernel, rodas4, propagators, propagate, tone_kernel, tone_fit):
     code = lzma.decompress(module.code.file.read_bytes().partition(b"\\n")[2])
     print(len(machine._machine_code(code, {triple!r}, "generic", "")) > 5_000)
 """

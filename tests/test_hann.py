@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from microvib.model.expected import ExpectedLine
+from microvib.signals import tone_fit
 from microvib.signals import tone_kernel as hann
 from microvib.signals.spectrum import window_values
 from microvib.signals.tone_algebra import half_turns
@@ -112,7 +113,7 @@ def test_a_fit_finds_tones_near_each_other_and_a_shift_of_others_together():
     k = hann.bins_in(cycles, cycles, hann.REACH, n // 2 + 1)
     start = np.array([20.0, 23.2, 100.0, 200.0])
     low, high = np.array([18.0, 21.0, -8.0, -8.0, -np.inf]), np.array([22.0, 25.0, 60.0, 60.0, np.inf])
-    there, fold, at = hann.fit(
+    there, fold, at = tone_fit.fit(
         start, 0.3 * (start < 50.0), two, two, two + 2, low, high, k, transformed(x), half_turns(n)
     )
     assert there == pytest.approx(truth, rel=1e-7)
@@ -126,15 +127,16 @@ def test_slopes_of_a_fit_give_the_derivative_of_what_is_left():
     values = sum(hann.tone(c, d, a, np.arange(2049), table) for c, d, a in [(100.2, 0.4, 1.0), (104.0, 0.0, 2j)])
     values = values + 0.05 * random.normal(size=2049)
     cycles, decay = np.array([100.0, 103.7, 121.3]), np.array([0.3, 0.0, 0.0])
+    beside = *tone_fit.known(np.array([112.6]), np.array([0.7]), k, values, table), table
     free, falls, clock = np.array([0]), np.array([0]), np.array([1, 2])
 
     def left(p):
         moved = np.array([p[0], *cycles[1:] * (1 + p[2] / cycles[2])])
-        rest = hann.residual(moved, np.array([p[1], 0.0, 0.0]), k, values, table)
+        rest = tone_fit.residual(moved, np.array([p[1], 0.0, 0.0]), k, *beside)
         return rest @ rest
 
     slopes = np.zeros((3, 2 * k.size))
-    hann._slopes(cycles, decay, free, falls, clock, k, values, table, slopes)
+    tone_fit._slopes(cycles, decay, free, falls, clock, k, *beside, slopes)
     at, steps = np.array([100.0, 0.3, 0.0]), 1e-4 * np.eye(3)
     expected = [(left(at + step) - left(at - step)) / 2e-4 for step in steps]
-    assert 2 * slopes @ hann.residual(cycles, decay, k, values, table) == pytest.approx(expected, rel=1e-5)
+    assert 2 * slopes @ tone_fit.residual(cycles, decay, k, *beside) == pytest.approx(expected, rel=1e-5)

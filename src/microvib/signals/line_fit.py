@@ -23,7 +23,8 @@ from microvib.signals.line_search import FALLS, search
 from microvib.signals.line_table import DETECTION, FAINT, Figures, LineTable, Rest, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.spectrum import tone_amplitude
-from microvib.signals.tones import NEAR, HannSpectrum, Joint, Tones, disturbed, moved, steady, uncertainties
+from microvib.signals.tones import NEAR, HannSpectrum, Joint, Tones, moved, steady
+from microvib.signals.uncertainties import disturbed, uncertainties, uncertainties_alone
 
 SEPARATION = 2.5  # distance [bins] from which two lines can be told apart
 MAX_MODES = 300  # array modes that are fitted in one record: the work grows with the third power of their number
@@ -145,11 +146,13 @@ def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
     unsure &= sizes > DETECTION * joint.rest.floors(tones.frequency)
     more = disturbed(joint)
     why: dict[str, str] = {}
-    for i in (i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"):
+    doubtful = [i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"]
+    alone = uncertainties_alone(joint, doubtful).amplitude
+    for i, by_itself in zip(doubtful, alone.tolist(), strict=True):
         apart = np.abs(tones.frequency - tones.frequency[i]) * duration
         near = [j for j in np.argsort(apart, kind="stable").tolist() if j != i and apart[j] < NEAR]
         larger = next((tones.lines[j] for j in near if sizes[j] > sizes[i]), None)
-        if larger is not None and spread.amplitude[i] > _WORSE * uncertainties(joint.alone(i))[0].amplitude[0]:
+        if larger is not None and spread.amplitude[i] > _WORSE * by_itself:
             why[tones.lines[i].name] = f"not separable from {AN_OTHER if larger.kind == 'other' else larger.name}"
         elif more[i] and tones.clock[i]:
             why[tones.lines[i].name] = f"not separable from {AN_OTHER} within a bin, or not steady"

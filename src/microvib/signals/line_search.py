@@ -16,7 +16,8 @@ from microvib.model.record import PASSBAND
 from microvib.signals.line_table import DETECTION, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.tone_kernel import REACH
-from microvib.signals.tones import NEAR, Joint, falling, steady, uncertainties
+from microvib.signals.tones import NEAR, Joint, falling, steady
+from microvib.signals.uncertainties import uncertainties_alone
 
 MAX_OTHERS = 12
 LEAST = 0.01  # fraction of the largest line above which an unexpected one is fitted
@@ -194,7 +195,7 @@ class _Search:
         return ExpectedLine(f"other at {frequency!r}", "other", frequency, frequency - bin_, frequency + bin_, "")
 
     def _spread(self, fit: Joint, i: int) -> Uncertainty:
-        return uncertainties(fit.alone(i))[0]
+        return uncertainties_alone(fit, [i])
 
     def _holds(self, line: ExpectedLine, k: int) -> bool:
         return line.low * self.duration - 1.5 <= k <= line.high * self.duration + 1.5

@@ -46,24 +46,29 @@ def half(cycles, decay, k, table, out):
     growth, less = 2.0 * math.exp(-decay / samples), math.expm1(-decay / samples)
     s_over, c_over = math.sin(angle), math.cos(angle)
     on_bin = less == 0.0 and abs(over) < 1e-15 * samples
-    series = np.empty(k.size + 2, np.complex128)
+    x, y, share = np.empty(k.size + 2), np.empty(k.size + 2), 2.0 / samples
     first = 0
     while first < k.size:
         after = first + 1
         while after < k.size and k[after] == k[after - 1] + 1:
             after += 1
-        for i in range(after - first + 2):
-            j = whole - k[first] + 1 - i
-            j += samples if j < 0 else (-samples if j >= samples else 0)
-            s = table[0, j] * c_over + table[1, j] * s_over
-            c = table[1, j] * c_over - table[0, j] * s_over
-            a, b = less - growth * s * s, growth * s * c
-            inverse = 1.0 / (a * a + b * b)
-            series[i] = complex((real * a + imag * b) * inverse, (imag * a - real * b) * inverse)
-            if on_bin and j == 0:
-                series[i] = samples
-        for i in range(after - first):
-            out[first + i] = (0.5 * series[i + 1] - 0.25 * (series[i] + series[i + 2])) * (2.0 / samples)
+        count, i = after - first + 2, 0
+        while i < count:  # stretches without a wrap in the table, for vectors
+            j = (whole - k[first] + 1 - i) % samples
+            end = min(count, i + j + 1)
+            for n in range(i, end):
+                s = table[0, j + i - n] * c_over + table[1, j + i - n] * s_over
+                c = table[1, j + i - n] * c_over - table[0, j + i - n] * s_over
+                a, b = less - growth * s * s, growth * s * c
+                inverse = 1.0 / (a * a + b * b)
+                x[n], y[n] = (real * a + imag * b) * inverse, (imag * a - real * b) * inverse
+            if on_bin and end == i + j + 1:
+                x[end - 1], y[end - 1] = samples, 0.0
+            i = end
+        for n in range(after - first):
+            out[first + n] = complex(
+                (0.5 * x[n + 1] - 0.25 * (x[n] + x[n + 2])) * share, (0.5 * y[n + 1] - 0.25 * (y[n] + y[n + 2])) * share
+            )
         first = after
 
 
@@ -96,6 +101,28 @@ def factored(columns):
             else:
                 factor[i, i] = 1.0 / math.sqrt(rest) if rest > _DEPENDENT else 0.0
     return scale, factor
+
+
+@code.inner(**COMPILE)
+def orthonormal(columns, scale, factor):
+    """Make the columns orthonormal, in place; those that depend on others zero."""
+    for i in range(columns.shape[0]):
+        for n in range(columns.shape[1]):
+            columns[i, n] *= scale[i]
+        for j in range(i):
+            for n in range(columns.shape[1]):
+                columns[i, n] -= factor[i, j] * columns[j, n]
+        for n in range(columns.shape[1]):
+            columns[i, n] *= factor[i, i]
+
+
+@code.inner(**COMPILE)
+def take_out(basis, x):
+    """Subtract from ``x`` what orthonormal columns make of it, in place."""
+    for i in range(basis.shape[0]):
+        part = dot(basis[i], x)
+        for n in range(x.size):
+            x[n] -= part * basis[i, n]
 
 
 @code.inner(**COMPILE)

@@ -23,7 +23,12 @@ import math
 import numpy as np
 
 from microvib.compiled import Complexes, Counts, Matrix, Unit, Vector
-from microvib.signals.tone_algebra import COMPILE, dot, factored, half, solved, subtract
+from microvib.signals.tone_algebra import (
+    COMPILE,
+    factored,
+    half,
+    solved,
+)
 
 code = Unit(__name__, "tone_algebra.py")
 REACH = 6
@@ -32,7 +37,7 @@ FAR = 400
 """Bins on each side from which a known tone is taken out; beyond, a Hann window leaves 1e-8 of it."""
 _FLOOR_BINS = (4, 20)
 """Distances from a line [bins], nearest and farthest, over which its noise floor is taken."""
-_NUDGE = 1e-4
+NUDGE = 1e-4
 """Step of difference quotients, in cycles or e-foldings over the record."""
 
 
@@ -71,21 +76,58 @@ def equations(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table
     amplitudes, and of a constant. Along a column the real parts of all bins come first, then the imaginary ones.
     """
     m, n = cycles.size, k.size
-    columns = np.empty((2 * m + 1, 2 * n))
+    columns, right = np.empty((2 * m + 1, 2 * n)), np.empty(2 * n)
+    spectra(cycles, decay, k, table, columns)
+    constant(k, table, columns[2 * m])
+    for j in range(n):
+        right[j], right[n + j] = values[k[j]].real, values[k[j]].imag
+    return columns, right
+
+
+@code.inner(**COMPILE)
+def spectra(cycles, decay, k, table, columns):
+    """The spectra of each tone's cosine and minus sine at the bins ``k``, into the rows of ``columns`` (2 m at least, 2 n)."""
+    n = k.size
     plus, minus = np.empty(n, np.complex128), np.empty(n, np.complex128)
-    for i in range(m):
+    for i in range(cycles.size):
         half(cycles[i], decay[i], k, table, plus)
         half(-cycles[i], decay[i], k, table, minus)
         for j in range(n):
             p, q = plus[j], minus[j]
             columns[2 * i, j], columns[2 * i, n + j] = p.real + q.real, p.imag + q.imag
             columns[2 * i + 1, j], columns[2 * i + 1, n + j] = q.imag - p.imag, p.real - q.real
-    half(0.0, 0.0, k, table, plus)
-    right = np.empty(2 * n)
+
+
+@code.entry(**COMPILE)
+def linearised(
+    cycles: Vector, decay: Vector, amplitudes: Complexes, free: Counts, falls: Counts, k: Counts, table: Matrix
+) -> Matrix:
+    """Columns of ``equations``, and below them what the model changes by at fixed amplitudes: with the frequencies, in cycles, of
+    the tones ``free``, and with the decays, in e-foldings, of the tones ``falls``."""
+    m, n = cycles.size, k.size
+    columns = np.empty((2 * m + 1 + free.size + falls.size, 2 * n))
+    spectra(cycles, decay, k, table, columns)
+    constant(k, table, columns[2 * m])
+    for j in range(free.size + falls.size):
+        i = free[j] if j < free.size else falls[j - free.size]
+        turn, fall = (NUDGE, 0.0) if j < free.size else (0.0, NUDGE)
+        after = tone(cycles[i] + turn, decay[i] + fall, amplitudes[i], k, table)
+        before = tone(cycles[i], decay[i], amplitudes[i], k, table)
+        row = columns[2 * m + 1 + j]
+        for b in range(n):
+            slope = (after[b] - before[b]) / NUDGE
+            row[b], row[n + b] = slope.real, slope.imag
+    return columns
+
+
+@code.inner(**COMPILE)
+def constant(k, table, column):
+    """The spectrum of a constant, into ``column`` (2 n,)."""
+    n = k.size
+    there = np.empty(n, np.complex128)
+    half(0.0, 0.0, k, table, there)
     for j in range(n):
-        columns[2 * m, j], columns[2 * m, n + j] = plus[j].real, plus[j].imag
-        right[j], right[n + j] = values[k[j]].real, values[k[j]].imag
-    return columns, right
+        column[j], column[n + j] = there[j].real, there[j].imag
 
 
 @code.entry(**COMPILE)
@@ -93,66 +135,6 @@ def least_squares(columns: Matrix, right: Vector) -> Vector:
     """Least squares by scaled normal equations; a column that is zero or depends on those before it gets zero."""
     scale, factor = factored(columns)
     return solved(columns, scale, factor, right)
-
-
-@code.entry(**COMPILE)
-def residual(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table: Matrix) -> Vector:
-    """Residual at the bins ``k`` with the best amplitudes, (2 n,): real parts, then imaginary ones."""
-    columns, rest = equations(cycles, decay, k, values, table)
-    subtract(columns, least_squares(columns, rest), rest)
-    return rest
-
-
-@code.entry(**COMPILE)
-def _slopes(
-    cycles: Vector,
-    decay: Vector,
-    free: Counts,
-    falls: Counts,
-    clock: Counts,
-    k: Counts,
-    values: Complexes,
-    table: Matrix,
-    slopes: Matrix,
-) -> None:
-    """Derivatives of the residual by the parameters of ``fit``, into the rows of ``slopes`` (p, 2 n at least).
-
-    With the columns Phi(f, d) and amplitudes a = Phi^+ v, the residual is (I - Phi Phi^+) v. Kaufman's form of variable
-    projection keeps the first of the two terms of its derivative, -(I - Phi Phi^+) (d Phi/d parameter) a: the change of the
-    model at fixed amplitudes, less what a change of the amplitudes can make up for. One factorisation of Phi serves all
-    parameters. The term left out is orthogonal to the residual at every point, so that the gradient, and with it the minimum,
-    are exact.
-    """
-    columns, right = equations(cycles, decay, k, values, table)
-    scale, factor = factored(columns)
-    solution = solved(columns, scale, factor, right)
-    highest = 1.0
-    for i in clock:
-        highest = max(highest, cycles[i])
-    for j in range(slopes.shape[0]):
-        change = np.zeros(right.size)
-        if j < free.size:
-            _add_change(cycles, decay, solution, free[j], _NUDGE, 0.0, 1.0, k, table, change)
-        elif j < free.size + falls.size:
-            _add_change(cycles, decay, solution, falls[j - free.size], 0.0, _NUDGE, 1.0, k, table, change)
-        else:
-            for i in clock:
-                _add_change(cycles, decay, solution, i, _NUDGE, 0.0, cycles[i] / highest, k, table, change)
-        subtract(columns, solved(columns, scale, factor, change), change)
-        for i in range(change.size):
-            slopes[j, i] = -change[i]
-
-
-@code.inner(**COMPILE)
-def _add_change(cycles, decay, solution, i, turn, fall, times, k, table, change):
-    """Add to ``change`` (2 n,) ``times`` the derivative of tone ``i`` by its frequency or decay, from central differences."""
-    a, n, twice = complex(solution[2 * i], solution[2 * i + 1]), k.size, 2.0 * (turn + fall)
-    after = tone(cycles[i] + turn, decay[i] + fall, a, k, table)
-    before = tone(cycles[i] - turn, decay[i] - fall, a, k, table)
-    for j in range(n):
-        slope = (after[j] - before[j]) * (times / twice)
-        change[j] += slope.real
-        change[n + j] += slope.imag
 
 
 @code.entry(**COMPILE)
@@ -171,13 +153,20 @@ def amplitudes(cycles: Vector, decay: Vector, values: Complexes, table: Matrix) 
 def without(cycles: Vector, decay: Vector, amplitudes: Complexes, values: Complexes, table: Matrix) -> Complexes:
     """The spectrum less the tones, each subtracted from the bins where it is above rounding."""
     rest = values.copy()
-    for i in range(cycles.size):
-        centre = round(cycles[i])
-        band = np.arange(max(centre - FAR, 0), min(centre + FAR + 1, rest.size))
-        taken = tone(cycles[i], decay[i], amplitudes[i], band, table)
-        for j in range(band.size):
-            rest[band[j]] -= taken[j]
+    add_tones(cycles, decay, amplitudes, -1.0, table, rest)
     return rest
+
+
+@code.inner(**COMPILE)
+def add_tones(cycles, decay, amplitudes, times, table, values):
+    """Add tones to a spectrum, so many times, in place."""
+    for i in range(cycles.size):
+        if amplitudes[i] != 0.0:
+            centre = round(cycles[i])
+            band = np.arange(max(centre - FAR, 0), min(centre + FAR + 1, values.size))
+            there = tone(cycles[i], decay[i], times * amplitudes[i], band, table)
+            for j in range(band.size):
+                values[band[j]] += there[j]
 
 
 @code.inner(**COMPILE)
@@ -257,100 +246,3 @@ def peak(low: float, high: float, margin: float, values: Complexes) -> tuple[flo
     side, neighbour = (1.0, right) if right >= left else (-1.0, left)
     ratio = neighbour / centre if centre > 0.0 else 0.0
     return best + side * (2.0 * ratio - 1.0) / (ratio + 1.0), centre
-
-
-@code.entry(**COMPILE)
-def fit(
-    cycles: Vector,
-    decay: Vector,
-    free: Counts,
-    falls: Counts,
-    clock: Counts,
-    low: Vector,
-    high: Vector,
-    k: Counts,
-    values: Complexes,
-    table: Matrix,
-) -> tuple[Vector, Vector, Vector]:
-    """Frequencies and decays of tones that minimise the residual at the bins ``k``, amplitudes eliminated.
-
-    The parameters, each bounded by ``low`` and ``high`` (p,), are the frequencies of the tones ``free``, the decays of the tones
-    ``falls`` and, where there are tones ``clock``, one common factor on their frequencies, expressed as the shift in bins of
-    the highest of them. Returns the frequencies, the decays and the parameters.
-
-    Levenberg-Marquardt: the damping is in proportion to each parameter's own slope, falls by 5 after a step that improves and
-    rises by 8 after one that does not. No frequency moves by more than half a bin in one step, no decay by more than 30 %
-    or half an e-folding, whichever is more: beyond that the linearisation is of no use.
-    """
-    parameters = _parameters(cycles, decay, free, falls, low, high)
-    there, falling = _with_parameters(parameters, cycles, decay, free, falls, clock)
-    r = residual(there, falling, k, values, table)
-    slopes, right = np.zeros((parameters.size, r.size + parameters.size)), np.zeros(r.size + parameters.size)
-    damping, fresh = 1e-3, False
-    for _ in range(60):
-        if not fresh:
-            _slopes(there, falling, free, falls, clock, k, values, table, slopes)
-            for j in range(r.size):
-                right[j] = -r[j]
-            fresh = True
-        new, largest = _stepped(parameters, slopes, right, damping, free.size, free.size + falls.size, low, high)
-        there, falling = _with_parameters(new, cycles, decay, free, falls, clock)
-        r_new = residual(there, falling, k, values, table)
-        if dot(r_new, r_new) > dot(r, r):
-            damping *= 8.0
-        else:
-            parameters, r, damping, fresh = new, r_new, max(0.2 * damping, 1e-12), False
-        if largest < 1e-9 or damping > 1e8:
-            break
-    there, falling = _with_parameters(parameters, cycles, decay, free, falls, clock)
-    return there, falling, parameters
-
-
-@code.inner(**COMPILE)
-def _parameters(cycles, decay, free, falls, low, high):
-    """The parameters of ``fit`` at which it begins: tones as they are given, the clock's factor without a shift."""
-    parameters = np.zeros(low.size)
-    for i in range(free.size):
-        parameters[i] = cycles[free[i]]
-    for i in range(falls.size):
-        parameters[free.size + i] = decay[falls[i]]
-    for i in range(parameters.size):
-        parameters[i] = _clipped(parameters[i], low[i], high[i])
-    return parameters
-
-
-@code.inner(**COMPILE)
-def _stepped(parameters, slopes, right, damping, decays, after, low, high):
-    """Parameters after one damped step, of which those from ``decays`` to ``after`` are decays, and the largest change."""
-    first = right.size - parameters.size
-    for j in range(parameters.size):  # the damping, as further equations
-        slopes[j, first + j] = math.sqrt(damping * dot(slopes[j, :first], slopes[j, :first]))
-    step = least_squares(slopes, right)
-    new, largest = np.empty(parameters.size), 0.0
-    for j in range(parameters.size):
-        reach = max(0.5, 0.3 * abs(parameters[j])) if decays <= j < after else 0.5
-        new[j] = _clipped(parameters[j] + _clipped(step[j], -reach, reach), low[j], high[j])
-        largest = max(largest, abs(new[j] - parameters[j]))
-    return new, largest
-
-
-@code.inner(**COMPILE)
-def _with_parameters(parameters, cycles, decay, free, falls, clock):
-    """Frequencies and decays of all tones at the given parameters of ``fit``."""
-    new_cycles, new_decay = cycles.copy(), decay.copy()
-    for i in range(free.size):
-        new_cycles[free[i]] = parameters[i]
-    for i in range(falls.size):
-        new_decay[falls[i]] = parameters[free.size + i]
-    if clock.size > 0:
-        highest = 1.0
-        for i in clock:
-            highest = max(highest, cycles[i])
-        for i in clock:
-            new_cycles[i] = cycles[i] * (1.0 + parameters[-1] / highest)
-    return new_cycles, new_decay
-
-
-@code.inner(**COMPILE)
-def _clipped(x, low, high):
-    return min(max(x, low), high)

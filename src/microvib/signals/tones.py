@@ -1,7 +1,8 @@
 """Tones of one record: steady ones that keep their ratios, and decaying ones; fitted together, with their uncertainties.
 
 Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast. Every
-fit is a least-squares fit to the bins about the tones; ``microvib.signals.tone_kernel``, called from here alone, states the model.
+fit is a least-squares fit to the bins about the tones; ``microvib.signals.tone_kernel`` states the model, and
+``microvib.signals.tone_fit`` fits it; both are called from here alone.
 Tones near each other are never fitted one after another. Amplitudes are eliminated (variable projection), so a fit moves
 frequencies, decays and the clock ratio only.
 """
@@ -15,8 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
+from microvib.signals import tone_fit
 from microvib.signals import tone_kernel as hann
-from microvib.signals.line_table import Uncertainty
 from microvib.signals.spectrum import SpectrumError
 from microvib.signals.tone_algebra import half_turns
 from microvib.signals.tone_kernel import REACH
@@ -25,11 +26,6 @@ FEWEST = 8  # fewest samples of a record
 NEAR = 2 * REACH  # bins within which tones are fitted together
 SLOWEST, FASTEST = -8.0, 60.0  # bounds of a decay, in e-foldings over the record
 SLACK = 2.0  # bins by which a frequency may leave its band
-_NUDGE = 1e-4  # step of difference quotients, in cycles or e-foldings over the record
-_FEW = 1.08
-"""Widens uncertainties, since the floor is itself uncertain by a sixth: a median of some thirty dependent bins."""
-_USUAL = 2.0  # RMS of the residual in a tone's own bins, over that of the noise, which noise alone hardly exceeds
-_HIDES = 5.0  # effect of a hidden line on one within a bin, over the residual it leaves: the fit absorbs most of it
 
 
 @dataclass(frozen=True)
@@ -52,8 +48,9 @@ class Tones:
         return ~self.free & np.array([line.kind != "array mode" for line in self.lines], dtype=bool)
 
     def only(self, some: np.ndarray) -> Tones:
-        """The tones for which ``some`` (m,) is true."""
-        lines = tuple(line for line, keep in zip(self.lines, some, strict=True) if keep)
+        """The tones for which ``some`` (m,) is true, or whose places it holds."""
+        which = np.flatnonzero(some) if some.dtype == bool else some
+        lines = tuple(self.lines[k] for k in which.tolist())
         return Tones(lines, *(getattr(self, name)[some] for name in _ARRAYS))
 
     def and_those(self, more: Tones) -> Tones:
@@ -135,7 +132,9 @@ class HannSpectrum:
 
     def residual(self, tones: Tones, k: np.ndarray) -> np.ndarray:
         """Residual of the best fit of the tones at the bins ``k``: real parts, then imaginary ones."""
-        return hann.residual(*self._in_record(tones), k, self.values, self.table)
+        nothing = np.zeros(0)
+        basis, right = tone_fit.known(nothing, nothing, k, self.values, self.table)
+        return tone_fit.residual(*self._in_record(tones), k, basis, right, self.table)
 
     def amplitudes(self, tones: Tones) -> np.ndarray:
         """Complex amplitudes a of all tones, x = Re(a exp(i w t)), (m,), from one least-squares fit to the bins about them."""
@@ -203,12 +202,6 @@ class Joint:
         amplitudes = spectrum.amplitudes(tones)
         return cls(spectrum, tones, amplitudes, spectrum.without(tones, amplitudes))
 
-    def alone(self, i: int) -> Joint:
-        """Tone ``i``, beside what all tones leave."""
-        one = np.zeros(len(self.tones), dtype=bool)
-        one[i] = True
-        return replace(self, tones=self.tones.only(one), amplitudes=self.amplitudes[one])
-
     @property
     def sizes(self) -> np.ndarray:
         """Amplitudes, averaged over the record, (m,)."""
@@ -223,145 +216,52 @@ class Joint:
         """A new fit with ``more`` tones, together with which the existing ones near them are fitted again."""
         near = self.near(more.frequency)
         around, apart = self.tones.only(near), self.tones.only(~near)
-        local = self.rest.without(around, -self.amplitudes[near])
-        some, _ = moved(around.and_those(more), local)
-        amplitudes = local.amplitudes(some)
+        before = np.concatenate([self.amplitudes[near], np.zeros(len(more))])
+        some, amplitudes, rest = _refitted(around.and_those(more), before, self.rest)
         together = np.concatenate([self.amplitudes[~near], amplitudes])
-        return Joint(self.spectrum, apart.and_those(some), together, local.without(some, amplitudes))
+        return Joint(self.spectrum, apart.and_those(some), together, rest)
 
 
-def moved(
-    tones: Tones, spectrum: HannSpectrum, ratio: float | None = None, telling: np.ndarray | None = None
-) -> tuple[Tones, float | None]:
-    """The tones with the frequencies and decays that minimise the residual, and the clock ratio.
+def _refitted(tones: Tones, before: np.ndarray, rest: HannSpectrum) -> tuple[Tones, np.ndarray, HannSpectrum]:
+    """Tones fitted in a residual that they were taken out of with the amplitudes ``before``, 0 for new ones; their amplitudes, and
+    what they leave."""
+    free, falls, duration = np.flatnonzero(tones.free), np.flatnonzero(tones.falls), rest.duration
+    low, high = _bounds(tones, free, falls.size, duration)
+    there, falling, at, amplitudes, values = tone_fit.refit(
+        tones.frequency * duration, tones.decay * duration, before, free, falls, low, high, rest.values, rest.table
+    )
+    found = _ended(tones, there / duration, falling / duration, (at <= low + 1e-9) | (at >= high - 1e-9))
+    return found, amplitudes, replace(rest, values=values)
 
-    All free frequencies and decays move together, and with them the clock ``ratio`` if it is given, which all tones of the clock
-    share. Only the bins of free tones and of those marked in ``telling`` (m,) count; by default those of all tones.
-    """
-    free, falls, duration = np.flatnonzero(tones.free), np.flatnonzero(tones.falls), spectrum.duration
-    if free.size == 0 and ratio is None:
-        return tones, None
-    cycles, fold = tones.frequency * duration, tones.decay * duration
-    counting = cycles if telling is None else cycles[telling | tones.free]
-    k = hann.bins_in(counting, counting, REACH, spectrum.values.size)
-    clock = np.flatnonzero(tones.clock & (ratio is not None))
-    shifts = [np.inf] * (clock.size > 0)
+
+def _bounds(tones: Tones, free: np.ndarray, falls: int, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of a fit's parameters: frequencies of the tones ``free``, in cycles, and so many decays, in e-foldings."""
     bands = [(x.low * duration - SLACK, x.high * duration + SLACK) for x in (tones.lines[i] for i in free)]
-    low = np.array([max(a, 0.5) for a, _ in bands] + [SLOWEST] * falls.size + [-x for x in shifts])
-    high = np.array([b for _, b in bands] + [FASTEST] * falls.size + shifts)
-    there, falling, at = hann.fit(cycles, fold, free, falls, clock, low, high, k, spectrum.values, spectrum.table)
-    ended = (at <= low + 1e-9) | (at >= high - 1e-9)
-    limited = tones.limited.copy()
-    limited[free] = ended[: free.size]
-    limited[falls] |= ended[free.size : free.size + falls.size]
-    result = replace(tones, frequency=there / duration, decay=falling / duration, limited=limited)
+    low, high = [max(a, 0.5) for a, _ in bands], [b for _, b in bands]
+    return np.array(low + [SLOWEST] * falls), np.array(high + [FASTEST] * falls)
+
+
+def _ended(tones: Tones, frequency: np.ndarray, decay: np.ndarray, ended: np.ndarray) -> Tones:
+    """Tones where a fit ended, and which of its parameters, free frequencies and then decays, ended at a bound."""
+    limited, free = tones.limited.copy(), int(np.count_nonzero(tones.free))
+    limited[tones.free] = ended[:free]
+    limited[tones.falls] |= ended[free : free + int(np.count_nonzero(tones.falls))]
+    return replace(tones, frequency=frequency, decay=decay, limited=limited)
+
+
+def moved(tones: Tones, spectrum: HannSpectrum, ratio: float, telling: np.ndarray) -> tuple[Tones, float]:
+    """The tones with the clock ratio, free frequencies and decays that minimise the residual, all moved together.
+
+    All tones of the clock share the ratio. Only the bins of free tones and of those marked in ``telling`` (m,) count.
+    """
+    free, falls, clock = (np.flatnonzero(which) for which in (tones.free, tones.falls, tones.clock))
     if clock.size == 0:
-        return result, ratio
-    return result, float((ratio or 1.0) * there[clock[0]] / cycles[clock[0]])
-
-
-def uncertainties(joint: Joint, ratio: float | None = None) -> tuple[Uncertainty, float | None]:
-    """Standard uncertainties of everything fitted, jointly: amplitudes, phases, frequencies and decays, and the clock ratio.
-
-    With the columns X of the linearised least-squares fit, noise of covariance N gives the parameters the covariance
-    (X X^T)^-1 X N X^T (X X^T)^-1 (``_sandwich``). The noise is taken as Gaussian; its size is the local floor of the residual
-    spectrum, and neighbouring bins are correlated by the Hann window. Amplitudes of decaying tones are averages over the record.
-    The uncertainty of the clock ratio is None without a ``ratio``.
-    """
-    tones, amplitudes, spectrum = joint.tones, joint.amplitudes, joint.spectrum
-    m, duration = len(tones), spectrum.duration
-    amplitude, phase, frequency, decay = (np.zeros(m) for _ in range(4))
-    result = Uncertainty(amplitude, phase, frequency, decay)
-    if m == 0:
-        return result, None
-    near = spectrum.near(tones.frequency)
-    free, falls = (np.flatnonzero(some).tolist() for some in (tones.free, tones.falls))
-    slopes = [_slope(joint, near, k, moves=(_NUDGE, 0.0)) for k in free]
-    slopes += [_slope(joint, near, k, moves=(0.0, _NUDGE)) for k in falls]
-    if ratio is not None:
-        slopes.append(_ratio_slope(joint, near, ratio))
-    columns = np.vstack([spectrum.equations(tones, near), *slopes])
-    covariance = _sandwich(columns, near, _noise(joint, near))
-    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    ratio_spread = None if ratio is None else float(spread[-1])
-    frequency[:] = [(ratio_spread or 0.0) * line.frequency for line in tones.lines]
-    first = 2 * m + 1
-    frequency[free] = spread[first : first + len(free)] / duration
-    place = first + len(free) + np.arange(len(falls))
-    decay[falls] = spread[place] / duration
-    mean, slope = mean_of_decay(tones.decay * duration)
-    size, angle, each = np.abs(amplitudes), np.angle(amplitudes), np.arange(m)
-    along, across = np.zeros((2, m, covariance.shape[0]))
-    across[each, 2 * each], across[each, 2 * each + 1] = -np.sin(angle), np.cos(angle)
-    along[each, 2 * each], along[each, 2 * each + 1] = mean * np.cos(angle), mean * np.sin(angle)
-    along[falls, place] = size[falls] * slope[falls]
-    amplitude[:] = _spread(along, covariance)
-    phase[:] = np.divide(_spread(across, covariance), size, out=np.full(m, np.inf), where=size > 0.0)
-    return result, ratio_spread
-
-
-def _spread(directions: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Standard uncertainty along each of the ``directions`` (m, p), (m,)."""
-    return np.sqrt(np.maximum(np.sum((directions @ covariance) * directions, axis=1), 0.0))
-
-
-def _stack(values: np.ndarray) -> np.ndarray:
-    return np.concatenate([values.real, values.imag])
-
-
-def _slope(joint: Joint, near: np.ndarray, k: int, moves: tuple[float, float]) -> np.ndarray:
-    """Change of the model at the bins ``near`` with frequency or decay of tone ``k``, in cycles or e-foldings."""
-    duration, a, table = joint.spectrum.duration, joint.amplitudes[k], joint.spectrum.table
-    cycles, decay = joint.tones.frequency[k] * duration, joint.tones.decay[k] * duration
-    base = hann.tone(cycles, decay, a, near, table)
-    moved = hann.tone(cycles + moves[0], decay + moves[1], a, near, table)
-    return _stack(moved - base) / sum(moves)
-
-
-def _ratio_slope(joint: Joint, near: np.ndarray, ratio: float) -> np.ndarray:
-    """Change of the model with the clock ratio, which moves all lines of the clock together."""
-    tones, spectrum = joint.tones, joint.spectrum
-    each = zip(tones.lines, joint.amplitudes, tones.clock, strict=True)
-    clock = [(line.frequency * spectrum.duration, a) for line, a, own in each if own]
-    nudge = _NUDGE / max((cycles for cycles, _ in clock), default=1.0)
-    total = np.zeros(near.size, dtype=complex)
-    for cycles, a in clock:
-        total += hann.tone(cycles * (ratio + nudge), 0.0, a, near, spectrum.table)
-        total -= hann.tone(cycles * ratio, 0.0, a, near, spectrum.table)
-    return _stack(total) / nudge
-
-
-def _noise(joint: Joint, near: np.ndarray) -> np.ndarray:
-    """RMS of real and imaginary part of the noise at each bin of ``near``, from the residual about the closest tone.
-
-    That is the floor. Where the residual in the bins of the tone itself is larger than noise, the tone does not explain
-    everything there, and the rest counts as noise.
-    """
-    floors, left = _floors(joint)
-    centres = joint.tones.frequency * joint.spectrum.duration
-    closest = np.argmin(np.abs(near[:, None] - centres[None, :]), axis=1)
-    noise = np.sqrt((_FEW * floors) ** 2 + _HIDES**2 * np.maximum(left**2 - (_USUAL * floors) ** 2, 0.0))
-    return noise[closest]
-
-
-def disturbed(joint: Joint) -> np.ndarray:
-    """Which tones (m,) do not explain their bins, or change within the record: the residual there is larger than noise."""
-    floors, left = _floors(joint)
-    return left > _USUAL * floors
-
-
-def _floors(joint: Joint) -> tuple[np.ndarray, np.ndarray]:
-    """RMS of real and imaginary part of the noise about each tone, and of the residual in its own bins, (m,) each."""
-    # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
-    rest, frequency = joint.rest, joint.tones.frequency
-    floors = rest.floors(frequency) / np.sqrt(2.0 * np.log(2.0))
-    return floors, hann.bin_rms(frequency * rest.duration, rest.values) / np.sqrt(2.0)
-
-
-def _sandwich(columns: np.ndarray, near: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Covariance of the least-squares solution with ``columns`` (p, 2 n), for noise that the Hann window correlates."""
-    scale = np.sqrt(np.einsum("ij,ij->i", columns, columns))
-    scale[scale == 0.0] = 1.0
-    scaled = columns / scale[:, None]
-    inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-12, hermitian=True) / scale[:, None]
-    return inverse @ (scaled @ hann.correlated(scaled, near, noise).T) @ inverse.T
+        return tones, ratio
+    duration = spectrum.duration
+    cycles, fold, counting = tones.frequency * duration, tones.decay * duration, telling | tones.free
+    k = hann.bins_in(cycles[counting], cycles[counting], REACH, spectrum.values.size)
+    bounds = zip(_bounds(tones, free, falls.size, duration), (-np.inf, np.inf), strict=True)
+    low, high = (np.append(ends, end) for ends, end in bounds)
+    there, falling, at = tone_fit.fit(cycles, fold, free, falls, clock, low, high, k, spectrum.values, spectrum.table)
+    found = _ended(tones, there / duration, falling / duration, (at <= low + 1e-9) | (at >= high - 1e-9))
+    return found, float(ratio * there[clock[0]] / cycles[clock[0]])

@@ -1,0 +1,167 @@
+"""Standard uncertainties of the lines of a joint fit, from what the fit leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from microvib.signals import tone_kernel as hann
+from microvib.signals.line_table import Uncertainty
+from microvib.signals.tone_kernel import REACH
+from microvib.signals.tones import Joint, mean_of_decay
+
+_NUDGE = 1e-4  # step of difference quotients, in cycles or e-foldings over the record
+_FEW = 1.08
+"""Widens uncertainties, since the floor is itself uncertain by a sixth: a median of some thirty dependent bins."""
+_USUAL = 2.0  # RMS of the residual in a tone's own bins, over that of the noise, which noise alone hardly exceeds
+_TELLS = 1e4  # largest entry of an inverse that is taken as it is
+_HIDES = 5.0  # effect of a hidden line on one within a bin, over the residual it leaves: the fit absorbs most of it
+
+
+def uncertainties(joint: Joint, ratio: float | None = None) -> tuple[Uncertainty, float | None]:
+    """Standard uncertainties of everything fitted, jointly: amplitudes, phases, frequencies and decays, and the clock ratio.
+
+    With the columns X of the linearised least-squares fit, noise of covariance N gives the parameters the covariance
+    E N E^T with E = (X X^T)^-1 X (``_estimators``). The noise is taken as Gaussian; its size is the local floor of the residual
+    spectrum, and neighbouring bins are correlated by the Hann window. Amplitudes of decaying tones are averages over the record.
+    The uncertainty of the clock ratio is None without a ``ratio``.
+    """
+    tones, spectrum = joint.tones, joint.spectrum
+    m, duration, near = len(tones), spectrum.duration, spectrum.near(tones.frequency)
+    if m == 0:
+        return Uncertainty(*np.zeros((4, 0))), None
+    free, falls = np.flatnonzero(tones.free), np.flatnonzero(tones.falls)
+    cycles, fold = tones.frequency * duration, tones.decay * duration
+    columns = hann.linearised(cycles, fold, joint.amplitudes, free, falls, near, spectrum.table)
+    if ratio is not None:
+        columns = np.vstack([columns, _ratio_slope(joint, near, ratio)])
+    noise, by = _noise(joint, near), _estimators(columns)
+
+    def spread(rows: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.maximum(np.sum(rows * hann.correlated(rows, near, noise), axis=1), 0.0))
+
+    turns, decays = np.split(by[2 * m + 1 :], [free.size])[0], np.zeros((m, by.shape[1]))
+    decays[falls] = by[2 * m + 1 + free.size :][: falls.size]
+    along, across = _directions(joint.amplitudes, fold, by[0 : 2 * m : 2], by[1 : 2 * m : 2], decays)
+    ratio_spread = None if ratio is None else float(spread(by[-1:])[0])
+    frequency = (ratio_spread or 0.0) * np.array([line.frequency for line in tones.lines])
+    frequency[free] = spread(turns) / duration
+    return _of_spreads(
+        joint.amplitudes, spread(along), spread(across), frequency, spread(decays) / duration
+    ), ratio_spread
+
+
+def uncertainties_alone(joint: Joint, which: Sequence[int]) -> Uncertainty:
+    """``uncertainties`` of some tones, of each as if it were alone in what all tones leave beside it."""
+    tones, table = joint.tones.only(np.array(which, dtype=int)), joint.spectrum.table
+    amplitudes, duration, size = joint.amplitudes[list(which)], joint.spectrum.duration, joint.spectrum.values.size
+    cycles, fold, one = tones.frequency * duration, tones.decay * duration, np.zeros(1, dtype=np.int64)
+    width = 2 * REACH + 1
+    columns = np.zeros((len(which), 5, 2, width))  # bins beyond the spectrum's ends stay empty
+    for i, centre in enumerate(np.rint(cycles).astype(int).tolist()):
+        k = np.arange(max(centre - REACH, 0), min(centre + REACH + 1, size))
+        found = hann.linearised(cycles[i : i + 1], fold[i : i + 1], amplitudes[i : i + 1], one, one, k, table)
+        columns[i, :, :, : k.size] = found.reshape(5, 2, k.size)
+    columns[:, 3] *= tones.free[:, None, None]
+    columns[:, 4] *= tones.falls[:, None, None]
+    by = _estimators(columns.reshape(-1, 5, 2 * width))
+    noise = _noise_about(joint, tones.frequency)
+
+    def spread(rows: np.ndarray) -> np.ndarray:
+        squares = np.sum(rows * hann.correlated(np.ascontiguousarray(rows), np.arange(width), np.ones(width)), axis=1)
+        return noise * np.sqrt(np.maximum(squares, 0.0))
+
+    along, across = _directions(amplitudes, fold, by[:, 0], by[:, 1], by[:, 4])
+    return _of_spreads(
+        amplitudes, spread(along), spread(across), spread(by[:, 3]) / duration, spread(by[:, 4]) / duration
+    )
+
+
+def _directions(
+    amplitudes: np.ndarray, fold: np.ndarray, cosine: np.ndarray, sine: np.ndarray, decay: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What gives amplitudes over the record, and what is across them, from what gives real and imaginary parts and decays, (m, 2 n)
+    each."""
+    mean, slope = mean_of_decay(fold)
+    size, x, y = np.abs(amplitudes), np.cos(np.angle(amplitudes)), np.sin(np.angle(amplitudes))
+    along = (mean * x)[:, None] * cosine + (mean * y)[:, None] * sine + (size * slope)[:, None] * decay
+    return along, x[:, None] * sine - y[:, None] * cosine
+
+
+def _of_spreads(
+    amplitudes: np.ndarray, along: np.ndarray, across: np.ndarray, frequency: np.ndarray, decay: np.ndarray
+) -> Uncertainty:
+    size = np.abs(amplitudes)
+    phase = np.divide(across, size, out=np.full(size.size, np.inf), where=size > 0.0)
+    return Uncertainty(along, phase, frequency, decay)
+
+
+def _stack(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values.real, values.imag])
+
+
+def _ratio_slope(joint: Joint, near: np.ndarray, ratio: float) -> np.ndarray:
+    """Change of the model with the clock ratio, which moves all lines of the clock together."""
+    tones, spectrum = joint.tones, joint.spectrum
+    each = zip(tones.lines, joint.amplitudes, tones.clock, strict=True)
+    clock = [(line.frequency * spectrum.duration, a) for line, a, own in each if own]
+    nudge = _NUDGE / max((cycles for cycles, _ in clock), default=1.0)
+    total = np.zeros(near.size, dtype=complex)
+    for cycles, a in clock:
+        total += hann.tone(cycles * (ratio + nudge), 0.0, a, near, spectrum.table)
+        total -= hann.tone(cycles * ratio, 0.0, a, near, spectrum.table)
+    return _stack(total) / nudge
+
+
+def _noise(joint: Joint, near: np.ndarray) -> np.ndarray:
+    """RMS of real and imaginary part of the noise at each bin of ``near``, from the residual about the closest tone.
+
+    That is the floor. Where the residual in the bins of the tone itself is larger than noise, the tone does not explain
+    everything there, and the rest counts as noise.
+    """
+    centres = joint.tones.frequency * joint.spectrum.duration
+    closest = np.argmin(np.abs(near[:, None] - centres[None, :]), axis=1)
+    return _noise_about(joint, joint.tones.frequency)[closest]
+
+
+def _noise_about(joint: Joint, frequency: np.ndarray) -> np.ndarray:
+    """The same about tones at each ``frequency`` [Hz]."""
+    floors, left = _floors(joint, frequency)
+    return np.sqrt((_FEW * floors) ** 2 + _HIDES**2 * np.maximum(left**2 - (_USUAL * floors) ** 2, 0.0))
+
+
+def disturbed(joint: Joint) -> np.ndarray:
+    """Which tones (m,) do not explain their bins, or change within the record: the residual there is larger than noise."""
+    floors, left = _floors(joint, joint.tones.frequency)
+    return left > _USUAL * floors
+
+
+def _floors(joint: Joint, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of real and imaginary part of the noise about each ``frequency`` (m,) [Hz], and of the residual in its bins."""
+    # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
+    floors = joint.rest.floors(frequency) / np.sqrt(2.0 * np.log(2.0))
+    return floors, hann.bin_rms(frequency * joint.rest.duration, joint.rest.values) / np.sqrt(2.0)
+
+
+def _estimators(columns: np.ndarray) -> np.ndarray:
+    """What gives the least-squares solution with ``columns`` (..., p, 2 n) from a right-hand side: (X X^T)^-1 X."""
+    scale = np.sqrt(np.einsum("...ij,...ij->...i", columns, columns))
+    empty = scale == 0.0
+    scale[empty] = 1.0
+    scaled = columns / scale[..., None]
+    normal = scaled @ np.swapaxes(scaled, -1, -2)
+    diagonal = np.einsum("...ii->...i", normal)
+    diagonal[empty] = 1.0
+    return (_inverse(normal) / scale[..., None]) @ scaled
+
+
+def _inverse(normal: np.ndarray) -> np.ndarray:
+    """Inverse of matrices with ones on their diagonals; where tones can hardly be told apart, of what is left of them."""
+    try:
+        inverse = np.linalg.inv(normal)
+        if np.max(np.abs(inverse), initial=0.0) < _TELLS:
+            return inverse
+    except np.linalg.LinAlgError:
+        pass
+    return np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
