@@ -34,7 +34,7 @@ def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(
-    "environment", [{"TERM": "dumb"}, {"NO_COLOR": "1"}, {"TERM": "no-such-terminal"}, {"COLUMNS": "0"}]
+    "environment", [{"TERM": "dumb"}, {"NO_COLOR": "1", "TERM": "no-such-terminal", "COLUMNS": "0"}]
 )
 def test_a_run_in_terminals_of_all_sorts(worked, tmp_path, environment):
     arguments = ["run", "state-1", *SHORT, "--lines-only", "--out", str(tmp_path / "out")]

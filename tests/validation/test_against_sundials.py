@@ -79,6 +79,9 @@ CASES = {
     "ramps, supply limit": {**RAMP, **LIMITED, "tracking.clock_ratio": 1.0},
     "ramps, no integral gain, rigid reducer": {**RAMP, **RIGID, "driver.integral_gain": 0.0},
 }
+LONG = ("rigid reducer, one mode", "supply limit")
+"""Cases of which another has all that they have, and more."""
+EACH = [pytest.param(case, marks=pytest.mark.long) if case in LONG else case for case in CASES]
 END = 0.5
 TIMES = np.linspace(0.0, END, 41)[1:]
 
@@ -291,7 +294,7 @@ def deviations(reference, expected, found):
     return dict(zip(reference.names(), np.abs(found - expected).max(axis=0) / reference.scales(expected), strict=True))
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", EACH)
 def test_kernel_converges_to_what_cvode_finds(case):
     reference, expected = cvode_rows(case)
     found = kernel_rows(scenario_of(case, 1e-10), TIMES)
@@ -299,7 +302,7 @@ def test_kernel_converges_to_what_cvode_finds(case):
         assert deviation < 5e-9, name  # worst measured 2.6e-9, the output's angle with a supply limit
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", EACH)
 def test_default_settings_are_within_three_parts_in_ten_thousand_of_cvode(case):
     reference, expected = cvode_rows(case)
     found = kernel_rows(scenario_of(case), TIMES)
@@ -316,7 +319,7 @@ def test_kernel_converges_to_what_radau_finds():
         assert deviation < 5e-9, name  # worst measured 7e-10
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.startswith("supply limit")])
+@pytest.mark.parametrize("case", ["supply limit and derivative gain", "errors of the references, supply limit"])
 def test_the_limited_cases_do_reach_the_limit(case):
     reference, expected = cvode_rows(case)
     assert reference.limited > 1000
