@@ -43,7 +43,7 @@ class SimulationError(MicrovibError):
 
 
 class SynchronismLost(SimulationError):
-    """The motor no longer follows its command; ``time`` [s] is when the rotor was half an electrical turn off."""
+    """The motor no longer follows its command; ``time`` [s] is when the rotor was half an electrical turn away from it."""
 
     def __init__(self, message: str, time: float) -> None:
         super().__init__(message)

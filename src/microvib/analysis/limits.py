@@ -149,7 +149,7 @@ class Judgement:
 
 
 def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> Judgement:
-    """Every line of the table within the band, also those that a report leaves out for being small, and what is not a line of it.
+    """Judge every line of the table within the band, also those too small for a report, and what the table does not list.
 
     The ``scenario`` of the table says what may be above the passband and how long a start rings; without it, nothing above the
     passband is judged.

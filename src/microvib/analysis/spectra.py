@@ -54,6 +54,6 @@ def psd(source: Sampled, channel: str = "", resolution: Given | None = None, win
 def waterfall(
     source: Sampled, channel: str = "", resolution: Given | None = None, window: Window = "hann"
 ) -> Waterfall:
-    """Amplitude spectra of successive stretches of a channel, each one over ``resolution`` long."""
+    """Amplitude spectra of successive stretches of a channel, each 1/``resolution`` long."""
     x, rate, unit = samples_of(source, channel)
     return replace(spectra.waterfall(x, rate, resolution, window), unit=unit)

@@ -97,7 +97,7 @@ def summary(
 
 
 def read_run(folder: Path | str) -> Run:
-    """The run in ``folder``. MicrovibError where a file is missing, is none of a run, or was changed since."""
+    """Read the run in ``folder``. MicrovibError if a file is missing, is not a run's, or has been changed since."""
     import h5netcdf
 
     folder = Path(folder)

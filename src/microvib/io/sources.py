@@ -31,7 +31,7 @@ Source = Scenario | RunFolder | Prepared | LineTable | PaperLines
 
 
 def open_source(name: str, preparation: Preparation | None = None) -> Source:
-    """What ``name`` stands for; recordings as ``preparation`` has them.
+    """The object that ``name`` stands for; a recording is prepared as ``preparation`` says.
 
     A name of the catalog or a YAML file is a scenario; a folder is that of a run; a file is a recording by its ending, a CSV file
     whose first column is ``line`` a table of lines; ``paper-test`` (or ``paper``) and ``paper-simulation`` are the paper's.

@@ -121,7 +121,7 @@ def compare(
     channel: str = "Mz",
     progress: Progress | None = None,
 ) -> Comparison:
-    """Lines of two sides, each a scenario, a motion, a run's folder, a recording or a table of lines.
+    """Compare the lines of two sides, each a scenario, a motion, a run's folder, a recording or a table of lines.
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
     look for in recordings where neither side is a scenario, nor the paper; ``names`` are of sides that have none themselves.
