@@ -192,6 +192,7 @@ DAMPING = "array.modes.0.damping=0.5 percent:3 percent"
 FEW = {"starts": 2, "finishes": 1}
 
 
+@pytest.mark.long
 def test_amplitudes_of_the_starts_ringing_do_not_count_where_its_time_is_not_known(recording, start):
     """A wrong settling time must not move the damping: the decay tells it."""
     evidence = [(read_evidence(recording, start), {})]

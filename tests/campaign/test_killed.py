@@ -49,6 +49,7 @@ def alive(pid: int) -> bool:
         return False
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypatch):
     monkeypatch.setattr(running, "POLL", 0.2)
