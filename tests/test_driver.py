@@ -1,4 +1,4 @@
-"""Errors of a driver's reference currents: their angle errors in closed form, the lines they make, and tables from files."""
+"""Errors of a driver's reference currents: angle errors in closed form, the lines they make, tables from files, identification."""
 
 import math
 
@@ -7,6 +7,7 @@ import pytest
 from support.scenarios import baseline
 
 import microvib as mv
+from microvib.errors import OptionError
 from microvib.model.driver import electrical_turn
 from microvib.model.expected import angle_errors, expected_lines
 from microvib.model.linear import linear_lines
@@ -15,6 +16,10 @@ from microvib.solve.batch import simulate_torques
 from microvib.solve.command import Command
 from microvib.solve.steady.period import repeats_after
 from microvib.solve.steady.state import steady_state
+from microvib.studies.evidence import chosen, evidence_of
+from microvib.studies.identify import Trust, identify, parse_fit
+from microvib.studies.identify.problem import Problem
+from microvib.testdata.recording import Recording
 
 ERRORS = {"gain_b": 0.012, "offset_a": 0.006, "offset_b": -0.004, "quadrature": math.radians(0.9)}
 FREE = {"sources": {}, "friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None}
@@ -307,3 +312,112 @@ def test_the_supply_must_drive_the_largest_reference():
     s = {"driver.supply_voltage": 3.65, "driver.imperfections.offset_a": 0.05}
     with pytest.raises(mv.ScenarioError, match=r"supply_voltage 3\.65 V cannot drive 0\.63 A"):
         baseline().with_si(s)
+
+
+# ---- Identification ----
+
+SHORT = {"record.settle": 4.0, "record.duration": 16.0}
+
+
+def recorded(scenario, seed=None, noise=1e-3):
+    """Recording of a scenario, with noise where a seed is given."""
+    torque = mv.simulate(scenario, channels=("T_d",))["T_d"]
+    if seed is not None:
+        torque = torque + np.random.default_rng(seed).normal(0.0, noise, torque.size)
+    return Recording({"Mz": torque}, scenario.record.sample_rate, {"Mz": "N*m"}, "made")
+
+
+def test_phases_of_electrical_lines_do_not_depend_on_the_first_sample(distorted):
+    """Half an electrical turn later: what tells the turns apart is the phase at the first sample alone."""
+    settled = distorted.with_si({"record.settle": 60.0})
+    f_e = settled.driving_frequency / 64
+    told = [
+        {(o.line, o.form): o for o in evidence_of(recorded(s), baseline()).observations}
+        for s in (
+            settled,
+            settled.with_si({"record.settle": 60.0 + 0.5 / f_e}),
+            settled.with_si({"record.settle": 60.37}),
+        )
+    ]
+    for name in ("electrical_1", "electrical_2"):
+        phases = np.array([each[name, "phase"].value for each in told])
+        assert np.max(np.abs(np.angle(np.exp(1j * (phases - phases[0]))))) < 0.02
+        turns = np.array([each[name, "turn"].value for each in told])
+        moved = 2 * math.pi * int(name[-1]) * f_e * np.array([0.0, 0.5 / f_e, 0.37])
+        assert np.max(np.abs(np.angle(np.exp(1j * (turns - turns[0] - moved))))) < 0.02
+
+
+def test_half_an_electrical_turn_later_both_offsets_have_the_other_sign(distorted):
+    """The ambiguity that identification speaks of: the same lines, each turned by its order times half a turn."""
+    other = distorted.with_si({"driver.imperfections.offset_a": -0.006, "driver.imperfections.offset_b": 0.004})
+    a, b = (steady_state(s) for s in (distorted, other))
+    one, two = a.harmonics(), b.harmonics()
+    k = np.arange(one.size)
+    strong = np.abs(one) > 1e-4 * np.max(np.abs(one[1:]))
+    strong[0] = False
+    np.testing.assert_allclose((two * (-1.0) ** k)[strong], one[strong], rtol=2e-3)
+
+
+def test_what_may_be_of_either_sign_needs_no_range():
+    assert parse_fit(baseline(), "driver.imperfections.gain_b").range == (-0.5, 0.5)  # over the width of 0.1
+    key = parse_fit(driver_scenario(offset_a=-0.03), "driver.imperfections.offset_a")
+    assert (key.low, key.high) == (-0.12, 0.12)
+    with pytest.raises(OptionError, match="starts at 0; give its range"):
+        parse_fit(baseline(), "driver.imperfections.dead_band")
+
+
+def driver_scenario(**errors):
+    return baseline().with_si({f"driver.imperfections.{key}": value for key, value in errors.items()})
+
+
+def estimates(errors, keys, seed, **how):
+    """Errors estimated from a recording with noise, by those of a driver that has none; all must be identifiable."""
+    truth = driver_scenario(**errors).with_si(SHORT | {"tracking.clock_ratio": 0.9962})
+    fit = identify(
+        baseline().with_si(SHORT), [recorded(truth, seed)], [f"driver.imperfections.{key}" for key in keys], **how
+    )
+    assert fit.usable
+    assert all(e.identifiable for e in fit.estimates), [e.verdict for e in fit.estimates]
+    return {e.key.rpartition(".")[2]: e for e in fit.estimates}
+
+
+def check(found, errors):
+    for key, e in found.items():
+        assert abs(e.estimate - errors[key]) < max(0.05 * abs(errors[key]), 2.0 * e.standard_error), e
+        assert e.standard_error < 0.05 * abs(errors[key]), e
+
+
+def test_a_search_looks_at_the_other_quarters_of_the_electrical_turn(distorted):
+    """The lines of the driver turned by half a turn differ in the phase at the first sample alone; by a quarter, hardly in more."""
+    truth = distorted.with_si({**SHORT, "record.settle": 60.0})
+    keys = [parse_fit(baseline(), f"driver.imperfections.{key}") for key in ERRORS]
+    told = chosen([evidence_of(recorded(truth), truth)], truth, without=["array_mode_1"])  # the start is another
+    problem = Problem(truth, [(told[0], {})], keys, Trust(0.004))
+    x = np.array([key.coordinate(ERRORS[key.key.rpartition(".")[2]]) for key in keys])
+    quarter, half, _ = problem.turned(x)
+    assert [key.value(c) for key, c in zip(keys, half, strict=True)] == pytest.approx(
+        [0.012, -0.006, 0.004, ERRORS["quadrature"]]
+    )
+    assert [key.value(c) for key, c in zip(keys, quarter, strict=True)] == pytest.approx(
+        [-0.012, -0.004, -0.006, -ERRORS["quadrature"]]
+    )
+    here, there, aside = (r[: problem.figures] for r in problem.residuals([x, half, quarter]))
+    turn = np.array([o.form == "turn" for _, o in problem.observed])
+    assert np.max(np.abs(there - here)[~turn]) < 1.0  # standard deviations; 0.54, as what rings from the start
+    assert np.max(np.abs(there)[turn]) > 5.0
+    assert np.max(np.abs(aside)[turn]) > 2.0
+    problem = Problem(truth, [(told[0], {})], [parse_fit(truth, "reducer.stiffness")], Trust(0.004))
+    assert problem.turned(problem.start) == []
+
+
+@pytest.mark.long
+def test_offsets_are_identified_with_their_signs():
+    errors = {"offset_a": 0.006, "offset_b": -0.004}
+    found = estimates(errors, errors, seed=7, starts=4, finishes=1)
+    check(found, errors)
+    assert "its sign rests on record.settle" in found["offset_a"].verdict
+
+
+@pytest.mark.long
+def test_all_errors_of_the_phases_are_identified():
+    check(estimates(ERRORS, ERRORS, seed=1, starts=32, finishes=2), ERRORS)

@@ -1,4 +1,4 @@
-"""Measured order of the time integration: no friction, no microsteps, every step equally long."""
+"""Measured order of the time integration: no friction, no microsteps, every step equally long; also while references ramp."""
 
 from dataclasses import replace
 
@@ -38,8 +38,11 @@ ERROR = {
         {"order": 200, "amplitude": 1e-5, "phase": -1.1},
     ]
 }
+RAMP = {"driver.microstep_ramp": 1.0}
 CASES = {
     "compliant reducer": {},
+    "ramping references": RAMP,
+    "rigid reducer, ramping references": {**RIGID, **RAMP},
     "compliant reducer, three modes": THREE_MODES,
     "compliant reducer, transmission error": ERROR,
     "rigid reducer": RIGID,
@@ -51,17 +54,25 @@ CASES = {
 STOPS = np.arange(1, 9) * 2.0**-8
 
 
+def off_equilibrium(changes):
+    """A drive that starts off equilibrium, under references that move where its driver ramps."""
+    q = pack(baseline().with_si({**SMOOTH, **changes}))
+    q.state.y[kernel.TM] += 3e-3
+    q.state.y[kernel.IA] -= 0.05
+    q.state.y[kernel.IB] += 0.05
+    if "driver.microstep_ramp" in changes:
+        q.state.clock[[kernel.RATE_A, kernel.RATE_B, kernel.RAMP_END]] = -3.0, 7.0, 1.0
+    return q
+
+
 def histories(changes, step):
     """Weighted states, and energies and impulse, at STOPS after a start off equilibrium, in steps of ``step``."""
-    q = pack(baseline().with_si({**SMOOTH, **changes}))
+    q = off_equilibrium(changes)
     weights = q.drive.scale.copy()
     # An error weight of zero accepts every step, and max_step is then the step.
     q.drive.scale[:] = 0.0
     q = replace(q, drive=q.drive._replace(max_step=step))
     q.state.clock[kernel.NEXT_STEP] = step
-    q.state.y[kernel.TM] += 3e-3
-    q.state.y[kernel.IA] -= 0.05
-    q.state.y[kernel.IB] += 0.05
     nothing = no_samples(q.channels)
     states, sums = [], []
     for stop in STOPS:
@@ -107,11 +118,8 @@ def states_in_equal_steps(changes, step, monkeypatch):
     """Weighted states at STOPS after the same start, by the propagators: tables of one length take every step as it comes."""
     monkeypatch.setattr(propagators, "MOST_LEVELS", 1)
     settings = {"solver.method": "propagators", "solver.accuracy": 1e-13, "solver.max_step": step}
-    q = pack(baseline().with_si({**SMOOTH, **changes, **settings}))
+    q = off_equilibrium({**changes, **settings})
     q.state.levels[:] = 0
-    q.state.y[kernel.TM] += 3e-3
-    q.state.y[kernel.IA] -= 0.05
-    q.state.y[kernel.IB] += 0.05
     states = []
     for stop in STOPS:
         assert q.advance(stop, no_samples(q.channels), np.zeros(0), np.zeros((0, 3))) == kernel.OK

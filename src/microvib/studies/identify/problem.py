@@ -42,6 +42,9 @@ FEW = 3
 PRIOR = 0.1
 """Weight of a prior near the start, per width of a range: it decides only where there is no evidence."""
 
+ERRORS = "driver.imperfections."
+"""Keys of the driver's errors."""
+
 FitProgress = Callable[[str, int, float, dict[str, float]], None]
 """stage, simulations so far, cost of the best, its parameters"""
 
@@ -208,6 +211,24 @@ class Problem:
                 seen = self._seen(x, j, line)
                 x[k] = np.clip(x[k] + math.log(wanted / seen), *key.range) if seen else x[k]
         return x
+
+    def turned(self, x: np.ndarray) -> list[np.ndarray]:
+        """``x`` with the errors of the driver as they are seen from the other quarters of the electrical turn; none without them.
+
+        There i_B and -i_A are the phases: nearly the same torque, later. What is not fitted stays.
+        """
+        at = {key.key.removeprefix(ERRORS): k for k, key in enumerate(self.keys) if key.key.startswith(ERRORS)}
+        now = {name: self.keys[k].value(float(x[k])) for name, k in at.items()}
+        points, offset = [], complex(now.get("offset_a", 0.0), now.get("offset_b", 0.0))
+        for quarters in (1, 2, 3) if now else ():
+            seen, sign = offset * (-1j) ** quarters, (-1.0) ** quarters
+            then = {"offset_a": seen.real, "offset_b": seen.imag}
+            then |= {name: sign * now[name] for name in ("gain_b", "quadrature") if name in now}
+            point = x.copy()
+            for name, k in at.items():
+                point[k] = np.clip(self.keys[k].coordinate(then.get(name, now[name])), self.low[k], self.high[k])
+            points.append(point)
+        return [point for point in points if np.any(point != x)]
 
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""

@@ -13,7 +13,7 @@ from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
-from microvib.studies.identify.problem import Goodness, Problem, goodness
+from microvib.studies.identify.problem import ERRORS, Goodness, Problem, goodness
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
 WIDE = 0.2
@@ -25,7 +25,7 @@ NUDGE = 0.01
 ASSUMED_TIME = 0.1
 """Relative error of a settling time that nobody measured."""
 SETTLE = "record.settle"
-PHASES = tuple(f"driver.imperfections.{name}" for name in ("gain_b", "offset_a", "offset_b", "quadrature"))
+PHASES = tuple(f"{ERRORS}{name}" for name in ("gain_b", "offset_a", "offset_b", "quadrature"))
 """Errors of the driver: turned by a quarter or half of an electrical turn they make nearly the same torque, later."""
 
 
