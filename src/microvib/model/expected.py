@@ -17,7 +17,7 @@ from microvib.units import Given, quantity
 
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
 
-SIDEBANDS = 2  # sidebands on each side of a driving line, at the distance of a full step or electrical period, that are expected
+SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def expected_lines(
     4 f_d/(b n), which with four beats is the full-step rate f_d/n; the electrical period f_d/(b n); the wave generator's
     turns, for each transmission-error harmonic; and the sidebands that the detent torque makes about the driving lines. A
     frequency that belongs to several families carries the name of the first. Of the electrical period an ideal driver has no
-    lines, and three are listed; one with errors has ``harmonics`` and sidebands, and the origin says which error makes a line.
+    lines, and three are listed; one with errors has ``harmonics``, and the origin says which error makes a line.
     Where the rate changes within the record, or is zero, there are modes only.
 
     ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
@@ -89,14 +89,11 @@ def _orders(
         for k in members:
             made = ", ".join(makers.get(k * unit // z, ())) if stem in ("full_step", "electrical") else ""
             orders.setdefault(k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}{made and f': {made}'}"))
-    sidebands = [(detent, "", "full step")] * detent_torque + [
-        (z, "electrical_", "electrical period")
-    ] * driver.distorted
-    for unit, stem, origin in sidebands:
-        for k in range(1, harmonics + 1) if turn > 2 * SIDEBANDS * unit else ():
+    if detent_torque and turn > 2 * SIDEBANDS * detent:
+        for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
-                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{stem}{abs(j)}"
-                orders.setdefault(k * turn + j * unit, (name, "sideband", f"drive_{k} {j:+d} {origin}"))
+                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
+                orders.setdefault(k * turn + j * detent, (name, "sideband", f"drive_{k} {j:+d} full step"))
     return turn, orders
 
 
