@@ -43,7 +43,7 @@ def write_motion(motion: Motion, path: Path) -> None:
     with new_netcdf(path) as f:
         f.dimensions = {"time": motion.time.size}
         if any(v.ndim == 2 for v in motion.channels.values()):
-            f.dimensions["mode"] = len(motion.scenario.array.modes)
+            f.dimensions["mode"] = motion.scenario.load.H.size
         f.attrs["title"] = motion.scenario.title or "microvib run"
         f.attrs["sample_rate_hz"] = motion.sample_rate
         f.attrs["scenario"] = dump_scenario(motion.scenario)

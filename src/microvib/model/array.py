@@ -10,9 +10,12 @@ import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part, Six
+from microvib.model.rigid import RigidBody
 from microvib.units import Quantity
 
+_COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 SLACK = 1e-9  # relative; what rounding may make of sum H^2 = J
+TABLE = 1e-3  # relative; what rounding of printed tables and single precision may do to masses
 
 
 class Mode(Part):
@@ -58,6 +61,9 @@ class Array(Part):
         " without it the centre of mass is on the drive axis, a principal axis",
     )
     drive_axis: Literal["x", "y", "z"] = Field(default="z", description="drive axis in the interface frame")
+    rigid_body: RigidBody | None = Field(
+        default=None, description="mass properties of the whole array, which a spacecraft needs"
+    )
 
     def _misfits(self) -> Iterator[str]:
         J, rigid, axis = self.inertia, self.rigid_inertia, self._axis
@@ -75,6 +81,7 @@ class Array(Part):
                 f"interface_inertia: {self.interface_inertia[axis]:g} kg*m^2 about {self.drive_axis} disagrees with inertia,"
                 f" {J:g} kg*m^2; they must be equal"
             )
+        yield from self._rigid_body_misfits()
         given = [self._given(mode) for mode in self.modes]
         if None in given and (len(self.modes) > 1 or rigid is None):
             yield (
@@ -96,6 +103,35 @@ class Array(Part):
             yield (
                 f"rigid_inertia: {rigid:g} kg*m^2 disagrees with inertia - sum H^2 = {residual:g} kg*m^2; leave it out, or"
                 " correct the modes"
+            )
+
+    def _rigid_body_misfits(self) -> Iterator[str]:
+        if self.rigid_body is None:
+            return
+        M, axis = self.rigid_body.matrix, self._axis
+        if not math.isclose(M[axis, axis], self.inertia, rel_tol=TABLE):
+            yield (
+                f"rigid_body.inertia: {M[axis, axis]:g} kg*m^2 about {self.drive_axis} disagrees with inertia,"
+                f" {self.inertia:g} kg*m^2; they must be equal"
+            )
+        size = np.sqrt(np.diag(M))
+        size = np.where(size > 0.0, size, 1.0)
+        if self.interface_inertia is not None:
+            off = np.abs(np.array(self.interface_inertia) - M[:, axis]) / (size * size[axis])
+            if off.max() > TABLE:
+                k = int(off.argmax())
+                yield (
+                    f"interface_inertia: {self.interface_inertia[k]:g} in {_COMPONENTS[k]} disagrees with rigid_body, which has"
+                    f" {M[k, axis]:g} there; leave it out, or correct one of them"
+                )
+        P = self.interface
+        if P is None:
+            return
+        least = float(np.linalg.eigvalsh((M - P @ P.T) / np.outer(size, size)).min())
+        if least < -TABLE:
+            yield (
+                f"rigid_body: the modes hold more than the mass of the rigid body (D_0 = M_r - P P' has the eigenvalue {least:.3g}"
+                " of its diagonal, and must have none below 0); mass, participation and reference point do not belong together"
             )
 
     @property
@@ -131,8 +167,26 @@ class Array(Part):
         return np.array([4.0 * math.pi * mode.damping * mode.frequency for mode in self.modes])
 
     @property
+    def mass(self) -> np.ndarray | None:
+        """Rigid-body mass matrix about the interface point, (6, 6) [kg, kg m, kg m^2]; None where it is not given."""
+        if self.rigid_body is None:
+            return None
+        M = self.rigid_body.matrix
+        M[self._axis, self._axis] = self.inertia
+        return M
+
+    @property
+    def coupling(self) -> np.ndarray | None:
+        """Column of that matrix for a rotation about the drive axis, (6,), as given or from ``rigid_body``; None without either."""
+        if self.interface_inertia is not None:
+            return np.array(self.interface_inertia)
+        return None if self.rigid_body is None else self.rigid_body.matrix[:, self._axis]
+
+    @property
     def interface(self) -> np.ndarray | None:
-        """Interface participation, (6, s) [kg^0.5, kg^0.5 m]; None unless every mode gives it."""
+        """Interface participation, (6, s) [kg^0.5, kg^0.5 m]; None unless every mode gives it, or there is none and masses are known."""
+        if not self.modes and (self.interface_inertia is not None or self.rigid_body is not None):
+            return np.zeros((6, 0))
         rows = [mode.interface_participation for mode in self.modes]
         if not rows or any(row is None for row in rows):
             return None

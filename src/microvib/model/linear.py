@@ -13,10 +13,13 @@ from functools import lru_cache
 import numpy as np
 
 from microvib.model.array import Array
+from microvib.model.craft import craft_of, load_of
 from microvib.model.friction import Friction
+from microvib.model.load import Load
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import Spacecraft
 
 MANY = 300  # modes above which the damped eigenproblem, whose work grows with the third power, is not solved as a whole
 
@@ -29,28 +32,28 @@ class CoupledMode:
     frequency: float
     damping: float
     fixed_frequency: float | None
-    """Frequency with the interface clamped [Hz]; None for a resonance of the drive itself."""
+    """Frequency with the interface clamped, on a craft with locked hinges [Hz]; None for a resonance of the drive itself."""
 
 
 def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if rigid), eta (Eq. 16-18)."""
-    return _matrices(scenario.motor, scenario.reducer, scenario.friction, scenario.array)
+    """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if rigid), modes (Eq. 16-18)."""
+    return _matrices(scenario.motor, scenario.reducer, scenario.friction, scenario.load)
 
 
 def _matrices(
-    motor: Motor, reducer: Reducer, friction: Friction, array: Array
+    motor: Motor, reducer: Reducer, friction: Friction, load: Load
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    H, s = array.H, len(array.modes)
-    h, spring = reducer.ratio, motor.electromagnetic_stiffness
-    J_out = reducer.output_inertia + array.inertia
+    s, h, spring = load.H.size, reducer.ratio, motor.electromagnetic_stiffness
     M, C, K = (np.zeros((2 + s, 2 + s)) for _ in range(3))
-    M[0, 0], M[1, 1] = motor.rotor_inertia + reducer.wave_generator_inertia, J_out
-    M[1, 2:] = M[2:, 1] = H
+    M[0, 0], M[1, 1] = load.rotor, load.output
+    M[0, 1] = M[1, 0] = load.cross
+    M[0, 2:] = M[2:, 0] = load.R
+    M[1, 2:] = M[2:, 1] = load.H
     M[2:, 2:] = np.eye(s)
     C[0, 0], C[1, 1] = motor.friction.viscous, friction.viscous
-    C[2:, 2:] = np.diag(array.D)
+    C[2:, 2:] = np.diag(load.D)
     K[0, 0] = spring
-    K[2:, 2:] = np.diag(array.Lambda)
+    K[2:, 2:] = np.diag(load.Lambda)
     if reducer.rigid:
         # theta_m = -h theta_l (Eq. 19)
         T = np.zeros((2 + s, 1 + s))
@@ -102,11 +105,11 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
 
 def _momentum_row(scenario: Scenario) -> np.ndarray:
     """Angular momentum about the drive axis for unit rates of the coordinates of ``matrices`` (Eq. 20)."""
-    array, reducer = scenario.array, scenario.reducer
-    output = reducer.output_inertia + array.inertia
-    if reducer.rigid:
-        return np.array([scenario.rotor_inertia - output / reducer.ratio, *array.H])
-    return np.array([scenario.rotor_inertia, output, *array.H])
+    load, h = scenario.load, scenario.reducer.ratio
+    rotor, output = load.rotor + load.cross, load.output + load.cross
+    if scenario.reducer.rigid:
+        return np.array([rotor - output / h, *(load.H + load.R)])
+    return np.array([rotor, output, *(load.H + load.R)])
 
 
 def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
@@ -116,24 +119,30 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
     of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
     """
-    return _coupled_modes(scenario.motor, scenario.reducer, scenario.friction, scenario.array)
+    return _coupled_modes(scenario.motor, scenario.reducer, scenario.friction, scenario.array, scenario.spacecraft)
 
 
 @lru_cache(maxsize=16)
-def _coupled_modes(motor: Motor, reducer: Reducer, friction: Friction, array: Array) -> tuple[CoupledMode, ...]:
-    M, C, K = _matrices(motor, reducer, friction, array)
-    n, s = M.shape[0], len(array.modes)
+def _coupled_modes(
+    motor: Motor, reducer: Reducer, friction: Friction, array: Array, spacecraft: Spacecraft | None
+) -> tuple[CoupledMode, ...]:
+    J_flex, J_m = reducer.output_inertia, motor.rotor_inertia + reducer.wave_generator_inertia
+    craft = craft_of(array, spacecraft, J_flex, J_m)
+    load = load_of(array, spacecraft, J_flex, J_m)
+    locked = [mode.frequency for mode in array.modes] if craft is None else craft.frequency.tolist()
+    M, C, K = _matrices(motor, reducer, friction, load)
+    n, s = M.shape[0], len(locked)
     values, vectors = _eigenvalues_of_many(M, C, K) if s > MANY else _eigenvalues(M, C, K)
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:, keep]
     elastic = np.sum(vectors.conj() * (K @ vectors), axis=0).real
-    share = array.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
+    share = load.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
     # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as the array's modes do.
     by_share = np.argsort(-share, kind="stable")
     array_columns = sorted(by_share[:s], key=lambda c: abs(values[c]))
-    order = np.argsort(array.Lambda, kind="stable")
+    order = np.argsort(load.Lambda, kind="stable")
     modes = {
-        int(k): _mode(f"array_mode_{k + 1}", values[c], array.modes[int(k)].frequency)
+        int(k): _mode(f"array_mode_{k + 1}", values[c], locked[int(k)])
         for k, c in zip(order, array_columns, strict=False)
     }
     rest = sorted((values[c] for c in by_share[s:]), key=abs)

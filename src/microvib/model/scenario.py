@@ -9,13 +9,16 @@ from pydantic import Field
 
 from microvib.errors import ScenarioError, did_you_mean
 from microvib.model.array import Array
+from microvib.model.craft import Craft, craft_of, load_of
 from microvib.model.driver import Driver
 from microvib.model.friction import Friction
+from microvib.model.load import Load
 from microvib.model.motor import Motor
 from microvib.model.part import Part, entries, plain
 from microvib.model.record import Record, Solver
 from microvib.model.reducer import Reducer
 from microvib.model.sentences import validated
+from microvib.model.spacecraft import Spacecraft
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
@@ -38,8 +41,17 @@ class Scenario(Part):
     tracking: Tracking
     record: Record
     solver: Solver = Solver()
+    spacecraft: Spacecraft | None = Field(
+        default=None, description="the craft that carries the drive; none is firm ground"
+    )
 
     def _misfits(self) -> Iterator[str]:
+        if self.spacecraft is not None and (self.array.mass is None or self.array.interface is None):
+            missing = "interface_participation of every mode" if self.array.interface is None else "rigid_body"
+            yield (
+                f"array: has no {missing}, and a spacecraft feels six components; give interface_participation of all modes and"
+                " rigid_body, or take the array from finite elements (array.fem, array.from)"
+            )
         if not self.reducer.rigid and self.output_inertia < 1e-6 * self.array.inertia:
             yield (
                 "array: hardly anything is rigidly attached to the shaft (J_h and reducer.output_inertia add up to"
@@ -70,8 +82,18 @@ class Scenario(Part):
 
     @property
     def output_inertia(self) -> float:
-        """J_flex + J_h, all that is rigid on the output [kg m^2]."""
-        return self.reducer.output_inertia + self.array.J_h
+        """J_flex + J_h, all that is rigid on the output [kg m^2]; on a spacecraft, what is in none of its modes."""
+        return self.load.output_left
+
+    @property
+    def load(self) -> Load:
+        """What hangs on the two shafts: the array on firm ground, or with the craft that carries the drive."""
+        return load_of(self.array, self.spacecraft, self.reducer.output_inertia, self.rotor_inertia)
+
+    @property
+    def craft(self) -> Craft | None:
+        """Drive, array and hub with both hinges locked; None without a ``spacecraft``."""
+        return craft_of(self.array, self.spacecraft, self.reducer.output_inertia, self.rotor_inertia)
 
     @property
     def rate(self) -> float | None:
@@ -139,7 +161,7 @@ class Scenario(Part):
     def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
         """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
         for name in type(self).model_fields:
-            if name not in _WORDS:
+            if name not in _WORDS and (name != "spacecraft" or self.spacecraft is not None):
                 yield from entries(name, getattr(self, name), type(self).quantity_of(name))
 
     def doubts(self) -> tuple[str, ...]:

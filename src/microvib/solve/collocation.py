@@ -50,7 +50,7 @@ from microvib.solve.kernel import (
     drive_derivative,
     drive_margins,
     follow,
-    modal_torque,
+    modal_torques,
     output_rate,
     references_after,
 )
@@ -59,10 +59,17 @@ from microvib.solve.propagators import (
     HIGHEST,
     INPUTS,
     ITERATIONS,
+    M_ETA,
     M_MOMENTUM,
     M_TORQUE,
+    M_W,
     MODE_ROWS,
     NODE_ROWS,
+    S_BOTH,
+    S_MOMENTUM,
+    S_OUTPUT,
+    S_ROTOR,
+    S_ROTOR_MOMENTUM,
     SUM_ROWS,
     N,
 )
@@ -90,7 +97,7 @@ class Work(NamedTuple):
     q: Matrix  # lanes
     r: Matrix  # lanes: deficits
     before: Matrix  # lanes: the same of the last iterate
-    sums: Matrix  # lanes: torque and momentum of the modes as free oscillators; torque; T_d; momentum; margins; change
+    sums: Matrix  # lanes: of the modes as free oscillators torques on output and rotor, momentum; torques; T_d; momentum; margins; change
     values: Matrix  # lanes: channels
     by_node: Matrix  # channels, (4, channels)
     powers: Matrix  # coefficients of the deficits' cubics, two rows for each power
@@ -104,7 +111,9 @@ class Work(NamedTuple):
     weights: Matrix  # (3, 4)
 
 
-FREE_TORQUE, FREE_MOMENTUM, TORQUE, TORQUE_D, MOMENTUM, MARGIN_M, MARGIN_L, CHANGE, N_SUMS = range(9)
+FREE_TORQUE, FREE_MOMENTUM, TORQUE, TORQUE_D, MOMENTUM, MARGIN_M, MARGIN_L, CHANGE, FREE_ON_ROTOR, ON_ROTOR, N_SUMS = (
+    range(11)
+)
 
 
 # ---- The frame of the command ----
@@ -176,7 +185,7 @@ def _pattern(stick, p):
 
 
 @code.inner(**FORCED)
-def _evaluate_deficits(T, s, c, modal, x, p, t, w):
+def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
     """States at the nodes not seen from the command, the derivative there, and the deficits ``w.r``; of a step of length ``T``."""
     at, y, f = rows(w.at, 0, N, 1), rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1)
     r, sums, A = rows(w.r, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1), t.A[_pattern(x.stick, p)]
@@ -189,8 +198,8 @@ def _evaluate_deficits(T, s, c, modal, x, p, t, w):
     if not p.ideal:
         off_A, off_B = _off(dt, x.clock, s, c)
         y[IA], y[IB] = y[IA] + off_A, y[IB] + off_B
-    drive_derivative(y, modal, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1))
-    sums[TORQUE] = modal
+    drive_derivative(y, modal, on_rotor, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1))
+    sums[TORQUE], sums[ON_ROTOR] = modal, on_rotor
     f_d, f_q = f[IA] * c + f[IB] * s, f[IB] * c - f[IA] * s
     r[0] = (
         f_d
@@ -220,17 +229,21 @@ def _evaluate_deficits(T, s, c, modal, x, p, t, w):
 
 @code.inner(**FORCED)
 def _free_modes(level, x, p, t, w):
-    """Torque and momentum of the modes as free oscillators."""
+    """Torques and momentum of the modes as free oscillators."""
     sums, modes = (
         rows(w.sums, 0, N_SUMS, 1),
         rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS),
     )
-    torque = momentum = sums[CHANGE] * 0.0
+    torque = momentum = on_rotor = sums[CHANGE] * 0.0
     for k in range(p.H.size):
         eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
         torque += modes[k, M_TORQUE] * eta + modes[k, M_TORQUE + 1] * rate
         momentum += modes[k, M_MOMENTUM] * eta + modes[k, M_MOMENTUM + 1] * rate
-    sums[FREE_TORQUE], sums[FREE_MOMENTUM] = torque, momentum
+        if p.H_m.size > 0:
+            there_eta = modes[k, M_ETA] * eta + modes[k, M_ETA + 1] * rate
+            there_w = modes[k, M_W] * eta + modes[k, M_W + 1] * rate
+            on_rotor += p.H_m[k] * (p.Lam[k] * there_eta + p.D[k] * there_w)
+    sums[FREE_TORQUE], sums[FREE_MOMENTUM], sums[FREE_ON_ROTOR] = torque, momentum, on_rotor
 
 
 @code.inner(**FORCED)
@@ -253,12 +266,16 @@ def _iterate(level, s, c, x, p, t, w):
     last = math.inf
     for _ in range(ITERATIONS):
         _states_at_nodes(K, x, p, t, w)
-        modal = sums[FREE_TORQUE]
+        modal, on_rotor = sums[FREE_TORQUE], sums[FREE_ON_ROTOR]
         for j in range(4):
-            modal += coupling[j] * w.at[WL, j]
+            modal += coupling[S_OUTPUT + j] * w.at[WL, j]
+        if p.H_m.size > 0:
+            for j in range(4):
+                modal += coupling[S_BOTH + j] * w.at[WM, j]
+                on_rotor += coupling[S_BOTH + j] * w.at[WL, j] + coupling[S_ROTOR + j] * w.at[WM, j]
         for k in range(t.inputs):
             before[k] = r[k]
-        _evaluate_deficits(T, s, c, modal, x, p, t, w)
+        _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w)
         x.counters[ITERATIONS_MADE] += 1
         largest = math.fabs(r[0] - before[0]) * w.per_size[0]
         for k in range(1, t.inputs):
@@ -349,7 +366,8 @@ def _begin(s, c, x, p, t, w):
     nothing, rate = sums[CHANGE] * 0.0, output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
     for i in range(N):
         at[i] = nothing + w.x[i]
-    _evaluate_deficits(0.0, s, c, nothing + modal_torque(x.y, rate, p), x, p, t, w)
+    modal, on_rotor = modal_torques(x.y, rate, p)
+    _evaluate_deficits(0.0, s, c, nothing + modal, nothing + on_rotor, x, p, t, w)
 
 
 @code.inner(**FORCED)
@@ -365,8 +383,10 @@ def _judge(p, x, w):
     """Margins of both frictions, momentum and disturbance torque at the nodes."""
     y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
     sums = rows(w.sums, 0, N_SUMS, 1)
-    sums[MARGIN_M], sums[MARGIN_L] = drive_margins(y, sums[TORQUE], x.stick, p)
+    sums[MARGIN_M], sums[MARGIN_L] = drive_margins(y, sums[TORQUE], sums[ON_ROTOR], x.stick, p)
     sums[TORQUE_D] = sums[TORQUE] - p.J_L * q[6] - p.J_m * f[WM]
+    if p.H_m.size > 0:
+        sums[TORQUE_D] = sums[TORQUE_D] + sums[ON_ROTOR] - p.J_c * (q[6] + f[WM])
 
 
 @code.inner(**FORCED)
@@ -376,7 +396,11 @@ def _momentum(level, p, t, w):
     coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)
     total = p.J_m * at[WM] + p.J_L * at[WL] + sums[FREE_MOMENTUM]
     for j in range(4):
-        total += coupling[4 + j] * w.at[WL, j]
+        total += coupling[S_MOMENTUM + j] * w.at[WL, j]
+    if p.H_m.size > 0:
+        total += p.J_c * (at[WM] + at[WL])
+        for j in range(4):
+            total += coupling[S_ROTOR_MOMENTUM + j] * w.at[WM, j]
     sums[MOMENTUM] = total
     T, by = -t.longest * 0.5**level, rows(t.momentum, 0, 16, 2)
     lower, upper = by[0, 0] * w.sums[MOMENTUM, 0], by[0, 1] * w.sums[MOMENTUM, 0]

@@ -206,11 +206,14 @@ def _evaluate(u, level, x, p, t, w):
 @code.inner(**FORCED)
 def _pass_modes(level, done, piece, p, t, w):
     """Move ``w.modes`` on by a piece of a step."""
-    c0, c1, c2, c3 = _rate_cubic(w)
-    b0, b1 = c0 + done * (c1 + done * (c2 + done * c3)), piece * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
-    b2, b3 = piece * piece * (c2 + done * 3.0 * c3), piece * piece * piece * c3
+    l0, l1, l2, l3 = _moments(WL, done, piece, w)
+    m0, m1, m2, m3 = _moments(WM, done, piece, w)
+    b0, b1, b2, b3 = l0, l1, l2, l3
     modes, s = t.modes, p.H.size
     for k in range(s):
+        if p.H_m.size > 0:
+            b0, b1 = p.H[k] * l0 + p.H_m[k] * m0, p.H[k] * l1 + p.H_m[k] * m1
+            b2, b3 = p.H[k] * l2 + p.H_m[k] * m2, p.H[k] * l3 + p.H_m[k] * m3
         row = (level * s + k) * MODE_ROWS
         eta, rate, M = w.modes[2 * k], w.modes[2 * k + 1], modes[row : row + MODE_ROWS]
         by_eta, by_w = M[M_ETA_PART], M[M_W_PART]
@@ -223,9 +226,21 @@ def _pass_modes(level, done, piece, p, t, w):
 
 
 @code.inner(**FORCED)
-def _rate_cubic(w):
-    """Coefficients of the cubic through the output's rate at the nodes."""
-    r0, r1, r2, r3 = w.at[WL, 0], w.at[WL, 1], w.at[WL, 2], w.at[WL, 3]
+def _moments(shaft, done, piece, w):
+    """Coefficients of that cubic about the fraction ``done`` of the step, in units of a ``piece`` of it."""
+    c0, c1, c2, c3 = _rate_cubic(shaft, w)
+    return (
+        c0 + done * (c1 + done * (c2 + done * c3)),
+        piece * (c1 + done * (2.0 * c2 + done * 3.0 * c3)),
+        piece * piece * (c2 + done * 3.0 * c3),
+        piece * piece * piece * c3,
+    )
+
+
+@code.inner(**FORCED)
+def _rate_cubic(shaft, w):
+    """Coefficients of the cubic through the rate of a shaft, WL or WM, at the nodes."""
+    r0, r1, r2, r3 = w.at[shaft, 0], w.at[shaft, 1], w.at[shaft, 2], w.at[shaft, 3]
     return (
         LAGRANGE[0, 0] * r0 + LAGRANGE[1, 0] * r1 + LAGRANGE[2, 0] * r2 + LAGRANGE[3, 0] * r3,
         LAGRANGE[0, 1] * r0 + LAGRANGE[1, 1] * r1 + LAGRANGE[2, 1] * r2 + LAGRANGE[3, 1] * r3,
@@ -259,12 +274,17 @@ def _finish(pattern, done, left, T, x, p, t, w):
             w.term[INPUTS[k]] += w.shifted[2 * m + k // 4, k % 4]
         term[0], term[1] = term[0] * factor, term[1] * factor
         end[0], end[1] = end[0] + term[0], end[1] + term[1]
-    c0, c1, c2, c3 = _rate_cubic(w)
-    output, change = c0 + done * (c1 + done * (c2 + done * c3)), left * (c1 + done * (2.0 * c2 + done * 3.0 * c3))
+    output, change, _, _ = _moments(WL, done, left, w)
+    rotor, rotor_change, _, _ = _moments(WM, done, left, w)
     for k in range(p.H.size):  # two terms: modes are slow
-        d_eta = dt * (w.modes[2 * k + 1] - p.H[k] * output)
+        rate = w.modes[2 * k + 1] - p.H[k] * output
+        if p.H_m.size > 0:
+            rate -= p.H_m[k] * rotor
+        d_eta = dt * rate
         d_w = -p.D[k] * d_eta - dt * p.Lam[k] * w.modes[2 * k]
         moved = d_w - p.H[k] * change
+        if p.H_m.size > 0:
+            moved -= p.H_m[k] * rotor_change
         w.modes[2 * k] += d_eta + 0.5 * dt * moved
         w.modes[2 * k + 1] += d_w - 0.5 * dt * (p.D[k] * moved + p.Lam[k] * d_eta)
     if x.stick[0] == 0.0:
@@ -285,8 +305,11 @@ def _whole(level, p, x, t, w):
         after_eta = modes[row + M_E, 0] * eta + modes[row + M_E, 1] * rate
         after_rate = modes[row + M_E, 2] * eta + modes[row + M_E, 3] * rate
         for j in range(4):
-            after_eta += modes[row + M_ETA_END, j] * w.at[WL, j]
-            after_rate += modes[row + M_W_END, j] * w.at[WL, j]
+            drive = w.at[WL, j]
+            if p.H_m.size > 0:
+                drive = p.H[k] * drive + p.H_m[k] * w.at[WM, j]
+            after_eta += modes[row + M_ETA_END, j] * drive
+            after_rate += modes[row + M_W_END, j] * drive
         w.modes[2 * k], w.modes[2 * k + 1] = after_eta, after_rate
 
 

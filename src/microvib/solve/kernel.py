@@ -29,7 +29,8 @@ FORCED: dict[str, Any] = COMPILE | {"forceinline": True}  # a call would copy it
 # ---- State, channels and parameters ----
 
 # State y: currents, integrals of their errors, rotor (angle, rate), output (angle, rate); then eta and w of each mode. With
-# w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d eta/dt the mass matrix is diagonal.
+# w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d eta/dt the mass matrix is diagonal. On a craft
+# w = d eta/dt + H omega_l + R omega_m, and what is left is the matrix [[J_m, J_c], [J_c, J_L]] of the two shafts.
 IA, IB, XA, XB, TM, WM, TL, WL, MODES = range(9)
 
 # Channels of a sample; the modal coordinates and their rates follow. The last four are powers, integrated over the run.
@@ -69,9 +70,10 @@ class Drive(NamedTuple):
     K_I: float
     K_D: float
     U_max: float
-    J_m: float
+    J_m: float  # on a craft, what of it is in no mode, as J_L and J_h
     J_L: float  # J_flex + J_h: all that is rigid on the output
     J_h: float
+    J_c: float  # what couples the accelerations of rotor and output through a craft
     K_g: float
     C_g: float
     rigid: bool
@@ -93,11 +95,13 @@ class Drive(NamedTuple):
     inv_L_D: float  # 1 / (L + K_D): the derivative acts on the measured current
     inv_J_m: float
     inv_J_L: float
+    inv_J_both: float  # 1 / (J_L - J_c^2 / J_m): where the rotor is free too
     inv_h: float
     inv_z: float
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
     H: Vector  # (s,)
+    H_m: Vector  # participation in the rotor's motion, (s,) on a craft, else (0,)
     D: Vector
     Lam: Vector
     te: Vector  # order, sine and cosine amplitude of the transmission error, for each of its harmonics
@@ -194,19 +198,23 @@ def derivative(y, references, stick, p, f, q):
 
     ``references`` are i_A* and i_B*.
     """
-    omega_l, modal = output_rate(y[TM], y[WM], y[WL], p), 0.0
+    omega_l, modal, on_rotor = output_rate(y[TM], y[WM], y[WL], p), 0.0, 0.0
     for k in range(p.H.size):
         rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
+        if p.H_m.size > 0:
+            rate -= p.H_m[k] * y[WM]
         pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
         f[MODES + 2 * k] = rate
         f[MODES + 2 * k + 1] = -pull
         modal += p.H[k] * pull
-    drive_derivative(y, modal, references, stick, p, f, q)
+        if p.H_m.size > 0:
+            on_rotor += p.H_m[k] * pull
+    drive_derivative(y, modal, on_rotor, references, stick, p, f, q)
 
 
 @code.inner(**INLINE)
-def drive_derivative(y, modal, references, stick, p, f, q):
-    """The same of the drive alone, with the torque ``modal`` of the array's modes on its output."""
+def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
+    """The same of the drive alone, with the torques of the modes on its output, ``modal``, and on its rotor."""
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
     u_A, f[IA], f[XA], _ = _winding(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
@@ -223,24 +231,40 @@ def drive_derivative(y, modal, references, stick, p, f, q):
     if p.rigid:
         stuck = stick[0] == 0.0
         bias = G * e2 * p.J_L * omega_m * omega_m
-        alpha_m = where(stuck, 0.0, (T_e - T_fm + G * (modal - T_f) - bias) / (p.J_m + G * G * p.J_L))
+        pull = T_e + on_rotor - T_fm + G * (modal - T_f) - bias - p.J_c * e2 * omega_m * omega_m
+        alpha_m = where(stuck, 0.0, pull / (p.J_m + 2.0 * G * p.J_c + G * G * p.J_L))
         if some(stuck):
             # One degree of freedom, two frictions: the hold is shared in proportion to what each can hold.
             limit_m, limit_l = p.m_slide + p.m_stribeck, math.fabs(G) * (p.l_slide + p.l_stribeck)
-            T_fm = where(stuck, (T_e + G * modal) * limit_m / (limit_m + limit_l), T_fm)
-            T_f = where(stuck, (T_e + G * modal - T_fm) / G, T_f)
+            T_fm = where(stuck, (T_e + on_rotor + G * modal) * limit_m / (limit_m + limit_l), T_fm)
+            T_f = where(stuck, (T_e + on_rotor + G * modal - T_fm) / G, T_f)
         alpha_l = G * alpha_m + e2 * omega_m * omega_m
-        T_g = p.J_L * alpha_l + T_f - modal
+        T_g = p.J_L * alpha_l + T_f - modal + p.J_c * alpha_m
         f[TL], f[WL] = 0.0, 0.0  # follow from the rotor
     else:
         T_g = p.K_g * (e0 - theta_m * p.inv_h - y[TL]) + p.C_g * (G * omega_m - omega_l)
-        T_fm = where(stick[0] == 0.0, T_e - G * T_g, T_fm)
-        T_f = where(stick[1] == 0.0, T_g + modal, T_f)
-        alpha_m = where(stick[0] == 0.0, 0.0, (T_e - T_fm - G * T_g) * p.inv_J_m)
-        alpha_l = where(stick[1] == 0.0, 0.0, (T_g - T_f + modal) * p.inv_J_L)
+        if p.J_c == 0.0:
+            T_fm = where(stick[0] == 0.0, T_e + on_rotor - G * T_g, T_fm)
+            T_f = where(stick[1] == 0.0, T_g + modal, T_f)
+            alpha_m = where(stick[0] == 0.0, 0.0, (T_e + on_rotor - T_fm - G * T_g) * p.inv_J_m)
+            alpha_l = where(stick[1] == 0.0, 0.0, (T_g - T_f + modal) * p.inv_J_L)
+        else:
+            pull_m, pull_l = T_e + on_rotor - T_fm - G * T_g, T_g - T_f + modal
+            alpha_m, alpha_l = coupled_accelerations(pull_m, pull_l, stick, p)
+            T_fm = where(stick[0] == 0.0, T_e + on_rotor - G * T_g - p.J_c * alpha_l, T_fm)
+            T_f = where(stick[1] == 0.0, T_g + modal - p.J_c * alpha_m, T_f)
         f[TL], f[WL] = omega_l, alpha_l
     f[TM], f[WM] = omega_m, alpha_m
     q[0], q[1], q[2], q[3], q[4], q[5], q[6] = T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l
+
+
+@code.inner(**INLINE)
+def coupled_accelerations(pull_m, pull_l, stick, p):
+    """Accelerations of rotor and output on a craft by the torques that pull at them; what sticks has none."""
+    stuck_m, stuck_l = stick[0] == 0.0, stick[1] == 0.0
+    with_rotor = (pull_l - p.J_c * p.inv_J_m * pull_m) * p.inv_J_both
+    alpha_l = where(stuck_l, 0.0, where(stuck_m, pull_l * p.inv_J_L, with_rotor))
+    return where(stuck_m, 0.0, (pull_m - p.J_c * alpha_l) * p.inv_J_m), alpha_l
 
 
 @code.inner(**INLINE)
@@ -254,11 +278,11 @@ def channels(y, references, stick, p, f, q, out):
     if p.rigid:
         theta_l, omega_l = e0 - theta_m * p.inv_h, G * omega_m
     twist, slip = e0 - theta_m * p.inv_h - theta_l, G * omega_m - omega_l
-    kinetic = 0.5 * (p.J_m * omega_m * omega_m + p.J_L * omega_l * omega_l)
+    kinetic = 0.5 * (p.J_m * omega_m * omega_m + p.J_L * omega_l * omega_l) + p.J_c * omega_m * omega_l
     s, c = sincos(4.0 * p.z * theta_m)
     elastic = 0.5 * p.K_g * twist * twist - 0.25 * p.K_d / p.z * c
     damping = p.C_g * slip * slip
-    modal_rate = 0.0
+    modal_rate = rotor_rate = 0.0
     for k in range(p.H.size):
         eta, rate = y[MODES + 2 * k], f[MODES + 2 * k]
         w = y[MODES + 2 * k + 1]
@@ -266,13 +290,15 @@ def channels(y, references, stick, p, f, q, out):
         elastic += 0.5 * p.Lam[k] * eta * eta
         damping += p.D[k] * rate * rate
         modal_rate += p.H[k] * f[MODES + 2 * k + 1]
+        if p.H_m.size > 0:
+            rotor_rate += p.H_m[k] * f[MODES + 2 * k + 1]
         out[N_CHANNELS + k] = eta
         out[N_CHANNELS + p.H.size + k] = rate
     out[0], out[1], out[2], out[3], out[4], out[5] = y[IA], y[IB], u_A, u_B, references[0], references[1]
     out[6], out[7], out[8], out[9], out[10], out[11] = theta_m, omega_m, alpha_m, theta_l, omega_l, alpha_l
     out[12], out[13], out[14], out[15] = T_e, T_fm, T_f, T_g
-    out[16] = p.J_h * alpha_l + modal_rate
-    out[17] = -(p.J_L * alpha_l + modal_rate + p.J_m * alpha_m)
+    out[16] = p.J_h * alpha_l + modal_rate + p.J_c * alpha_m
+    out[17] = -(p.J_L * alpha_l + modal_rate + p.J_m * alpha_m + rotor_rate + p.J_c * (alpha_l + alpha_m))
     out[18] = -T_e + T_fm + T_f - T_g * (1.0 - G)
     out[19] = 1.0 if stick[0] == 0.0 else 0.0
     out[20] = 1.0 if (stick[0] if p.rigid else stick[1]) == 0.0 else 0.0
@@ -351,24 +377,37 @@ def pass_time(end, clock):
 
 
 @code.inner(**INLINE)
-def modal_torque(y, omega_l, p):
-    """Torque of the array's modes on the output, which turns at the rate ``omega_l``."""
-    modal = 0.0
+def modal_torques(y, omega_l, p):
+    """Torques of the modes on the output, which turns at the rate ``omega_l``, and on the rotor."""
+    modal = on_rotor = 0.0
     for k in range(p.H.size):
-        modal += p.H[k] * (p.D[k] * (y[MODES + 2 * k + 1] - p.H[k] * omega_l) + p.Lam[k] * y[MODES + 2 * k])
-    return modal
+        rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
+        if p.H_m.size > 0:
+            rate -= p.H_m[k] * y[WM]
+        pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
+        modal += p.H[k] * pull
+        if p.H_m.size > 0:
+            on_rotor += p.H_m[k] * pull
+    return modal, on_rotor
 
 
 @code.inner(**INLINE)
-def _holds(y, modal, p):
-    """Torque that friction must supply to keep each body at rest (rotor, output), and G."""
+def _holds(y, modal, on_rotor, stick, p):
+    """Torque that friction must supply to keep each body at rest (rotor, output) while the other does as it does, and G."""
     theta_m = y[TM]
     s, c = sincos(p.z * theta_m)
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * 4.0 * s * c * (c * c - s * s)
     e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     T_g = p.K_g * (e0 - theta_m * p.inv_h - y[TL]) + p.C_g * (G * y[WM] - y[WL])
-    hold_m, hold_l = (T_e + G * modal, 0.0 * T_g) if p.rigid else (T_e - G * T_g, T_g + modal)
+    pull_m, pull_l = T_e + on_rotor, T_g + modal
+    hold_m, hold_l = (pull_m + G * modal, 0.0 * T_g) if p.rigid else (pull_m - G * T_g, pull_l)
+    if p.J_c != 0.0 and not p.rigid:
+        T_fm, _ = _friction(stick[0], y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
+        T_f, _ = _friction(stick[1], y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+        alpha_m = where(stick[0] == 0.0, 0.0, (hold_m - T_fm) * p.inv_J_m)
+        alpha_l = where(stick[1] == 0.0, 0.0, (hold_l - T_f) * p.inv_J_L)
+        hold_m, hold_l = hold_m - p.J_c * alpha_l, hold_l - p.J_c * alpha_m
     return hold_m, hold_l, G
 
 
@@ -385,19 +424,19 @@ def margins(y, stick, p):
 
     Rotor and output; always 1 where there is no friction.
     """
-    modal = 0.0
+    modal = on_rotor = 0.0
     if some((stick[0] == 0.0) | (stick[1] == 0.0)):
-        modal = modal_torque(y, output_rate(y[TM], y[WM], y[WL], p), p)
-    return drive_margins(y, modal, stick, p)
+        modal, on_rotor = modal_torques(y, output_rate(y[TM], y[WM], y[WL], p), p)
+    return drive_margins(y, modal, on_rotor, stick, p)
 
 
 @code.inner(**FORCED)
-def drive_margins(y, modal, stick, p):
-    """The same, with the torque ``modal`` of the array's modes."""
+def drive_margins(y, modal, on_rotor, stick, p):
+    """The same, with the torques of the modes on output and rotor."""
     slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
     e_m, e_l = stick[0] * y[WM], stick[1] * y[WL]
     if some((stick[0] == 0.0) | (stick[1] == 0.0)):
-        hold_m, hold_l, G = _holds(y, modal, p)
+        hold_m, hold_l, G = _holds(y, modal, on_rotor, stick, p)
         limit_m, limit_l = _limits(p, G)
         e_m = where(slips_m, e_m, limit_m - math.fabs(hold_m))
         e_l = where(slips_l, e_l, limit_l - math.fabs(hold_l))
@@ -410,7 +449,8 @@ def decide_friction(which, x, p):
     """The mode that follows at an event of friction ``which``: stuck if it can hold, else slipping the way it is pushed."""
     was_stuck = x.stick[which] == 0.0
     x.y[WM if which == 0 else WL] = 0.0
-    hold_m, hold_l, G = _holds(x.y, modal_torque(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p), p)
+    modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
+    hold_m, hold_l, G = _holds(x.y, modal, on_rotor, x.stick, p)
     limit_m, limit_l = _limits(p, G)
     hold, limit = (hold_m, limit_m) if which == 0 else (hold_l, limit_l)
     if math.fabs(hold) <= limit and not was_stuck:
@@ -425,7 +465,8 @@ def decide_friction(which, x, p):
 @code.entry(**COMPILE)
 def initial_friction(x: State, p: Drive) -> None:
     """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
-    hold_m, hold_l, G = _holds(x.y, modal_torque(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p), p)
+    modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
+    hold_m, hold_l, G = _holds(x.y, modal, on_rotor, x.stick, p)
     limit_m, limit_l = _limits(p, G)
     for which in range(2):
         hold, limit, rate = (hold_m, limit_m, x.y[WM]) if which == 0 else (hold_l, limit_l, x.y[WL])

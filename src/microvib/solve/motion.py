@@ -104,16 +104,14 @@ class Motion:
 def interface_loads(channels: Mapping[str, np.ndarray], array: Array) -> np.ndarray | None:
     """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md)."""
     P = array.interface
-    if not array.modes and array.interface_inertia is not None:
-        P = np.zeros((6, 0))
     if P is None or not set(OF_INTERFACE) <= set(channels):
         return None
     alpha = channels["alpha_l"]
     w_rate = -(channels["eta_rate"] * array.D + channels["eta"] * array.Lambda)
     acceleration = w_rate - np.outer(alpha, array.H)
     loads: np.ndarray = -acceleration @ P.T
-    if array.interface_inertia is not None:
-        loads -= np.outer(alpha, np.array(array.interface_inertia))
+    if array.coupling is not None:
+        loads -= np.outer(alpha, array.coupling)
     loads[:, 3 + "xyz".index(array.drive_axis)] = channels["T_d"]
     return loads
 
@@ -125,7 +123,7 @@ def unit_of(name: str) -> str:
 
 def record_bytes(scenario: Scenario) -> float:
     """Size of all samples of a record, times included [bytes]."""
-    return 8.0 * scenario.record.samples * (len(CHANNELS) + 1 + 2 * len(scenario.array.modes))
+    return 8.0 * scenario.record.samples * (len(CHANNELS) + 1 + 2 * scenario.load.H.size)
 
 
 def channel_of(channels: Mapping[str, np.ndarray], name: str, array: Array) -> np.ndarray:

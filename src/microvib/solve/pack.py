@@ -65,7 +65,10 @@ class Packed:
     def momentum(self) -> float:
         """Angular momentum L of all that moves [N m s]."""
         y, p = self.state.y, self.drive
-        return float(p.J_m * y[kernel.WM] + p.J_L * y[kernel.WL] + p.H @ y[kernel.MODES + 1 :: 2])
+        own = float(p.J_m * y[kernel.WM] + p.J_L * y[kernel.WL] + p.H @ y[kernel.MODES + 1 :: 2])
+        if not p.H_m.size and p.J_c == 0.0:
+            return own
+        return own + float(p.J_c * (y[kernel.WM] + y[kernel.WL]) + p.H_m @ y[kernel.MODES + 1 :: 2])
 
 
 def no_samples(channels: int) -> Any:
@@ -75,7 +78,7 @@ def no_samples(channels: int) -> Any:
 
 def pack(scenario: Scenario) -> Packed:
     """Parameters, and the state at rest at theta = 0 with holding currents."""
-    size = kernel.MODES + 2 * len(scenario.array.modes)
+    size = kernel.MODES + 2 * scenario.load.H.size
     state = kernel.State(
         y=np.zeros(size),
         stick=np.zeros(2),
@@ -163,6 +166,7 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
         l_stribeck=0.0,
         U_max=math.inf,
         H=none,
+        H_m=none,
         D=none,
         Lam=none,
         te=none,
@@ -219,7 +223,8 @@ def _drive(scenario: Scenario) -> Any:
     motor, driver, reducer, solver = scenario.motor, scenario.driver, scenario.reducer, scenario.solver
     rotor, output = _friction(motor.friction), _friction(scenario.friction)
     L, L_D = motor.winding_inductance, motor.winding_inductance + driver.derivative_gain
-    J_m, J_L = scenario.rotor_inertia, scenario.output_inertia
+    load = scenario.load
+    J_m, J_L, J_c = load.rotor_left, load.output_left, load.cross_left
     fast = driver.time_constant(motor)
     if driver.integral_gain > 0.0:
         fast = min(fast, math.sqrt(L_D / driver.integral_gain))
@@ -237,7 +242,8 @@ def _drive(scenario: Scenario) -> Any:
         U_max=math.inf if driver.supply_voltage is None else driver.supply_voltage,
         J_m=J_m,
         J_L=J_L,
-        J_h=scenario.array.J_h,
+        J_h=load.array_left,
+        J_c=J_c,
         K_g=0.0 if reducer.rigid else float(reducer.stiffness),
         C_g=0.0 if reducer.rigid else reducer.damping,
         rigid=reducer.rigid,
@@ -257,13 +263,15 @@ def _drive(scenario: Scenario) -> Any:
         inv_L_D=1.0 / L_D,
         inv_J_m=1.0 / J_m,
         inv_J_L=1.0 / J_L if J_L > 0.0 else 0.0,
+        inv_J_both=1.0 / (J_L - J_c**2 / J_m) if J_L > 0.0 else 0.0,
         inv_h=1.0 / reducer.ratio,
         inv_z=1.0 / motor.rotor_teeth,
         max_step=solver.max_step / solver.refinement,
         layer=fast / 3.0 / solver.refinement,
-        H=scenario.array.H,
-        D=scenario.array.D,
-        Lam=scenario.array.Lambda,
+        H=load.H,
+        H_m=load.R if load.moves else np.zeros(0),
+        D=load.D,
+        Lam=load.Lambda,
         te=_transmission_error(scenario),
         scale=_scale(scenario),
     )
@@ -296,7 +304,7 @@ def _scale(scenario: Scenario) -> np.ndarray:
     integral = (
         motor.winding_resistance * motor.current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
     )
-    H = np.maximum(np.abs(array.H), 1e-3 * math.sqrt(array.inertia))
+    H = np.maximum(np.abs(scenario.load.H), 1e-3 * math.sqrt(array.inertia))
     sizes = np.concatenate(
         [
             [motor.current, motor.current, integral, integral, step, step * rotor_rate, angle, rate],

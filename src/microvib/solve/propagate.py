@@ -50,6 +50,7 @@ from microvib.solve.kernel import (
     TM,
     WEIGHT,
     WL,
+    WM,
     Drive,
     Samples,
     State,
@@ -103,8 +104,11 @@ def _channels_at_nodes(level, x, p, t, w):
         there_eta = modes[k, M_ETA] * eta + modes[k, M_ETA + 1] * rate
         there_w = modes[k, M_W] * eta + modes[k, M_W + 1] * rate
         for j in range(4):
-            there_eta += modes[k, M_ETA_BY + j] * w.at[WL, j]
-            there_w += modes[k, M_W_BY + j] * w.at[WL, j]
+            drive = w.at[WL, j]
+            if p.H_m.size > 0:
+                drive = p.H[k] * drive + p.H_m[k] * w.at[WM, j]
+            there_eta += modes[k, M_ETA_BY + j] * drive
+            there_w += modes[k, M_W_BY + j] * drive
         y[MODES + 2 * k], y[MODES + 2 * k + 1] = there_eta, there_w
     dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
     channels(y, references_after(dt, x.clock), x.stick, p, f, q, rows(w.values, 0, w.values.shape[0], 1))
@@ -254,12 +258,12 @@ def _work(x, lanes, flat, by_node, room):
     """Scratch of a step in the memory given; ``flat`` is that of ``lanes``."""
     n, modes = x.y.size, x.y.size - MODES
     count = N_CHANNELS + modes
-    many = lanes[67 + n :]
+    many = lanes[69 + n :]
     return Work(
-        room[:N], flat[244:252], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
-        lanes[67 : 67 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
-        by_node, lanes[43:51], lanes[51:59], lanes[61:63], lanes[59:61], flat[236:244], flat[260:266],
-        flat[252:260], lanes[63:65], many[n + count : n + count + 3],
+        room[:N], flat[252:260], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
+        lanes[69 : 69 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
+        by_node, lanes[45:53], lanes[53:61], lanes[63:65], lanes[61:63], flat[244:252], flat[268:274],
+        flat[260:268], lanes[65:67], many[n + count : n + count + 3],
     )  # fmt: skip
 
 

@@ -36,9 +36,13 @@ PATTERNS = 4
 N = MODES  # states of the drive itself
 INPUTS = np.array([IA, IB, WM, WL, XA, XB])
 """States of which the derivative has a deficit; the last two only where the supply limits the voltage."""
-NODE_ROWS, PIECE_ROWS, SUM_ROWS = (N + 24) * N, 2 * (N + 24), 8
+NODE_ROWS, PIECE_ROWS, SUM_ROWS = (N + 24) * N, 2 * (N + 24), 20
+# rows of the sums over modes, four each: by the output's rate at each node, torque on it and momentum; on a craft also torque on
+# the rotor (which is that on the output by the rotor's rate); by the rotor's rate, torque on it and momentum
+S_OUTPUT, S_MOMENTUM, S_BOTH, S_ROTOR, S_ROTOR_MOMENTUM = 0, 4, 8, 12, 16
 # rows of a mode: by its eta and its w at the start, torque, momentum, eta, w; by the output's rate at each node, eta and w; then
-# numbers for the end of a step: exp(A t) (2, 2); eta and w by the rate at each node; by the moments of the rate
+# numbers for the end of a step: exp(A t) (2, 2); eta and w by the rate at each node; by the moments of the rate. On a craft, which
+# both shafts drive, H omega_l + H_m omega_m takes the place of the output's rate.
 M_TORQUE, M_MOMENTUM, M_ETA, M_W, M_ETA_BY, M_W_BY, M_E, M_ETA_END, M_W_END, M_ETA_PART, M_W_PART, MODE_ROWS = (
     0, 2, 4, 6, 8, 12, 16, 17, 18, 19, 20, 21,
 )  # fmt: skip
@@ -98,7 +102,7 @@ class Propagators(NamedTuple):
     nodes: Matrix  # for each pattern and level the columns of E and of K (6, 4), N rows each
     pieces: Matrix  # for each pattern and level the columns of E and of the moments (6, 4), in two rows of four each
     modes: Matrix  # for each level and mode the rows that M_... name
-    sums: Matrix  # for each level, by the output's rate at each node: torque and momentum of all modes
+    sums: Matrix  # for each level the rows that S_... name
     momentum: Matrix  # (16, 4): coefficients of the momentum's polynomial by its values and slopes, two rows each
     onwards: Matrix  # (16, 4): deficits at the nodes of another step
     fractions: Matrix  # (1, 4): where in a step the nodes are
@@ -218,9 +222,9 @@ def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Ve
             held = (j == WM and pattern >= 2) or (j == WL and (pattern % 2 == 1 or p.rigid)) or (j == TL and p.rigid)
             here = x.y[j]
             x.y[j] = here + steps[j]
-            drive_derivative(x.y, 0.0, references, x.stick, p, up, q)
+            drive_derivative(x.y, 0.0, 0.0, references, x.stick, p, up, q)
             x.y[j] = here - steps[j]
-            drive_derivative(x.y, 0.0, references, x.stick, p, down, q)
+            drive_derivative(x.y, 0.0, 0.0, references, x.stick, p, down, q)
             x.y[j] = here
             for i in range(N):
                 follows = p.rigid and i in (TL, WL)
@@ -271,7 +275,8 @@ def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
     for k in range(p.H.size):
         H, D, Lam = p.H[k], p.D[k], p.Lam[k]
         mode.A[0, 0], mode.A[0, 1], mode.A[1, 0], mode.A[1, 1] = 0.0, 1.0, -Lam, -D
-        mode.B[0, 0], mode.B[1, 0] = -H, D * H
+        unit = 1.0 if p.H_m.size > 0 else H
+        mode.B[0, 0], mode.B[1, 0] = -unit, D * unit
         for node in range(4):
             _start(mode, CUBES[node] * shortest)
             for level in range(t.levels - 1, -1, -1):
@@ -306,11 +311,12 @@ def _tabulate_drive(block, node, E, P, t):
 def _tabulate_mode(level, k, node, E, P, t, p):
     """Entries of a level and mode for one node."""
     H, D, Lam = p.H[k], p.D[k], p.Lam[k]
+    H_m = p.H_m[k] if p.H_m.size > 0 else 0.0
     row, total = (level * p.H.size + k) * MODE_ROWS, level * SUM_ROWS
     for j in range(2):
         by_eta, by_w = E[0, j] + (1.0 if j == 0 else 0.0), E[1, j] + (1.0 if j == 1 else 0.0)
         t.modes[row + M_TORQUE + j, node] = H * (Lam * by_eta + D * by_w)
-        t.modes[row + M_MOMENTUM + j, node] = H * by_w
+        t.modes[row + M_MOMENTUM + j, node] = (H + H_m) * by_w if p.H_m.size > 0 else H * by_w
         t.modes[row + M_ETA + j, node] = by_eta
         t.modes[row + M_W + j, node] = by_w
         if node == 3:
@@ -319,8 +325,16 @@ def _tabulate_mode(level, k, node, E, P, t, p):
         eta, w = _by_node(P, 0, 0, j, CUBES[node]), _by_node(P, 1, 0, j, CUBES[node])
         t.modes[row + M_ETA_BY + j, node] = eta
         t.modes[row + M_W_BY + j, node] = w
-        t.sums[total + j, node] += H * (Lam * eta + D * (w - (H if j == node else 0.0)))
-        t.sums[total + 4 + j, node] += H * w
+        if p.H_m.size > 0:
+            pull = Lam * eta + D * (w - (1.0 if j == node else 0.0))
+            t.sums[total + S_OUTPUT + j, node] += H * H * pull
+            t.sums[total + S_BOTH + j, node] += H * H_m * pull
+            t.sums[total + S_ROTOR + j, node] += H_m * H_m * pull
+            t.sums[total + S_MOMENTUM + j, node] += (H + H_m) * H * w
+            t.sums[total + S_ROTOR_MOMENTUM + j, node] += (H + H_m) * H_m * w
+        else:
+            t.sums[total + S_OUTPUT + j, node] += H * (Lam * eta + D * (w - (H if j == node else 0.0)))
+            t.sums[total + S_MOMENTUM + j, node] += H * w
         if node == 3:
             t.modes[row + M_ETA_END, j], t.modes[row + M_W_END, j] = eta, w
     if node == 3:

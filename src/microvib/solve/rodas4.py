@@ -169,12 +169,14 @@ GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, ov
 #        a21 u_m + a22 u_l = b2,    a21 = -gear_m,    a22 = J_L g + gear_l + slope_l + sum of H^2 kappa g/delta
 #                                   b1 = J_m r_m + K_m (c alpha_B - s alpha_A) + stiffness r_theta/g - G gear
 #                                   b2 = J_L r_l + gear + sum of H (...) as in 3.
+#    On a craft omega_m drives the modes too, by R: in 3. H u_l becomes H u_l + R u_m, a11 gains the sum of R^2 kappa g/delta, a12
+#    and a21 that of H R kappa g/delta and J_c g, b1 the sum of R (...) and J_c r_l, b2 J_c r_m.
 #    with rotor = K_m (s beta_A - c beta_B) - stiffness/g + slope_m. ``stiffness`` is the slope of the rotor's torque by theta_m at
 #    fixed currents and gear twist, ``slope_m`` and ``slope_l`` those of the frictions by the rates. A stuck body has no equation:
 #    its u is zero. The angles, windings and modes then follow from u_m and u_l by 1. to 3.
 #
 # With a rigid reducer omega_l = G omega_m, so that u_l = lead u_m + shift with lead = G + e2 omega_m/g and
-# shift = e2 omega_m r_theta/g, and a single equation is left, with the inertia J_m + G^2 J_L.
+# shift = e2 omega_m r_theta/g, and a single equation is left, with the inertia J_m + 2 G J_c + G^2 J_L.
 
 
 @code.inner(**INLINE)
@@ -194,11 +196,12 @@ def linearise(x, p, w):
     omega_l, sign_l = (G * omega_m, -stick[0]) if p.rigid else (y[WL], stick[1])
     _, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
     if p.rigid:
-        modal = p.J_L * q[6] + q[2] - q[3]
+        modal = p.J_L * q[6] + p.J_c * w.f0[WM] + q[2] - q[3]
+        lever = G * p.J_L + p.J_c
         stiffness += (
-            e2 * (modal - q[2]) - (e2 * e2 + G * e3) * p.J_L * omega_m * omega_m - 2.0 * G * e2 * p.J_L * w.f0[WM]
+            e2 * (modal - q[2]) - (e2 * e2 * p.J_L + lever * e3) * omega_m * omega_m - 2.0 * e2 * lever * w.f0[WM]
         )
-        slope_m += 2.0 * G * e2 * p.J_L * omega_m
+        slope_m += 2.0 * lever * e2 * omega_m
     else:
         stiffness -= e2 * q[3]
     jac[0], jac[1], jac[2], jac[3], jac[4], jac[5], jac[6] = s, c, stiffness, slope_m, slope_l, G, e2 * omega_m
@@ -234,22 +237,27 @@ def _factor(g, stick, p, w):
     beta_B = (-p.K_m * c * inv_L_B + theta_B * inv_g) * pivot_B
     lu[0], lu[1], lu[2], lu[3], lu[4], lu[5] = pivot_A, weight_A, integral_A, coupling_A, theta_A, beta_A
     lu[6], lu[7], lu[8], lu[9], lu[10], lu[11] = pivot_B, weight_B, integral_B, coupling_B, theta_B, beta_B
-    modal = 0.0
+    modal, both, on_rotor = 0.0, p.J_c * g, 0.0
     for k in range(p.H.size):
         w.kappa[k] = p.D[k] + p.Lam[k] * inv_g
         w.inv_delta[k] = 1.0 / (g + w.kappa[k])
         modal += p.H[k] * p.H[k] * w.kappa[k] * g * w.inv_delta[k]
-    rotor = p.K_m * (s * beta_A - c * beta_B) - stiffness * inv_g + slope_m
+        if p.H_m.size > 0:
+            both += p.H[k] * p.H_m[k] * w.kappa[k] * g * w.inv_delta[k]
+            on_rotor += p.H_m[k] * p.H_m[k] * w.kappa[k] * g * w.inv_delta[k]
+    rotor = p.K_m * (s * beta_A - c * beta_B) - stiffness * inv_g + slope_m + on_rotor
     if p.rigid:
-        lead, drag, mass = G + jac[6] * inv_g, slope_l + modal, p.J_m + G * G * p.J_L
-        lu[12], lu[13], lu[14], lu[15] = 1.0 / (mass * g + rotor + G * drag * lead), drag, lead, mass
+        lead, drag, mass = G + jac[6] * inv_g, slope_l + modal, p.J_m + 2.0 * G * p.J_c + G * G * p.J_L
+        across = both - p.J_c * g  # of the modes; that of the shafts is in the mass
+        lu[12] = 1.0 / (mass * g + rotor + across * (G + lead) + G * drag * lead)
+        lu[13], lu[14], lu[15], lu[16] = drag, lead, mass, across
         return
     gear_theta = p.K_g * G + p.C_g * jac[6]
     gear_m, gear_l = gear_theta * inv_g + p.C_g * G, p.C_g + p.K_g * inv_g
-    a11, a12, a22 = p.J_m * g + rotor + G * gear_m, -G * gear_l, p.J_L * g + gear_l + slope_l + modal
-    # Inverse of the 2 x 2 system (5.), a21 = -gear_m; a stuck body has no equation and is coupled to nothing.
+    a11, a12, a22 = p.J_m * g + rotor + G * gear_m, both - G * gear_l, p.J_L * g + gear_l + slope_l + modal
+    # Inverse of the 2 x 2 system (5.); a stuck body has no equation and is coupled to nothing.
     slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
-    a12, a21 = where(slips_m & slips_l, a12, 0.0), where(slips_m & slips_l, -gear_m, 0.0)
+    a12, a21 = where(slips_m & slips_l, a12, 0.0), where(slips_m & slips_l, both - gear_m, 0.0)
     inverse = 1.0 / (a11 * a22 - a12 * a21)
     lu[12], lu[13] = where(slips_m, a22 * inverse, 0.0), -a12 * inverse
     lu[14], lu[15] = -a21 * inverse, where(slips_l, a11 * inverse, 0.0)
@@ -264,20 +272,23 @@ def _solve(inv_g, stick, p, w, r):
     alpha_A = (r[IA] + lu[1] * r[XA] + lu[4] * r[TM] * inv_g) * lu[0]
     alpha_B = (r[IB] + lu[7] * r[XB] + lu[10] * r[TM] * inv_g) * lu[6]
     rotor = p.K_m * (c * alpha_B - s * alpha_A) + jac[2] * r[TM] * inv_g
-    modal = 0.0
+    modal = on_rotor = 0.0
     for k in range(p.H.size):
         stiff = p.Lam[k] * r[MODES + 2 * k] * inv_g
         modal += p.H[k] * (w.kappa[k] * (r[MODES + 2 * k + 1] - stiff) * w.inv_delta[k] + stiff)
+        if p.H_m.size > 0:
+            on_rotor += p.H_m[k] * (w.kappa[k] * (r[MODES + 2 * k + 1] - stiff) * w.inv_delta[k] + stiff)
+    rotor += on_rotor
     if p.rigid:
         shift = jac[6] * r[TM] * inv_g
-        u_m = (lu[15] * r[WM] + rotor + G * (modal - lu[13] * shift)) * lu[12]
+        u_m = (lu[15] * r[WM] + rotor - lu[16] * shift + G * (modal - lu[13] * shift)) * lu[12]
         u_m = where(stick[0] == 0.0, 0.0, u_m)
         u_l = where(stick[0] == 0.0, 0.0, lu[14] * u_m + shift)
         r[TL], r[WL] = 0.0, 0.0
     else:
         gear = (lu[16] * r[TM] - p.K_g * r[TL]) * inv_g
-        b1 = p.J_m * r[WM] + rotor - G * gear
-        b2 = p.J_L * r[WL] + gear + modal
+        b1 = p.J_m * r[WM] + rotor - G * gear + p.J_c * r[WL]
+        b2 = p.J_L * r[WL] + gear + modal + p.J_c * r[WM]
         u_m, u_l = lu[12] * b1 + lu[13] * b2, lu[14] * b1 + lu[15] * b2
         r[TL] = where(stick[1] == 0.0, 0.0, (r[TL] + u_l) * inv_g)
         r[WL] = u_l
@@ -291,6 +302,10 @@ def _solve(inv_g, stick, p, w, r):
         r_eta = r[MODES + 2 * k]
         u_w = (r[MODES + 2 * k + 1] - p.Lam[k] * r_eta * inv_g + w.kappa[k] * p.H[k] * u_l) * w.inv_delta[k]
         r[MODES + 2 * k] = (r_eta + u_w - p.H[k] * u_l) * inv_g
+        if p.H_m.size > 0:
+            of_rotor = p.H_m[k] * u_m
+            u_w += w.kappa[k] * of_rotor * w.inv_delta[k]
+            r[MODES + 2 * k] += (w.kappa[k] * w.inv_delta[k] - 1.0) * of_rotor * inv_g
         r[MODES + 2 * k + 1] = u_w
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from microvib.model.part import Part
-from microvib.structures.modal import ModalError, ModalModel, rigid_motions
+from microvib.model.rigid import rigid_motions
+from microvib.structures.modal import ModalError, ModalModel
 from microvib.structures.modal_checks import check_deck, check_mass, with_findings
 from microvib.units import Quantity
 

@@ -9,8 +9,11 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.array import SLACK, Array
+from microvib.model.rigid import elements
 from microvib.model.sentences import validated
 
+RIGID = 1e-6
+"""Relative size of what a rigid body's mass matrix cannot have, up to which it is rounding."""
 DIRECTIONS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Order of the six components: forces along, then torques about the axes of the interface frame."""
 
@@ -22,17 +25,6 @@ class ModalError(MicrovibError):
 def natural_frequency(eigenvalue: Any) -> Any:
     """Natural frequency [Hz] of each square of an angular frequency [rad^2/s^2]; zero where rounding made it negative."""
     return np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
-
-
-def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Displacements and rotations of nodes (n, 3) that move as one rigid body about ``origin``, (6 n, 6)."""
-    R = np.zeros((len(xyz), 6, 6))
-    R[:] = np.eye(6)
-    x, y, z = (xyz - origin).T
-    R[:, 1, 3], R[:, 2, 3] = -z, y
-    R[:, 0, 4], R[:, 2, 4] = z, -x
-    R[:, 0, 5], R[:, 1, 5] = -y, x
-    return R.reshape(-1, 6)
 
 
 @dataclass(frozen=True)
@@ -117,4 +109,17 @@ class ModalModel:
             for f, xi, row in zip(self.frequency.tolist(), self.damping.tolist(), rows, strict=True)
         ]
         whole = {"inertia": self.inertia, "modes": modes, "interface_inertia": coupling, "drive_axis": self.drive_axis}
-        return validated(Array, whole, si=True)
+        return validated(Array, {**whole, "rigid_body": self._rigid_body()}, si=True)
+
+    def _rigid_body(self) -> dict[str, Any] | None:
+        """Mass properties, where the mass matrix is that of a rigid body (the same mass in all directions)."""
+        m, coupling = np.diag(self.mass)[:3], self.mass[:3, 3:]
+        largest = float(np.abs(coupling).max())
+        if m.min() <= 0.0 or np.ptp(m) > RIGID * m.max() or np.abs(coupling + coupling.T).max() > RIGID * largest:
+            return None
+        mass = float(m.mean())
+        center = np.array(
+            [coupling[1, 2] - coupling[2, 1], coupling[2, 0] - coupling[0, 2], coupling[0, 1] - coupling[1, 0]]
+        )
+        inertia = self.mass[3:, 3:]
+        return {"mass": mass, "center_of_mass": (center / (2.0 * mass)).tolist(), "inertia": elements(inertia)}

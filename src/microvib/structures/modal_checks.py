@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.model.array import SLACK
+from microvib.model.array import SLACK, TABLE
 from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
 
 RIGID = 1e-3  # Hz; below it no array is meant
 GAP = 100.0  # ratio of the seventh to the sixth frequency from which the six are a free body's
-TABLE = 1e-3  # relative; what rounding of printed tables and single precision may do to masses
 ENOUGH = 0.9  # share of the rigid-body mass that the modes should hold (the 90 % rule)
 MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (0.01, 100.0)
 """Plausible masses of arrays [kg], highest frequency of use [Hz], and radii of gyration [m]."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.model.rigid import rigid_motions
 from microvib.structures.deck import ORIGIN, Point
-from microvib.structures.modal import ModalError, rigid_motions
+from microvib.structures.modal import ModalError
 
 ALIKE = (0.999, 1.5)
 """Mass of the whole model over that of its free degrees of freedom: mass on clamped points explains no more."""

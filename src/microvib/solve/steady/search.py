@@ -196,7 +196,7 @@ class Search:
 
     def _check_settles(self) -> None:
         """Against motions that no run reaches: a mode that friction feeds nearly as fast as damping drains it rings for minutes."""
-        rates = [m.damping * 2.0 * math.pi * m.frequency for m in self.period.scenario.array.modes]
+        rates = 0.5 * self.period.scenario.load.D
         own = math.log(100.0) / max(min(rates, default=math.inf), 1e-9)
         if self.settling > max(MAX_SETTLING, SETTLING_RATIO * own):
             raise NotShown(
@@ -311,7 +311,7 @@ class Search:
         The two states of a mode are weighted by its energy, so that the phase in which it rings does not matter.
         """
         off, size = x - self.x[0], self.period.sizes
-        Omega = np.array([2.0 * math.pi * mode.frequency for mode in self.period.scenario.array.modes])
+        Omega = self.period.scenario.load.Omega
         off[:, kernel.MODES :: 2] *= Omega * size[kernel.MODES :: 2] / size[kernel.MODES + 1 :: 2]
         distance: np.ndarray = np.sqrt(np.sum(off**2, axis=1))
         return distance

@@ -75,7 +75,7 @@ class SteadyState:
         width = 1.0 / (self.frequency * n)
         period.advance(self.state, kernel.Samples(period.start, width, rows, partial, np.zeros(2, dtype=np.int64)))
         invariants = balance(packed, before, momentum, 1.0 / self.frequency)
-        return channels_of(rows, len(self.scenario.array.modes)) | {"T_d": self.T_d}, invariants
+        return channels_of(rows, packed.drive.H.size) | {"T_d": self.T_d}, invariants
 
     @property
     def time(self) -> np.ndarray:
@@ -123,8 +123,8 @@ def steady_state(scenario: Scenario) -> SteadyState:
     repeat, quarter = repeats_after(scenario)
     if repeat > LONGEST * quarter:
         raise NotPeriodic(f"the transmission error repeats with the command only every {repeat} microsteps")
-    if len(scenario.array.modes) > MAX_MODES:
-        raise NotPeriodic(f"there are more than {MAX_MODES} array modes, for which time integration is faster")
+    if scenario.load.H.size > MAX_MODES:
+        raise NotPeriodic(f"there are more than {MAX_MODES} modes, for which time integration is faster")
     reason, spent = "", 0.0
     for multiple, warm_up in ATTEMPTS:
         period = PeriodMap(scenario, multiple * repeat)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from microvib.model.rigid import rigid_motions
 from microvib.structures.fem.elements import element_matrices
 from microvib.structures.fem.structure import Beams, Link, Lump, Shells, Spring, Structure
-from microvib.structures.modal import rigid_motions
 
 ROUNDING = 1e-12  # entry of an element's matrix over the root of its diagonals that is taken for zero
 

@@ -1,0 +1,285 @@
+"""Drive, array and free hub as one linear structure with both hinges locked: its modes, and what follows from its motion.
+
+Coordinates are the hub's, q (displacement of its centre of mass, rotation, flexible modes), and the array's fixed-interface modes
+eta. With u_I = Phi_I q the motion of the interface point, M and P mass matrix and participation of the array about it, in hub
+axes and at the array's angle, a the unit rotation about the drive axis (docs/theory/spacecraft.md):
+
+    M_S = [[M_hub + Phi_I' (M + J_m a a') Phi_I, Phi_I' P], [P' Phi_I, 1]]
+    in theta_l: [Phi_I' M a; P' a],     in theta_m: [J_m Phi_I' a; 0]
+
+Motions without stiffness (all six rigid ones, or the three displacements where the attitude is controlled) are split off exactly:
+their momentum is conserved, so that they follow from the two shafts' angles. The others are the modes of the kernel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from microvib.model.array import Array
+from microvib.model.load import Load
+from microvib.model.rigid import motion_of, tensor
+from microvib.model.spacecraft import CENTER, INTERFACE, AttitudeControl, Spacecraft
+
+SMALL_DAMPING = 0.1
+"""Mixing of two modes by damping above which it is said that the diagonal of the damping matrix leaves something out."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What follows from the motion, linear in it: rows (k, ...) by modes and shafts."""
+
+    eta: np.ndarray
+    """By the modes, (k, s)."""
+    rate: np.ndarray
+    """By their rates, (k, s)."""
+    shafts: np.ndarray
+    """By angle, rate and acceleration of output and rotor: theta_l, omega_l, alpha_l, theta_m, omega_m, alpha_m, (k, 6)."""
+
+    def of(self, eta: np.ndarray, rate: np.ndarray, shafts: np.ndarray) -> np.ndarray:
+        """Values (..., k) for a motion: modes and their rates (..., s), shafts (..., 6), complex amplitudes or samples.
+
+        Angles and rates of the shafts count from their mean motion, which the command makes.
+        """
+        return np.asarray(eta @ self.eta.T + rate @ self.rate.T + shafts @ self.shafts.T)
+
+    def through(self, rows: np.ndarray) -> Outputs:
+        """Combinations ``rows`` (m, k) of these outputs."""
+        return Outputs(rows @ self.eta, rows @ self.rate, rows @ self.shafts)
+
+
+def stacked(parts: list[Outputs]) -> Outputs:
+    """Several outputs one after another."""
+    return Outputs(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("eta", "rate", "shafts")))
+
+
+@dataclass(frozen=True)
+class Craft:
+    """The structure with locked hinges: its modes zeta, mass-normalised, and its free motions."""
+
+    spacecraft: Spacecraft
+    load: Load
+    shapes: np.ndarray
+    """Coordinates q, eta by the modes, (n, s)."""
+    by_output: np.ndarray
+    """Coordinates by theta_l, through the free motions, (n,)."""
+    by_rotor: np.ndarray
+    """Coordinates by theta_m, (n,)."""
+    array_mass: np.ndarray
+    """Mass matrix of the array about the interface point, hub axes, with the reducer's output about the drive axis, (6, 6)."""
+    participation: np.ndarray
+    """Participation of the array's modes, hub axes, (6, s_array)."""
+    rotor_inertia: float
+    notes: tuple[str, ...]
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Natural frequencies with locked hinges [Hz], (s,) ascending; free motions are not among them."""
+        return self.load.Omega / (2.0 * np.pi)
+
+    @property
+    def axis(self) -> np.ndarray:
+        """Unit rotation about the drive axis, hub axes, (6,)."""
+        return _six(self.spacecraft.interface.axis)
+
+    def at(self, point: str) -> np.ndarray:
+        """Motion of a named point by the coordinates, (6, n): displacement and rotation, hub axes."""
+        return np.hstack([_motion_of_point(self.spacecraft, point), np.zeros((6, self.participation.shape[1]))])
+
+    def motion(self, point: str) -> Outputs:
+        """Displacement [m] and rotation [rad] of a named point, hub axes, less the mean motion that the command makes."""
+        there, zero = self.at(point), np.zeros((6, self.load.H.size))
+        shafts = np.zeros((6, 6))
+        shafts[:, 0], shafts[:, 3] = there @ self.by_output, there @ self.by_rotor
+        return Outputs(there @ self.shapes, zero, shafts)
+
+    def acceleration(self, point: str) -> Outputs:
+        """Its second derivative [m/s^2, rad/s^2]."""
+        return self._accelerated(self.at(point))
+
+    def _accelerated(self, rows: np.ndarray) -> Outputs:
+        """Accelerations of combinations ``rows`` (k, n) of the coordinates, by the equations of motion of the modes."""
+        load, by_modes = self.load, rows @ self.shapes
+        shafts = np.zeros((rows.shape[0], 6))
+        shafts[:, 2] = rows @ self.by_output - by_modes @ load.H
+        shafts[:, 5] = rows @ self.by_rotor - by_modes @ load.R
+        return Outputs(-by_modes * load.Lambda, -by_modes * load.D, shafts)
+
+    def loads(self) -> Outputs:
+        """Loads on the hub at the interface point, Fx Fy Fz [N], Mx My Mz [N m], hub axes.
+
+        Minus the rate of momentum of array, reducer output and rotor,
+        -(M (u_I'' + a alpha_l) + P eta'') - a J_m (alpha_m + a'u_I'').
+        """
+        at_root, a, J_m, M = self.at(INTERFACE), self.axis, self.rotor_inertia, self.array_mass
+        of_modes = np.zeros_like(at_root)
+        of_modes[:, at_root.shape[1] - self.participation.shape[1] :] = self.participation
+        loads = self._accelerated(-(M + J_m * np.outer(a, a)) @ at_root - of_modes)
+        shafts = loads.shafts.copy()
+        shafts[:, 2] -= M @ a
+        shafts[:, 5] -= J_m * a
+        return Outputs(loads.eta, loads.rate, shafts)
+
+    def line_of_sight(self) -> Outputs:
+        """Two angles of the line of sight [rad]; see ``LineOfSight``."""
+        los = self.spacecraft.line_of_sight
+        if los is None:
+            raise ValueError("this craft has no line of sight")
+        if los.rows is None:
+            rows = np.hstack([np.zeros((2, 3)), los.axes()])
+            return self.motion(los.point).through(rows)
+        parts = []
+        for axis in ("x", "y"):
+            for row in los.rows:
+                by = np.array(row.by) if row.axis == axis else np.zeros(6)
+                parts.append(
+                    self.motion(row.point).through(np.array([by, by]) * np.array([[axis == "x"], [axis == "y"]]))
+                )
+        return Outputs(*(sum(getattr(part, name) for part in parts) for name in ("eta", "rate", "shafts")))
+
+
+def load_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float) -> Load:
+    """What hangs on the two shafts: an array on firm ground, or with the craft that carries the drive."""
+    craft = craft_of(array, spacecraft, output_inertia, rotor_inertia)
+    if craft is not None:
+        return craft.load
+    return Load(
+        H=array.H,
+        R=np.zeros(len(array.modes)),
+        D=array.D,
+        Omega=np.array([2.0 * math.pi * mode.frequency for mode in array.modes]),
+        Lambda=array.Lambda,
+        output=output_inertia + array.inertia,
+        rotor=rotor_inertia,
+        cross=0.0,
+        output_left=output_inertia + array.J_h,
+        array_left=array.J_h,
+    )
+
+
+@lru_cache(maxsize=8)  # an eigenproblem, asked for at every turn
+def craft_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float) -> Craft | None:
+    """The craft of an array on a hub, None on firm ground; inertias J_flex and J_m [kg m^2] as in a ``Scenario``."""
+    return None if spacecraft is None else _assembled(array, spacecraft, output_inertia, rotor_inertia)
+
+
+def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, rotor_inertia: float) -> Craft:
+    mass, participation = array.mass, array.interface
+    if mass is None or participation is None:
+        raise ValueError("the array has no six components")
+    turn = np.kron(np.eye(2), spacecraft.interface.turn(array.drive_axis, spacecraft.array_angle))
+    a = _six(spacecraft.interface.axis)
+    M = turn @ mass @ turn.T + output_inertia * np.outer(a, a)
+    P = turn @ participation
+    hub_mass, hub_stiffness, hub_damping, free = _hub(spacecraft)
+    root = _motion_of_point(spacecraft, INTERFACE)
+    n, s = root.shape[1], P.shape[1]
+    M_S = np.block(
+        [
+            [hub_mass + root.T @ (M + rotor_inertia * np.outer(a, a)) @ root, root.T @ P],
+            [P.T @ root, np.eye(s)],
+        ]
+    )
+    K = np.concatenate([np.zeros(n), array.Lambda])
+    C = np.concatenate([np.zeros(n), array.D])
+    K_S, C_S = np.diag(K), np.diag(C)
+    K_S[:n, :n], C_S[:n, :n] = hub_stiffness, hub_damping
+    in_output = np.concatenate([root.T @ (M @ a), P.T @ a])
+    in_rotor = np.concatenate([rotor_inertia * (root.T @ a), np.zeros(s)])
+    shapes, squares = _modes(M_S, K_S, free)
+    D_all = shapes.T @ C_S @ shapes
+    H, R = shapes.T @ in_output, shapes.T @ in_rotor
+    # Free motions keep their momentum, M_ff x_f + (in_output theta_l + in_rotor theta_m)_f = 0.
+    by_output, by_rotor = np.zeros(n + s), np.zeros(n + s)
+    by_output[:free] = -np.linalg.solve(M_S[:free, :free], in_output[:free])
+    by_rotor[:free] = -np.linalg.solve(M_S[:free, :free], in_rotor[:free])
+    whole = np.linalg.solve(M_S, np.column_stack([in_output, in_rotor]))
+    J = float(a @ M @ a)
+    left = J - float(in_output @ whole[:, 0])
+    load = Load(
+        H=H,
+        R=R,
+        D=np.diag(D_all).copy(),
+        Omega=np.sqrt(squares),
+        Lambda=squares,
+        output=J + float(in_output @ by_output),
+        rotor=rotor_inertia + float(in_rotor @ by_rotor),
+        cross=float(in_rotor @ by_output),
+        output_left=left,
+        array_left=left - output_inertia,
+    )
+    notes = _damping_notes(D_all, squares)
+    return Craft(spacecraft, load, shapes, by_output, by_rotor, M, P, rotor_inertia, notes)
+
+
+def _hub(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Mass, stiffness and damping of the hub's coordinates, (n, n), and how many of the first are free."""
+    hub, control = spacecraft.hub, spacecraft.attitude_control
+    n = 6 + len(hub.modes)
+    M, K, C = np.eye(n), np.zeros((n, n)), np.zeros((n, n))
+    inertia = tensor(hub.inertia)
+    M[:3, :3], M[3:6, 3:6] = hub.mass * np.eye(3), inertia
+    for k, mode in enumerate(hub.modes, 6):
+        Omega = 2.0 * math.pi * mode.frequency
+        K[k, k], C[k, k] = Omega**2, 2.0 * mode.damping * Omega
+    if not isinstance(control, AttitudeControl):
+        return M, K, C, 6
+    omega = 2.0 * math.pi * control.bandwidth
+    K[3:6, 3:6], C[3:6, 3:6] = omega**2 * inertia, 2.0 * control.damping * omega * inertia
+    return M, K, C, 3
+
+
+def _motion_of_point(spacecraft: Spacecraft, point: str) -> np.ndarray:
+    """Displacement and rotation of a named point by the hub's coordinates, (6, n)."""
+    hub = spacecraft.hub
+    names = [p.name for p in hub.points]
+    index = spacecraft.interface_point if point == INTERFACE else None
+    if point in names:
+        index = names.index(point)
+    position = spacecraft.interface.position if point == INTERFACE else (0.0, 0.0, 0.0)
+    if index is not None:
+        position = hub.points[index].position
+    elif point not in (CENTER, INTERFACE):
+        raise KeyError(point)
+    flexible = np.array([mode.shapes[index] if index is not None else np.zeros(6) for mode in hub.modes])
+    return np.hstack([motion_of(np.array(position)), flexible.reshape(len(hub.modes), 6).T])
+
+
+def _modes(M: np.ndarray, K: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shapes (n, s), mass-normalised, and squares of frequencies (s,) ascending of all but the first ``free`` coordinates.
+
+    Those have no stiffness; they are taken out by their momentum, so that no rounding gives them a frequency.
+    """
+    held = np.linalg.solve(M[:free, :free], M[:free, free:])
+    reduced = M[free:, free:] - M[free:, :free] @ held
+    lower = np.linalg.cholesky(0.5 * (reduced + reduced.T))
+    inner = np.linalg.solve(lower, np.linalg.solve(lower, K[free:, free:]).T)
+    squares, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
+    elastic = np.linalg.solve(lower.T, vectors)
+    return np.vstack([-held @ elastic, elastic]), squares
+
+
+def _damping_notes(D: np.ndarray, squares: np.ndarray) -> tuple[str, ...]:
+    """What the diagonal of the projected damping leaves out, where it is not small."""
+    if squares.size < 2:
+        return ()
+    f, own = np.sqrt(squares), np.diag(D)
+    between = np.sqrt(np.outer(f, f))
+    apart = np.abs(np.subtract.outer(squares, squares)) + 0.5 * between * np.add.outer(own, own)
+    mixing = np.abs(D) * between / np.maximum(apart, 1e-300)
+    np.fill_diagonal(mixing, 0.0)
+    i, j = np.unravel_index(int(mixing.argmax()), mixing.shape)
+    if mixing[i, j] <= SMALL_DAMPING:
+        return ()
+    low, high = sorted((f[i] / (2.0 * np.pi), f[j] / (2.0 * np.pi)))
+    return (
+        f"Damping mixes the craft's modes at {low:.4g} Hz and {high:.4g} Hz by {100.0 * mixing[i, j]:.0f} %, which is left out: the"
+        " projected damping matrix counts by its diagonal. Lines near these frequencies are less certain.",
+    )
+
+
+def _six(axis: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.zeros(3), axis])

@@ -1,0 +1,54 @@
+"""What hangs on the drive's two shafts, as the equations of motion take it: an array on firm ground, or a craft.
+
+    zeta'' + D zeta' + Lambda zeta + H alpha_l + R alpha_m = 0
+    J_l alpha_l + c alpha_m + H' zeta'' = torques on the output,     J_m alpha_m + c alpha_l + R' zeta'' = torques on the rotor
+
+On firm ground zeta are the array's modes, R = 0 and c = 0 (Eq. 16-18).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Load:
+    """Modes with their participation in both shafts, and the inertia of both."""
+
+    H: np.ndarray
+    """Participation in the output's motion, (s,) [kg^0.5 m]."""
+    R: np.ndarray
+    """Participation in the rotor's motion, (s,); zero on firm ground."""
+    D: np.ndarray
+    """Modal damping, (s,) [1/s]."""
+    Omega: np.ndarray
+    """Angular frequencies, (s,) [rad/s]."""
+    Lambda: np.ndarray
+    """Their squares, (s,) [rad^2/s^2]."""
+    output: float
+    """Inertia of the output with all modes held, J_l [kg m^2]."""
+    rotor: float
+    """Inertia of the rotor with all modes held, J_m [kg m^2]."""
+    cross: float
+    """Coupling of the two shafts with all modes held, c [kg m^2]; not zero where free rigid motions are taken out of the modes."""
+    output_left: float
+    """What of the output's inertia is in no mode, J_l - sum H^2 [kg m^2]."""
+    array_left: float
+    """The same without what the reducer adds, J_h [kg m^2]."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the ground moves."""
+        return self.cross != 0.0 or bool(np.any(self.R))
+
+    @property
+    def rotor_left(self) -> float:
+        """What of the rotor's inertia is in no mode, J_m - sum R^2 [kg m^2]."""
+        return self.rotor - float(self.R @ self.R)
+
+    @property
+    def cross_left(self) -> float:
+        """What of the coupling is in no mode, c - sum H R [kg m^2]."""
+        return self.cross - float(self.H @ self.R)

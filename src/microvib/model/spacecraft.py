@@ -1,0 +1,210 @@
+"""The spacecraft that carries the drive: hub, where and how the array sits on it, attitude control, line of sight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from microvib.model.part import Part, Six
+from microvib.model.rigid import Direction, Inertia, Position, inertia_misfit, tensor
+from microvib.units import Quantity
+
+SQUARE = 1e-3
+"""Cosine of the angle between the drive axis and ``reference`` up to which they count as perpendicular; the rest is taken out."""
+SAME_PLACE = 1e-3
+"""Distance [m] within which a point with known shapes is the interface point."""
+INTERFACE, CENTER = "interface", "center"
+"""Names of points that every hub has: the interface point, and its centre of mass."""
+
+
+class HubPoint(Part):
+    """A named point of the hub."""
+
+    name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9_.-]+$", description="name of the point")
+    position: Position = Field(description="position from the hub's centre of mass, hub axes")
+
+
+class HubMode(Part):
+    """One flexible free-free mode of the hub alone, mass-normalised."""
+
+    frequency: Annotated[float, Quantity("Hz", "natural frequency of the free hub", "Omega/2pi", gt=0)]
+    damping: Annotated[float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent")]
+    shapes: tuple[Six, ...] = Field(
+        max_length=10_000,
+        description="at each of hub.points: displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] about hub axes",
+    )
+
+
+class Hub(Part):
+    """The craft without its array: a rigid body, and its flexible free-free modes at named points."""
+
+    mass: Annotated[float, Quantity("kg", "mass of the hub, without the array", gt=0, usual=(1.0, 1e6))]
+    inertia: Inertia = Field(
+        description="inertia about the hub's centre of mass, hub axes: xx yy zz xy xz yz, tensor elements"
+    )
+    points: tuple[HubPoint, ...] = Field(default=(), max_length=10_000, description="named points")
+    modes: tuple[HubMode, ...] = Field(default=(), max_length=2000, description="flexible modes; none make it rigid")
+
+    def _misfits(self) -> Iterator[str]:
+        misfit = inertia_misfit(tensor(self.inertia))
+        if misfit:
+            yield f"inertia: {misfit}"
+        names = [point.name for point in self.points]
+        if len(set(names)) != len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            yield f"points: '{twice}' is there twice; each point needs a name of its own"
+        for k, mode in enumerate(self.modes):
+            if len(mode.shapes) != len(self.points):
+                yield (
+                    f"modes.{k}.shapes: has {len(mode.shapes)} points and hub.points {len(self.points)}; six components for"
+                    " each point are expected"
+                )
+
+
+class Interface(Part):
+    """Where the drive sits on the hub, and how the array is turned at angle 0."""
+
+    position: Position = Field(description="interface point from the hub's centre of mass, hub axes")
+    drive_axis: Direction = Field(description="direction of array.drive_axis in hub axes")
+    reference: Direction = Field(
+        description="direction, at angle 0, of the array axis that follows the drive axis cyclically (x for z)"
+    )
+
+    def _misfits(self) -> Iterator[str]:
+        for name, given in (("drive_axis", self.drive_axis), ("reference", self.reference)):
+            if not _is_direction(given):
+                yield f"{name}: {list(given)} is not a direction; three components, not all 0, are expected"
+        if abs(_unit(self.drive_axis) @ _unit(self.reference)) > SQUARE:
+            yield (
+                f"reference: {list(self.reference)} is not perpendicular to drive_axis {list(self.drive_axis)}; the array"
+                " axis that follows the drive axis lies across it"
+            )
+
+    @property
+    def axis(self) -> np.ndarray:
+        """Unit vector along the drive axis, hub axes, (3,)."""
+        return _unit(self.drive_axis)
+
+    def turn(self, drive_axis: str, angle: float) -> np.ndarray:
+        """Axes of the array at an ``angle`` [rad], as columns in hub axes, (3, 3): hub components = turn @ array components."""
+        a, first = self.axis, np.array(self.reference)
+        first = _unit(first - (first @ a) * a)
+        first = math.cos(angle) * first + math.sin(angle) * np.cross(a, first)
+        k = "xyz".index(drive_axis)
+        turn = np.empty((3, 3))
+        turn[:, k], turn[:, (k + 1) % 3], turn[:, (k + 2) % 3] = a, first, np.cross(a, first)
+        return turn
+
+
+class AttitudeControl(Part):
+    """A torque -I (w^2 angle + 2 z w rate) on the hub's rigid rotation, I the hub's own inertia about its centre of mass."""
+
+    bandwidth: Annotated[float, Quantity("Hz", "bandwidth with the hub alone, w/2pi", gt=0, usual=(1e-5, 10.0))]
+    damping: Annotated[float, Quantity("", "damping ratio with the hub alone", "z", gt=0, le=5)]
+
+
+class Sensitivity(Part):
+    """What the motion of one point does to one axis of the line of sight."""
+
+    axis: Literal["x", "y"] = Field(description="axis of the line of sight")
+    point: str = Field(description="a name of hub.points, interface, or center")
+    by: Six = Field(description="change by displacements [rad/m] and rotations [rad/rad] of the point, hub axes")
+
+
+Seconds = Annotated[float, Quantity("s", "length of a window", gt=0, display="ms")]
+
+
+class LineOfSight(Part):
+    """How the line of sight follows the hub, and the windows in which it is judged."""
+
+    boresight: Direction | None = Field(
+        default=None, description="direction in which a rigid payload looks, hub axes; its rotations count"
+    )
+    point: str = Field(
+        default=CENTER, description="where the rotations of boresight are: a name of hub.points, or center"
+    )
+    rows: tuple[Sensitivity, ...] | None = Field(default=None, max_length=10_000, description="sensitivities to points")
+    windows: tuple[Seconds, ...] = Field(default=(), max_length=100, description="exposures")
+    pixel: Annotated[float, Quantity("rad", "angle of a pixel", gt=0, display="urad")] | None = None
+
+    def _misfits(self) -> Iterator[str]:
+        if (self.boresight is None) == (self.rows is None):
+            yield "give either boresight, a direction in hub axes, or rows, sensitivities to motions of named points"
+        if self.boresight is not None and not _is_direction(self.boresight):
+            yield f"boresight: {list(self.boresight)} is not a direction; three components, not all 0, are expected"
+        if self.rows == ():
+            yield "rows: an empty list says nothing of the line of sight; give at least one row"
+        if len(set(self.windows)) != len(self.windows):
+            yield "windows: one is there twice"
+
+    def wanted(self) -> Iterator[tuple[str, str]]:
+        """Key and name of each point whose motion is asked for."""
+        if self.rows is None:
+            yield "point", self.point
+        else:
+            yield from ((f"rows.{k}.point", row.point) for k, row in enumerate(self.rows))
+
+    def axes(self) -> np.ndarray:
+        """For a boresight, the unit vectors about which los_x and los_y turn, in hub axes, (2, 3).
+
+        The first is hub x made perpendicular to the boresight (hub y where x is near it), the second boresight cross first: hub x
+        and y for a boresight along z.
+        """
+        b = _unit(self.boresight or (0.0, 0.0, 1.0))
+        first = np.eye(3)[0 if abs(b[0]) < 0.9 else 1]
+        first = first - (first @ b) * b
+        first /= np.linalg.norm(first)
+        return np.array([first, np.cross(b, first)])
+
+
+class Spacecraft(Part):
+    """The craft that carries the drive. Without it the drive stands on ground that does not move."""
+
+    hub: Hub
+    array_angle: Annotated[
+        float,
+        Quantity("rad", "angle of the array from the mounting's zero, about the drive axis", "psi", display="deg"),
+    ] = 0.0
+    interface: Interface
+    attitude_control: AttitudeControl | Literal["none"] = Field(
+        default="none",
+        description="none leaves the craft free; lines far below the array's first mode mean nothing then",
+    )
+    line_of_sight: LineOfSight | None = None
+
+    def _misfits(self) -> Iterator[str]:
+        if self.hub.modes and self.interface_point is None:
+            at = ", ".join(f"{x:g}" for x in self.interface.position)
+            yield (
+                f"interface.position: no point of the hub's modes lies at [{at}] m (within {1e3 * SAME_PLACE:g} mm); shapes at"
+                " the interface point are needed"
+            )
+        known = (CENTER, INTERFACE, *(point.name for point in self.hub.points))
+        for key, name in () if self.line_of_sight is None else self.line_of_sight.wanted():
+            if name not in known:
+                yield f"line_of_sight.{key}: '{name}' is not a point of the hub; there are {', '.join(known)}"
+            elif name == CENTER and self.hub.modes:
+                yield (
+                    f"line_of_sight.{key}: the centre of mass of a flexible hub has no shapes; name one of"
+                    f" {', '.join(known[1:])}"
+                )
+
+    @property
+    def interface_point(self) -> int | None:
+        """Index of the point of ``hub.points`` that is the interface, or None where none is there."""
+        here = np.array(self.interface.position)
+        near = (k for k, p in enumerate(self.hub.points) if np.linalg.norm(np.array(p.position) - here) <= SAME_PLACE)
+        return next(near, None)
+
+
+def _is_direction(given: Direction) -> bool:
+    return bool(np.all(np.isfinite(given)) and np.any(given))
+
+
+def _unit(direction: Direction | np.ndarray) -> np.ndarray:
+    vector = np.array(direction, dtype=float)
+    return np.asarray(vector / np.linalg.norm(vector))
