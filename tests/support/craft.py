@@ -47,7 +47,7 @@ class FullCraft:
     bandwidth: float = 0.0
     control_damping: float = 0.7
     flexible: list[tuple[float, float, np.ndarray]] = field(default_factory=list)
-    frequencies: np.ndarray = field(default_factory=lambda: FREQUENCIES)
+    damping: np.ndarray = field(default_factory=lambda: DAMPING)
     ratio: float = 100.0
     stiffness: float = 8400.0
     gear_damping: float = 5.0
@@ -98,13 +98,12 @@ class FullCraft:
         self.K, self.C = np.zeros((n, n)), np.zeros((n, n))
         for k, (f, xi, _) in enumerate(self.flexible, 6):
             self.K[k, k], self.C[k, k] = (2 * math.pi * f) ** 2, 4 * math.pi * f * xi
-        for k, (f, xi) in enumerate(zip(self.frequencies, DAMPING, strict=True), self.n_q):
+        for k, (f, xi) in enumerate(zip(FREQUENCIES, self.damping, strict=True), self.n_q):
             self.K[k, k], self.C[k, k] = (2 * math.pi * f) ** 2, 4 * math.pi * f * xi
-        w, I = 2 * math.pi * self.bandwidth, self.hub_scale * HUB_INERTIA
-        self.K[3:6, 3:6] += w**2 * I
-        self.C[3:6, 3:6] += 2 * self.control_damping * w * I
+        w, held = 2 * math.pi * self.bandwidth, self.hub_scale * HUB_INERTIA
+        self.K[3:6, 3:6] += w**2 * held
+        self.C[3:6, 3:6] += 2 * self.control_damping * w * held
         self.invM, self.n, self.root = np.linalg.inv(self.M), n, root
-        self.root_inverse = None
 
     def torques(self, x: np.ndarray, v: np.ndarray, i_A: float, i_B: float) -> tuple[float, float]:
         """Torques on output and rotor, both against the hub."""
@@ -152,7 +151,7 @@ class FullCraft:
             ref = self.current * math.cos(angle), self.current * math.sin(angle)
             if stop > now:
                 solved = solve_ivp(
-                    lambda _, z, r=ref: self.derivative(z, r), (now, stop), y, "Radau", rtol=1e-9, atol=1e-13
+                    lambda _, z, r=ref: self.derivative(z, r), (now, stop), y, "DOP853", rtol=1e-10, atol=1e-14
                 )
                 y, now = solved.y[:, -1], stop
             if stop in jumps:

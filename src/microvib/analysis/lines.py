@@ -115,7 +115,7 @@ def lines_of_samples(
     The clock of a simulated torque is the scenario's. That of a ``measured`` one is searched within CLOCK_TOLERANCE, its array
     modes within MODE_TOLERANCE. Without a scenario, lines that stand out are found and not named.
     """
-    expected = () if scenario is None else _expected(scenario, sample_rate, harmonics, measured)
+    expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
     return estimate_lines(x, sample_rate, expected)
 
 
@@ -124,7 +124,7 @@ def lines_among(x: np.ndarray, sample_rate: float, scenario: Scenario, names: Co
 
     They have no uncertainties, and take a fraction of the time.
     """
-    expected = _expected(scenario, sample_rate)
+    expected = expected_in(scenario, sample_rate)
     wanted = [line for line in expected if line.name in names or line.kind == "array mode"]
     return lines_at_known_clock(x, sample_rate, wanted)
 
@@ -147,9 +147,10 @@ def lines_of_recording(
     return with_background(table, background[channel])
 
 
-def _expected(
+def expected_in(
     scenario: Scenario, sample_rate: float, harmonics: int = 8, measured: bool = False
 ) -> tuple[ExpectedLine, ...]:
+    """Lines that are expected up to the edge of the passband of a record at ``sample_rate`` [Hz]."""
     tolerances = (CLOCK_TOLERANCE, MODE_TOLERANCE) if measured else (0.0, 0.0)
     return expected_lines(scenario, Si(PASSBAND * sample_rate), harmonics, *tolerances)
 
@@ -157,8 +158,8 @@ def _expected(
 def _of_steady_state(state: SteadyState, channel: str, harmonics: int) -> LineTable:
     """Named as those of a record, with its bins and its first sample's phases."""
     if channel != "T_d":
-        series_of(state.channels, channel, state.scenario.array)
+        series_of(state.channels, channel, state.scenario, state.time)
     record = state.scenario.record
-    expected = _expected(state.scenario, record.sample_rate, harmonics)
+    expected = expected_in(state.scenario, record.sample_rate, harmonics)
     series = state.harmonics(channel)[: int(PASSBAND * record.sample_rate / state.frequency) + 1]
     return lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)

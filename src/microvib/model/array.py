@@ -184,7 +184,7 @@ class Array(Part):
 
     @property
     def interface(self) -> np.ndarray | None:
-        """Interface participation, (6, s) [kg^0.5, kg^0.5 m]; None unless every mode gives it, or there is none and masses are known."""
+        """Interface participation, (6, s) [kg^0.5, kg^0.5 m]; None unless every mode, or a mass without modes, gives it."""
         if not self.modes and (self.interface_inertia is not None or self.rigid_body is not None):
             return np.zeros((6, 0))
         rows = [mode.interface_participation for mode in self.modes]

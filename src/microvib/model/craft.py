@@ -24,36 +24,43 @@ from microvib.model.load import Load
 from microvib.model.rigid import motion_of, tensor
 from microvib.model.spacecraft import CENTER, INTERFACE, AttitudeControl, Spacecraft
 
-SMALL_DAMPING = 0.1
-"""Mixing of two modes by damping above which it is said that the diagonal of the damping matrix leaves something out."""
+MIXED = 0.1
+"""Damping between two modes over the geometric mean of their own, from which it is said that the diagonal leaves something out."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What is looked at, (k, ...): combinations of the coordinates, of their accelerations, and of those of output and rotor."""
+
+    position: np.ndarray
+    """By q, eta, (k, n)."""
+    acceleration: np.ndarray
+    """By their second derivatives, (k, n)."""
+    direct: np.ndarray
+    """By alpha_l, alpha_m, (k, 2)."""
+
+    def through(self, rows: np.ndarray) -> Rows:
+        """Combinations ``rows`` (m, k) of these."""
+        return Rows(rows @ self.position, rows @ self.acceleration, rows @ self.direct)
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """What follows from the motion, linear in it: rows (k, ...) by modes and shafts."""
+    """The same by modes and shafts, (k, ...), with which samples become samples."""
 
     eta: np.ndarray
     """By the modes, (k, s)."""
     rate: np.ndarray
     """By their rates, (k, s)."""
     shafts: np.ndarray
-    """By angle, rate and acceleration of output and rotor: theta_l, omega_l, alpha_l, theta_m, omega_m, alpha_m, (k, 6)."""
+    """By angle and acceleration of output and rotor: theta_l, theta_m, alpha_l, alpha_m, (k, 4)."""
 
     def of(self, eta: np.ndarray, rate: np.ndarray, shafts: np.ndarray) -> np.ndarray:
-        """Values (..., k) for a motion: modes and their rates (..., s), shafts (..., 6), complex amplitudes or samples.
+        """Values (..., k) for a motion: modes and their rates (..., s), shafts (..., 4).
 
-        Angles and rates of the shafts count from their mean motion, which the command makes.
+        Angles of the shafts count from their mean motion, which the command makes.
         """
         return np.asarray(eta @ self.eta.T + rate @ self.rate.T + shafts @ self.shafts.T)
-
-    def through(self, rows: np.ndarray) -> Outputs:
-        """Combinations ``rows`` (m, k) of these outputs."""
-        return Outputs(rows @ self.eta, rows @ self.rate, rows @ self.shafts)
-
-
-def stacked(parts: list[Outputs]) -> Outputs:
-    """Several outputs one after another."""
-    return Outputs(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("eta", "rate", "shafts")))
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,8 @@ class Craft:
     load: Load
     shapes: np.ndarray
     """Coordinates q, eta by the modes, (n, s)."""
+    damping: np.ndarray
+    """Damping of the modes, (s, s) [1/s]; the kernel takes its diagonal."""
     by_output: np.ndarray
     """Coordinates by theta_l, through the free motions, (n,)."""
     by_rotor: np.ndarray
@@ -89,26 +98,17 @@ class Craft:
         """Motion of a named point by the coordinates, (6, n): displacement and rotation, hub axes."""
         return np.hstack([_motion_of_point(self.spacecraft, point), np.zeros((6, self.participation.shape[1]))])
 
-    def motion(self, point: str) -> Outputs:
+    def motion(self, point: str) -> Rows:
         """Displacement [m] and rotation [rad] of a named point, hub axes, less the mean motion that the command makes."""
-        there, zero = self.at(point), np.zeros((6, self.load.H.size))
-        shafts = np.zeros((6, 6))
-        shafts[:, 0], shafts[:, 3] = there @ self.by_output, there @ self.by_rotor
-        return Outputs(there @ self.shapes, zero, shafts)
+        there = self.at(point)
+        return Rows(there, np.zeros_like(there), np.zeros((6, 2)))
 
-    def acceleration(self, point: str) -> Outputs:
+    def acceleration(self, point: str) -> Rows:
         """Its second derivative [m/s^2, rad/s^2]."""
-        return self._accelerated(self.at(point))
+        there = self.at(point)
+        return Rows(np.zeros_like(there), there, np.zeros((6, 2)))
 
-    def _accelerated(self, rows: np.ndarray) -> Outputs:
-        """Accelerations of combinations ``rows`` (k, n) of the coordinates, by the equations of motion of the modes."""
-        load, by_modes = self.load, rows @ self.shapes
-        shafts = np.zeros((rows.shape[0], 6))
-        shafts[:, 2] = rows @ self.by_output - by_modes @ load.H
-        shafts[:, 5] = rows @ self.by_rotor - by_modes @ load.R
-        return Outputs(-by_modes * load.Lambda, -by_modes * load.D, shafts)
-
-    def loads(self) -> Outputs:
+    def loads(self) -> Rows:
         """Loads on the hub at the interface point, Fx Fy Fz [N], Mx My Mz [N m], hub axes.
 
         Minus the rate of momentum of array, reducer output and rotor,
@@ -117,28 +117,44 @@ class Craft:
         at_root, a, J_m, M = self.at(INTERFACE), self.axis, self.rotor_inertia, self.array_mass
         of_modes = np.zeros_like(at_root)
         of_modes[:, at_root.shape[1] - self.participation.shape[1] :] = self.participation
-        loads = self._accelerated(-(M + J_m * np.outer(a, a)) @ at_root - of_modes)
-        shafts = loads.shafts.copy()
-        shafts[:, 2] -= M @ a
-        shafts[:, 5] -= J_m * a
-        return Outputs(loads.eta, loads.rate, shafts)
+        acceleration = -(M + J_m * np.outer(a, a)) @ at_root - of_modes
+        return Rows(np.zeros_like(at_root), acceleration, -np.column_stack([M @ a, J_m * a]))
 
-    def line_of_sight(self) -> Outputs:
-        """Two angles of the line of sight [rad]; see ``LineOfSight``."""
-        los = self.spacecraft.line_of_sight
+    def line_of_sight(self, *, accelerations: bool = False) -> Rows:
+        """Two angles of the line of sight [rad], or their ``accelerations`` [rad/s^2]; see ``LineOfSight``."""
+        move, los = self.acceleration if accelerations else self.motion, self.spacecraft.line_of_sight
         if los is None:
             raise ValueError("this craft has no line of sight")
         if los.rows is None:
-            rows = np.hstack([np.zeros((2, 3)), los.axes()])
-            return self.motion(los.point).through(rows)
-        parts = []
-        for axis in ("x", "y"):
-            for row in los.rows:
-                by = np.array(row.by) if row.axis == axis else np.zeros(6)
-                parts.append(
-                    self.motion(row.point).through(np.array([by, by]) * np.array([[axis == "x"], [axis == "y"]]))
-                )
-        return Outputs(*(sum(getattr(part, name) for part in parts) for name in ("eta", "rate", "shafts")))
+            return move(los.point).through(np.hstack([np.zeros((2, 3)), los.axes()]))
+        parts = [move(row.point).through(np.outer([row.axis == "x", row.axis == "y"], row.by)) for row in los.rows]
+        return Rows(
+            np.sum([part.position for part in parts], axis=0),
+            np.sum([part.acceleration for part in parts], axis=0),
+            np.sum([part.direct for part in parts], axis=0),
+        )
+
+    def outputs(self, rows: Rows) -> Outputs:
+        """What is looked at by modes and shafts; accelerations by the equations of motion of the modes."""
+        load, free = self.load, np.column_stack([self.by_output, self.by_rotor])
+        by_modes = rows.acceleration @ self.shapes
+        by_alpha = rows.direct + rows.acceleration @ free - by_modes @ np.column_stack([load.H, load.R])
+        return Outputs(
+            rows.position @ self.shapes - by_modes * load.Lambda,
+            -by_modes * load.D,
+            np.hstack([rows.position @ free, by_alpha]),
+        )
+
+    def transfer(self, rows: Rows, frequency: np.ndarray) -> np.ndarray:
+        """What is looked at by alpha_l and alpha_m at each ``frequency`` (m,) [Hz], (m, k, 2), with the whole damping matrix."""
+        load, free = self.load, np.column_stack([self.by_output, self.by_rotor])
+        drive = np.column_stack([load.H, load.R])
+        found = np.zeros((len(frequency), rows.direct.shape[0], 2), dtype=complex)
+        for k, omega in enumerate(2.0 * np.pi * np.asarray(frequency, dtype=float)):
+            dynamic = np.diag(load.Lambda - omega**2) + 1j * omega * self.damping
+            x = -self.shapes @ np.linalg.solve(dynamic, drive) - free / omega**2
+            found[k] = rows.position @ x - omega**2 * (rows.acceleration @ x) + rows.direct
+        return found
 
 
 def load_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float) -> Load:
@@ -212,7 +228,7 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
         array_left=left - output_inertia,
     )
     notes = _damping_notes(D_all, squares)
-    return Craft(spacecraft, load, shapes, by_output, by_rotor, M, P, rotor_inertia, notes)
+    return Craft(spacecraft, load, shapes, D_all, by_output, by_rotor, M, P, rotor_inertia, notes)
 
 
 def _hub(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
@@ -264,20 +280,18 @@ def _modes(M: np.ndarray, K: np.ndarray, free: int) -> tuple[np.ndarray, np.ndar
 
 def _damping_notes(D: np.ndarray, squares: np.ndarray) -> tuple[str, ...]:
     """What the diagonal of the projected damping leaves out, where it is not small."""
-    if squares.size < 2:
+    own = np.diag(D)
+    if not np.any(own > 0.0):
         return ()
-    f, own = np.sqrt(squares), np.diag(D)
-    between = np.sqrt(np.outer(f, f))
-    apart = np.abs(np.subtract.outer(squares, squares)) + 0.5 * between * np.add.outer(own, own)
-    mixing = np.abs(D) * between / np.maximum(apart, 1e-300)
+    mixing = np.abs(D) / np.maximum(np.sqrt(np.outer(own, own)), 1e-300)
     np.fill_diagonal(mixing, 0.0)
     i, j = np.unravel_index(int(mixing.argmax()), mixing.shape)
-    if mixing[i, j] <= SMALL_DAMPING:
+    if mixing[i, j] <= MIXED:
         return ()
-    low, high = sorted((f[i] / (2.0 * np.pi), f[j] / (2.0 * np.pi)))
+    low, high = sorted(np.sqrt(squares[[i, j]]) / (2.0 * np.pi))
     return (
-        f"Damping mixes the craft's modes at {low:.4g} Hz and {high:.4g} Hz by {100.0 * mixing[i, j]:.0f} %, which is left out: the"
-        " projected damping matrix counts by its diagonal. Lines near these frequencies are less certain.",
+        f"Damping couples the craft's modes (most at {low:.4g} Hz and {high:.4g} Hz, by {mixing[i, j]:.2g} of their own damping)."
+        " Lines of the clock take all of it; histories and ringing modes take its diagonal.",
     )
 
 

@@ -183,15 +183,15 @@ class Spacecraft(Part):
                 f"interface.position: no point of the hub's modes lies at [{at}] m (within {1e3 * SAME_PLACE:g} mm); shapes at"
                 " the interface point are needed"
             )
-        known = (CENTER, INTERFACE, *(point.name for point in self.hub.points))
         for key, name in () if self.line_of_sight is None else self.line_of_sight.wanted():
-            if name not in known:
-                yield f"line_of_sight.{key}: '{name}' is not a point of the hub; there are {', '.join(known)}"
-            elif name == CENTER and self.hub.modes:
-                yield (
-                    f"line_of_sight.{key}: the centre of mass of a flexible hub has no shapes; name one of"
-                    f" {', '.join(known[1:])}"
-                )
+            if name not in self.points:
+                why = " (the centre of mass of a flexible hub has no shapes)" if name == CENTER else ""
+                yield f"line_of_sight.{key}: '{name}' is not a point of the hub{why}; there are {', '.join(self.points)}"
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points whose motion is known; of a flexible hub the centre of mass is none of them."""
+        return (INTERFACE, *([] if self.hub.modes else [CENTER]), *(point.name for point in self.hub.points))
 
     @property
     def interface_point(self) -> int | None:

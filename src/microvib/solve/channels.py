@@ -58,5 +58,12 @@ INTERFACE = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 TIME = Channel("time", "s", "time from the start of the command")
 LOADS = {name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft") for name in INTERFACE}
 """Loads at the interface, of arrays with participation in six components."""
-KNOWN = {**CHANNELS, **MODAL, **LOADS}
+LINE_OF_SIGHT = {
+    "los_x": Channel("los_x", "rad", "first angle of the line of sight, less the mean motion that the command makes"),
+    "los_y": Channel("los_y", "rad", "second angle of the line of sight"),
+    "los_ax": Channel("los_ax", "rad/s^2", "second derivative of the first angle of the line of sight"),
+    "los_ay": Channel("los_ay", "rad/s^2", "second derivative of the second angle of the line of sight"),
+}
+"""Of a craft with a line of sight."""
+KNOWN = {**CHANNELS, **MODAL, **LOADS, **LINE_OF_SIGHT}
 """Everything that has a name."""

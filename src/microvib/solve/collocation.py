@@ -97,7 +97,9 @@ class Work(NamedTuple):
     q: Matrix  # lanes
     r: Matrix  # lanes: deficits
     before: Matrix  # lanes: the same of the last iterate
-    sums: Matrix  # lanes: of the modes as free oscillators torques on output and rotor, momentum; torques; T_d; momentum; margins; change
+    sums: (
+        Matrix  # lanes: torques and momentum of the modes as free oscillators; torques; T_d; momentum; margins; change
+    )
     values: Matrix  # lanes: channels
     by_node: Matrix  # channels, (4, channels)
     powers: Matrix  # coefficients of the deficits' cubics, two rows for each power

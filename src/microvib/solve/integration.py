@@ -12,9 +12,10 @@ from microvib.errors import ChannelError, SimulationError, SynchronismLost, did_
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
-from microvib.solve.channels import CHANNELS, INTERFACE, MODAL
+from microvib.solve.channels import CHANNELS, INTERFACE, LINE_OF_SIGHT, MODAL
 from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
+from microvib.solve.on_craft import ACCELERATIONS, ANGLES
 from microvib.solve.pack import Packed, pack
 from microvib.solve.sampling import Decimator, sample_intervals
 
@@ -86,8 +87,9 @@ class Simulation:
         unknown = [name for name in channels or () if name not in known]
         if isinstance(channels, str):
             raise ChannelError(f"channels: a list of names is expected, such as ('T_d',), not the text {channels!r}")
-        if unknown and unknown[0] in INTERFACE:
-            raise ChannelError(f"channel '{unknown[0]}' is made of others; keep {', '.join(OF_INTERFACE)}")
+        if unknown and unknown[0] in (*INTERFACE, *LINE_OF_SIGHT):
+            needed = OF_INTERFACE if scenario.craft is None else (*ACCELERATIONS, *ANGLES)
+            raise ChannelError(f"channel '{unknown[0]}' is made of others; keep {', '.join(needed)}")
         if unknown:
             near = did_you_mean(unknown[0], known)
             raise ChannelError(f"channel '{unknown[0]}' does not exist; {near}there are {', '.join(known)}")

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import ChannelError
-from microvib.model.array import Array
 from microvib.model.scenario import Scenario
-from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LOADS, TIME, Channel
+from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LINE_OF_SIGHT, LOADS, TIME, Channel
 from microvib.solve.command import Command
+from microvib.solve.on_craft import hub_motion, line_of_sight, missing, values_of
 
 OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
@@ -58,7 +58,7 @@ class Motion:
     """None in a motion that was read from a file."""
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return channel_of(self.channels, name, self.scenario.array)
+        return channel_of(self.channels, name, self.scenario, self.time)
 
     def __repr__(self) -> str:
         record, title = self.scenario.record, self.scenario.title or "without a title"
@@ -66,8 +66,7 @@ class Motion:
         return f"Motion of '{title}': {self.time.size} samples at {record.sample_rate:g} Hz, {record.duration:g} s, of {kept}"
 
     def _ipython_key_completions_(self) -> list[str]:
-        loads = self.interface_loads() is not None
-        return [*self.channels, *(INTERFACE if loads else ())]
+        return [*self.channels, *_derived(self.channels, self.scenario)]
 
     @property
     def sample_rate(self) -> float:
@@ -77,9 +76,19 @@ class Motion:
     def interface_loads(self) -> np.ndarray | None:
         """Loads on the spacecraft Fx Fy Fz [N], Mx My Mz [N m] at the interface, (n, 6); None without 6 x s participation.
 
-        The drive axis carries T_d; the others are what modes and interface inertia push back with.
+        The drive axis carries T_d; the others are what modes and interface inertia push back with. On firm ground their axes are
+        the array's, on a craft the hub's.
         """
-        return interface_loads(self.channels, self.scenario.array)
+        return interface_loads(self.channels, self.scenario)
+
+    def hub(self, point: str = "interface", *, accelerations: bool = False) -> np.ndarray:
+        """Displacement [m] and rotation [rad] of a named point of the craft, or their second derivatives, (n, 6), hub axes.
+
+        The mean motion that the command makes is taken out. ChannelError without a spacecraft, or for a point that it has not.
+        """
+        if self.scenario.craft is None:
+            raise ChannelError("this motion is one on firm ground; a scenario with a spacecraft is expected")
+        return hub_motion(self.scenario.craft, point, self.channels, self.scenario, self.time, accelerations)
 
     def variables(self) -> Iterator[tuple[Channel, np.ndarray]]:
         """Every channel with its samples, (n,) or modal (n, s); loads at the interface among them where they are known."""
@@ -87,6 +96,10 @@ class Motion:
         loads = self.interface_loads()
         if loads is not None:
             yield from zip(LOADS.values(), loads.T, strict=True)
+        for name in ("los_x", "los_y"):
+            angle = line_of_sight(name, self.channels, self.scenario, self.time)
+            if angle is not None:
+                yield KNOWN[name], angle
 
     @property
     def dataset(self) -> Any:
@@ -101,8 +114,11 @@ class Motion:
         return xr.Dataset(data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate})
 
 
-def interface_loads(channels: Mapping[str, np.ndarray], array: Array) -> np.ndarray | None:
+def interface_loads(channels: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray | None:
     """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md)."""
+    array, craft = scenario.array, scenario.craft
+    if craft is not None:
+        return None if missing(channels, "Fx") else values_of(craft.loads(), channels, scenario)
     P = array.interface
     if P is None or not set(OF_INTERFACE) <= set(channels):
         return None
@@ -126,28 +142,38 @@ def record_bytes(scenario: Scenario) -> float:
     return 8.0 * scenario.record.samples * (len(CHANNELS) + 1 + 2 * scenario.load.H.size)
 
 
-def channel_of(channels: Mapping[str, np.ndarray], name: str, array: Array) -> np.ndarray:
-    """A channel by its name, (n,) or modal (n, s), or a load at the interface; ChannelError where there is none of it."""
+def channel_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario, time: np.ndarray) -> np.ndarray:
+    """A channel by its name, (n,) or modal (n, s), a load at the interface or an angle of the line of sight at its times [s], (n,).
+
+    ChannelError where there is none of it.
+    """
     if name in channels:
         return channels[name]
-    loads = interface_loads(channels, array) if name in INTERFACE else None
+    angle = line_of_sight(name, channels, scenario, time)
+    if angle is not None:
+        return angle
+    loads = interface_loads(channels, scenario) if name in INTERFACE else None
     if loads is not None:
         column: np.ndarray = loads[:, INTERFACE.index(name)]
         return column
     raise ChannelError(
-        f"channel '{name}' is not in this motion{_why(channels, name)}; there are {_names(channels, array)}"
+        f"channel '{name}' is not in this motion{_why(channels, name, scenario)}; there are {_names(channels, scenario)}"
     )
 
 
-def series_of(channels: Mapping[str, np.ndarray], name: str, array: Array) -> np.ndarray:
+def series_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario, time: np.ndarray) -> np.ndarray:
     """The same for one value at a time, (n,): ChannelError for a modal channel."""
-    values = channel_of(channels, name, array)
+    values = channel_of(channels, name, scenario, time)
     if values.ndim != 1:
-        raise ChannelError(f"channel '{name}' has a column for each mode; there are {_names(channels, array)}")
+        raise ChannelError(f"channel '{name}' has a column for each mode; there are {_names(channels, scenario)}")
     return values
 
 
-def _why(channels: Mapping[str, np.ndarray], name: str) -> str:
+def _why(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario) -> str:
+    if scenario.craft is not None and name in (*INTERFACE, *LINE_OF_SIGHT) and missing(channels, name):
+        return f", of which {', '.join(missing(channels, name))} were not kept"
+    if name in LINE_OF_SIGHT:
+        return ", whose scenario has no spacecraft with a line_of_sight"
     if name not in INTERFACE:
         return ""
     if not set(OF_INTERFACE) <= set(channels):
@@ -155,7 +181,15 @@ def _why(channels: Mapping[str, np.ndarray], name: str) -> str:
     return ", whose array has no participation in six components (interface_participation of its modes)"
 
 
-def _names(channels: Mapping[str, np.ndarray], array: Array) -> str:
+def _names(channels: Mapping[str, np.ndarray], scenario: Scenario) -> str:
     """Channels that are one value at a time, in words."""
-    loads = () if interface_loads({key: values[:1] for key, values in channels.items()}, array) is None else INTERFACE
-    return ", ".join((*(key for key, values in channels.items() if values.ndim == 1), *loads))
+    own = (key for key, values in channels.items() if values.ndim == 1)
+    return ", ".join((*own, *_derived(channels, scenario)))
+
+
+def _derived(channels: Mapping[str, np.ndarray], scenario: Scenario) -> Iterator[str]:
+    """Names of what the kept channels tell of the spacecraft."""
+    first, at = {key: values[:1] for key, values in channels.items()}, np.zeros(1)
+    if interface_loads(first, scenario) is not None:
+        yield from INTERFACE
+    yield from (name for name in LINE_OF_SIGHT if line_of_sight(name, first, scenario, at) is not None)

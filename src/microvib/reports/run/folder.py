@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from microvib.analysis.limits import Limit
+from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError, expect
 from microvib.io.runs import lines_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
-from microvib.io.tables import to_json
+from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Form
@@ -82,11 +83,22 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
 
 def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
     """The files of a run that are text, by name."""
+    of_hub = _of_hub(result)
+    if of_hub is not None and of_hub.los is not None:
+        summed = summed | {"pointing": of_hub.summary()}
     return {
         "lines.csv": lines_csv(result.table),
+        **({} if of_hub is None else {"loads.csv": rows_csv(*of_hub.loads_table())}),
+        **({} if of_hub is None or of_hub.los is None else {"pointing.csv": rows_csv(*of_hub.pointing_table())}),
         "scenario.yaml": dump_scenario(result.scenario),
         "summary.json": to_json(summed),
     }
+
+
+def _of_hub(result: RunResult) -> HubLines | None:
+    """Lines of what the hub of a craft feels and does; None on firm ground, and where no more than T_d was kept."""
+    source = result.state or result.motion
+    return None if source is None or result.scenario.spacecraft is None else hub_lines(source, result.table)
 
 
 def _check_size(scenario: Scenario, out: Path) -> None:

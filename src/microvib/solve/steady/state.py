@@ -53,7 +53,7 @@ class SteadyState:
     solver: dict[str, Any]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.T_d if name == "T_d" else channel_of(self.channels, name, self.scenario.array)
+        return self.T_d if name == "T_d" else channel_of(self.channels, name, self.scenario, self.time)
 
     @property
     def channels(self) -> dict[str, np.ndarray]:

@@ -1,0 +1,179 @@
+"""What a run on a craft says of the hub: lines of its six loads and of its line of sight, and what they cost in each window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from microvib.analysis.lines import expected_in
+from microvib.errors import MicrovibError
+from microvib.model.expected import ExpectedLine
+from microvib.model.record import PASSBAND
+from microvib.model.scenario import Scenario
+from microvib.signals.fourier_lines import lines_of_series
+from microvib.signals.line_fit import lines_at_known_clock
+from microvib.signals.line_table import Line, LineTable
+from microvib.signals.pointing import METRICS, Metric, level, mean_square_of_lines, radial
+from microvib.solve.channels import INTERFACE
+from microvib.solve.motion import Motion
+from microvib.solve.steady.state import SteadyState
+
+MEANINGLESS = 0.05
+"""Frequency [Hz] below which the lines of a hub without attitude control mean nothing, and are left out."""
+CONFIDENCE = 0.997
+
+
+@dataclass(frozen=True)
+class HubLines:
+    """Lines of what the hub feels and does, each with its frequency; complex amplitudes, 0-to-peak, A exp(j phase)."""
+
+    scenario: Scenario
+    names: tuple[str, ...]
+    frequency: np.ndarray
+    """[Hz], (k,)."""
+    loads: np.ndarray
+    """Fx Fy Fz [N], Mx My Mz [N m] on the hub at the interface point, hub axes, (k, 6); nan where a line is not estimated."""
+    los: np.ndarray | None
+    """Both angles of the line of sight [rad], (k, 2); None without ``line_of_sight``."""
+
+    @property
+    def windows(self) -> tuple[float, ...]:
+        """Windows in which the line of sight is judged [s]."""
+        los = None if self.scenario.spacecraft is None else self.scenario.spacecraft.line_of_sight
+        return () if los is None else los.windows
+
+    @cached_property
+    def amplitude(self) -> np.ndarray:
+        """Amplitudes of the line of sight [rad], (k, 2); 0 where a line is not estimated."""
+        return np.nan_to_num(np.abs(self.los)) if self.los is not None else np.zeros((len(self.names), 2))
+
+    def mean_squares(self, metric: Metric, window: float) -> np.ndarray:
+        """Mean square [rad^2] of each line about both axes in a ``window`` [s], (k, 2)."""
+        return mean_square_of_lines(metric, self.frequency, self.amplitude, window)
+
+    def ranking(self, metric: Metric, window: float) -> list[tuple[str, float]]:
+        """Lines by what they cost in a window: name and radial rms [rad], the largest first."""
+        cost = radial(self.mean_squares(metric, window))
+        return [(self.names[k], float(cost[k])) for k in np.argsort(-cost, kind="stable")]
+
+    def totals(self) -> Iterator[dict[str, Any]]:
+        """For each window and metric the rms of all lines [rad]: about both axes and radial, phases unrelated."""
+        for window in self.windows:
+            for metric in METRICS:
+                squares = self.mean_squares(metric, window).sum(axis=0)
+                x, y = np.sqrt(squares).tolist()
+                both = float(radial(squares))
+                yield {"window_s": window, "metric": metric, "los_x_rad": x, "los_y_rad": y, "radial_rad": both}
+
+    def summary(self) -> dict[str, Any]:
+        """What ``summary.json`` says of the line of sight."""
+        order = np.argsort(self.frequency)
+        squares = 0.5 * self.amplitude[order] ** 2
+        rising = np.sqrt(np.cumsum(squares, axis=0))
+        falling = np.sqrt(np.cumsum(squares[::-1], axis=0)[::-1])
+        levels = [level(self.amplitude[:, k], 0.0, CONFIDENCE) for k in range(2)]
+        return {
+            "windows": list(self.totals()),
+            "within": {"confidence": CONFIDENCE, "los_x_rad": levels[0], "los_y_rad": levels[1]},
+            "cumulative": {
+                "frequency_hz": self.frequency[order].tolist(),
+                **{f"rms_{name}_los_{axis}_rad": values[:, k].tolist() for name, values in (("up", rising), ("down", falling))
+                   for k, axis in enumerate("xy")},
+            },
+        }  # fmt: skip
+
+    def loads_table(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of ``loads.csv``."""
+        units = ["n", "n", "n", "n_m", "n_m", "n_m"]
+        keys = [f"{name.lower()}_{unit}" for name, unit in zip(INTERFACE, units, strict=True)]
+        header = ["line", "frequency_hz", *keys, *(f"{name.lower()}_phase_rad" for name in INTERFACE)]
+        return header, [
+            [name, float(f), *np.abs(values).tolist(), *np.angle(values).tolist()]
+            for name, f, values in zip(self.names, self.frequency, self.loads, strict=True)
+        ]
+
+    def pointing_table(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of ``pointing.csv``: amplitudes and phases, then the rms of each line in each metric and window."""
+        assert self.los is not None
+        header = ["line", "frequency_hz", "los_x_rad", "los_y_rad", "los_x_phase_rad", "los_y_phase_rad"]
+        columns = [np.abs(self.los), np.angle(self.los)]
+        for window in self.windows:
+            for metric in METRICS:
+                header += [f"{metric}_{_words(window)}_{axis}_rad" for axis in "xy"]
+                columns.append(np.sqrt(self.mean_squares(metric, window)))
+        figures = np.hstack(columns)
+        return header, [
+            [name, float(f), *row.tolist()] for name, f, row in zip(self.names, self.frequency, figures, strict=True)
+        ]
+
+
+def hub_lines(source: Motion | SteadyState, table: LineTable, harmonics: int = 8) -> HubLines:
+    """Lines of loads and line of sight of a run on a craft: those that are expected, and those found in T_d (its ``table``).
+
+    Lines of the clock follow from those of the two shafts' accelerations, through the craft's linear response with its whole
+    damping matrix. What rings by itself, and what is not expected, is found in each channel; of the angles in their second
+    derivatives, which no drift leaks into. MicrovibError where the scenario has no spacecraft.
+    """
+    scenario, craft = source.scenario, source.scenario.craft
+    if craft is None:
+        raise MicrovibError("this run is one on firm ground; a scenario with a spacecraft is expected")
+    others = [line for line in table if line.kind == "other" and np.isfinite(line.frequency_hz)]
+    expected = (
+        *expected_in(scenario, scenario.record.sample_rate, harmonics),
+        *(ExpectedLine(x.line, "other", x.frequency_hz, x.frequency_hz, x.frequency_hz, x.origin) for x in others),
+    )
+    looks = craft.spacecraft.line_of_sight is not None
+    frequency, ringing = _ringing(source, expected, (*INTERFACE, *(("los_ax", "los_ay") if looks else ())))
+    shafts = np.array([_tones(_lines(source, name, expected)) for name in ("alpha_l", "alpha_m")]).T
+    own = np.array([line.kind in ("array mode", "other") for line in expected])
+    rows = [craft.loads(), *([craft.line_of_sight()] if looks else [])]
+    forced = np.hstack([np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows])
+    tones = np.where(own[:, None], ringing, forced)
+    free = craft.spacecraft.attitude_control == "none"
+    keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~(free & (frequency < MEANINGLESS))
+    names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
+    return HubLines(scenario, names, frequency[keep], tones[keep, :6], tones[keep, 6:] if looks else None)
+
+
+def _ringing(
+    source: Motion | SteadyState, expected: tuple[ExpectedLine, ...], channels: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (k,) [Hz] of the expected lines, and their tones in each channel, (k, channels), of accelerations the angles."""
+    columns = [_lines(source, name, expected) for name in channels]
+    tones = np.array([_tones(column) for column in columns]).T
+    found = np.array([[line.frequency_hz for line in column] for column in columns]).T
+    decay = np.nan_to_num(np.array([[line.decay_per_s for line in column] for column in columns]).T)
+    given = np.array([line.frequency for line in expected])
+    # One frequency a line: that of the channel in which it stands out most, over what stands in the channel.
+    size = np.nan_to_num(np.abs(tones))
+    best = np.argmax(size / np.maximum(size.max(axis=0), 1e-300), axis=1)
+    shared = found[np.arange(given.size), best]
+    root = -decay + 2j * np.pi * np.where(np.isfinite(found), found, given[:, None])
+    tones[:, len(INTERFACE) :] /= root[:, len(INTERFACE) :] ** 2
+    return np.where(np.isfinite(shared), shared, given), tones
+
+
+def _tones(lines: list[Line]) -> np.ndarray:
+    """Complex amplitudes."""
+    return np.array([line.amplitude_n_m * np.exp(1j * line.phase_rad) for line in lines])
+
+
+def _lines(source: Motion | SteadyState, channel: str, expected: tuple[ExpectedLine, ...]) -> list[Line]:
+    """The expected lines in one channel, in their order."""
+    rate = source.scenario.record.sample_rate
+    if isinstance(source, SteadyState):
+        series = source.harmonics(channel)[: int(PASSBAND * rate / source.frequency) + 1]
+        found = lines_of_series(
+            series, source.frequency, source.microsteps, expected, source.scenario.record.samples, rate
+        )
+    else:
+        found = lines_at_known_clock(source[channel], rate, expected)
+    return [found[line.name] for line in expected]
+
+
+def _words(window: float) -> str:
+    return f"{window:g}s" if window >= 1.0 else f"{1e3 * window:g}ms" if window >= 1e-3 else f"{1e6 * window:g}us"

@@ -1,0 +1,72 @@
+"""What the hub of a craft does and feels, out of a motion's channels: loads at the interface, motions of points, line of sight.
+
+Everything is linear in modes and shafts (``model.craft``), so that nothing of it is integrated. Angles count from the mean motion
+that the command makes: a free craft turns against its array as long as it tracks, which is not a disturbance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from microvib.errors import ChannelError
+from microvib.model.craft import Craft, Rows
+from microvib.model.scenario import Scenario
+from microvib.solve.channels import LINE_OF_SIGHT
+from microvib.solve.command import Command
+
+ACCELERATIONS = ("eta", "eta_rate", "alpha_l", "alpha_m")
+"""Channels of which loads and accelerations are made; angles take those of the shafts too."""
+ANGLES = ("theta_l", "theta_m")
+
+
+def values_of(
+    rows: Rows, channels: Mapping[str, np.ndarray], scenario: Scenario, time: np.ndarray | None = None
+) -> np.ndarray:
+    """What is looked at, (n, k), in the ``channels`` of a motion of ``scenario`` at its times [s], (n,), which only angles need."""
+    craft = scenario.craft
+    assert craft is not None
+    shafts = np.zeros((channels["alpha_l"].shape[0], 4))
+    shafts[:, 2], shafts[:, 3] = channels["alpha_l"], channels["alpha_m"]
+    if np.any(rows.position):
+        assert time is not None
+        rotor = Command(scenario).count(time) * scenario.driver.microstep(scenario.motor)
+        shafts[:, 0] = channels["theta_l"] + rotor / scenario.reducer.ratio
+        shafts[:, 1] = channels["theta_m"] - rotor
+    return craft.outputs(rows).of(channels["eta"], channels["eta_rate"], shafts)
+
+
+def missing(channels: Mapping[str, np.ndarray], name: str) -> tuple[str, ...]:
+    """Channels that were not kept and are needed for ``name``."""
+    needed = ACCELERATIONS + (ANGLES if name in ("los_x", "los_y") else ())
+    return tuple(one for one in needed if one not in channels)
+
+
+def line_of_sight(
+    name: str, channels: Mapping[str, np.ndarray], scenario: Scenario, time: np.ndarray | None
+) -> np.ndarray | None:
+    """A channel of the line of sight, (n,); None where there is none."""
+    craft = scenario.craft
+    if name not in LINE_OF_SIGHT or craft is None or craft.spacecraft.line_of_sight is None or missing(channels, name):
+        return None
+    rows = craft.line_of_sight(accelerations=name in ("los_ax", "los_ay"))
+    one = np.eye(2)[[1 if name.endswith("y") else 0]]
+    return values_of(rows.through(one), channels, scenario, time)[:, 0]
+
+
+def hub_motion(
+    craft: Craft,
+    point: str,
+    channels: Mapping[str, np.ndarray],
+    scenario: Scenario,
+    time: np.ndarray,
+    accelerations: bool,
+) -> np.ndarray:
+    """Displacement [m] and rotation [rad] of a named point, or their second derivatives, (n, 6), hub axes."""
+    if point not in craft.spacecraft.points:
+        raise ChannelError(f"point '{point}' is not on the hub; there are {', '.join(craft.spacecraft.points)}")
+    lacking = [name for name in (*ACCELERATIONS, *ANGLES) if name not in channels]
+    if lacking:
+        raise ChannelError(f"point '{point}': {', '.join(lacking)} were not kept, of which its motion is made")
+    return values_of(craft.acceleration(point) if accelerations else craft.motion(point), channels, scenario, time)

@@ -1,0 +1,357 @@
+"""A drive on a craft: against the whole system in untransformed coordinates, limits, momentum, and what is refused."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from support import craft as whole
+from support.scenarios import in_si
+
+import microvib as mv
+from microvib.analysis.pointing import hub_lines
+from microvib.model.craft import Rows
+from microvib.model.rigid import elements
+from microvib.model.scenario import Scenario
+from microvib.signals.pointing import weight
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.pack import no_samples, pack
+
+TIMES = np.array([0.031, 0.072, 0.113, 0.154])
+BENDING = np.array([2e-3, -3e-3, 4e-3, 1e-2, 6e-3, -8e-3])
+PAYLOAD = np.array([-1e-3, 2e-3, 1e-3, -2e-2, 1.5e-2, 5e-3])
+
+
+def six(inertia: np.ndarray) -> list[float]:
+    return elements(inertia)
+
+
+def array_of(damping: np.ndarray = whole.DAMPING) -> dict[str, Any]:
+    modes = zip(whole.FREQUENCIES, damping, whole.PARTICIPATION.T, strict=True)
+    return {
+        "inertia": whole.ARRAY_INERTIA[2, 2],
+        "drive_axis": "z",
+        "modes": [{"frequency": f, "damping": xi, "interface_participation": p.tolist()} for f, xi, p in modes],
+        "rigid_body": {
+            "mass": whole.ARRAY_MASS,
+            "center_of_mass": whole.ARRAY_CENTER.tolist(),
+            "inertia": six(whole.ARRAY_INERTIA),
+        },
+    }
+
+
+def spacecraft_of(full: whole.FullCraft) -> dict[str, Any]:
+    hub: dict[str, Any] = {"mass": full.hub_scale * whole.HUB_MASS, "inertia": six(full.hub_scale * whole.HUB_INERTIA)}
+    if full.flexible:
+        hub["points"] = [
+            {"name": "root", "position": whole.PLACE.tolist()},
+            {"name": "payload", "position": [0.1, -0.2, 0.6]},
+        ]
+        hub["modes"] = [
+            {"frequency": f, "damping": xi, "shapes": [shape.tolist(), PAYLOAD.tolist()]}
+            for f, xi, shape in full.flexible
+        ]
+    control = {"bandwidth": full.bandwidth, "damping": full.control_damping} if full.bandwidth else "none"
+    return {
+        "hub": hub,
+        "array_angle": full.angle,
+        "interface": {
+            "position": whole.PLACE.tolist(),
+            "drive_axis": whole.AXIS.tolist(),
+            "reference": whole.REFERENCE.tolist(),
+        },
+        "attitude_control": control,
+        "line_of_sight": {
+            "boresight": [0.0, 0.0, 1.0],
+            "point": "payload" if full.flexible else "center",
+            "windows": [0.01, 0.1],
+        },
+    }
+
+
+def scenario_of(full: whole.FullCraft, **changes: Any) -> Scenario:
+    """The same drive and craft as a scenario; frictions are viscous."""
+    friction = {"coulomb": 0.0, "breakaway": 0.0, "stribeck_rate": 1e-4}
+    data: dict[str, Any] = {
+        "motor": {
+            "rotor_teeth": full.teeth, "current": full.current, "torque_constant": full.torque_constant,
+            "detent_torque": full.detent, "winding_resistance": full.resistance, "winding_inductance": full.inductance,
+            "rotor_inertia": full.rotor_inertia - 5e-6, "friction": {**friction, "viscous": full.on_rotor},
+        },
+        "driver": {"beats": 4, "microsteps": full.microsteps, "proportional_gain": full.gain, "integral_gain": full.integral},
+        "reducer": {
+            "ratio": full.ratio, "wave_generator_inertia": 5e-6, "stiffness": full.stiffness, "damping": full.gear_damping,
+            "output_inertia": full.output_inertia,
+        },
+        "friction": {**friction, "viscous": full.on_output},
+        "array": array_of(full.damping),
+        "tracking": {"rate": full.rate},
+        "record": {"settle": 1.0, "duration": 4.0, "sample_rate": 1024.0},
+        "spacecraft": spacecraft_of(full),
+    }  # fmt: skip
+    return in_si(Scenario, **data).with_si(changes)
+
+
+def shafts_of(row: np.ndarray) -> np.ndarray:
+    names = ("theta_l", "theta_m", "alpha_l", "alpha_m", "omega_l", "omega_m")
+    return row[[kernel.CHANNELS.index(name) for name in names]]
+
+
+def instants(scenario: Scenario, times: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Modes, their rates and shafts at instants of a run from rest."""
+    packed, command, now, found = pack(scenario), Command(scenario), 0.0, []
+    nothing = no_samples(packed.channels)._replace(width=0.0)
+    for stop in times:
+        assert packed.advance(stop, nothing, *command.microsteps(now, stop)) == kernel.OK
+        now, row = stop, packed.snapshot()
+        eta, rate = np.split(row[kernel.N_CHANNELS :], 2)
+        found.append((eta, rate, shafts_of(row)))
+    return found
+
+
+def seen(scenario: Scenario, rows: Rows, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """What is looked at in such instants."""
+    assert scenario.craft is not None
+    outputs = scenario.craft.outputs(rows)
+    return np.array([outputs.of(eta, rate, shafts[:4]) for eta, rate, shafts in found])
+
+
+def off(found: np.ndarray, wanted: np.ndarray) -> float:
+    """Largest difference over the largest value of each column."""
+    return float(np.max(np.abs(found - wanted).max(axis=0) / np.abs(wanted).max(axis=0)))
+
+
+UNDAMPED = whole.FullCraft(damping=0.0 * whole.DAMPING)
+FLEXIBLE = whole.FullCraft(
+    angle=math.radians(-65.0), bandwidth=0.3, flexible=[(17.0, 0.003, BENDING), (31.0, 0.004, -2.0 * BENDING[::-1])]
+)
+
+
+@pytest.fixture(scope="module")
+def undamped() -> np.ndarray:
+    return UNDAMPED.run(TIMES)
+
+
+@pytest.mark.parametrize(("method", "within"), [("propagators", 2e-6), ("rodas4", 1e-4)])
+def test_loads_and_motions_are_those_of_the_whole_system(undamped: np.ndarray, method: str, within: float) -> None:
+    scenario = scenario_of(UNDAMPED, **{"solver.method": method})
+    craft = scenario.craft
+    assert craft is not None
+    found = instants(scenario, TIMES)
+    n_q = UNDAMPED.n_q
+    for outputs, wanted in (
+        (craft.loads(), [UNDAMPED.hub_loads(y) for y in undamped]),
+        (craft.motion("interface"), [UNDAMPED.root @ y[:n_q] for y in undamped]),
+        (craft.motion("center"), [y[:6] for y in undamped]),
+        (craft.acceleration("center"), [UNDAMPED.accelerations(y)[:6] for y in undamped]),
+    ):
+        assert off(seen(scenario, outputs, found), np.array(wanted)) < within
+    assert off(np.array([row[2][:2] for row in found]), undamped[:, [UNDAMPED.n - 2, UNDAMPED.n - 1]]) < within
+
+
+def test_a_flexible_controlled_hub_is_as_the_whole_system() -> None:
+    still = replace(FLEXIBLE, control_damping=1e-9, damping=0.0 * whole.DAMPING)
+    scenario, states, n_q = scenario_of(still), still.run(TIMES), still.n_q
+    craft, found = scenario.craft, instants(scenario, TIMES)
+    assert craft is not None
+    at_payload = np.zeros((6, n_q))
+    at_payload[:3, :3] = at_payload[3:, 3:6] = np.eye(3)
+    at_payload[:3, 3:6] = -whole.cross_matrix(np.array([0.1, -0.2, 0.6]))
+    at_payload[:, 6:] = PAYLOAD[:, None]
+    for rows, by in (
+        (craft.motion("interface"), still.root),
+        (craft.motion("payload"), at_payload),
+        (craft.line_of_sight(), at_payload[3:5]),
+    ):
+        assert off(seen(scenario, rows, found), np.array([by @ y[:n_q] for y in states])) < 1e-4
+
+
+@pytest.mark.parametrize("full", [whole.FullCraft(bandwidth=0.3), FLEXIBLE])
+def test_lines_of_the_clock_take_the_whole_damping_matrix(full: whole.FullCraft) -> None:
+    """Responses to accelerations of both shafts, from the whole matrices, where modes are damped hard and unalike."""
+    craft, n = scenario_of(full).craft, full.n - 2
+    assert craft is not None
+    for f in (0.45, 1.19, 3.33, 53.3):
+        s = 2j * math.pi * f
+        dynamic = s**2 * full.M[:n, :n] + s * full.C[:n, :n] + full.K[:n, :n]
+        x = -np.linalg.solve(dynamic, full.M[:n, n:])
+        assert craft.transfer(craft.motion("interface"), np.array([f]))[0] == pytest.approx(
+            full.root @ x[: full.n_q], rel=1e-8
+        )
+        if not full.flexible:
+            on_centre = (s**2 * full.hub_M + s * full.C + full.K)[:6, :6] @ x[:6]
+            moment = on_centre[3:] - np.cross(whole.PLACE, on_centre[:3], axisb=0, axisc=0)
+            loads = craft.transfer(craft.loads(), np.array([f]))[0]
+            assert loads == pytest.approx(np.vstack([on_centre[:3], moment]), rel=1e-8, abs=1e-9)
+
+
+@pytest.mark.parametrize("full", [UNDAMPED, FLEXIBLE])
+def test_modes_with_locked_hinges(full: whole.FullCraft) -> None:
+    n = full.n - 2
+    squares = eigh(full.K[:n, :n], full.M[:n, :n], eigvals_only=True)
+    craft = scenario_of(full).craft
+    assert craft is not None
+    free = n - craft.frequency.size
+    assert free == (3 if full.bandwidth else 6)
+    assert np.abs(squares[:free]).max() < 1e-9
+    assert craft.frequency == pytest.approx(np.sqrt(squares[free:]) / (2.0 * math.pi), rel=1e-9)
+
+
+def test_momentum_of_a_free_craft_that_sticks_and_slips_is_conserved() -> None:
+    friction = {
+        "friction.coulomb": 0.02,
+        "friction.breakaway": 0.4,
+        "motor.friction.coulomb": 2e-4,
+        "motor.friction.breakaway": 5e-4,
+    }
+    full = whole.FullCraft()
+    scenario = scenario_of(full, **friction)
+    craft = scenario.craft
+    assert craft is not None
+    packed = pack(scenario)
+    packed.advance(0.5, no_samples(packed.channels)._replace(width=0.0), *Command(scenario).microsteps(0.0, 0.5))
+    assert packed.state.counters[kernel.STICKS] > 3
+    _, rate, shafts = instants(scenario, np.array([0.5]))[0]
+    hub_and_modes = craft.shapes @ rate + craft.by_output * shafts[4] + craft.by_rotor * shafts[5]
+    rates = np.concatenate([hub_and_modes, shafts[4:]])
+    left, exchanged = full.M[:6] @ rates, np.abs(full.M[:6] * rates).max(axis=1)
+    assert np.abs(left / exchanged).max() < 1e-12
+
+
+def test_invariants_on_a_craft_with_friction() -> None:
+    scenario = scenario_of(whole.FullCraft(), **{"friction.coulomb": 0.02, "friction.breakaway": 0.05})
+    motion = mv.simulate(scenario)
+    assert motion.invariants.torque_forms < 1e-9
+    assert motion.invariants.energy_mechanical < 1e-3
+    assert motion.invariants.momentum < 1e-5
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_both_methods_agree_where_bodies_stick(rigid: bool) -> None:
+    changes: dict[str, Any] = {
+        "friction.coulomb": 0.02, "friction.breakaway": 0.3, "motor.friction.coulomb": 2e-4, "motor.friction.breakaway": 5e-4,
+    }  # fmt: skip
+    changes |= {"reducer.stiffness": "rigid", "friction.coulomb": 1.0, "friction.breakaway": 3.0} if rigid else {}
+    changes |= {"reducer.transmission_error": [{"order": 2, "amplitude": 1e-4, "phase": 0.3}]} if rigid else {}
+    light = whole.FullCraft(hub_scale=0.1, rotor_inertia=2e-3)  # so that both shafts feel each other through the hub
+    motions = [
+        mv.simulate(
+            scenario_of(light, **changes, **{"solver.method": method, "record.settle": 0.0, "record.duration": 0.5})
+        )
+        for method in ("propagators", "rodas4")
+    ]
+    assert motions[0].solver["sticks"] > 0
+    for name in ("T_d", "My", "Fx", "los_x"):
+        a, b = (motion[name] for motion in motions)
+        assert np.sqrt(np.mean((a - b) ** 2)) < 2e-3 * np.sqrt(np.mean(b**2))
+
+
+def test_a_heavy_hub_is_firm_ground() -> None:
+    heavy = scenario_of(whole.FullCraft(hub_scale=1e9))
+    ground = heavy.with_({"spacecraft": None})
+    torques = [torque.T_d for torque in mv.batch([heavy, ground])]
+    assert np.abs(torques[0] - torques[1]).max() < 1e-6 * np.abs(torques[1]).max()
+
+
+def test_about_one_axis_a_rigid_hub_in_closed_form() -> None:
+    """One mode about the drive axis through the hub's centre of mass: f^2 = f_1^2 / (1 - H^2 / (J + J_flex + J_m + J_hub))."""
+    J, J_hub, J_flex, J_m, H, f = 12.0, 40.0, 0.01, 0.252e-4, 3.3, 1.19
+    scenario = scenario_of(whole.FullCraft()).with_si(
+        {
+            "array": {
+                "inertia": J,
+                "modes": [{"frequency": f, "damping": 0.01, "interface_participation": [0, 0, 0, 0, 0, H]}],
+                "rigid_body": {
+                    "mass": 30.0,
+                    "center_of_mass": [0.0, 0.0, 2.0],
+                    "inertia": [140.0, 140.0, J, 0.0, 0.0, 0.0],
+                },
+            },
+            "spacecraft.hub": {"mass": 400.0, "inertia": [30.0, J_hub, 30.0, 0.0, 0.0, 0.0]},
+            "spacecraft.interface.position": [0.0, 0.8, 0.0],
+            "spacecraft.line_of_sight.boresight": [1.0, 0.0, 0.0],
+        }
+    )
+    craft = scenario.craft
+    assert craft is not None
+    assert craft.frequency == pytest.approx([f / math.sqrt(1.0 - H**2 / (J + J_flex + J_m + J_hub))])
+    motion = mv.simulate(scenario)
+    assert motion["My"] == pytest.approx(motion["T_d"], abs=1e-9)
+    # The torque on the hub turns the hub: los_x is its rotation about hub y, for a boresight along x.
+    assert motion["los_ax"] == pytest.approx(motion["T_d"] / J_hub, abs=1e-12)
+    assert np.abs(motion.hub("center", accelerations=True)[:, [0, 1, 2, 3, 5]]).max() < 1e-12
+
+
+def test_lines_of_angles_are_those_of_the_angles_themselves() -> None:
+    scenario = scenario_of(whole.FullCraft(), **{"record.duration": 6.0, "record.settle": 2.0})
+    result = mv.run(scenario)
+    assert result.motion is not None
+    found = hub_lines(result.motion, result.table)
+    k = found.names.index("drive_1")
+    assert found.los is not None
+    assert np.abs(found.loads[k, 4]) == pytest.approx(result.table["drive_1"].amplitude_n_m, rel=1e-6)
+    x, f = result.motion["los_x"], float(found.frequency[k])
+    t = np.arange(x.size) / scenario.record.sample_rate
+    window = np.hanning(x.size) * np.exp(-2j * np.pi * f * t)
+    assert 2.0 * np.sum(window * (x - x.mean())) / np.hanning(x.size).sum() == pytest.approx(found.los[k, 0], rel=1e-3)
+    rms = found.mean_squares("rpe", 0.01)[k]
+    assert rms == pytest.approx(weight("rpe", f, 0.01) * 0.5 * np.abs(found.los[k]) ** 2)
+    header, rows = found.pointing_table()
+    assert rows[k][header.index("rpe_10ms_x_rad")] == pytest.approx(math.sqrt(rms[0]))
+    summed = found.summary()
+    assert len(summed["windows"]) == 2 * 7
+    assert summed["cumulative"]["rms_up_los_x_rad"][-1] == pytest.approx(summed["cumulative"]["rms_down_los_x_rad"][0])
+
+
+def test_the_steady_state_on_a_craft_is_that_of_a_long_run() -> None:
+    damped = whole.FullCraft(damping=np.full(4, 0.08))
+    scenario = scenario_of(damped, **{"record.settle": 20.0, "record.duration": 6.0})
+    long, steady = mv.run(scenario), mv.steady(scenario)
+    assert steady.state is not None
+    assert long.motion is not None
+    a, b = hub_lines(long.motion, long.table), hub_lines(steady.state, steady.lines)
+    for name in ("drive_1", "drive_2", "full_step_1"):
+        i, j = a.names.index(name), b.names.index(name)
+        assert np.abs(a.loads[i] - b.loads[j]).max() < 2e-3 * np.abs(b.loads[j]).max()
+
+
+WRONG = {
+    "not positive definite": ({"spacecraft.hub.inertia": [180.0, 150.0, -2.0, 0.0, 0.0, 0.0]}, "spacecraft.hub.inertia: principal"),
+    "triangle": ({"spacecraft.hub.inertia": [180.0, 150.0, 410.0, 0.0, 0.0, 0.0]}, "more than the sum of the other two"),
+    "boresight": ({"spacecraft.line_of_sight.boresight": [0.0, 0.0, 0.0]}, "line_of_sight.boresight"),
+    "axis": ({"spacecraft.interface.drive_axis": [0.0, 0.0, 0.0]}, "spacecraft.interface.drive_axis"),
+    "reference": ({"spacecraft.interface.reference": [1.0, 1.0, 0.0]}, "not perpendicular"),
+    "point": ({"spacecraft.line_of_sight.point": "star"}, "'star' is not a point of the hub; there are interface, center"),
+    "six": ({"array": {"inertia": 8.18, "rigid_inertia": 0.13, "modes": [{"frequency": 1.19, "damping": 0.01}]}}, "array: has no interface_participation"),
+    "mass": ({"array.rigid_body": None}, "array: has no rigid_body"),
+    "D_0": ({"array.rigid_body.mass": 5.0, "array.rigid_body.inertia": [421.0, 430.0, 12.2, 0.0, 0.0, 0.0]}, "D_0 = M_r - P P'"),
+    "J": ({"array.rigid_body.inertia": [420.0, 430.0, 13.2, 0.0, 0.0, 0.0]}, "disagrees with inertia"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_cannot_be_a_craft_is_one_sentence(case: str) -> None:
+    changes, says = WRONG[case]
+    with pytest.raises(mv.ScenarioError) as caught:
+        scenario_of(whole.FullCraft(), **changes)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_flexible_hub_needs_shapes_where_the_drive_sits() -> None:
+    with pytest.raises(mv.ScenarioError, match=r"interface\.position: no point of the hub's modes lies at"):
+        scenario_of(FLEXIBLE, **{"spacecraft.interface.position": [0.0, 0.0, 0.0]})
+    with pytest.raises(mv.ScenarioError, match="centre of mass of a flexible hub has no shapes"):
+        scenario_of(FLEXIBLE, **{"spacecraft.line_of_sight.point": "center"})
+
+
+def test_strong_damping_that_mixes_modes_is_said() -> None:
+    craft = scenario_of(whole.FullCraft(bandwidth=0.4, control_damping=1.0)).craft
+    assert craft is not None
+    assert craft.notes[0].startswith("Damping couples the craft's modes")
+    calm = scenario_of(whole.FullCraft()).craft
+    assert calm is not None
+    assert calm.notes == ()
