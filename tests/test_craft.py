@@ -1,17 +1,22 @@
 """A drive on a craft: against the whole system in untransformed coordinates, limits, momentum, and what is refused."""
 
+import csv
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.linalg import eigh
 from support import craft as whole
 from support.scenarios import in_si
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
+from microvib.cli.main import main
 from microvib.model.craft import Rows
 from microvib.model.rigid import elements
 from microvib.model.scenario import Scenario
@@ -355,3 +360,27 @@ def test_strong_damping_that_mixes_modes_is_said() -> None:
     calm = scenario_of(whole.FullCraft()).craft
     assert calm is not None
     assert calm.notes == ()
+
+
+def test_the_example_runs(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    example = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
+    done = CliRunner().invoke(
+        main, ["run", str(example), "--out", str(out), "--set", "record.settle=1 s", "--set", "record.duration=4 s"]
+    )
+    assert done.exit_code == 0, done.output
+    loads = list(csv.DictReader((out / "loads.csv").open()))
+    pointing = list(csv.DictReader((out / "pointing.csv").open()))
+    assert [row["line"] for row in loads] == [row["line"] for row in pointing]
+    drive = next(row for row in loads if row["line"] == "drive_1")
+    torque = next(row for row in csv.DictReader((out / "lines.csv").open()) if row["line"] == "drive_1")
+    assert float(drive["my_n_m"]) == pytest.approx(float(torque["amplitude_n_m"]), rel=1e-4)
+    assert float(drive["my_phase_rad"]) == pytest.approx(float(torque["phase_rad"]), abs=1e-3)
+    assert {"rpe_10ms_x_rad", "pde_1s_y_rad"} <= set(pointing[0])
+    windows = json.loads((out / "summary.json").read_text())["pointing"]["windows"]
+    assert len(windows) == 4 * 7
+    assert mv.load_scenario(out / "scenario.yaml") == mv.load_scenario(example).with_si(
+        {"record.settle": 1.0, "record.duration": 4.0}
+    )
+    again = mv.read_run(out).motion
+    assert again["los_x"] == pytest.approx(mv.simulate(again.scenario)["los_x"], abs=1e-12)

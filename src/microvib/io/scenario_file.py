@@ -107,8 +107,13 @@ ARRAY_ORIGINS = ("from", "fem")
 
 
 def with_files(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
-    """Scenario data with what files hold in place of their names: ``with_array``, and the currents of ``driver.table``."""
+    """Scenario data with what files hold in place of their names: ``with_array``, ``with_spacecraft``, and the currents of
+    ``driver.table``."""
     data = with_array(data, folder, origin)
+    if isinstance(data.get("spacecraft"), dict):
+        from microvib.io.spacecraft_files import with_spacecraft
+
+        data = with_spacecraft(data, folder, origin)
     name = table_file(data)
     if name is None:
         return data

@@ -83,7 +83,27 @@ _WORDS = {b"\x04\0\0\0": "<4", b"\0\0\0\x04": ">4", b"\x08\0\0\0": "<8", b"\0\0\
 """Byte order and bytes of a word, by the first record's length."""
 
 
-def _read(path: Path) -> _Results:
+def read_free_op2(path: Path, grids: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Modes of an OP2 file whatever is held: frequencies (s,) [Hz], and of ``grids`` places (p, 3) and shapes (p, 6, s).
+
+    Places and mass-normalised shapes are in the deck's units and basic frame. Raises ModalError.
+    """
+    results = _read(path, clamped=False)
+    if results.uset is None:
+        raise ModalError("has no geometry (GEOM1, BGPDT, EQEXIN); add PARAM,POST,-1 to the deck")
+    absent = [grid for grid in grids if grid not in results.grids]
+    if absent:
+        raise ModalError(f"points: grid {absent[0]} is not in the model, which has {len(results.grids)} grids")
+    phi, turns = _shapes(results) / np.sqrt(results.generalised), rigid_motion(results.uset)
+    shapes = []
+    for grid in grids:
+        rows = np.flatnonzero(results.uset.index.get_level_values(0) == grid)
+        turn = np.kron(np.eye(2), turns[rows[:3], :3])  # from the basic frame to the grid's own
+        shapes.append(turn.T @ phi[rows])
+    return results.frequency, np.array([results.grids[grid] for grid in grids]), np.array(shapes)
+
+
+def _read(path: Path, *, clamped: bool = True) -> _Results:
     with path.open("rb") as stream:
         word = _WORDS.get(stream.read(4))
     if word is None:
@@ -98,7 +118,7 @@ def _read(path: Path) -> _Results:
         for kind, starts in _VECTORS.items():
             name = next((n for start in starts for n in file.dbdct if n.upper().startswith(start)), None)
             data[kind] = None if name is None else read_vectors(file, name, word)
-    return _results(data)
+    return _results(data, clamped)
 
 
 def read_vectors(file: Any, name: str, word: str) -> Vectors | None:
@@ -152,12 +172,13 @@ def _wanted(file: Any) -> list[str]:
     return wanted
 
 
-def _results(data: dict[str, Any]) -> _Results:
+def _results(data: dict[str, Any], clamped: bool) -> _Results:
     lama = np.asarray(_named(data, "lama"), dtype=float)
     if lama.ndim != 2 or not lama.size or np.any(lama[:, 5] <= 0.0):
         raise ModalError("its table of eigenvalues (LAMA) is empty, or has generalised masses not greater than 0")
     forces, shapes, basic = (data[kind] for kind in _VECTORS)
-    check_clamped(lama[:, 4])
+    if clamped:
+        check_clamped(lama[:, 4])
     systems = {int(k): np.asarray(v, dtype=float) for k, v in (data.get("cstm2") or {}).items() if k > 0}
     free, weight = _named(data, "rbmass"), data.get("ogpwg")
     return _Results(

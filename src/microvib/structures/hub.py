@@ -1,0 +1,100 @@
+"""A hub from its free-free modes: mass properties out of the six rigid ones, flexible shapes about the centre of mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.model.rigid import about_center, elements, motion_of
+from microvib.model.sentences import validated
+from microvib.model.spacecraft import Hub
+from microvib.structures.modal import ModalError
+
+GAP = 20.0
+"""Ratio of the seventh to the sixth frequency from which the first six are those of a rigid body."""
+STILL = 0.02
+"""Frequency [Hz] below which a mode is one of a rigid body wherever the seventh lies."""
+ALIKE = 1e-3
+"""Relative size of what a rigid body's modes and mass cannot have."""
+
+
+@dataclass(frozen=True)
+class FreeModes:
+    """Free-free modes, mass-normalised, in SI and in hub axes from whatever origin."""
+
+    frequency: np.ndarray
+    """[Hz], (s,), with the six of the rigid body, in any order."""
+    damping: np.ndarray
+    """(s,)."""
+    names: tuple[str, ...]
+    positions: np.ndarray
+    """Of the named points [m], (p, 3)."""
+    shapes: np.ndarray
+    """Displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] of the points, (p, 6, s)."""
+
+
+def hub_of(modes: FreeModes) -> Hub:
+    """The hub: ModalError where there are not six rigid modes, or they are not those of a rigid body."""
+    order = np.argsort(modes.frequency, kind="stable")
+    f, shapes = modes.frequency[order], modes.shapes[:, :, order]
+    _check_rigid(f)
+    motions = np.array([motion_of(position) for position in modes.positions])
+    rigid = shapes[:, :, :6].reshape(-1, 6)
+    # Rigid modes come in any combination; B (6, 6) says how the origin moves in each.
+    B, *_ = np.linalg.lstsq(motions.reshape(-1, 6), rigid, rcond=None)
+    off = np.abs(rigid - motions.reshape(-1, 6) @ B).reshape(-1, 6, 6).max(axis=(1, 2)) / np.abs(rigid).max()
+    if off.max() > ALIKE:
+        k = int(off.argmax())
+        raise ModalError(
+            f"the six rigid modes move point {modes.names[k]} as no rigid body does (by {off[k]:.2g} of their motion): its"
+            " position, the units or the axes of its shapes do not belong to them"
+        )
+    if np.linalg.cond(B) > 1e12:
+        raise ModalError(
+            "the six modes of lowest frequency do not move the hub in six ways: one of them is a mechanism"
+        )
+    mass_matrix = np.linalg.inv(B @ B.T)
+    mass = float(np.trace(mass_matrix[:3, :3]) / 3.0)
+    coupling = mass_matrix[:3, 3:] / mass
+    if np.abs(mass_matrix[:3, :3] / mass - np.eye(3)).max() > ALIKE:
+        raise ModalError(
+            "the six rigid modes have another mass in each direction: they are not mass-normalised, or not in one unit system"
+        )
+    turned = 0.5 * (coupling - coupling.T)
+    center = np.array([turned[1, 2], turned[2, 0], turned[0, 1]])
+    inertia = about_center(mass, center, 0.5 * (mass_matrix[3:, 3:] + mass_matrix[3:, 3:].T))
+    return validated(
+        Hub,
+        {
+            "mass": mass,
+            "inertia": elements(inertia),
+            "points": [
+                {"name": name, "position": (position - center).tolist()}
+                for name, position in zip(modes.names, modes.positions, strict=True)
+            ],
+            "modes": [
+                {
+                    "frequency": float(f[k]),
+                    "damping": float(modes.damping[order][k]),
+                    "shapes": shapes[:, :, k].tolist(),
+                }
+                for k in range(6, f.size)
+            ],
+        },
+        si=True,
+    )
+
+
+def _check_rigid(f: np.ndarray) -> None:
+    """ModalError unless exactly six of the frequencies (s,) [Hz], ascending, are those of a free rigid body."""
+    count = int(np.sum(f < STILL))
+    if f.size > 6 and f[6] > GAP * max(f[5], 1e-12):
+        count = 6
+    if count == 6:
+        return
+    seen = f", the sixth at {f[5]:.3g} Hz and the seventh at {f[6]:.3g} Hz" if f.size > 6 else ""
+    raise ModalError(
+        f"{count} of {f.size} modes are those of a free rigid body{seen}; a hub's modes need all six (no SPC, no SUPORT left"
+        " out), and no mechanism beside them"
+    )

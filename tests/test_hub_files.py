@@ -1,0 +1,144 @@
+"""Hubs from files: tables of free-free modes with rigid ones in any combination, rows of the line of sight, what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import craft as whole
+
+import microvib as mv
+from microvib.io.scenario_file import load_scenario
+from microvib.io.spacecraft_files import HUB_COLUMNS, SHAPE
+from microvib.io.yaml_text import parse_yaml
+from microvib.structures.hub import FreeModes, hub_of
+from microvib.structures.modal import ModalError
+
+ORIGIN = np.array([0.3, -0.1, 0.7])  # of the table, from the hub's centre of mass
+POINTS = {"root": whole.PLACE, "payload": np.array([0.1, -0.2, 0.6])}
+BENDING = np.array([2e-3, -3e-3, 4e-3, 1e-2, 6e-3, -8e-3])
+
+
+def motion(position: np.ndarray) -> np.ndarray:
+    m = np.eye(6)
+    m[:3, 3:] = -whole.cross_matrix(position)
+    return m
+
+
+def free_modes() -> FreeModes:
+    """The hub of ``support.craft`` with one flexible mode; its six rigid modes are mixed at random."""
+    mass = np.zeros((6, 6))
+    mass[:3, :3], mass[3:, 3:] = whole.HUB_MASS * np.eye(3), whole.HUB_INERTIA
+    values, vectors = np.linalg.eigh(mass)
+    mixed = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
+    rigid = vectors @ np.diag(values**-0.5) @ mixed
+    shapes = np.array(
+        [np.column_stack([motion(place) @ rigid, BENDING * (1.0 + k)]) for k, place in enumerate(POINTS.values())]
+    )
+    tiny = np.array([3e-5, 1e-4, 0.0, 2e-4, 1e-5, 4e-4])
+    places = np.array(list(POINTS.values())) - ORIGIN
+    return FreeModes(np.append(tiny, 17.0), np.full(7, 0.003), tuple(POINTS), places, shapes)
+
+
+def table(modes: FreeModes) -> str:
+    lines = [",".join(HUB_COLUMNS)]
+    for k, f in enumerate(modes.frequency):
+        for p, name in enumerate(modes.names):
+            values = [*modes.positions[p], *modes.shapes[p, :, k]]
+            lines.append(",".join([str(k + 1), repr(float(f)), "0.003", name, *(repr(float(v)) for v in values)]))
+    return "\n".join(lines) + "\n"
+
+
+SPACECRAFT = {
+    "hub": {"modes": "hub.csv"},
+    "interface": {"position": ["0.35 m", "0.9 m", "-0.2 m"], "drive_axis": [0, 1, 0], "reference": [1, 0, 0]},
+    "line_of_sight": {"rows": "los.csv", "windows": ["10 ms"]},
+}
+ARRAY = {
+    "inertia": "12.2 kg*m^2",
+    "modes": [
+        {"frequency": "1.19 Hz", "damping": "1 percent", "interface_participation": [0.1, -0.1, 0.02, 0.3, -0.4, 3.35]}
+    ],
+    "rigid_body": {
+        "mass": "36.15 kg",
+        "center_of_mass": ["0.04 m", "0.02 m", "3.2 m"],
+        "inertia": [f"{x} kg*m^2" for x in (420, 430, 12.2, 1.5, -4, -2.2)],
+    },
+}
+ROWS = ",".join(("axis", "point", *SHAPE)) + "\nx,payload,0,0,0,1,0,0\nx,root,0.5,0,0,0,0,0\ny,payload,0,0,0,0,1,0\n"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "craft.yaml"
+    drive = parse_yaml(mv.dump_scenario(load_scenario("state-1")), "state-1")
+    del drive["sources"]
+    path.write_text(json.dumps({**drive, "array": ARRAY, "spacecraft": SPACECRAFT}))
+    (tmp_path / "hub.csv").write_text(table(free_modes()))
+    (tmp_path / "los.csv").write_text(ROWS)
+    return path
+
+
+def test_mass_and_shapes_come_out_of_any_mixture_of_rigid_modes() -> None:
+    hub = hub_of(free_modes())
+    assert hub.mass == pytest.approx(whole.HUB_MASS)
+    wanted = [180.0, 150.0, 210.0, 4.0, -6.0, 3.0]
+    assert hub.inertia == pytest.approx(wanted, rel=1e-9)
+    for point, place in zip(hub.points, POINTS.values(), strict=True):
+        assert point.position == pytest.approx(place, abs=1e-12)
+    assert [mode.frequency for mode in hub.modes] == [17.0]
+    assert hub.modes[0].shapes[1] == pytest.approx(2.0 * BENDING)
+
+
+def test_a_scenario_names_its_tables(file: Path, tmp_path: Path) -> None:
+    scenario = load_scenario(file)
+    craft = scenario.craft
+    assert craft is not None
+    rows = craft.line_of_sight()
+    assert rows.position[0] == pytest.approx(craft.at("payload")[3] + 0.5 * craft.at("root")[0])
+    assert rows.position[1] == pytest.approx(craft.at("payload")[4])
+    assert scenario.source_of("spacecraft.hub.mass") == "free-free modes of hub.csv"
+    whole_again = tmp_path / "again.yaml"
+    whole_again.write_text(mv.dump_scenario(scenario))
+    assert load_scenario(whole_again) == scenario
+
+
+def _changed(modes: FreeModes, **changes: object) -> FreeModes:
+    return FreeModes(**{**vars(modes), **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (lambda m: _changed(m, frequency=np.append(np.array([0.5, 0.7, 1.0, 2.0, 3.0, 4.0]), 17.0)), "0 of 7 modes are those of a free"),
+        (lambda m: _changed(m, frequency=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 5.0, 17.0])), "5 of 7 modes"),
+        (lambda m: _changed(m, positions=1000.0 * m.positions), "move point"),
+        (lambda m: _changed(m, shapes=m.shapes * np.repeat([1000.0, 1.0], 3)[:, None]), "move point"),
+    ],
+)  # fmt: skip
+def test_modes_that_are_no_free_hubs_are_one_sentence(wrong, says) -> None:
+    with pytest.raises(ModalError, match=says):
+        hub_of(wrong(free_modes()))
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "says"),
+    [
+        ("hub.csv", lambda t: t.replace("frequency_hz", "f"), "frequency_hz is missing"),
+        ("hub.csv", lambda t: "\n".join(t.splitlines()[:-1]), "has no row for point payload"),
+        ("hub.csv", lambda t: t.replace("17.0", "x", 1), "frequency_hz 'x' is not a number"),
+        ("los.csv", lambda t: t.replace("payload", "star"), "'star' is not a point of the hub"),
+        ("los.csv", lambda t: "", "is not a table of sensitivities"),
+        ("craft.yaml", lambda t: t.replace("hub.csv", "none.csv"), "No such file"),
+        ("craft.yaml", lambda t: t.replace("hub.csv", "hub.doc"), "is not a source of a hub's modes"),
+        ("craft.yaml", lambda t: t.replace('"hub.csv"', '"hub.csv", "mass": "3 kg"'), "does not go with hub.modes"),
+        ("craft.yaml", lambda t: t.replace("0.35 m", "0.36 m"), "no point of the hub's modes lies at"),
+    ],
+)
+def test_bad_files_are_one_sentence(file: Path, name: str, edit, says: str) -> None:
+    path = file.parent / name
+    path.write_text(edit(path.read_text()))
+    with pytest.raises(mv.MicrovibError) as caught:
+        load_scenario(file)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
