@@ -39,6 +39,7 @@ _HOME = {
     "judge": "analysis.limits",
     "lines": "analysis.lines",
     "load_scenario": "io.scenario_file",
+    "new_scenario": "io.new_scenario",
     "open_source": "io.sources",
     "plot": "reports.plots",
     "psd": "analysis.spectra",
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
         SimulationError,
         SynchronismLost,
     )
+    from microvib.io.new_scenario import new_scenario
     from microvib.io.recordings import read_recording
     from microvib.io.runs import read_run
     from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
@@ -119,6 +121,7 @@ __all__ = [
     "judge",
     "lines",
     "load_scenario",
+    "new_scenario",
     "open_source",
     "plot",
     "psd",

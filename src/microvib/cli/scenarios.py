@@ -140,12 +140,13 @@ def show(scenario: str, settings: tuple[str, ...]) -> None:
 
 @click.command()
 @click.argument("file", type=PATH)
-def new(file: Path) -> None:
+@click.option("--gear", metavar="GEAR", help="A harmonic gear of the catalog, such as 'size 14 ratio 100'.")
+def new(file: Path, gear: str | None) -> None:
     """Write FILE, a commented scenario to start from. Never overwrites."""
-    from microvib.io.scenario_file import catalog_text
+    from microvib.io.new_scenario import new_text
     from microvib.io.writing import write_file
 
-    write_file(file, catalog_text("new"))
+    write_file(file, new_text(gear))
     echo(f"Written: {file}. Edit it, then: microvib run {file}")
 
 

@@ -1,0 +1,120 @@
+"""Catalog of component harmonic gears, and what a scenario takes from one."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+from microvib.errors import OptionError, shown
+from microvib.io.tables import read_table
+
+SOURCE = "makers' engineering data of component harmonic gears (cup type, ratios from 80 on)"
+LOWEST, HIGHEST = 80.0, 160.0
+"""Ratios that the catalog's stiffnesses are for."""
+SPREAD = 0.3
+"""Part by which a gear's stiffness may differ from the catalog's, which is an average."""
+DAMPING = (0.01, 0.02, 0.05)
+"""Damping of the hub on the gear over critical damping, as makers do not state it: low, assumed, high."""
+_GEAR = re.compile(r"\s*size\s+(\d{1,4})(?:[\s,]+ratio\s+(\d{1,6}(?:\.\d{1,6})?))?\s*")
+
+
+class Entry(NamedTuple):
+    """A value of a scenario as its file has it, and what the file says of its source."""
+
+    text: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Gear:
+    """One size of the catalog. Stiffnesses are for torques up to T1, between T1 and T2, and above."""
+
+    size: int
+    stiffnesses: tuple[float, float, float]
+    """K1, K2, K3 [N m/rad] at the output."""
+    torques: tuple[float, float]
+    """T1, T2 [N m]."""
+    accuracy: float
+    """Bound on the transmission accuracy [arcmin], peak to peak over a turn of the output."""
+    hysteresis: float
+    """Bound on the hysteresis loss [arcmin]."""
+
+    @property
+    def amplitude(self) -> float:
+        """Bound on the amplitude of the kinematic error [arcsec at the output]: half of what is stated peak to peak."""
+        return 0.5 * 60.0 * self.accuracy
+
+    def entries(self, ratio: float, inertia: float) -> dict[str, Entry]:
+        """Dotted key to value and source of a scenario with this gear and ``inertia`` [kg m^2] rigidly on its output.
+
+        The stiffness is K1, the kinematic error the largest that the accuracy allows, at two per turn of the wave generator; the
+        damping is assumed.
+        """
+        K, T1 = self.stiffnesses[0], self.torques[0]
+        low, damping, high = (2.0 * xi * math.sqrt(K * inertia) for xi in DAMPING)
+        ends = f"range {(1.0 - SPREAD) * K:g} N*m/rad to {(1.0 + SPREAD) * K:g} N*m/rad"
+        error = "reducer.transmission_error"
+        return {
+            "reducer.ratio": Entry(f"{ratio:g}", f"data sheet: component harmonic gear of size {self.size}"),
+            "reducer.stiffness": Entry(
+                f"{K:g} N*m/rad",
+                f"data sheet: K1 of size {self.size}, {SOURCE}, which holds up to T1 = {T1:g} N m: torques of tracking in"
+                f" orbit are far below; an average, to ± {100 * SPREAD:g} %; {ends}",
+            ),
+            "reducer.damping": Entry(
+                f"{damping:.3g} N*m*s/rad",
+                f"assumed: {100 * DAMPING[1]:g} % of critical for the hub on the gear, {100 * DAMPING[0]:g} to"
+                f" {100 * DAMPING[2]:g} %; range {low:.3g} N*m*s/rad to {high:.3g} N*m*s/rad",
+            ),
+            error: Entry("", "assumed: two per turn of the wave generator, the usual order; phase 0"),
+            f"{error}.0.amplitude": Entry(
+                f"{self.amplitude:g} arcsec",
+                f"assumed: half of the accuracy of {self.accuracy:g} arcmin peak to peak, a maker's bound for size"
+                f" {self.size}, all of it at this order; range 0 arcsec to {self.amplitude:g} arcsec",
+            ),
+        }
+
+
+@cache
+def catalog_gears() -> dict[int, Gear]:
+    """Gears of the catalog by their size, the smallest first."""
+    rows = [{key: float(text) for key, text in row.items()} for row in read_table("harmonic_gears")]
+    gears = (
+        Gear(
+            size=int(row["size"]),
+            stiffnesses=(row["K1_n_m_per_rad"], row["K2_n_m_per_rad"], row["K3_n_m_per_rad"]),
+            torques=(row["T1_n_m"], row["T2_n_m"]),
+            accuracy=row["accuracy_arcmin"],
+            hysteresis=row["hysteresis_arcmin"],
+        )
+        for row in rows
+    )
+    return {gear.size: gear for gear in gears}
+
+
+def find_gear(text: str, ratio: float | None = None) -> tuple[Gear, float]:
+    """Gear and ratio of ``size 14 ratio 100``; the ratio may be given apart. OptionError where the catalog has no such gear."""
+    found = _GEAR.fullmatch(str(text).lower())
+    sizes = ", ".join(map(str, catalog_gears()))
+    if found is None:
+        raise OptionError("gear", f"{shown(text)} is not a gear; write 'size 14 ratio 100', sizes are {sizes}")
+    gear = catalog_gears().get(int(found[1]))
+    if gear is None:
+        raise OptionError("gear", f"{shown(text)}: size {found[1]} is not in the catalog; sizes are {sizes}")
+    own = float(found[2]) if found[2] else ratio
+    if own is None:
+        raise OptionError("gear", f"{shown(text)} has no ratio; write 'size {gear.size} ratio 100'")
+    if ratio is not None and own != ratio:
+        raise OptionError(
+            "gear", f"{shown(text)} has another ratio than the one given apart, {ratio:g}; one is expected"
+        )
+    if not LOWEST <= own <= HIGHEST:
+        raise OptionError(
+            "gear",
+            f"{shown(text)}: the catalog's stiffnesses are for ratios from {LOWEST:g} to {HIGHEST:g}, not {own:g}; give"
+            " reducer.stiffness in the file instead",
+        )
+    return gear, own
