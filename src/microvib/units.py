@@ -54,6 +54,7 @@ _COMMON: dict[str, dict[str, float]] = {
     "N*m/A": {"N*m/A": 1.0, "mN*m/A": 0.001, "V*s/rad": 1.0},
     "N*m/Hz^0.5": {"N*m/Hz^0.5": 1.0, "mN*m/Hz^0.5": 0.001},
     "N*m/rad": {"N*m/rad": 1.0, "mN*m/rad": 0.001, "kN*m/rad": 1000.0, "N*m/deg": 57.29577951308232},
+    "N^2*m^2/Hz": {"N^2*m^2/Hz": 1.0, "mN^2*m^2/Hz": 1e-6},
     "N/Hz^0.5": {"N/Hz^0.5": 1.0, "mN/Hz^0.5": 0.001},
     "N/m": {"N/m": 1.0, "N/mm": 1000.0, "kN/m": 1000.0},
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9},

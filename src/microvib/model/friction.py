@@ -6,7 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
+from scipy.optimize import brentq
 
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -26,6 +28,85 @@ class SlipRing(Part):
         return self.contact_pairs * self.contact_force * self.friction_factor * self.ring_radius
 
 
+class Presliding(Part):
+    """Friction with memory before it slides: elements side by side, each a spring up to its share of the limit.
+
+    Generalised Maxwell-slip (F. Al-Bender, V. Lampaert, J. Swevers, IEEE Trans. Automatic Control 50 (11), 2005) without the
+    elements' own attraction: one that slips is at its limit. Elements give way one after another, at angles in a geometric row.
+    """
+
+    stiffness: Annotated[
+        float, Quantity("N*m/rad", "stiffness of what sticks, at zero angle", "k_0", gt=0, usual=(1e-3, 1e7))
+    ]
+    breakaway_angle: (
+        Annotated[
+            float, Quantity("rad", "angle from rest at which all slides", gt=0, display="arcsec", usual=(1e-7, 0.1))
+        ]
+        | None
+    ) = None
+    elements: Annotated[int, Field(ge=1, le=10, strict=True, description="number of elements")] = 6
+
+
+class TorqueNoise(Part):
+    """Gaussian torque noise of a friction, with a flat density within a band."""
+
+    density: Annotated[
+        float, Quantity("N^2*m^2/Hz", "one-sided power spectral density of the torque", ge=0, usual=(1e-12, 1e-2))
+    ]
+    lowest: Annotated[float, Quantity("Hz", "lowest frequency of the noise", ge=0)] = 0.0
+    highest: (
+        Annotated[float, Quantity("Hz", "highest frequency of the noise; half the sample rate if none", gt=0)] | None
+    ) = None
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1, strict=True, description="of the random draw")] = 1
+
+    def _misfits(self) -> Iterator[str]:
+        if self.highest is not None and self.highest <= self.lowest:
+            yield f"highest: {self.highest:g} Hz is not above lowest, {self.lowest:g} Hz; it must be"
+
+    def band(self, sample_rate: float) -> tuple[float, float]:
+        """Lowest and highest frequency [Hz] in a record of ``sample_rate`` [Hz]."""
+        return self.lowest, 0.5 * sample_rate if self.highest is None else self.highest
+
+
+def maxwell_elements(
+    stiffness: float, limit: float, count: int, angle: float | None = None
+) -> tuple[tuple[float, float], ...]:
+    """Stiffness [N m/rad] and share of the limit of ``count`` elements: ``stiffness`` together, all sliding at ``angle`` [rad].
+
+    ``limit`` [N m] is what they transmit then; the angle is four times that over the stiffness if not given. Raises ValueError
+    where the angle does not go with stiffness and limit.
+    """
+    elastic = limit / stiffness
+    angle = angle or (elastic if count == 1 else 4.0 * elastic)
+    if count == 1:
+        if abs(angle / elastic - 1.0) > 1e-6:
+            raise ValueError(f"one element slides at {elastic:.4g} rad; give that breakaway_angle or more elements")
+        return ((stiffness, 1.0),)
+    if angle <= elastic * (1.0 + 1e-9):
+        raise ValueError(
+            f"breakaway_angle is {angle:.4g} rad; it must be above {elastic:.4g} rad, the breakaway torque over the stiffness"
+        )
+    ends = np.geomspace(min(angle / count, 0.5 * elastic), angle, count)
+    falls = np.linspace(1.0, 0.0, count + 1)[:-1]
+
+    def short_of(power: float) -> float:  # the slope falls from k_0 to 0 so that the limit is reached at the angle
+        return stiffness * float(np.sum(falls**power * np.diff(ends, prepend=0.0))) - limit
+
+    slopes = stiffness * falls ** brentq(short_of, 0.0, 1e4)
+    each = -np.diff(slopes, append=0.0)
+    return tuple((float(k), float(k * end / limit)) for k, end in zip(each, ends, strict=True) if k > 0.0)
+
+
+def quasi_static_torque(memory: tuple[tuple[float, float], ...], limit: float, angles: np.ndarray) -> np.ndarray:
+    """Torque [N m] of elements along slow ``angles`` (n,) [rad], the first of which finds them relaxed, (n,)."""
+    stiffness, share = np.array(memory).T
+    force, torques = np.zeros(share.size), []
+    for turn in np.diff(angles, prepend=angles[0]):
+        force = np.clip(force + stiffness * turn, -share * limit, share * limit)
+        torques.append(float(force.sum()))
+    return np.array(torques)
+
+
 class Friction(Part):
     """Stribeck friction of one shaft (Eq. 5, 7)."""
 
@@ -37,10 +118,35 @@ class Friction(Part):
     stribeck_shape: Annotated[float, Quantity("", "exponent of the Stribeck curve", "delta", gt=0, le=10)] = 1.0
     viscous: Annotated[float, Quantity("N*m*s/rad", "viscous friction", "sigma", ge=0, usual=(1e-7, 1e4))]
     slip_ring: SlipRing | None = None
+    presliding: Presliding | None = Field(
+        default=None, description="friction with memory; without it, what sticks is rigid"
+    )
+
+    torque_noise: TorqueNoise | None = Field(
+        default=None, description="noise of the torque, on the output; without it, none"
+    )
 
     def _misfits(self) -> Iterator[str]:
         if self.breakaway < self.coulomb:
             yield f"breakaway: {self.breakaway:g} N*m is below coulomb, {self.coulomb:g} N*m; it must be at least that"
+            return
+        if self.presliding is None:
+            return
+        if self.breakaway_torque == 0.0:
+            yield "presliding: there is no friction that could stick; coulomb, breakaway or slip_ring must be greater than 0"
+            return
+        try:
+            _ = self.memory
+        except ValueError as error:
+            yield f"presliding: {error}"
+
+    @property
+    def memory(self) -> tuple[tuple[float, float], ...]:
+        """Stiffness [N m/rad] and share of the limit of each element of a friction with memory; empty without."""
+        own = self.presliding
+        if own is None:
+            return ()
+        return maxwell_elements(own.stiffness, self.breakaway_torque, own.elements, own.breakaway_angle)
 
     @property
     def sliding_torque(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated
 
 from pydantic import Field
@@ -26,6 +27,10 @@ class Motor(Part):
         float, Quantity("kg*m^2", "moment of inertia of the rotor", "J_r", gt=0, display="kg*cm^2", usual=(1e-9, 1e-2))
     ]
     friction: Friction = Field(description="friction on the rotor, against omega_m")
+
+    def _misfits(self) -> Iterator[str]:
+        if self.friction.torque_noise is not None:
+            yield "friction.torque_noise: noise acts on the output; give it as friction.torque_noise of the scenario"
 
     @property
     def electromagnetic_stiffness(self) -> float:

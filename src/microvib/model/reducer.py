@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from microvib.model.friction import maxwell_elements
 from microvib.model.part import Part
 from microvib.units import Quantity
 
@@ -18,6 +19,19 @@ class TransmissionError(Part):
     order: Annotated[int, Field(ge=1, le=1000, strict=True, description="cycles per turn of the wave generator")]
     amplitude: Annotated[float, Quantity("rad", "amplitude at the output", ge=0, display="arcsec", usual=(1e-7, 0.02))]
     phase: Annotated[float, Quantity("rad", "phase at the wave generator's zero", display="deg")] = 0.0
+
+
+class Hysteresis(Part):
+    """What the gear's torque lags behind its twist: elements beside its spring, each a spring up to its share of a limit."""
+
+    loss: Annotated[
+        float,
+        Quantity("rad", "width of the loop at zero torque, at the output", gt=0, display="arcmin", usual=(1e-6, 0.01)),
+    ]
+    stiffness: Annotated[
+        float, Quantity("N*m/rad", "stiffness beside the gear's own at small twists", gt=0, usual=(1.0, 1e7))
+    ]
+    elements: Annotated[int, Field(ge=1, le=10, strict=True, description="number of elements")] = 4
 
 
 class Reducer(Part):
@@ -46,6 +60,9 @@ class Reducer(Part):
     transmission_error: tuple[TransmissionError, ...] = Field(
         default=(), description="kinematic error, harmonic by harmonic"
     )
+    hysteresis: Hysteresis | None = Field(
+        default=None, description="torque that lags behind the twist; without it, none"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -56,12 +73,26 @@ class Reducer(Part):
         return data
 
     def _misfits(self) -> Iterator[str]:
+        if self.rigid and self.hysteresis is not None:
+            yield "hysteresis: a rigid reducer has no twist that torque could lag behind; give stiffness in N*m/rad"
         slope = sum(e.order * e.amplitude for e in self.transmission_error)
         if slope >= 1.0 / self.ratio:
             yield (
                 f"transmission_error: the sum of order x amplitude is {slope:g} rad; it must be below 1/ratio,"
                 f" {1.0 / self.ratio:g} rad, or the output would run backwards"
             )
+
+    @property
+    def hysteresis_torque(self) -> float:
+        """Torque at which all elements of the hysteresis slide [N m]: half the loss over the compliance."""
+        return 0.0 if self.hysteresis is None else 0.5 * self.hysteresis.loss * float(self.stiffness)
+
+    @property
+    def memory(self) -> tuple[tuple[float, float], ...]:
+        """Stiffness [N m/rad] and share of that torque of each element of the hysteresis; empty without."""
+        if self.hysteresis is None:
+            return ()
+        return maxwell_elements(self.hysteresis.stiffness, self.hysteresis_torque, self.hysteresis.elements)
 
     @property
     def rigid(self) -> bool:

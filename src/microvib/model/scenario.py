@@ -96,6 +96,11 @@ class Scenario(Part):
         return craft_of(self.array, self.spacecraft, self.reducer.output_inertia, self.rotor_inertia)
 
     @property
+    def has_memory(self) -> bool:
+        """Whether a friction or the gear has elements that remember (``presliding``, ``hysteresis``)."""
+        return bool(self.motor.friction.memory or self.friction.memory or self.reducer.memory)
+
+    @property
     def rate(self) -> float | None:
         """Rate of the array [rad/s] while it is recorded, or None where it changes."""
         return self.tracking.constant_rate(self.record.settle, self.record.settle + self.record.duration)

@@ -9,6 +9,7 @@ import numpy as np
 
 from microvib.analysis.limits import Judgement
 from microvib.analysis.spectra import spectrum
+from microvib.model.friction import quasi_static_torque
 from microvib.model.linear import coupled_modes
 from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, one_axes, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable
@@ -202,6 +203,26 @@ def draw_torques(output: Axes, rotor: Axes, motion: Motion) -> None:
     gear = motion["T_g"] / motion.scenario.reducer.ratio
     _draw_curves(rotor, motion, {"motor": motion["T_e"], "friction": motion["T_f_m"], "gear over ratio": gear})
     rotor.set(ylabel="torque [mN m]", title="At the rotor")
+
+
+def draw_friction_loop(ax: Axes, motion: Motion) -> None:
+    """Friction of the output over its angle: through some microsteps, and slowly to and fro over a shaft that slides at last."""
+    friction, t = motion.scenario.friction, _beginning(motion)
+    limit, memory = friction.breakaway_torque, friction.memory
+    ends = [share * limit / k for k, share in memory]
+    angle = motion["theta_l"][: t.size] - motion["theta_l"][: t.size].mean()
+    for amplitude, dashes in ((1.2 * ends[-1], ":"), (0.5 * ends[-1], "--")):
+        path = np.interp(
+            np.linspace(0.0, 5.0, 1000), np.arange(6), amplitude * np.array([0.0, 1.0, 0.0, -1.0, 0.0, 1.0])
+        )
+        torque = quasi_static_torque(memory, limit, path)
+        label = f"slowly, to and fro by ±{1e6 * amplitude:.3g} µrad"
+        ax.plot(1e6 * path, 1e3 * torque, color=GREY, linestyle=dashes, linewidth=1.2, label=label)
+    span = f"the run, {t[-1] - t[0]:.3g} ms"
+    ax.plot(1e6 * angle, 1e3 * motion["T_f"][: t.size], color=RED, linewidth=1.3, label=span)
+    _headroom(ax, 0.35)
+    ax.set(xlabel="angle of the output about its mean [µrad]", ylabel="friction torque [mN m]")
+    ax.legend(loc="upper left", fontsize=8)
 
 
 def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray]) -> None:

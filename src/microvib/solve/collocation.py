@@ -26,12 +26,14 @@ from typing import NamedTuple
 
 from microvib.compiled import Matrix, Unit, Vector
 from microvib.solve.kernel import (
+    COMPILE,
     FORCED,
     IA,
     IB,
     INLINE,
     ITERATIONS_MADE,
     MODES,
+    NOW,
     RATE_A,
     RATE_B,
     REF_A,
@@ -49,13 +51,17 @@ from microvib.solve.kernel import (
     XB,
     drive_derivative,
     drive_margins,
+    element_margin,
+    elements_of,
     follow,
     modal_torques,
+    noise_at,
     output_rate,
     references_after,
 )
 from microvib.solve.propagators import (
     CONVERGED,
+    CUBES,
     HIGHEST,
     INPUTS,
     ITERATIONS,
@@ -100,6 +106,8 @@ class Work(NamedTuple):
     sums: (
         Matrix  # lanes: torques and momentum of the modes as free oscillators; torques; T_d; momentum; margins; change
     )
+    noise: Matrix  # lanes: torque noise
+    margins: Matrix  # lanes: of the elements of frictions with memory
     values: Matrix  # lanes: channels
     by_node: Matrix  # channels, (4, channels)
     powers: Matrix  # coefficients of the deficits' cubics, two rows for each power
@@ -179,8 +187,24 @@ def _unsee(v, y, x, p, t):
 
 @code.inner(**INLINE)
 def _pattern(stick, p):
-    """Which bodies stick."""
-    return (2 if stick[0] == 0.0 else 0) + (1 if stick[1] == 0.0 and not p.rigid else 0)
+    """Which bodies stick; those with elements where most of their stiffness does."""
+    if p.rigid:
+        return 2 if stick[0] == 0.0 else 0
+    on_rotor, on_output = stick[0] == 0.0, stick[1] == 0.0
+    if p.m_elements > 0:
+        on_rotor = _mostly(0, stick, p)
+    if p.l_elements > 0:
+        on_output = _mostly(1, stick, p)
+    return (2 if on_rotor else 0) + (1 if on_output else 0)
+
+
+@code.inner(**COMPILE)
+def _mostly(body, stick, p):
+    """Whether more than half the stiffness of a body's elements sticks."""
+    balance = 0.0
+    for e in elements_of(body, p):
+        balance += p.elements[e, 0] if stick[2 + e] == 0.0 else -p.elements[e, 0]
+    return balance > 0.0
 
 
 # ---- One step ----
@@ -200,7 +224,8 @@ def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
     if not p.ideal:
         off_A, off_B = _off(dt, x.clock, s, c)
         y[IA], y[IB] = y[IA] + off_A, y[IB] + off_B
-    drive_derivative(y, modal, on_rotor, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1))
+    noise = rows(w.noise, 0, 1, 1)[0]
+    drive_derivative(y, modal - noise, on_rotor, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1))
     sums[TORQUE], sums[ON_ROTOR] = modal, on_rotor
     f_d, f_q = f[IA] * c + f[IB] * s, f[IB] * c - f[IA] * s
     r[0] = (
@@ -248,6 +273,14 @@ def _free_modes(level, x, p, t, w):
     sums[FREE_TORQUE], sums[FREE_MOMENTUM], sums[FREE_ON_ROTOR] = torque, momentum, on_rotor
 
 
+@code.inner(**INLINE)
+def _listen(T, x, p, w):
+    """Torque noise at the nodes of a step of length ``T``."""
+    if p.noise.size > 0:
+        for j in range(4):
+            w.noise[0, j] = noise_at(x.clock[NOW] + CUBES[j] * T, p)
+
+
 @code.inner(**FORCED)
 def _iterate(level, s, c, x, p, t, w):
     """Solve the step's equation from the deficits in ``w.r``; the last change of the deficits, over what a microstep moves."""
@@ -265,6 +298,7 @@ def _iterate(level, s, c, x, p, t, w):
             total += E[j, i] * w.x[j]
         free[i] = total
     _free_modes(level, x, p, t, w)
+    _listen(T, x, p, w)
     last = math.inf
     for _ in range(ITERATIONS):
         _states_at_nodes(K, x, p, t, w)
@@ -369,6 +403,7 @@ def _begin(s, c, x, p, t, w):
     for i in range(N):
         at[i] = nothing + w.x[i]
     modal, on_rotor = modal_torques(x.y, rate, p)
+    _listen(0.0, x, p, w)
     _evaluate_deficits(0.0, s, c, nothing + modal, nothing + on_rotor, x, p, t, w)
 
 
@@ -384,8 +419,11 @@ def _continue(how, t, w):
 def _judge(p, x, w):
     """Margins of both frictions, momentum and disturbance torque at the nodes."""
     y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
-    sums = rows(w.sums, 0, N_SUMS, 1)
-    sums[MARGIN_M], sums[MARGIN_L] = drive_margins(y, sums[TORQUE], sums[ON_ROTOR], x.stick, p)
+    sums, margins = rows(w.sums, 0, N_SUMS, 1), rows(w.margins, 0, w.margins.shape[0], 1)
+    on_output = sums[TORQUE] - rows(w.noise, 0, 1, 1)[0]
+    sums[MARGIN_M], sums[MARGIN_L] = drive_margins(y, on_output, sums[ON_ROTOR], x.stick, p)
+    for e in range(p.elements.shape[0]):
+        margins[e] = element_margin(e, y, x.stick, p)
     sums[TORQUE_D] = sums[TORQUE] - p.J_L * q[6] - p.J_m * f[WM]
     if p.H_m.size > 0:
         sums[TORQUE_D] = sums[TORQUE_D] + sums[ON_ROTOR] - p.J_c * (q[6] + f[WM])

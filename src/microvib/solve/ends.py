@@ -17,11 +17,15 @@ from microvib.solve.kernel import (
     FORCED,
     INLINE,
     MODES,
+    NOW,
     TL,
     TM,
     WL,
     WM,
+    body_of,
+    element_margin,
     margins,
+    noise_at,
 )
 from microvib.solve.propagators import (
     CUBES,
@@ -50,14 +54,27 @@ code = Unit(
 )
 
 
+@code.inner(**INLINE)
+def _margin_of(which, x, p, w):
+    """Values of a margin at the nodes; where it is a rate, the row of that rate and its sign in the margin, else 0.
+
+    Margins are those of rotor and output and, from 2 on, of the elements of frictions with memory.
+    """
+    if which < 2:
+        return w.sums[MARGIN_M + which], WM if which == 0 else WL, x.stick[which]
+    body = body_of(which - 2, p)
+    sign = 0.0 if body == 2 or (body == 1 and p.rigid) else x.stick[which]
+    return w.margins[which - 2], WM if body == 0 else WL, sign
+
+
 @code.inner(**COMPILE)
-def _fit_margin(which, T, x, w):
+def _fit_margin(which, T, x, p, w):
     """Coefficients of the margin of friction ``which`` over the step, into ``w.poly``.
 
     A polynomial through its values at the nodes; that of a friction that slips has its slopes as well.
     """
-    values, row = w.sums[MARGIN_M + which], WM if which == 0 else WL
-    poly, sign = w.poly, x.stick[which]
+    values, row, sign = _margin_of(which, x, p, w)
+    poly = w.poly
     for m in range(8):
         poly[m] = 0.0
         for j in range(4):
@@ -79,16 +96,16 @@ def _value_and_slopes(u, poly):
 
 
 @code.inner(**COMPILE)
-def _grazes(which, T, x, w):
+def _grazes(which, T, x, p, w):
     """Node before which, and fraction where, a rate that is positive at all nodes is lowest between two, if negative; else 0, 2."""
-    values, row, sign = w.sums[MARGIN_M + which], WM if which == 0 else WL, x.stick[which]
+    values, row, sign = _margin_of(which, x, p, w)
     for node in range(1, 4):
         lo, hi = CUBES[node - 1], CUBES[node]
         if values[node - 1] == 0.0:
             continue  # it has just broken away
         falls, rises = sign * w.f[row, node - 1] * T * (hi - lo), sign * w.f[row, node] * T * (hi - lo)
         if falls < 0.0 < rises and min(values[node - 1] + falls, values[node] - rises) < 0.0:
-            _fit_margin(which, T, x, w)
+            _fit_margin(which, T, x, p, w)
             u = lo + (hi - lo) * falls / (falls - rises)
             for _ in range(60):
                 _, slope, curvature = _value_and_slopes(u, w.poly)
@@ -108,23 +125,23 @@ def _grazes(which, T, x, w):
 
 
 @code.inner(**COMPILE)
-def _first_root(which, until, T, x, t, w):
+def _first_root(which, until, T, x, p, w):
     """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls below zero; else 2."""
-    values = w.sums[MARGIN_M + which]
+    values, _, sign = _margin_of(which, x, p, w)
     node = 1
     while node < 4 and values[node] >= 0.0:
         node += 1
     lo, hi = CUBES[node - 1], 2.0
     if node < 4:
         hi = CUBES[node]
-    elif x.stick[which] != 0.0:
-        node, hi = _grazes(which, T, x, w)
+    elif sign != 0.0:
+        node, hi = _grazes(which, T, x, p, w)
         lo = CUBES[node - 1]
     if hi == 2.0 or lo >= until:
         return 2.0
     if values[node - 1] < 0.0:
         return lo
-    _fit_margin(which, T, x, w)
+    _fit_margin(which, T, x, p, w)
     at_lo, at_hi = values[node - 1], _value_and_slopes(hi, w.poly)[0]
     u = lo + (hi - lo) * at_lo / (at_lo - at_hi)
     for _ in range(60):
@@ -313,16 +330,24 @@ def _whole(level, p, x, t, w):
         w.modes[2 * k], w.modes[2 * k + 1] = after_eta, after_rate
 
 
+@code.inner(**INLINE)
+def _margin_there(dt, which, x, p, w):
+    """Margin of rotor or output in the state ``w.there``, ``dt`` after now."""
+    return margins(w.there, noise_at(x.clock[NOW] + dt, p), x.stick, p)[which]
+
+
 @code.inner(**COMPILE)
 def _end_at_event(u, which, level, x, p, t, w):
     """End the step where the margin of friction ``which`` is just spent, near its fraction ``u``; returns where.
 
     ``u`` comes from the cubic through the nodes; the solution itself corrects it.
     """
-    scale = w.per_size[2 if which == 0 else 3]
-    limit = (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
-    enough = 1e-4 * t.accuracy / scale if x.stick[which] != 0.0 else 1e-8 * limit
-    below, above = 0.0, 1.0
+    body = which if which < 2 else body_of(which - 2, p)
+    scale = w.per_size[2 if body == 0 or p.rigid else 3]
+    limit = p.g_limit if body == 2 else (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
+    # rates that are left are set to 0: momentum lost, where elements come to rest often
+    enough = (1e-4 if which < 2 else 1e-8) * t.accuracy / scale if x.stick[which] != 0.0 else 1e-8 * limit
+    below, above, length = 0.0, 1.0, t.longest * 0.5**level
     last_u, last_e = 0.0, math.inf
     for _ in range(8):
         _evaluate(u, level, x, p, t, w)
@@ -330,7 +355,7 @@ def _end_at_event(u, which, level, x, p, t, w):
         _unsee(w.end, w.there, x, p, t)
         for j in range(w.modes.size):
             w.there[MODES + j] = w.modes[j]
-        e = margins(w.there, x.stick, p)[which]
+        e = element_margin(which - 2, w.there, x.stick, p) if which >= 2 else _margin_there(u * length, which, x, p, w)
         if e < 0.0:
             above = u
         else:

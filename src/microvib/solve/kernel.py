@@ -100,6 +100,14 @@ class Drive(NamedTuple):
     inv_z: float
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
+    # friction with memory: how many elements act on rotor, output and gear, and of each its stiffness and its share of the limit
+    m_elements: int
+    l_elements: int
+    g_elements: int
+    g_limit: float
+    elements: Matrix  # (m_elements + l_elements + g_elements, 2)
+    noise: Vector  # torque noise of the output's friction: value and slope at each knot
+    noise_rate: float  # knots per second
     H: Vector  # (s,)
     H_m: Vector  # participation in the rotor's motion, (s,) on a craft, else (0,)
     D: Vector
@@ -112,7 +120,7 @@ class State(NamedTuple):
     """What the integration updates: state, friction modes (-1, 0 stuck, 1), times and references, counters, energies [J]."""
 
     y: Vector
-    stick: Vector
+    stick: Vector  # modes of rotor and output; then those of all elements, and the angle at which each that sticks is relaxed
     clock: Vector
     counters: Counts
     energy: Vector
@@ -155,6 +163,57 @@ def _friction(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
 
 
 @code.inner(**INLINE)
+def elements_of(body, p):
+    """Numbers of the elements of a body: 0 rotor, 1 output, 2 gear."""
+    if body == 0:
+        return range(p.m_elements)
+    if body == 1:
+        return range(p.m_elements, p.m_elements + p.l_elements)
+    return range(p.m_elements + p.l_elements, p.elements.shape[0])
+
+
+@code.inner(**COMPILE)
+def springs(body, angle, stick, p):
+    """Torque of the elements of a body that stick, and the share of the limit at which the others slip, with their direction."""
+    torque, share, count = 0.0 * angle, 0.0, p.elements.shape[0]
+    for e in elements_of(body, p):
+        if stick[2 + e] == 0.0:
+            torque += p.elements[e, 0] * (angle - stick[2 + count + e])
+        else:
+            share += stick[2 + e] * p.elements[e, 1]
+    return torque, share
+
+
+@code.inner(**COMPILE)
+def gear_hysteresis(twist, stick, p):
+    """Torque of the elements beside the gear's spring."""
+    torque, share = springs(2, twist, stick, p)
+    return torque + share * p.g_limit
+
+
+@code.inner(**COMPILE)
+def with_memory(theta_m, omega_m, theta_l, omega_l, e0, stick, p, T_fm, T_f):
+    """Torques of the generalised Maxwell-slip elements: friction of rotor and output, which stay where there are none; gear.
+
+    Elements that stick are springs, those that slip are at their shares of the Stribeck curve.
+    """
+    turned = e0 - theta_m * p.inv_h
+    if p.m_elements > 0:
+        torque, share = springs(0, theta_m, stick, p)
+        T_fm, _ = _friction(
+            math.copysign(1.0, share), omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, 0.0, p.shaped
+        )
+        T_fm = torque + math.fabs(share) * T_fm + p.m_viscous * omega_m
+    if p.l_elements > 0:
+        torque, share = springs(1, turned if p.rigid else theta_l, stick, p)
+        T_f, _ = _friction(
+            math.copysign(1.0, share), omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, 0.0, p.shaped
+        )
+        T_f = torque + math.fabs(share) * T_f + p.l_viscous * omega_l
+    return T_fm, T_f, gear_hysteresis(turned - theta_l, stick, p)
+
+
+@code.inner(**INLINE)
 def transmission_error(theta_m, te):
     """Kinematic error epsilon(theta_m) of the reducer [rad at the output] and its first three derivatives."""
     e0 = e1 = e2 = e3 = 0.0
@@ -193,7 +252,7 @@ def output_rate(theta_m, omega_m, omega_l, p):
 
 
 @code.inner(**INLINE)
-def derivative(y, references, stick, p, f, q):
+def derivative(y, references, noise, stick, p, f, q):
     """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18).
 
     ``references`` are i_A* and i_B*.
@@ -209,12 +268,12 @@ def derivative(y, references, stick, p, f, q):
         modal += p.H[k] * pull
         if p.H_m.size > 0:
             on_rotor += p.H_m[k] * pull
-    drive_derivative(y, modal, on_rotor, references, stick, p, f, q)
+    drive_derivative(y, modal - noise, on_rotor, references, stick, p, f, q)
 
 
 @code.inner(**INLINE)
 def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
-    """The same of the drive alone, with the torques of the modes on its output, ``modal``, and on its rotor."""
+    """The same of the drive alone, with the torques of the modes on its output, ``modal``, less torque noise, and on its rotor."""
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
     u_A, f[IA], f[XA], _ = _winding(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
@@ -228,6 +287,9 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     T_fm, _ = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     sign_l = -stick[0] if p.rigid else stick[1]
     T_f, _ = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+    T_h = 0.0 * T_f
+    if p.elements.shape[0] > 0:
+        T_fm, T_f, T_h = with_memory(theta_m, omega_m, y[TL], omega_l, e0, stick, p, T_fm, T_f)
     if p.rigid:
         stuck = stick[0] == 0.0
         bias = G * e2 * p.J_L * omega_m * omega_m
@@ -235,14 +297,21 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
         alpha_m = where(stuck, 0.0, pull / (p.J_m + 2.0 * G * p.J_c + G * G * p.J_L))
         if some(stuck):
             # One degree of freedom, two frictions: the hold is shared in proportion to what each can hold.
-            limit_m, limit_l = p.m_slide + p.m_stribeck, math.fabs(G) * (p.l_slide + p.l_stribeck)
-            T_fm = where(stuck, (T_e + on_rotor + G * modal) * limit_m / (limit_m + limit_l), T_fm)
+            limit_m, limit_l = held_m(p), math.fabs(G) * held_l(p)
+            held = T_e + on_rotor + G * modal
+            if p.m_elements > 0 or p.l_elements > 0:
+                held = held - (T_fm if p.m_elements > 0 else G * T_f)
+            share = held * limit_m / (limit_m + limit_l)
+            T_fm = where(stuck, T_fm + share if p.m_elements > 0 else share, T_fm)
             T_f = where(stuck, (T_e + on_rotor + G * modal - T_fm) / G, T_f)
         alpha_l = G * alpha_m + e2 * omega_m * omega_m
         T_g = p.J_L * alpha_l + T_f - modal + p.J_c * alpha_m
         f[TL], f[WL] = 0.0, 0.0  # follow from the rotor
     else:
-        T_g = p.K_g * (e0 - theta_m * p.inv_h - y[TL]) + p.C_g * (G * omega_m - omega_l)
+        twist = e0 - theta_m * p.inv_h - y[TL]
+        T_g = p.K_g * twist + p.C_g * (G * omega_m - omega_l)
+        if p.g_elements > 0:
+            T_g = T_g + T_h
         if p.J_c == 0.0:
             T_fm = where(stick[0] == 0.0, T_e + on_rotor - G * T_g, T_fm)
             T_f = where(stick[1] == 0.0, T_g + modal, T_f)
@@ -258,6 +327,18 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     q[0], q[1], q[2], q[3], q[4], q[5], q[6] = T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l
 
 
+@code.inner(**COMPILE)
+def sticks(body, stick, p):
+    """1 where a body (0 rotor, 1 output) sticks, in all its elements if it has some; else 0."""
+    own = elements_of(body, p)
+    if len(own) > 0:
+        for e in own:
+            if stick[2 + e] != 0.0:
+                return 0.0
+        return 1.0
+    return 1.0 if stick[0 if p.rigid else body] == 0.0 else 0.0
+
+
 @code.inner(**INLINE)
 def coupled_accelerations(pull_m, pull_l, stick, p):
     """Accelerations of rotor and output on a craft by the torques that pull at them; what sticks has none."""
@@ -268,10 +349,10 @@ def coupled_accelerations(pull_m, pull_l, stick, p):
 
 
 @code.inner(**INLINE)
-def channels(y, references, stick, p, f, q, out):
+def channels(y, references, noise, stick, p, f, q, out):
     """All channels at one instant. ``T_d`` from momentum (Eq. 20), ``T_d_force`` from the torques on the housing."""
-    derivative(y, references, stick, p, f, q)
-    T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l = q[0], q[1], q[2], q[3], q[4], q[5], q[6]
+    derivative(y, references, noise, stick, p, f, q)
+    T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l = q[0], q[1], q[2] + noise, q[3], q[4], q[5], q[6]
     theta_m, omega_m, alpha_m, theta_l, omega_l = y[TM], y[WM], f[WM], y[TL], y[WL]
     e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
@@ -282,6 +363,8 @@ def channels(y, references, stick, p, f, q, out):
     s, c = sincos(4.0 * p.z * theta_m)
     elastic = 0.5 * p.K_g * twist * twist - 0.25 * p.K_d / p.z * c
     damping = p.C_g * slip * slip
+    if p.g_elements > 0:
+        damping = damping + gear_hysteresis(twist, stick, p) * slip
     modal_rate = rotor_rate = 0.0
     for k in range(p.H.size):
         eta, rate = y[MODES + 2 * k], f[MODES + 2 * k]
@@ -300,8 +383,7 @@ def channels(y, references, stick, p, f, q, out):
     out[16] = p.J_h * alpha_l + modal_rate + p.J_c * alpha_m
     out[17] = -(p.J_L * alpha_l + modal_rate + p.J_m * alpha_m + rotor_rate + p.J_c * (alpha_l + alpha_m))
     out[18] = -T_e + T_fm + T_f - T_g * (1.0 - G)
-    out[19] = 1.0 if stick[0] == 0.0 else 0.0
-    out[20] = 1.0 if (stick[0] if p.rigid else stick[1]) == 0.0 else 0.0
+    out[19], out[20] = sticks(0, stick, p), sticks(1, stick, p)
     squares = y[IA] * y[IA] + y[IB] * y[IB]
     out[21], out[22], out[23] = kinetic, 0.5 * p.L * squares, elastic
     out[24], out[25] = u_A * y[IA] + u_B * y[IB], p.R * squares
@@ -361,6 +443,20 @@ def pass_time(end, clock):
     return True
 
 
+@code.inner(**COMPILE)
+def noise_at(t, p):
+    """Torque noise on the output at the time ``t``: cubics through values and slopes at knots, round and round."""
+    count = p.noise.size // 2
+    if count == 0:
+        return 0.0
+    x = t * p.noise_rate
+    knot = math.floor(x)
+    u, a, b = x - knot, 2 * (int(knot) % count), 2 * ((int(knot) + 1) % count)
+    v0, d0, v1, d1 = p.noise[a], p.noise[a + 1], p.noise[b], p.noise[b + 1]
+    rise = v1 - v0
+    return v0 + u * (d0 + u * (3.0 * rise - 2.0 * d0 - d1 + u * (d0 + d1 - 2.0 * rise)))
+
+
 # ---- Friction events ----
 #
 # A friction is in one of three modes: slipping forward (1), slipping backward (-1) or stuck (0), ``stick[0]`` for the rotor and
@@ -399,27 +495,48 @@ def _holds(y, modal, on_rotor, stick, p):
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * 4.0 * s * c * (c * c - s * s)
     e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
-    T_g = p.K_g * (e0 - theta_m * p.inv_h - y[TL]) + p.C_g * (G * y[WM] - y[WL])
+    twist = e0 - theta_m * p.inv_h - y[TL]
+    T_g = p.K_g * twist + p.C_g * (G * y[WM] - y[WL])
+    if p.g_elements > 0:
+        T_g = T_g + gear_hysteresis(twist, stick, p)
     pull_m, pull_l = T_e + on_rotor, T_g + modal
     hold_m, hold_l = (pull_m + G * modal, 0.0 * T_g) if p.rigid else (pull_m - G * T_g, pull_l)
     if p.J_c != 0.0 and not p.rigid:
         T_fm, _ = _friction(stick[0], y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
         T_f, _ = _friction(stick[1], y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+        if p.elements.shape[0] > 0:
+            T_fm, T_f, _ = with_memory(theta_m, y[WM], y[TL], y[WL], e0, stick, p, T_fm, T_f)
         alpha_m = where(stick[0] == 0.0, 0.0, (hold_m - T_fm) * p.inv_J_m)
         alpha_l = where(stick[1] == 0.0, 0.0, (hold_l - T_f) * p.inv_J_L)
         hold_m, hold_l = hold_m - p.J_c * alpha_l, hold_l - p.J_c * alpha_m
+    if p.rigid and p.m_elements > 0:
+        hold_m = hold_m - springs(0, theta_m, stick, p)[0]
+    if p.rigid and p.l_elements > 0:
+        hold_m = hold_m - G * springs(1, e0 - theta_m * p.inv_h, stick, p)[0]
     return hold_m, hold_l, G
+
+
+@code.inner(**INLINE)
+def held_m(p):
+    """Torque that the rotor's friction holds at rest, without memory."""
+    return 0.0 if p.m_elements > 0 else p.m_slide + p.m_stribeck
+
+
+@code.inner(**INLINE)
+def held_l(p):
+    """The same of the output's friction."""
+    return 0.0 if p.l_elements > 0 else p.l_slide + p.l_stribeck
 
 
 @code.inner(**INLINE)
 def _limits(p, G):
     """Breakaway torques of rotor and output; with a rigid reducer both act on the one degree of freedom."""
-    limit_m, limit_l = p.m_slide + p.m_stribeck, p.l_slide + p.l_stribeck
+    limit_m, limit_l = held_m(p), held_l(p)
     return (limit_m + math.fabs(G) * limit_l, 0.0) if p.rigid else (limit_m, limit_l)
 
 
 @code.inner(**FORCED)
-def margins(y, stick, p):
+def margins(y, noise, stick, p):
     """What stays positive as long as the friction modes last: slip speed, or the reserve below the breakaway torque.
 
     Rotor and output; always 1 where there is no friction.
@@ -427,12 +544,12 @@ def margins(y, stick, p):
     modal = on_rotor = 0.0
     if some((stick[0] == 0.0) | (stick[1] == 0.0)):
         modal, on_rotor = modal_torques(y, output_rate(y[TM], y[WM], y[WL], p), p)
-    return drive_margins(y, modal, on_rotor, stick, p)
+    return drive_margins(y, modal - noise, on_rotor, stick, p)
 
 
 @code.inner(**FORCED)
 def drive_margins(y, modal, on_rotor, stick, p):
-    """The same, with the torques of the modes on output and rotor."""
+    """The same, with the torques of the modes on output, less torque noise, and rotor."""
     slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
     e_m, e_l = stick[0] * y[WM], stick[1] * y[WL]
     if some((stick[0] == 0.0) | (stick[1] == 0.0)):
@@ -450,7 +567,7 @@ def decide_friction(which, x, p):
     was_stuck = x.stick[which] == 0.0
     x.y[WM if which == 0 else WL] = 0.0
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
-    hold_m, hold_l, G = _holds(x.y, modal, on_rotor, x.stick, p)
+    hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
     limit_m, limit_l = _limits(p, G)
     hold, limit = (hold_m, limit_m) if which == 0 else (hold_l, limit_l)
     if math.fabs(hold) <= limit and not was_stuck:
@@ -466,7 +583,7 @@ def decide_friction(which, x, p):
 def initial_friction(x: State, p: Drive) -> None:
     """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
-    hold_m, hold_l, G = _holds(x.y, modal, on_rotor, x.stick, p)
+    hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
     limit_m, limit_l = _limits(p, G)
     for which in range(2):
         hold, limit, rate = (hold_m, limit_m, x.y[WM]) if which == 0 else (hold_l, limit_l, x.y[WL])
@@ -474,6 +591,74 @@ def initial_friction(x: State, p: Drive) -> None:
             x.stick[which] = 0.0 if math.fabs(hold) <= limit else math.copysign(1.0, hold)
         else:
             x.stick[which] = math.copysign(1.0, rate) if limit > 0.0 else 1.0
+    for e in range(p.elements.shape[0]):
+        x.stick[2 + e] = 0.0
+        x.stick[2 + p.elements.shape[0] + e] = _angle_and_rate(body_of(e, p), x.y, p)[0]
+
+
+# Elements of a friction with memory stick or slip as the bodies do above: a stuck one is a spring, which slips where it reaches its
+# share of the limit; all that slip on a body stick where its rate passes zero.
+
+
+@code.inner(**INLINE)
+def body_of(e, p):
+    """On what an element acts: 0 rotor, 1 output, 2 gear."""
+    return (1 if e >= p.m_elements else 0) + (1 if e >= p.m_elements + p.l_elements else 0)
+
+
+@code.inner(**INLINE)
+def _angle_and_rate(body, y, p):
+    """What the elements of a body see; those of the gear its twist."""
+    if body == 0:
+        return y[TM], y[WM]
+    e0, e1, _, _ = transmission_error(y[TM], p.te)
+    angle, rate = e0 - y[TM] * p.inv_h, (e1 - p.inv_h) * y[WM]
+    if body == 2:
+        return angle - y[TL], rate - y[WL]
+    if p.rigid:
+        return angle, rate
+    return y[TL], y[WL]
+
+
+@code.inner(**COMPILE)
+def element_margin(e, y, stick, p):
+    """What stays positive as long as the mode of an element lasts: its slip, or what its spring lacks of its limit."""
+    body = body_of(e, p)
+    angle, rate = _angle_and_rate(body, y, p)
+    if stick[2 + e] != 0.0:
+        return stick[2 + e] * rate
+    torque = p.elements[e, 0] * (angle - stick[2 + p.elements.shape[0] + e])
+    outward = torque * rate  # pulled back, it cannot slip: its limit is that at rest
+    speed = where(outward > 0.0, math.fabs(rate), 0.0 * rate)
+    if body == 0:
+        limit, _ = _friction(1.0, speed, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, 0.0, p.shaped)
+    elif body == 1:
+        limit, _ = _friction(1.0, speed, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, 0.0, p.shaped)
+    else:
+        limit = p.g_limit + 0.0 * speed
+    return p.elements[e, 1] * limit - math.fabs(torque)
+
+
+@code.inner(**COMPILE)
+def decide_element(e, x, p):
+    """The mode after an event of an element. Where a body comes to rest, all its elements that slip stick."""
+    count, body = p.elements.shape[0], body_of(e, p)
+    angle, _ = _angle_and_rate(body, x.y, p)
+    if x.stick[2 + e] == 0.0:
+        x.stick[2 + e] = math.copysign(1.0, angle - x.stick[2 + count + e])
+        x.counters[BREAKAWAYS] += 1
+        return
+    limit = p.g_limit if body == 2 else p.m_slide + p.m_stribeck if body == 0 else p.l_slide + p.l_stribeck
+    for other in elements_of(body, p):
+        if x.stick[2 + other] != 0.0:  # a hair below the limit, so that rounding does not make it slip at once
+            torque = x.stick[2 + other] * (1.0 - 1e-9) * p.elements[other, 1] * limit
+            x.stick[2 + count + other] = angle - torque / p.elements[other, 0]
+            x.stick[2 + other] = 0.0
+            x.counters[STICKS] += 1
+    if body == 0 or (body == 1 and p.rigid):
+        x.y[WM] = 0.0
+    elif body == 1:
+        x.y[WL] = 0.0
 
 
 @code.inner(**INLINE)
@@ -496,7 +681,16 @@ def health(lag, h, now, stalled):
 @code.entry(**COMPILE)
 def snapshot(x: State, p: Drive, scratch: Matrix, out: Vector) -> None:
     """All channels at the present state, into ``out``."""
-    channels(x.y, references_after(0.0, x.clock), x.stick, p, scratch[0, : x.y.size], scratch[1], out)
+    channels(
+        x.y,
+        references_after(0.0, x.clock),
+        noise_at(x.clock[NOW], p),
+        x.stick,
+        p,
+        scratch[0, : x.y.size],
+        scratch[1],
+        out,
+    )
 
 
 @code.entry(**COMPILE | {"fastmath": {"contract", "arcp", "reassoc"}})  # so that a sum becomes one of vectors

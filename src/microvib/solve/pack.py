@@ -13,6 +13,7 @@ from microvib.model.friction import Friction
 from microvib.model.record import Solver
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, propagate, propagators, rodas4
+from microvib.solve.noise import torque_noise
 
 FIRST_LEVEL = 4
 """Level of the first steps."""
@@ -78,20 +79,26 @@ def no_samples(channels: int) -> Any:
 
 def pack(scenario: Scenario) -> Packed:
     """Parameters, and the state at rest at theta = 0 with holding currents."""
+    drive = _finite(_drive(scenario))
     size = kernel.MODES + 2 * scenario.load.H.size
     state = kernel.State(
         y=np.zeros(size),
-        stick=np.zeros(2),
+        stick=np.zeros(2 + 2 * len(drive.elements)),
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
         levels=np.full(propagate.KINDS * propagators.PATTERNS, FIRST_LEVEL, dtype=np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
-    drive = _finite(_drive(scenario))
     _hold(scenario, drive, state)
-    tables = _propagators(scenario, drive, state) if scenario.solver.method == "propagators" else None
-    lanes = np.zeros((70 + 3 * size + kernel.N_CHANNELS, 4))
+    exact = scenario.solver.method == "propagators"
+    if (drive.elements.size or drive.noise.size) and not exact:
+        raise SimulationError(
+            "solver.method: rodas4 knows no friction with memory and no torque noise (friction.presliding,"
+            " motor.friction.presliding, reducer.hysteresis, friction.torque_noise); use propagators"
+        )
+    tables = _propagators(scenario, drive, state) if exact else None
+    lanes = np.zeros((70 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
     by_node = np.zeros((4, kernel.N_CHANNELS + size - kernel.MODES))
     return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
 
@@ -173,7 +180,7 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     )
     steps = 1e-4 * np.maximum(np.abs(state.y[:n]), 1.0)
     steps[kernel.TM] /= drive.z
-    A, rest = np.zeros((propagators.PATTERNS, n, n)), state._replace(y=state.y.copy(), stick=np.zeros(2))
+    A, rest = np.zeros((propagators.PATTERNS, n, n)), state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick))
     propagators.linear_part(rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
     return A
 
@@ -225,6 +232,9 @@ def _drive(scenario: Scenario) -> Any:
     L, L_D = motor.winding_inductance, motor.winding_inductance + driver.derivative_gain
     load = scenario.load
     J_m, J_L, J_c = load.rotor_left, load.output_left, load.cross_left
+    noise, noise_rate = torque_noise(scenario)
+    memories = motor.friction.memory, scenario.friction.memory, reducer.memory
+    elements = [np.array(memory, dtype=float).reshape(-1, 2) for memory in memories]
     fast = driver.time_constant(motor)
     if driver.integral_gain > 0.0:
         fast = min(fast, math.sqrt(L_D / driver.integral_gain))
@@ -268,6 +278,13 @@ def _drive(scenario: Scenario) -> Any:
         inv_z=1.0 / motor.rotor_teeth,
         max_step=solver.max_step / solver.refinement,
         layer=fast / 3.0 / solver.refinement,
+        m_elements=len(elements[0]),
+        l_elements=len(elements[1]),
+        g_elements=len(elements[2]),
+        g_limit=reducer.hysteresis_torque,
+        elements=np.concatenate(elements),
+        noise=noise,
+        noise_rate=noise_rate,
         H=load.H,
         H_m=load.R if load.moves else np.zeros(0),
         D=load.D,

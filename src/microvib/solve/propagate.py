@@ -56,11 +56,13 @@ from microvib.solve.kernel import (
     State,
     before_ramp_ends,
     channels,
+    decide_element,
     decide_friction,
     follow,
     health,
     pass_time,
     references_after,
+    sticks,
     take_microstep,
 )
 from microvib.solve.propagators import (
@@ -111,7 +113,16 @@ def _channels_at_nodes(level, x, p, t, w):
             there_w += modes[k, M_W_BY + j] * drive
         y[MODES + 2 * k], y[MODES + 2 * k + 1] = there_eta, there_w
     dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
-    channels(y, references_after(dt, x.clock), x.stick, p, f, q, rows(w.values, 0, w.values.shape[0], 1))
+    channels(
+        y,
+        references_after(dt, x.clock),
+        rows(w.noise, 0, 1, 1)[0],
+        x.stick,
+        p,
+        f,
+        q,
+        rows(w.values, 0, w.values.shape[0], 1),
+    )
     for k in range(w.values.shape[0]):
         for j in range(4):
             w.by_node[j, k] = w.values[k, j]
@@ -199,7 +210,7 @@ def _record(u, end, level, x, p, t, w, out):
     T, all_channels = t.longest * 0.5**level, out.rows.shape[1] > 2
     if all_channels:
         _channels_at_nodes(level, x, p, t, w)
-    now, stuck = clock[NOW], 1.0 if (x.stick[0] if p.rigid else x.stick[1]) == 0.0 else 0.0
+    now, stuck = clock[NOW], sticks(1, x.stick, p)
     first_row = cursor[0]
     if end > out.first and cursor[0] < out.rows.shape[0]:
         u_a = max((out.first - now) / T, 0.0) if clock[WEIGHT] == 0.0 else 0.0
@@ -254,14 +265,16 @@ UNRESOLVED = 1e-4
 
 
 @code.inner(**INLINE)
-def _work(x, lanes, flat, by_node, room):
+def _work(x, elements, lanes, flat, by_node, room):
     """Scratch of a step in the memory given; ``flat`` is that of ``lanes``."""
     n, modes = x.y.size, x.y.size - MODES
     count = N_CHANNELS + modes
     many = lanes[69 + n :]
     return Work(
         room[:N], flat[252:260], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
-        lanes[69 : 69 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS], many[n : n + count],
+        lanes[69 : 69 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS],
+        many[n + count + 3 + elements : n + count + 4 + elements], many[n + count + 3 : n + count + 3 + elements],
+        many[n : n + count],
         by_node, lanes[45:53], lanes[53:61], lanes[63:65], lanes[61:63], flat[244:252], flat[268:274],
         flat[260:268], lanes[65:67], many[n + count : n + count + 3],
     )  # fmt: skip
@@ -320,10 +333,13 @@ def _end_step(level, left, x, p, t, w):
     T = t.longest * 0.5**level
     u = left / T if left * (1.0 + 1e-12) < T else 1.0
     _judge(p, x, w)
-    root_m, root_l = _first_root(0, u, T, x, t, w), _first_root(1, u, T, x, t, w)
-    if min(root_m, root_l) <= u:
-        event = 0 if root_m < root_l else 1
-        return _end_at_event(min(root_m, root_l), event, level, x, p, t, w), event
+    first, event = 2.0, -1
+    for which in range(2 + p.elements.shape[0]):
+        root = _first_root(which, u, T, x, p, w)
+        if root <= u and root <= first:
+            first, event = root, which
+    if event >= 0:
+        return _end_at_event(first, event, level, x, p, t, w), event
     if u == 1.0:
         _whole(level, p, x, t, w)
     else:
@@ -341,7 +357,10 @@ def _move(event, x, p, t, w):
     if event >= 0:
         for j in range(N):
             x.y[j] = w.there[j]
-        decide_friction(event, x, p)
+        if event < 2:
+            decide_friction(event, x, p)
+        else:
+            decide_element(event - 2, x, p)
         follow(x.y, p)
         _see(x, p, t, w)
 
@@ -360,7 +379,7 @@ def advance(
     electrical angle after each and the time of the ramp there; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels)
     and ``room`` are scratch. Returns a status code.
     """
-    w, clock, coming, stalled, status = _work(x, lanes, flat, by_node, room), x.clock, 0, 0, OK
+    w, clock, coming, stalled, status = _work(x, p.elements.shape[0], lanes, flat, by_node, room), x.clock, 0, 0, OK
     shown = 1.0 if out.rows.shape[1] > 2 else TORQUE_SHOWN
     s, c = _see(x, p, t, w)
     kind, last_level = FURTHER, -1

@@ -24,6 +24,7 @@ from microvib.solve.kernel import (
     XB,
     Drive,
     State,
+    body_of,
     drive_derivative,
     references_after,
 )  # fmt: skip
@@ -208,6 +209,12 @@ def occurs(pattern, p):
     return (pattern < 2 or on_rotor) and (pattern % 2 == 0 or on_output)
 
 
+@code.inner(**INLINE)
+def holds(pattern, p):
+    """Whether rotor and output stand still in a pattern; with elements a body moves on their springs."""
+    return pattern >= 2 and (p.m_elements == 0 or p.rigid), pattern % 2 == 1 and p.l_elements == 0
+
+
 @code.entry(**COMPILE)
 def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Vector, down: Vector, q: Vector) -> None:
     """Derivative of the equations of motion by the state, at rest, for each pattern of what sticks, by differences.
@@ -217,9 +224,15 @@ def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Ve
     """
     references = references_after(0.0, x.clock)
     for pattern in range(PATTERNS):
-        x.stick[0], x.stick[1] = (1.0 if pattern < 2 else 0.0), (1.0 if pattern % 2 == 0 else 0.0)
+        holds_m, holds_l = holds(pattern, p)
+        x.stick[0], x.stick[1] = (0.0 if holds_m else 1.0), (0.0 if holds_l else 1.0)
+        for e in range(p.elements.shape[0]):
+            body = body_of(e, p)
+            x.stick[2 + e] = (
+                0.0 if body == 2 or (body == 0 and pattern >= 2) or (body == 1 and pattern % 2 == 1) else 1.0
+            )
         for j in range(N):
-            held = (j == WM and pattern >= 2) or (j == WL and (pattern % 2 == 1 or p.rigid)) or (j == TL and p.rigid)
+            held = (j == WM and holds_m) or (j == WL and (holds_l or p.rigid)) or (j == TL and p.rigid)
             here = x.y[j]
             x.y[j] = here + steps[j]
             drive_derivative(x.y, 0.0, 0.0, references, x.stick, p, up, q)
@@ -246,7 +259,7 @@ def _add_modes(pattern, modes, p, A):
         share = p.inv_h * p.inv_h / (p.J_m + p.inv_h * p.inv_h * p.J_L)
         A[pattern, WM, TM] -= share * spring
         A[pattern, WM, WM] -= share * damper
-    elif not p.rigid and pattern % 2 == 0:
+    elif not p.rigid and not holds(pattern, p)[1]:
         A[pattern, WL, TL] -= p.inv_J_L * spring
         A[pattern, WL, WL] -= p.inv_J_L * damper
 
@@ -264,7 +277,8 @@ def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
         drive.B[:] = 0.0
         for k in range(6):
             i = INPUTS[k]
-            held = (i == WL and (p.rigid or pattern % 2 == 1)) or (i == WM and pattern >= 2)
+            holds_m, holds_l = holds(pattern, p)
+            held = (i == WL and (p.rigid or holds_l)) or (i == WM and holds_m)
             drive.B[i, k] = 0.0 if held else 1.0
         for node in range(4):
             _start(drive, CUBES[node] * shortest)

@@ -346,7 +346,7 @@ def step(h, x, p, w):
                 f[j] = w.f0[j]
         else:
             _combine(stage, 1.0, A, y, K, y1)
-            derivative(y1, references_after(AT[stage] * h, x.clock), x.stick, p, f, w.q)
+            derivative(y1, references_after(AT[stage] * h, x.clock), 0.0, x.stick, p, f, w.q)
             _combine(stage, ih, C, f, K, f)
         _add_ramp(BY_TIME[stage] * h, x.clock, p, w.jac, f)
         _solve(inv_g, x.stick, p, w, f)
@@ -396,14 +396,14 @@ def first_trial(which, h, e_hi, x, p, w, search):
     """
     slips = x.stick[which] != 0.0
     enough = 1e-3 / p.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h)[which]
-    e_lo = margins(x.y, x.stick, p)[which]
+    e_lo = margins(x.y, 0.0, x.stick, p)[which]
     search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = 0.0, h, e_lo, e_hi, enough, 0.0
     s_lo, s_hi, g_lo, g_hi = 0.0, 1.0, e_lo, e_hi
     for _ in range(6):
         # The margin at the start is zero right after an event; false position would then stay there.
         s = s_lo + (s_hi - s_lo) * (g_lo / (g_lo - g_hi) if g_lo > 0.0 else 0.25)
         interpolate(s, x.y, w)
-        e = margins(w.between, x.stick, p)[which]
+        e = margins(w.between, 0.0, x.stick, p)[which]
         if e < 0.0:
             s_hi, g_hi = s, e
         else:
@@ -461,7 +461,7 @@ def _shorten_to_event(which, h, e_hi, x, p, w):
         x.counters[EVENT_STEPS] += 1
         if not error <= 1.0:
             return trial, error
-        following = next_trial(trial, margins(w.y1, x.stick, p)[which], w.search)
+        following = next_trial(trial, margins(w.y1, 0.0, x.stick, p)[which], w.search)
         if following == trial:
             return trial, error
         trial = following
@@ -476,12 +476,12 @@ def _end_at_first_event(h, x, p, w):
     earlier; so both are checked again. A step with an error above 1 must not be taken.
     """
     interpolate(0.5, x.y, w)
-    middle, after, error = margins(w.between, x.stick, p), margins(w.y1, x.stick, p), 0.0
+    middle, after, error = margins(w.between, 0.0, x.stick, p), margins(w.y1, 0.0, x.stick, p), 0.0
     if min(middle[0], middle[1]) < 0.0 <= min(after[0], after[1]):
         h *= 0.5
         error = step(h, x, p, w)
         dense(w)
-        after = margins(w.y1, x.stick, p)
+        after = margins(w.y1, 0.0, x.stick, p)
     event = -1
     for _ in range(MAX_EVENTS):
         which = next_event(event, after[0], after[1])
@@ -490,7 +490,7 @@ def _end_at_first_event(h, x, p, w):
         event = which
         h, error = _shorten_to_event(event, h, after[event], x, p, w)
         dense(w)
-        after = margins(w.y1, x.stick, p)
+        after = margins(w.y1, 0.0, x.stick, p)
     return h, event, error
 
 
@@ -517,7 +517,7 @@ def _record(h, end, x, p, w, out):
         for node in range(nodes):
             point = 0.5 * (a + b) + (0.0 if nodes == 1 else (2.0 * node - 1.0) * GAUSS * (b - a))
             interpolate((point - t) / h, x.y, w)
-            channels(w.between, references_after(point - t, clock), x.stick, p, w.f, w.q, values)
+            channels(w.between, references_after(point - t, clock), 0.0, x.stick, p, w.f, w.q, values)
             for j in range(N_POWERS):
                 x.energy[j] += weight * values[POWERS + j]
             clock[IMPULSE] += weight * values[T_D_FORCE]
@@ -624,7 +624,7 @@ def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, step
             clock[NEXT_STEP] = min(clock[NEXT_STEP], p.layer)
             continue
         target = before_ramp_ends(target, clock)
-        derivative(x.y, references_after(0.0, clock), x.stick, p, w.f0, w.q)
+        derivative(x.y, references_after(0.0, clock), 0.0, x.stick, p, w.f0, w.q)
         linearise(x, p, w)
         left = target - clock[NOW]
         h, status = _accepted_step(left, x, p, w)

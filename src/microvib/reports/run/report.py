@@ -65,6 +65,7 @@ def run_report(
             *_beside_the_paper(scenario, lines),
             *_pictures(motion, lines),
             _torque_budget(motion, lines),
+            *_friction_loop(motion),
             _frequencies(scenario),
             Section("Parameters", (Text(status_sentence(scenario)), *parameter_blocks(scenario)), new_page=True),
             Section("Derived values", (table(["quantity", "value [1]", "by"], derived_values(scenario)),)),
@@ -140,6 +141,18 @@ def _pictures(motion: Motion, lines: LineTable) -> tuple[Section, Section]:
         Section("About the array's modes", (drawn(zoom, "Amplitude spectrum about the array's modes", clamped),)),
         Section("Through the microsteps", (drawn(stretch, "Disturbance torque through a few microsteps", sticks),)),
     )
+
+
+def _friction_loop(motion: Motion) -> list[Section]:
+    if not motion.scenario.friction.memory:
+        return []
+    drawing, axes = sheets.plain_sheet(2.8)
+    figures.draw_friction_loop(axes[0, 0], motion)
+    caption = (
+        "Red: through the first microsteps of the record. Grey: a shaft at rest before, turned slowly to and fro, until all"
+        " elements slide and by less."
+    )
+    return [Section("Friction with memory", (drawn(drawing, "Friction torque over the output's angle", caption),))]
 
 
 def _torque_budget(motion: Motion, lines: LineTable) -> Section:

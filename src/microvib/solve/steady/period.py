@@ -51,6 +51,12 @@ class PeriodMap:
         f_d = scenario.driving_frequency
         if not f_d:
             raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
+        if scenario.has_memory:
+            raise NotPeriodic(
+                "a friction with memory also repeats what it remembers, which the search does not look for"
+            )
+        if scenario.friction.torque_noise is not None:
+            raise NotPeriodic("torque noise does not repeat with the command")
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
         self._rest = self.packed.state.y.copy()

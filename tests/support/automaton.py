@@ -1,0 +1,84 @@
+"""A drive whose output's friction has memory or noise, integrated by SciPy from event to event: shares nothing with the kernel."""
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+
+class Automaton:
+    """The drive of a scenario with elements as states of their own, integrated by SciPy from event to event.
+
+    Forces of elements that stick are integrated, dF/dt = k omega_l; those that slip are s(omega_l) times their share.
+    """
+
+    def __init__(self, scenario, noise=lambda t: 0.0):
+        self.s, self.noise, f = scenario, noise, scenario.friction
+        self.k, self.nu = np.array(f.memory).reshape(-1, 2).T
+        self.mode = np.zeros(self.k.size)
+        self.H, self.D, self.Lam = scenario.array.H, scenario.array.D, scenario.array.Lambda
+        self.slide, self.excess, self.rate = f.sliding_torque, f.stribeck_torque, f.stribeck_rate
+
+    def curve(self, omega):
+        return self.slide + self.excess * math.exp(-abs(omega) / self.rate)
+
+    def friction(self, omega, F):
+        return (
+            np.where(self.mode == 0.0, F, self.mode * self.nu * self.curve(omega)).sum()
+            + self.s.friction.viscous * omega
+        )
+
+    def __call__(self, t, y, ref):
+        s, n = self.s, self.H.size
+        motor, driver, g = s.motor, s.driver, s.reducer
+        iA, iB, xA, xB, tm, wm, tl, wl = y[:8]
+        eta, w, F = y[8 : 8 + n], y[8 + n : 8 + 2 * n], y[8 + 2 * n :]
+        z, K, L = motor.rotor_teeth, motor.torque_constant, motor.winding_inductance + driver.derivative_gain
+        s_, c_ = math.sin(z * tm), math.cos(z * tm)
+        uA = driver.proportional_gain * (ref[0] - iA) + driver.integral_gain * xA
+        uB = driver.proportional_gain * (ref[1] - iB) + driver.integral_gain * xB
+        T_e = K * (iB * c_ - iA * s_) - motor.detent_torque * math.sin(4 * z * tm)
+        rate = w - self.H * wl
+        pull = self.D * rate + self.Lam * eta
+        T_g = g.stiffness * (-tm / g.ratio - tl) + g.damping * (-wm / g.ratio - wl)
+        m = motor.friction
+        T_fm = math.copysign(m.sliding_torque, wm) + m.viscous * wm if m.breakaway_torque else m.viscous * wm
+        am = (T_e - T_fm + T_g / g.ratio) / s.rotor_inertia
+        al = (T_g - self.friction(wl, F) - self.noise(t) + self.H @ pull) / s.output_inertia
+        dF = np.where(self.mode == 0.0, self.k * wl, 0.0)
+        return np.concatenate(
+            [[(uA - motor.winding_resistance * iA + K * wm * s_) / L, (uB - motor.winding_resistance * iB - K * wm * c_) / L],
+             [ref[0] - iA, ref[1] - iB, wm, am, wl, al], rate, -pull, dF]
+        )  # fmt: skip
+
+    def through(self, y, begin, end, ref):
+        """The state at ``end``, from event to event."""
+        first = y.size - self.k.size
+        while begin < end:
+            events = []
+            for e in range(self.k.size):
+                if self.mode[e] == 0.0:
+
+                    def reaches(t, y, ref, e=e):
+                        outward = max(math.copysign(1.0, y[first + e]) * y[7], 0.0)
+                        return self.nu[e] * self.curve(outward) - abs(y[first + e])
+                else:
+
+                    def reaches(t, y, ref, e=e):
+                        return self.mode[e] * y[7]
+
+                reaches.terminal, reaches.direction = True, -1
+                events.append(reaches)
+            out = solve_ivp(self, (begin, end), y, "LSODA", rtol=1e-10, atol=1e-14, events=events, args=(ref,))
+            begin, y = out.t[-1], out.y[:, -1].copy()
+            if out.status != 1:
+                break
+            e = next(e for e, times in enumerate(out.t_events) if times.size)
+            if self.mode[e] == 0.0:
+                self.mode[e] = math.copysign(1.0, y[first + e])
+            else:
+                slips = self.mode != 0.0
+                y[first:][slips] = ((1.0 - 1e-9) * self.mode * self.nu * self.curve(0.0))[slips]
+                self.mode[slips] = 0.0
+                y[7] = 0.0
+        return y

@@ -1,0 +1,209 @@
+"""Friction with memory: its elements, closed forms of quasi-static loops, an independent integrator, and its limits."""
+
+import itertools
+
+import numpy as np
+import pytest
+from support.automaton import Automaton
+
+import microvib as mv
+from microvib.model.friction import maxwell_elements, quasi_static_torque
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.pack import no_samples, pack
+from microvib.solve.steady.state import steady_state
+
+MICROSTEPS = 6
+
+
+@pytest.fixture(scope="module")
+def presliding(state_1):
+    return state_1.with_si({"friction.presliding": {"stiffness": 1e5}})
+
+
+def virgin(elements, limit, angle):
+    """Torque of elements at rest before, turned by an angle."""
+    return sum(min(k * angle, share * limit) for k, share in elements)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "angle", "count"), [(6000.0, None, 6), (6000.0, 5e-4, 10), (2e5, 1e-4, 4), (3e3, 1.0, 2)]
+)
+def test_elements_have_the_stiffness_the_limit_and_the_angle_asked_for(stiffness, angle, count):
+    limit = 0.6
+    elements = maxwell_elements(stiffness, limit, count, angle)
+    assert sum(k for k, _ in elements) == pytest.approx(stiffness)
+    assert sum(share for _, share in elements) == pytest.approx(1.0)
+    ends = [share * limit / k for k, share in elements]
+    assert ends == sorted(ends)
+    assert ends[-1] == pytest.approx(angle or 4.0 * limit / stiffness)
+    assert virgin(elements, limit, 1e-3 * ends[0]) == pytest.approx(1e-3 * stiffness * ends[0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"stiffness": 1e3, "breakaway_angle": 1e-5}, r"breakaway_angle is 1e-05 rad; it must be above"),
+        ({"stiffness": 1e3, "breakaway_angle": 1e-5, "elements": 1}, "one element slides at"),
+        ({"stiffness": 0.0}, "stiffness"),
+        ({"stiffness": 1e3, "elements": 11}, "elements"),
+    ],
+)
+def test_what_does_not_go_together_is_a_sentence(state_1, changes, said):
+    with pytest.raises(mv.ScenarioError, match=said):
+        state_1.with_si({"friction.presliding": changes})
+
+
+def test_the_reference_method_says_that_it_knows_no_memory(presliding):
+    with pytest.raises(mv.SimulationError, match="use propagators"):
+        mv.simulate(presliding.with_({"solver.method": "rodas4"}))
+
+
+def test_an_independent_integration_from_event_to_event_agrees(presliding):
+    scenario = presliding.with_si(
+        {"motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "solver.accuracy": 1e-5}
+    )
+    packed, command = pack(scenario), Command(scenario)
+    automaton = Automaton(scenario)
+    n = automaton.H.size
+    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2], np.zeros(automaton.k.size)])
+    times, refs = command.microsteps(0.0, MICROSTEPS / scenario.driving_frequency * 1.001)
+    ends, ref, begin, modes = (
+        [*times, times[-1] + 0.7 / scenario.driving_frequency],
+        packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy(),
+        0.0,
+        set(),
+    )
+    for end, following in zip(ends, [*refs, refs[-1]], strict=True):
+        y, begin = automaton.through(y, begin, end, ref), end
+        modes.add(tuple(automaton.mode))
+        ref = following[:2]
+    assert packed.advance(ends[-1], no_samples(packed.channels), times, refs) == kernel.OK
+    own = packed.state.y
+    step = scenario.driver.microstep(scenario.motor)
+    assert len(modes) > 1
+    assert packed.state.counters[kernel.BREAKAWAYS] > 4
+    assert own[4] == pytest.approx(y[4], abs=1e-5 * step)
+    assert own[6] == pytest.approx(y[6], abs=1e-5 * step / scenario.reducer.ratio)
+    assert own[7] == pytest.approx(y[7], abs=1e-4 * step / scenario.reducer.ratio * 200.0)
+    assert own[8 : 8 + 2 * n : 2] == pytest.approx(y[8 : 8 + n], abs=1e-6 * step / scenario.reducer.ratio)
+
+
+def loop(amplitude):
+    """To an amplitude, there and back twice, (5, 400) angles: the way out, then branches between the ends."""
+    ends = np.array([0.0, 1.0, -1.0, 1.0, -1.0, 1.0]) * amplitude
+    return np.array([np.linspace(a, b, 400) for a, b in itertools.pairwise(ends)])
+
+
+def test_quasi_static_loops_follow_masings_rule_and_close():
+    memory, limit, amplitude = maxwell_elements(6e3, 0.6, 6), 0.6, 3e-4
+    torque = quasi_static_torque(memory, limit, loop(amplitude).ravel()).reshape(5, -1)
+    for branch, sign in ((1, -1.0), (2, 1.0)):
+        turned = np.abs(loop(amplitude)[branch] - loop(amplitude)[branch, 0])
+        masing = np.array([2.0 * virgin(memory, limit, 0.5 * x) for x in turned])
+        assert torque[branch] - torque[branch, 0] == pytest.approx(sign * masing, abs=1e-12)
+    assert torque[3] == pytest.approx(torque[1], abs=1e-12)  # no drift
+
+
+def test_an_inner_loop_is_forgotten_where_it_closes():
+    memory, limit = maxwell_elements(6e3, 0.6, 6), 0.6
+    straight = np.linspace(0.0, 3e-4, 400)
+    there = np.concatenate(
+        [straight[:200], np.linspace(straight[199], 5e-5, 50), np.linspace(5e-5, straight[199], 50), straight[200:]]
+    )
+    assert quasi_static_torque(memory, limit, there)[-200:] == pytest.approx(
+        quasi_static_torque(memory, limit, straight)[-200:], abs=1e-12
+    )
+
+
+@pytest.mark.parametrize("amplitude", [2e-5, 1e-4, 1e-3])
+def test_a_cycle_dissipates_what_its_elements_slide(amplitude):
+    memory, limit = maxwell_elements(6e3, 0.6, 6), 0.6
+    path = loop(amplitude)
+    torque = quasi_static_torque(memory, limit, path.ravel()).reshape(5, -1)
+    lost = sum(float(np.trapezoid(torque[k], path[k])) for k in (1, 2))
+    exact = sum(4.0 * share * limit * max(amplitude - share * limit / k, 0.0) for k, share in memory)
+    assert lost == pytest.approx(exact, abs=2e-2 * limit * amplitude)
+
+
+def along(scenario, microsteps=12, per_microstep=400):
+    """Snapshots through the first microsteps, by channel."""
+    packed, command = pack(scenario), Command(scenario)
+    times = np.arange(1, microsteps * per_microstep) / (per_microstep * scenario.driving_frequency)
+    rows = [packed.snapshot()]
+    for begin, end in zip([0.0, *times[:-1]], times, strict=True):
+        assert packed.advance(end, no_samples(packed.channels), *command.microsteps(begin, end)) == kernel.OK
+        rows.append(packed.snapshot())
+    return dict(zip(kernel.CHANNELS, np.array(rows)[:, : kernel.N_CHANNELS].T, strict=True))
+
+
+def test_friction_without_a_rate_is_the_quasi_static_one_of_the_path(state_1):
+    dry = {
+        "friction.breakaway": state_1.friction.coulomb,
+        "friction.viscous": 0.0,
+        "friction.presliding": {"stiffness": 1e5},
+    }
+    scenario = state_1.with_si(dry)
+    seen, friction = along(scenario), scenario.friction
+    expected = quasi_static_torque(friction.memory, friction.breakaway_torque, seen["theta_l"])
+    assert np.ptp(expected) > 0.99 * friction.breakaway_torque
+    assert seen["T_f"] == pytest.approx(expected, abs=2e-3 * friction.breakaway_torque)
+
+
+def test_the_gears_hysteresis_is_the_quasi_static_one_of_its_twist(state_1):
+    scenario = state_1.with_si({"reducer.hysteresis": {"loss": 2e-6, "stiffness": 8e3}, "reducer.damping": 0.0})
+    seen, gear = along(scenario), scenario.reducer
+    twist = -seen["theta_m"] / gear.ratio - seen["theta_l"]
+    lag = seen["T_g"] - gear.stiffness * twist
+    expected = quasi_static_torque(gear.memory, gear.hysteresis_torque, twist)
+    assert np.ptp(expected) > 1.9 * gear.hysteresis_torque
+    assert lag == pytest.approx(expected, abs=2e-2 * gear.hysteresis_torque)
+
+
+def test_stiff_contacts_give_the_lines_of_a_friction_that_sticks(state_1):
+    short = state_1.with_si({"record.settle": 1.0, "record.duration": 2.0})
+    rigid, *stiff = mv.batch([short, *(short.with_si({"friction.presliding": {"stiffness": k}}) for k in (6e3, 1e8))])
+
+    def drive_1(torque):
+        spectrum = np.abs(np.fft.rfft((torque.T_d - torque.T_d.mean()) * np.hanning(torque.T_d.size)))
+        return float(spectrum[round(2.0 * short.driving_frequency) + np.arange(-1, 2)].max())
+
+    apart = [abs(drive_1(x) / drive_1(rigid) - 1.0) for x in stiff]
+    assert apart[1] < 1e-3 < 0.05 < apart[0]
+
+
+def test_balances_close_with_elements_on_rotor_output_and_gear(state_1):
+    own = {"stiffness": 1e5}
+    scenario = state_1.with_si(
+        {
+            "record.settle": 0.5, "record.duration": 1.0, "friction.presliding": own,
+            "reducer.hysteresis": {"loss": 2e-6, "stiffness": 8e3}, "motor.friction.coulomb": 2e-3,
+            "motor.friction.breakaway": 3e-3, "motor.friction.presliding": {"stiffness": 10.0, "elements": 3},
+        }
+    )  # fmt: skip
+    motion = mv.simulate(scenario)
+    assert motion.invariants.torque_forms < 1e-9
+    assert motion.invariants.momentum < 1e-4
+    assert motion.invariants.energy_mechanical < 1e-3
+    assert 0.0 < np.mean(motion["stuck_output"]) < 1.0
+    fine = mv.simulate(scenario.with_({"solver.refinement": 2}))
+    assert np.std(fine["T_d"] - motion["T_d"]) < 0.01 * np.std(fine["T_d"])
+
+
+def test_a_rigid_reducer_takes_elements_too(state_1):
+    scenario = state_1.with_si(
+        {
+            "record.settle": 0.5,
+            "record.duration": 1.0,
+            "reducer.stiffness": "rigid",
+            "friction.presliding": {"stiffness": 1e5},
+        }
+    )
+    motion = mv.simulate(scenario)
+    assert motion.invariants.momentum < 1e-4
+    assert motion.invariants.energy_mechanical < 1e-3
+
+
+def test_steady_states_are_left_to_a_run_in_time(presliding):
+    with pytest.raises(mv.SimulationError, match="memory"):
+        steady_state(presliding)

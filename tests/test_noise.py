@@ -1,0 +1,105 @@
+"""Torque noise: its density and its draw, an independent integrator, the response of the linear drive, and what refuses it."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from scipy.signal import welch
+from support.automaton import Automaton
+
+import microvib as mv
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.noise import torque_noise
+from microvib.solve.pack import no_samples, pack
+from microvib.solve.steady.state import steady_state
+
+NOISE = {"density": 2e-6, "lowest": 0.5, "highest": 20.0, "seed": 3}
+
+
+def drawn(scenario):
+    """Times of the knots, values and slopes in N m/s."""
+    table, rate = torque_noise(scenario)
+    values, slopes = table.reshape(-1, 2).T
+    return np.arange(values.size) / rate, values, slopes * rate
+
+
+def test_the_draw_has_the_density_asked_for_in_its_band_and_nothing_outside(state_1):
+    scenario = state_1.with_si({"friction.torque_noise": NOISE, "record.settle": 0.0, "record.duration": 2000.0})
+    t, values, slopes = drawn(scenario)
+    f, S = welch(values, 1.0 / (t[1] - t[0]), nperseg=2048)
+    assert S[(f > 1.0) & (f < 19.0)].mean() == pytest.approx(2e-6, rel=0.02)
+    assert S[(f < 0.3) | (f > 21.0)].max() < 1e-9 * 2e-6 + 1e-2 * 2e-6
+    assert np.var(values) == pytest.approx(2e-6 * 19.5, rel=0.03)
+    by_differences = (values[2:] - values[:-2]) / (t[2] - t[0])
+    assert np.std(slopes[1:-1] - by_differences) < 0.1 * np.std(slopes)
+
+
+def test_the_seed_is_the_draw(state_1):
+    seeds = [drawn(state_1.with_si({"friction.torque_noise": {**NOISE, "seed": k}}))[1] for k in (3, 3, 4)]
+    assert np.array_equal(seeds[0], seeds[1])
+    assert abs(np.corrcoef(seeds[0], seeds[2])[0, 1]) < 0.1
+
+
+def test_an_independent_integration_with_the_same_draw_agrees(state_1):
+    scenario = state_1.with_si(
+        {
+            "friction.torque_noise": {**NOISE, "density": 1e-4}, "friction.presliding": {"stiffness": 1e5}, "solver.accuracy": 1e-5,
+            "motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0,
+        }
+    )  # fmt: skip
+    t, values, slopes = drawn(scenario)
+    automaton = Automaton(scenario, CubicHermiteSpline(t, values, slopes))
+    quiet = Automaton(scenario)
+    packed, command = pack(scenario), Command(scenario)
+    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2], np.zeros(automaton.k.size)])
+    end = 0.7 / scenario.driving_frequency
+    times, refs = command.microsteps(0.0, end)
+    ref = packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy() if times[0] > 0.0 else refs[0, :2]
+    assert times.size == 1
+    other = quiet.through(y, times[0], end, refs[0, :2])
+    y = automaton.through(automaton.through(y, 0.0, times[0], ref), times[0], end, refs[0, :2])
+    assert packed.advance(end, no_samples(packed.channels), times, refs) == kernel.OK
+    moved = abs(y[6] - other[6])
+    assert moved > 1e-9
+    assert packed.state.y[6] == pytest.approx(y[6], abs=1e-3 * moved)
+
+
+def test_two_forms_of_the_torque_and_the_balances_hold_with_noise(state_1):
+    scenario = state_1.with_si({"friction.torque_noise": NOISE, "record.settle": 0.5, "record.duration": 1.0})
+    motion = mv.simulate(scenario)
+    assert motion.invariants.torque_forms < 1e-9
+    assert motion.invariants.momentum < 1e-5
+    assert motion.invariants.energy_mechanical < 1e-3
+    (alone,) = mv.batch([scenario])
+    assert np.std(alone.T_d - motion["T_d"]) < 1e-2 * np.std(alone.T_d)
+
+
+def test_without_density_nothing_changes_to_the_last_bit(state_1):
+    short = state_1.with_si({"record.settle": 0.2, "record.duration": 0.3})
+    silent = short.with_si({"friction.torque_noise": {**NOISE, "density": 0.0}})
+    assert np.array_equal(mv.simulate(short)["T_d"], mv.simulate(silent)["T_d"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"friction.torque_noise": {"density": -1.0}}, "friction.torque_noise.density"),
+        ({"friction.torque_noise": {"density": 1e-6, "lowest": 5.0, "highest": 2.0}}, "is not above lowest"),
+        ({"motor.friction.torque_noise": {"density": 1e-6}}, "noise acts on the output"),
+    ],
+)
+def test_what_is_not_noise_is_a_sentence(state_1, changes, said):
+    with pytest.raises(mv.ScenarioError, match=re.escape(said)):
+        state_1.with_si(changes)
+
+
+def test_what_cannot_take_noise_says_so(state_1):
+    noisy = state_1.with_si({"friction.torque_noise": NOISE})
+    with pytest.raises(mv.SimulationError, match="use propagators"):
+        mv.simulate(noisy.with_({"solver.method": "rodas4"}))
+    with pytest.raises(mv.SimulationError, match="does not repeat"):
+        steady_state(noisy)
+    with pytest.raises(mv.SimulationError, match="lower friction"):
+        mv.simulate(noisy.with_si({"record.duration": 4e5, "friction.torque_noise.highest": 500.0}))
