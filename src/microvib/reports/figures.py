@@ -205,24 +205,22 @@ def draw_torques(output: Axes, rotor: Axes, motion: Motion) -> None:
     rotor.set(ylabel="torque [mN m]", title="At the rotor")
 
 
-def draw_friction_loop(ax: Axes, motion: Motion) -> None:
-    """Friction of the output over its angle: through some microsteps, and slowly to and fro over a shaft that slides at last."""
+def draw_friction_loop(loops: Axes, run: Axes, motion: Motion) -> None:
+    """Friction of the output over its angle: slowly to and fro over a shaft that slides at last; through some microsteps."""
     friction, t = motion.scenario.friction, _beginning(motion)
-    limit, memory = friction.breakaway_torque, friction.memory
-    ends = [share * limit / k for k, share in memory]
-    angle = motion["theta_l"][: t.size] - motion["theta_l"][: t.size].mean()
-    for amplitude, dashes in ((1.2 * ends[-1], ":"), (0.5 * ends[-1], "--")):
-        path = np.interp(
-            np.linspace(0.0, 5.0, 1000), np.arange(6), amplitude * np.array([0.0, 1.0, 0.0, -1.0, 0.0, 1.0])
-        )
-        torque = quasi_static_torque(memory, limit, path)
-        label = f"slowly, to and fro by ±{1e6 * amplitude:.3g} µrad"
-        ax.plot(1e6 * path, 1e3 * torque, color=GREY, linestyle=dashes, linewidth=1.2, label=label)
-    span = f"the run, {t[-1] - t[0]:.3g} ms"
-    ax.plot(1e6 * angle, 1e3 * motion["T_f"][: t.size], color=RED, linewidth=1.3, label=span)
-    _headroom(ax, 0.35)
-    ax.set(xlabel="angle of the output about its mean [µrad]", ylabel="friction torque [mN m]")
-    ax.legend(loc="upper left", fontsize=8)
+    memory, limit = friction.memory, friction.breakaway_torque
+    slides = memory[-1][1] * limit / memory[-1][0]
+    for amplitude, dashes in ((1.2 * slides, ":"), (0.5 * slides, "--"), (0.1 * slides, "-")):
+        turns = amplitude * np.array([0.0, 1.0, 0.0, -1.0, 0.0, 1.0])
+        path = np.interp(np.linspace(0.0, 5.0, 1000), np.arange(6), turns)
+        torque = 1e3 * quasi_static_torque(memory, limit, path)
+        loops.plot(1e6 * path, torque, color=GREY, linestyle=dashes, linewidth=1.2, label=f"±{1e6 * amplitude:.3g} µrad")
+    _headroom(loops, 0.6)
+    loops.legend(loc="upper left", fontsize=7)
+    angle = motion["theta_l"][: t.size] - motion["theta_l"][0]
+    run.plot(1e6 * angle, 1e3 * motion["T_f"][: t.size], color=RED, linewidth=1.3)
+    for ax, title in ((loops, "Slowly to and fro"), (run, f"In the run, {t[-1] - t[0]:.3g} ms")):
+        ax.set(xlabel="angle of the output [µrad]", ylabel="friction torque [mN m]", title=title)
 
 
 def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray]) -> None:

@@ -146,11 +146,11 @@ def _pictures(motion: Motion, lines: LineTable) -> tuple[Section, Section]:
 def _friction_loop(motion: Motion) -> list[Section]:
     if not motion.scenario.friction.memory:
         return []
-    drawing, axes = sheets.plain_sheet(2.8)
-    figures.draw_friction_loop(axes[0, 0], motion)
+    drawing, axes = sheets.plain_sheet(2.9, 1, 2)
+    figures.draw_friction_loop(axes[0, 0], axes[0, 1], motion)
     caption = (
-        "Red: through the first microsteps of the record. Grey: a shaft at rest before, turned slowly to and fro, until all"
-        " elements slide and by less."
+        "Left: a shaft at rest before, turned slowly to and fro until all elements slide, and by less. Right: through the first"
+        " microsteps of the record."
     )
     return [Section("Friction with memory", (drawn(drawing, "Friction torque over the output's angle", caption),))]
 
