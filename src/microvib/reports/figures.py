@@ -214,7 +214,9 @@ def draw_friction_loop(loops: Axes, run: Axes, motion: Motion) -> None:
         turns = amplitude * np.array([0.0, 1.0, 0.0, -1.0, 0.0, 1.0])
         path = np.interp(np.linspace(0.0, 5.0, 1000), np.arange(6), turns)
         torque = 1e3 * quasi_static_torque(memory, limit, path)
-        loops.plot(1e6 * path, torque, color=GREY, linestyle=dashes, linewidth=1.2, label=f"±{1e6 * amplitude:.3g} µrad")
+        loops.plot(
+            1e6 * path, torque, color=GREY, linestyle=dashes, linewidth=1.2, label=f"±{1e6 * amplitude:.3g} µrad"
+        )
     _headroom(loops, 0.6)
     loops.legend(loc="upper left", fontsize=7)
     angle = motion["theta_l"][: t.size] - motion["theta_l"][0]
