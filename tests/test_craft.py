@@ -17,6 +17,7 @@ from support.scenarios import in_si
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
 from microvib.cli.main import main
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.craft import Rows
 from microvib.model.rigid import elements
 from microvib.model.scenario import Scenario
@@ -326,6 +327,8 @@ def test_the_steady_state_on_a_craft_is_that_of_a_long_run() -> None:
 WRONG = {
     "not positive definite": ({"spacecraft.hub.inertia": [180.0, 150.0, -2.0, 0.0, 0.0, 0.0]}, "spacecraft.hub.inertia: principal"),
     "triangle": ({"spacecraft.hub.inertia": [180.0, 150.0, 410.0, 0.0, 0.0, 0.0]}, "more than the sum of the other two"),
+    "control": ({"spacecraft.attitude_control": "off"}, "attitude_control: 'off' is not allowed; keys are expected here: bandwidth, damping"),
+    "bandwidth": ({"spacecraft.attitude_control": {"bandwidth": 0.0, "damping": 0.7}}, "attitude_control.bandwidth: 0.0 is not allowed"),
     "boresight": ({"spacecraft.line_of_sight.boresight": [0.0, 0.0, 0.0]}, "line_of_sight.boresight"),
     "axis": ({"spacecraft.interface.drive_axis": [0.0, 0.0, 0.0]}, "spacecraft.interface.drive_axis"),
     "reference": ({"spacecraft.interface.reference": [1.0, 1.0, 0.0]}, "not perpendicular"),
@@ -386,3 +389,46 @@ def test_the_example_runs(tmp_path: Path) -> None:
     )
     again = mv.read_run(out).motion
     assert again["los_x"] == pytest.approx(mv.simulate(again.scenario)["los_x"], abs=1e-12)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_any_array_axis_may_be_the_drives(axis: str) -> None:
+    """The same array told in axes that are renamed cyclically."""
+    before = scenario_of(whole.FullCraft())
+    moved = {"x": [2, 0, 1], "y": [1, 2, 0]}[axis]  # which old axis each new one is
+    turn = np.eye(3)[moved]
+    modes = [
+        {"frequency": f, "damping": xi, "interface_participation": [*p[:3][moved].tolist(), *p[3:][moved].tolist()]}
+        for f, xi, p in zip(whole.FREQUENCIES, whole.DAMPING, whole.PARTICIPATION.T, strict=True)
+    ]
+    array = {
+        "inertia": whole.ARRAY_INERTIA[2, 2],
+        "drive_axis": axis,
+        "modes": modes,
+        "rigid_body": {
+            "mass": whole.ARRAY_MASS,
+            "center_of_mass": whole.ARRAY_CENTER[moved].tolist(),
+            "inertia": six(turn @ whole.ARRAY_INERTIA @ turn.T),
+        },
+    }
+    found = []
+    for scenario in (before, before.with_si({"array": array})):
+        assert scenario.craft is not None
+        found.append(scenario.craft.transfer(scenario.craft.loads(), np.array([0.7, 53.3])))
+    assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-12)
+
+
+def test_an_array_from_finite_elements_brings_its_six_components(tmp_path: Path) -> None:
+    path, data = tmp_path / "craft.yaml", parse_yaml(mv.dump_scenario(scenario_of(whole.FullCraft())), "craft")
+    path.write_text(json.dumps({**data, "array": {"fem": "reference-array", "modes": 8}}))
+    scenario = mv.load_scenario(path)
+    array, craft = scenario.array, scenario.craft
+    assert array.mass is not None
+    assert array.interface is not None
+    assert craft is not None
+    assert array.interface_inertia == pytest.approx(
+        array.mass[:, 3 + "xyz".index(array.drive_axis)], rel=1e-6, abs=1e-6
+    )
+    still = np.linalg.eigvalsh(array.mass - array.interface @ array.interface.T)
+    assert still.min() > -1e-6 * np.trace(array.mass)
+    assert craft.frequency.size == 8

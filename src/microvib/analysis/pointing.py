@@ -133,7 +133,7 @@ def hub_lines(source: Motion | SteadyState, table: LineTable, harmonics: int = 8
     rows = [craft.loads(), *([craft.line_of_sight()] if looks else [])]
     forced = np.hstack([np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows])
     tones = np.where(own[:, None], ringing, forced)
-    free = craft.spacecraft.attitude_control == "none"
+    free = craft.spacecraft.attitude_control is None
     keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~(free & (frequency < MEANINGLESS))
     names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
     return HubLines(scenario, names, frequency[keep], tones[keep, :6], tones[keep, 6:] if looks else None)

@@ -22,7 +22,7 @@ import numpy as np
 from microvib.model.array import Array
 from microvib.model.load import Load
 from microvib.model.rigid import motion_of, tensor
-from microvib.model.spacecraft import CENTER, INTERFACE, AttitudeControl, Spacecraft
+from microvib.model.spacecraft import CENTER, INTERFACE, Spacecraft
 
 MIXED = 0.1
 """Damping between two modes over the geometric mean of their own, from which it is said that the diagonal leaves something out."""
@@ -241,7 +241,7 @@ def _hub(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray, np.ndarray, in
     for k, mode in enumerate(hub.modes, 6):
         Omega = 2.0 * math.pi * mode.frequency
         K[k, k], C[k, k] = Omega**2, 2.0 * mode.damping * Omega
-    if not isinstance(control, AttitudeControl):
+    if control is None:
         return M, K, C, 6
     omega = 2.0 * math.pi * control.bandwidth
     K[3:6, 3:6], C[3:6, 3:6] = omega**2 * inertia, 2.0 * control.damping * omega * inertia

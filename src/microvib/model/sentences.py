@@ -40,7 +40,7 @@ def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -
         raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
 
 
-_BRANCHES = ("function-plain", "function-wrap", "literal", "constrained", "tuple", "lax-or-strict")
+_BRANCHES = ("function-after", "function-plain", "function-wrap", "literal", "constrained", "tuple", "lax-or-strict")
 
 
 class _Place(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from microvib.model.part import Part, Six
 from microvib.model.rigid import Direction, Inertia, Position, inertia_misfit, tensor
@@ -170,9 +170,8 @@ class Spacecraft(Part):
         Quantity("rad", "angle of the array from the mounting's zero, about the drive axis", "psi", display="deg"),
     ] = 0.0
     interface: Interface
-    attitude_control: AttitudeControl | Literal["none"] = Field(
-        default="none",
-        description="none leaves the craft free; lines far below the array's first mode mean nothing then",
+    attitude_control: Annotated[AttitudeControl | None, BeforeValidator(lambda x: None if x == "none" else x)] = Field(
+        default=None, description="none leaves the craft free; lines far below the array's first mode mean nothing then"
     )
     line_of_sight: LineOfSight | None = None
 
