@@ -76,7 +76,9 @@ class HubLines:
         rising = np.sqrt(np.cumsum(squares, axis=0))
         falling = np.sqrt(np.cumsum(squares[::-1], axis=0)[::-1])
         levels = [level(self.amplitude[:, k], 0.0, CONFIDENCE) for k in range(2)]
+        craft = self.scenario.craft
         return {
+            "notes": [] if craft is None else list(craft.notes),
             "windows": list(self.totals()),
             "within": {"confidence": CONFIDENCE, "los_x_rad": levels[0], "los_y_rad": levels[1]},
             "cumulative": {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,7 +69,18 @@ def run(
     )
     if result.accuracy is not None:
         echo(f"Integration: {result.accuracy}.")
+    for sentence in _of_craft(loaded, files):
+        echo(sentence)
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
+
+
+def _of_craft(loaded: Scenario, files: tuple[str, ...]) -> Iterator[str]:
+    """What is to be known of a run on a craft."""
+    if loaded.craft is None:
+        return
+    yield from loaded.craft.notes
+    if "loads.csv" not in files:
+        yield "Loads and line of sight need the motion, or a steady state: leave --lines-only out, or add --steady."
 
 
 def _steady_sentence(result: RunResult) -> str:
