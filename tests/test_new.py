@@ -3,17 +3,24 @@
 import csv
 import math
 import re
+import time
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
-from support.commands import microvib
+
+pytest.importorskip("pty", reason="pseudo-terminals are of POSIX")
+
+from support.commands import SHORT, microvib
+from support.terminal import in_terminal
 
 import microvib as mv
 from microvib.io.gears import catalog_gears
 from microvib.io.new_scenario import new_text
 from microvib.io.scenario_file import catalog_text
+from microvib.reports.parameters import provenance
 from microvib.units import convert
 
 SIZES = (14, 17, 20, 25, 32)
@@ -98,3 +105,161 @@ def test_a_gear_that_is_none_is_told_in_one_sentence(tmp_path, gear, sentence):
     assert sentence in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+# -- a data sheet ----------------------------------------------------------------------------------------------------
+
+SHEET = {
+    "holding_torque": "0.5 N*m", "phases_on": "2", "current": "0.8 A", "detent": "4 percent", "step_angle": "0.0075 deg",
+    "ratio": "120", "resistance": "5 ohm", "inductance": "9 mH", "rotor_inertia": "0.11 kg*cm^2", "microsteps": "32",
+    "gear": "size 17",
+}  # fmt: skip
+OPTIONS = [word for key, text in SHEET.items() for word in (f"--{key.replace('_', '-')}", text)]
+
+
+def largest_torque(scenario: mv.Scenario, i_A: float, i_B: float) -> float:
+    """Of Eq. 4 over the rotor's angle, without detent torque [N m]."""
+    motor = scenario.motor
+    theta = np.linspace(0.0, 2.0 * math.pi / motor.rotor_teeth, 100_001)
+    z = motor.rotor_teeth
+    return float(np.max(motor.torque_constant * (i_B * np.cos(z * theta) - i_A * np.sin(z * theta))))
+
+
+@pytest.mark.parametrize(("on", "currents"), [("2", (0.8, 0.8)), ("1", (0.8, 0.0))])
+def test_a_holding_torque_is_what_the_motor_then_holds(on, currents):
+    scenario = mv.new_scenario(**{**SHEET, "phases_on": on})
+    assert scenario.motor.current == 0.8
+    assert largest_torque(scenario, *currents) == pytest.approx(0.5, rel=1e-5)
+    assert scenario.motor.detent_torque == pytest.approx(0.02)
+
+
+def test_a_data_sheet_becomes_a_scenario():
+    scenario = mv.new_scenario(**SHEET)
+    motor, driver = scenario.motor, scenario.driver
+    assert math.degrees(driver.full_step(motor)) / scenario.reducer.ratio == pytest.approx(0.0075)
+    assert (motor.rotor_teeth, driver.microsteps, scenario.reducer.ratio) == (100, 32, 120.0)
+    assert (motor.winding_resistance, motor.winding_inductance) == (5.0, pytest.approx(9e-3))
+    assert motor.rotor_inertia == pytest.approx(1.1e-5)
+    assert scenario.reducer.stiffness == 10_000.0
+    # the zero of the current loop cancels the winding's pole; its bandwidth is assumed
+    assert driver.integral_gain / driver.proportional_gain == pytest.approx(5.0 / 9e-3, rel=1e-5)
+    stated = {key for key, *_ in scenario.entries() if provenance(scenario.source_of(key)).status == "data sheet"}
+    assert stated == {
+        "motor.rotor_teeth", "motor.current", "motor.torque_constant", "motor.detent_torque", "motor.winding_resistance",
+        "motor.winding_inductance", "motor.rotor_inertia", "driver.microsteps", "reducer.ratio", "reducer.stiffness",
+    }  # fmt: skip
+    others = [key for key, *_ in scenario.entries() if key not in stated]
+    assert all(provenance(scenario.source_of(key)).status == "assumed" for key in others)
+
+
+@pytest.mark.parametrize("missing", list(SHEET))
+def test_what_is_missing_is_assumed_and_lies_in_its_range(missing):
+    scenario = mv.new_scenario(**{key: text for key, text in SHEET.items() if key not in (missing, "gear")})
+    ranged = 0
+    for key, value, quantity in scenario.entries():
+        found = re.search(r"; range (.+) to (.+)$", scenario.source_of(key))
+        if found:
+            low, high = (convert(text, quantity.unit if quantity else "") for text in found.groups())
+            assert low <= value <= high * 1.001
+            assert low < high
+            (
+                scenario.with_si({key: low if quantity else int(low)}),
+                scenario.with_si({key: high if quantity else int(high)}),
+            )
+            ranged += 1
+    assert ranged >= 8
+
+
+def test_without_a_ratio_the_step_at_the_output_says_it():
+    scenario = mv.new_scenario(step_angle="0.02 deg")
+    assert (scenario.motor.rotor_teeth, scenario.reducer.ratio) == (50, pytest.approx(90.0))
+    assert scenario.source_of("reducer.ratio").startswith("assumed: ")
+
+
+def test_a_file_of_a_data_sheet_reads_back_and_runs(tmp_path):
+    done = microvib("new", "my.yaml", "--from-datasheet", *OPTIONS, cwd=tmp_path)
+    assert done.exit_code == 0, done.output
+    told = {line.split(":")[0].strip() for line in done.stdout.splitlines() if line.startswith("  ")}
+    assert told == {
+        "driver.proportional_gain", "driver.integral_gain", "reducer.damping", "reducer.transmission_error.0.amplitude"
+    }  # fmt: skip
+    scenario = mv.load_scenario(tmp_path / "my.yaml")
+    assert scenario == mv.new_scenario(**SHEET)
+    ran = microvib("run", "my.yaml", *SHORT, "--lines-only", "--out", "out", cwd=tmp_path)
+    assert ran.exit_code == 0, ran.output
+    assert "drive_1" in ran.stdout
+
+
+def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
+    answers = [
+        "0.5",
+        "0.5 N*m",
+        "3",
+        "2",
+        "0.8 A",
+        "4 percent",
+        "0.0075 deg",
+        "120",
+        "5 ohm",
+        "9 mH",
+        "",
+        "32",
+        "size 17",
+    ]
+    shown = in_terminal("new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers)
+    assert shown.status == 0, shown.text
+    assert "needs a unit, such as '0.5 N*m'" in shown.text
+    assert "3 is not allowed; a whole number from 1 to 2 is expected" in shown.text
+    sheet = {key: text for key, text in SHEET.items() if key != "rotor_inertia"}
+    assert mv.load_scenario(tmp_path / "my.yaml") == mv.new_scenario(**sheet)
+
+
+def test_a_person_who_gives_up_leaves_no_file(tmp_path):
+    def waiting(written: str) -> bool:
+        return "Holding" in written and not time.sleep(
+            0.5
+        )  # until it reads: before, the interrupt is seen with the next key
+
+    shown = in_terminal("new", "my.yaml", "--from-datasheet", cwd=tmp_path, until=waiting, seconds=30.0)
+    assert shown.status == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nobody_is_asked_through_a_pipe(tmp_path):
+    done = microvib("new", "my.yaml", "--from-datasheet", cwd=tmp_path)
+    assert done.exit_code == 1
+    assert done.stderr.startswith(
+        "Error: --from-datasheet: there is no terminal to ask on; give at least one of --holding-torque,"
+    )
+    assert len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--holding-torque", "0.5"], "--holding-torque: '0.5' needs a unit, such as '0.5 N*m'"),
+        (["--detent", "80 percent"], "--detent: '80 percent' is not allowed; it must be at least 0 and at most 0.5"),
+        (["--phases-on", "3"], "--phases-on: 3 is not allowed; a whole number from 1 to 2 is expected"),
+        (["--resistance", "-1 ohm"], "--resistance: '-1 ohm' is not allowed; it must be greater than 0 ohm"),
+        (["--microsteps", "many"], "--microsteps: 'many' is not allowed; a whole number from 1 to 65536 is expected"),
+        (["--step-angle", "1.8 deg"], "--step-angle: 1.8 deg at the output would be ratio 1"),
+        (
+            ["--step-angle", "0.018 deg", "--ratio", "77"],
+            "is 1.386 deg at the motor with ratio 77: 90 deg over a whole",
+        ),
+        (["--gear", "size 14 ratio 100", "--ratio", "120"], "has another ratio than the one given apart, 120"),
+        (["--gear", "size 13"], "size 13 is not in the catalog"),
+    ],
+)
+def test_a_data_sheet_that_is_wrong_is_told_in_one_sentence(tmp_path, arguments, sentence):
+    done = microvib("new", "my.yaml", "--from-datasheet", *arguments, cwd=tmp_path)
+    assert done.exit_code == 1
+    assert sentence in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_entries_of_a_data_sheet_want_to_be_called_so(tmp_path):
+    done = microvib("new", "my.yaml", "--ratio", "100", cwd=tmp_path)
+    assert (done.exit_code, done.stderr) == (1, "Error: --ratio: is of a data sheet; it goes with --from-datasheet\n")

@@ -73,9 +73,13 @@ def in_terminal(
     columns: int = 100,
     environment: Mapping[str, str] | None = None,
     until: Callable[[str], bool] | None = None,
+    typed: Sequence[str] = (),
     seconds: float = 240.0,
 ) -> Shown:
-    """Run ``microvib``, or another program, in a terminal of its own; as soon as ``until`` is true of what it wrote, press Ctrl-C."""
+    """Run ``microvib``, or another program, in a terminal of its own; as soon as ``until`` is true of what it wrote, press Ctrl-C.
+
+    ``typed`` are lines that somebody types ahead.
+    """
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
     env = {
@@ -87,6 +91,7 @@ def in_terminal(
         env=env | dict(environment or {}), preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
     )  # fmt: skip
     os.close(slave)
+    os.write(master, "".join(f"{line}\n" for line in typed).encode())
     written, last = b"", time.monotonic() + seconds
     try:
         while time.monotonic() < last:

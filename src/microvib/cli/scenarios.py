@@ -1,4 +1,4 @@
-"""Commands about one scenario: run it, report on the run again, show it, list the catalog, start a file."""
+"""Commands about one scenario: run it, report on the run again, show it, list the catalog."""
 
 from __future__ import annotations
 
@@ -148,18 +148,6 @@ def show(scenario: str, settings: tuple[str, ...]) -> None:
     click.echo("\n# Derived:")
     for text in derived(loaded):
         click.echo(f"#   {text}")
-
-
-@click.command()
-@click.argument("file", type=PATH)
-@click.option("--gear", metavar="GEAR", help="A harmonic gear of the catalog, such as 'size 14 ratio 100'.")
-def new(file: Path, gear: str | None) -> None:
-    """Write FILE, a commented scenario to start from. Never overwrites."""
-    from microvib.io.new_scenario import new_text
-    from microvib.io.writing import write_file
-
-    write_file(file, new_text(gear))
-    echo(f"Written: {file}. Edit it, then: microvib run {file}")
 
 
 @click.command()

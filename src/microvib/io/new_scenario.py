@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 
+from microvib.io.data_sheet import REST, assumed, entries_of, read_sheet
 from microvib.io.gears import Entry, find_gear
 from microvib.io.scenario_file import catalog_text, scenario_of
 from microvib.io.yaml_text import parse_yaml
@@ -15,17 +16,34 @@ _LINE = re.compile(r"(?P<start>  (?P<key>\w+): )(?P<value>[^#]*?)(?P<space> *)(?
 _ERROR = "reducer.transmission_error"
 
 
-def new_text(gear: str | None = None) -> str:
-    """Text of a commented scenario file; ``gear`` is one of the catalog, such as ``size 14 ratio 100``. OptionError."""
+def new_text(gear: str | None = None, **sheet: str) -> str:
+    """Text of a commented scenario file.
+
+    ``gear`` alone is one of the catalog, such as ``size 14 ratio 100``. Further entries of a data sheet, texts with units such as
+    ``holding_torque="0.5 N*m"``, make the file of that drive, in which all else is assumed: see ``DataSheet``. OptionError.
+    """
+    if sheet:
+        return sheet_text({**sheet, **({} if gear is None else {"gear": gear})})[0]
     if gear is None:
         return catalog_text("new")
     found, ratio = find_gear(gear)
     return filled(found.entries(ratio, _example().output_inertia))
 
 
-def new_scenario(gear: str | None = None) -> Scenario:
-    """The scenario that ``new_text`` is the file of: ``new_scenario(gear="size 14 ratio 100")``."""
-    return scenario_of(parse_yaml(new_text(gear), "new"), "new")
+def sheet_text(texts: dict[str, str]) -> tuple[str, dict[str, Entry]]:
+    """Text of the file of a data sheet's entries, as a user wrote them, and what of it is assumed. OptionError, ScenarioError."""
+    entries = entries_of(read_sheet(texts), _example().output_inertia)
+    text = filled(entries, REST)
+    scenario_of(parse_yaml(text, "new"), "data sheet")
+    return text, assumed(entries)
+
+
+def new_scenario(gear: str | None = None, **sheet: str) -> Scenario:
+    """The scenario that ``new_text`` is the file of.
+
+    ``new_scenario(gear="size 14 ratio 100")``, ``new_scenario(holding_torque="0.5 N*m", detent="5 percent", ratio="100")``.
+    """
+    return scenario_of(parse_yaml(new_text(gear, **sheet), "new"), "new")
 
 
 def _example() -> Scenario:
@@ -61,7 +79,7 @@ def _with_value(line: str, group: str, entries: Mapping[str, Entry]) -> str:
         return f"    - {{order: 2, amplitude: {amplitude.text}, phase: 0 deg}}"
     found = _LINE.fullmatch(line)
     entry = entries.get(f"{group}.{found['key']}") if found else None
-    if found is None or entry is None:
+    if found is None or entry is None or not entry.text:
         return line
     start, comment = found["start"], found["comment"] or ""
     wide = found.start("comment") - len(start) if comment else 0

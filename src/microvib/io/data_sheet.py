@@ -1,0 +1,240 @@
+"""What a drive's data sheet says, as values of a scenario; what it does not say is assumed, with a range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field
+
+from microvib.errors import OptionError, ScenarioError
+from microvib.io.gears import Entry, catalog_gears, find_gear
+from microvib.model.driver import Driver
+from microvib.model.motor import Motor
+from microvib.model.part import Part
+from microvib.model.reducer import Reducer
+from microvib.model.sentences import validated
+from microvib.units import Quantity, convert
+
+REST = "assumed: an example, Appl. Sci. 2021, 11, 9076, Tables 2 and 3; put yours here"
+"""Source of all that no data sheet of a drive says."""
+
+
+class DataSheet(Part):
+    """Entries of a data sheet; what it does not state is left out."""
+
+    holding_torque: Annotated[float, Quantity("N*m", "holding torque of the motor", gt=0)] | None = None
+    phases_on: Annotated[int, Field(ge=1, le=2, strict=True, description="phases on at the holding torque")] | None = (
+        None
+    )
+    current: Annotated[float, Quantity("A", "current per phase at the holding torque", gt=0)] | None = None
+    detent: (
+        Annotated[float, Quantity("", "detent torque over holding torque", ge=0, le=0.5, display="percent")] | None
+    ) = None
+    step_angle: Annotated[float, Quantity("rad", "full step at the output", gt=0, display="deg")] | None = None
+    ratio: Annotated[float, Quantity("", "reduction ratio", ge=1, le=1000)] | None = None
+    resistance: Annotated[float, Quantity("ohm", "resistance of one winding", gt=0)] | None = None
+    inductance: Annotated[float, Quantity("H", "inductance of one winding", gt=0, display="mH")] | None = None
+    rotor_inertia: (
+        Annotated[float, Quantity("kg*m^2", "moment of inertia of the rotor", gt=0, display="kg*cm^2")] | None
+    ) = None
+    microsteps: Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step")] | None = (
+        None
+    )
+    gear: str | None = Field(default=None, description="size of the harmonic gear")
+
+
+class Between(NamedTuple):
+    """A value in SI, and between which it may lie; the three are equal where it is known."""
+
+    low: float
+    value: float
+    high: float
+
+    def times(self, other: Between) -> Between:
+        """Product of two, which need not be known."""
+        return Between(*(a * b for a, b in zip(self, other, strict=True)))
+
+
+TYPICAL = {
+    "holding_torque": Between(0.1, 0.25, 1.0),
+    "detent": Between(0.02, 0.05, 0.1),
+    "resistance": Between(2.0, 6.0, 20.0),
+    "microsteps": Between(4, 16, 64),
+}
+"""What is assumed of an entry that is missing."""
+TIME_CONSTANT = Between(1e-3, 2e-3, 4e-3)  # L/R of windings [s]
+INERTIA = Between(1e-5, 3e-5, 1e-4)  # of the rotor over the holding torque of hybrid stepping motors [kg m^2 / (N m)]
+BANDWIDTH = Between(300.0, 1000.0, 3000.0)  # of current loops [Hz]
+STIFFNESS = (2000.0, 16_000.0)  # K1 of gears up to size 20, of any ratio [N m/rad]
+CURRENT, TEETH, RATIO, SIZE = 0.6, 50, 100.0, 14  # assumed where the data sheet is silent
+_STEPS = 4  # full steps per rotor tooth of a motor with two phases
+
+
+def read_entry(key: str, text: str) -> Any:
+    """Value of one entry in SI from what a user wrote; OptionError with a sentence that names the option."""
+    given: Any = int(text) if key in ("phases_on", "microsteps") and text.strip().isdecimal() else text.strip()
+    try:
+        value = getattr(validated(DataSheet, {key: given[:200] if isinstance(given, str) else given}), key)
+    except ScenarioError as error:
+        raise OptionError(key, str(error).removeprefix(f"{key}: ")) from None
+    if key == "gear":
+        find_gear(value, None if "ratio" in value.lower() else RATIO)
+    return value
+
+
+def read_sheet(texts: dict[str, str]) -> DataSheet:
+    """Data sheet of entries as a user wrote them; OptionError names the first that is wrong."""
+    values = {key: read_entry(key, text) for key, text in texts.items()}
+    return validated(DataSheet, values, si=True)
+
+
+def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
+    """Dotted key to value and source, for a scenario with ``inertia`` [kg m^2] rigidly on the output.
+
+    The holding torque is sqrt(2) K_m I with both phases on and K_m I with one (Eq. 4). Sources begin with ``data sheet`` or
+    ``assumed``, and what is assumed notes its range. OptionError where entries contradict each other.
+    """
+    torque = _known(sheet, "holding_torque")
+    return dict([*_motor(sheet, torque), *_windings(sheet), *_train(sheet, inertia), *_examples()])
+
+
+def assumed(entries: dict[str, Entry]) -> dict[str, Entry]:
+    """Those of ``entries`` that the data sheet does not give."""
+    return {key: entry for key, entry in entries.items() if entry.text and entry.source.startswith("assumed")}
+
+
+_Found = tuple[str, Entry]
+
+
+def _motor(sheet: DataSheet, torque: Between) -> Iterator[_Found]:
+    on = "both phases on" if sheet.phases_on != 1 else "one phase on"
+    usual = ", the usual statement" if sheet.phases_on is None else ""
+    current = sheet.current or CURRENT
+    spring = math.sqrt(2.0 if sheet.phases_on != 1 else 1.0) * current
+    stated = "data sheet: current per phase at the holding torque, taken for the amplitude of microsteps"
+    lacking = (
+        "assumed: no range: torque depends on its product with motor.torque_constant, which the holding torque gives"
+    )
+    yield "motor.current", Entry(_text(Motor, "current", current), stated if sheet.current else lacking)
+    said = f"holding torque of {torque.value:.4g} N m with {on}{usual}, over {spring:.4g} A{'' if sheet.current else ', assumed'}"
+    yield "motor.torque_constant", _entry(Motor, "torque_constant", torque.times(_exactly(1.0 / spring)), said)
+    detent = _known(sheet, "detent")
+    said = f"{100.0 * detent.value:.3g} % of the holding torque"
+    yield "motor.detent_torque", _entry(Motor, "detent_torque", detent.times(torque), said)
+    rotor = torque.times(INERTIA) if sheet.rotor_inertia is None else _exactly(sheet.rotor_inertia)
+    said = (
+        "rotor"
+        if sheet.rotor_inertia is not None
+        else "0.3 kg cm² per N m of holding torque, of hybrid stepping motors"
+    )
+    yield "motor.rotor_inertia", _entry(Motor, "rotor_inertia", rotor, said)
+
+
+def _windings(sheet: DataSheet) -> Iterator[_Found]:
+    resistance = _known(sheet, "resistance")
+    yield "motor.winding_resistance", _entry(Motor, "winding_resistance", resistance, "resistance of one winding")
+    own = sheet.inductance is not None
+    inductance = _exactly(sheet.inductance) if sheet.inductance is not None else resistance.times(TIME_CONSTANT)
+    said = "inductance of one winding" if own else "a time constant L/R of 2 ms, 1 to 4 ms"
+    yield "motor.winding_inductance", _entry(Motor, "winding_inductance", inductance, said)
+    loop = f"2π f_c {{}}, bandwidth f_c of the current loop {BANDWIDTH.value:g} Hz"
+    rate = BANDWIDTH.times(_exactly(2.0 * math.pi))
+    for key, name, winding in (("proportional_gain", "L", inductance), ("integral_gain", "R", resistance)):
+        yield f"driver.{key}", _entry(Driver, key, rate.times(winding), loop.format(name))
+    steps = _known(sheet, "microsteps")
+    range_ = f"; range {steps.low:g} to {steps.high:g}" if steps.low < steps.high else ""
+    yield (
+        "driver.microsteps",
+        Entry(f"{steps.value:g}", f"{'assumed' if range_ else 'data sheet'}: microsteps per full step{range_}"),
+    )
+
+
+def _train(sheet: DataSheet, inertia: float) -> Iterator[_Found]:
+    """Rotor teeth, ratio and gear."""
+    gear, stated = None, sheet.ratio
+    if sheet.gear is not None:
+        usual = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle)
+        gear, ratio = find_gear(sheet.gear, sheet.ratio or (None if "ratio" in sheet.gear.lower() else usual))
+        stated = stated or (ratio if "ratio" in sheet.gear.lower() else None)
+    elif sheet.ratio is not None:
+        ratio = sheet.ratio
+    else:
+        ratio = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle)
+    yield "motor.rotor_teeth", _teeth(sheet.step_angle, ratio, stated is not None)
+    yield from (gear or catalog_gears()[SIZE]).entries(ratio, inertia).items()
+    if stated is None:
+        why = "a usual one" if sheet.step_angle is None else "of a motor with steps of 1.8 deg"
+        yield "reducer.ratio", Entry(f"{ratio:g}", f"assumed: no range: {why}")
+    elif gear is None:
+        yield "reducer.ratio", Entry(f"{ratio:g}", "data sheet: reduction ratio")
+    if gear is None:
+        K = Between(STIFFNESS[0], catalog_gears()[SIZE].stiffnesses[0], STIFFNESS[1])
+        yield "reducer.stiffness", _entry(Reducer, "stiffness", K, f"K1 of a harmonic gear of size {SIZE}")
+
+
+def _teeth(step_angle: float | None, ratio: float, known: bool) -> Entry:
+    """Rotor teeth from the step at the output [rad]; OptionError where they are not a whole number."""
+    if step_angle is None:
+        return Entry(f"{TEETH}", "assumed: no range: steps of 1.8 deg, the usual motor")
+    exact, step = 2.0 * math.pi / (_STEPS * ratio * step_angle), math.degrees(step_angle)
+    teeth = round(exact)
+    if not 1 <= teeth <= 1000 or abs(exact - teeth) > 0.01 * teeth:
+        raise OptionError(
+            "step_angle",
+            f"{step:g} deg at the output is {step * ratio:g} deg at the motor with ratio {ratio:g}: 90 deg over a whole"
+            f" number of rotor teeth from 1 to 1000 is expected there, at the output such as {1.8 / ratio:g} deg",
+        )
+    said = f"step of {step:g} deg at the output, ratio {ratio:g}: {step * ratio:.4g} deg at the motor"
+    return Entry(f"{teeth}", f"{'data sheet' if known else 'assumed: no range'}: {said}")
+
+
+def _usual_ratio(step_angle: float) -> float:
+    """Ratio with which a step of the usual motor is ``step_angle`` [rad] at the output; OptionError where that is no reducer's."""
+    ratio = float(f"{2.0 * math.pi / (_STEPS * TEETH * step_angle):.6g}")
+    if not 5.0 <= ratio <= 1000.0:
+        raise OptionError(
+            "step_angle",
+            f"{math.degrees(step_angle):g} deg at the output would be ratio {ratio:g} with a motor of 1.8 deg per step;"
+            " 0.0018 to 0.36 deg at the output is expected, or the ratio too",
+        )
+    return ratio
+
+
+def _examples() -> Iterator[_Found]:
+    """Ranges of what no data sheet says; the values are those of the commented file."""
+    ranges = {
+        "motor.friction.viscous": "range 0.005 N*m*s/rad to 0.05 N*m*s/rad",
+        "friction.slip_ring.friction_factor": "range 0.5 to 2",
+        "array.rigid_inertia": "range 0.05 kg*m^2 to 0.3 kg*m^2",
+        "array.modes.0.damping": "range 0.3 percent to 2 percent",
+    }
+    for key, text in ranges.items():
+        yield key, Entry("", f"{REST}; {text}")
+
+
+def _known(sheet: DataSheet, key: str) -> Between:
+    value = getattr(sheet, key)
+    return TYPICAL[key] if value is None else _exactly(value)
+
+
+def _exactly(value: float) -> Between:
+    return Between(value, value, value)
+
+
+def _entry(part: type[Part], name: str, value: Between, said: str) -> Entry:
+    """A value that is known, or assumed with its range."""
+    if value.low == value.high:
+        return Entry(_text(part, name, value.value), f"data sheet: {said}")
+    low, high = (_text(part, name, x, 3) for x in (value.low, value.high))
+    return Entry(_text(part, name, value.value), f"assumed: {said}; range {low} to {high}")
+
+
+def _text(part: type[Part], name: str, value: float, digits: int = 6) -> str:
+    """A value in SI as the file has it."""
+    quantity = part.quantity_of(name)
+    assert quantity is not None
+    unit = quantity.display or quantity.unit
+    number = float(f"{value / convert(f'1 {unit}', quantity.unit):.{digits}g}")
+    return f"{number:.10g} {unit}"
