@@ -245,8 +245,8 @@ def test_nobody_is_asked_through_a_pipe(tmp_path):
         (["--microsteps", "many"], "--microsteps: 'many' is not allowed; a whole number from 1 to 65536 is expected"),
         (["--step-angle", "1.8 deg"], "--step-angle: 1.8 deg at the output would be ratio 1"),
         (
-            ["--step-angle", "0.018 deg", "--ratio", "77"],
-            "is 1.386 deg at the motor with ratio 77: 90 deg over a whole",
+            ["--step-angle", "0.018 deg", "--ratio", "170"],
+            "is 3.06 deg at the motor with ratio 170: 90 deg over a whole",
         ),
         (["--gear", "size 14 ratio 100", "--ratio", "120"], "has another ratio than the one given apart, 120"),
         (["--gear", "size 13"], "size 13 is not in the catalog"),
