@@ -111,6 +111,9 @@ def identify(
         if problem.ledger.best is None:
             raise KeyboardInterrupt
         problem, x, r = problem.ledger.best
+        if problem.whole is not None:
+            problem = problem.whole
+            r = problem.residuals([x])[0]
         found = Findings(problem, Optimum(x, r, cost(r)))
     return _fit(found, scenario, seed, interrupted, notes)
 

@@ -134,7 +134,7 @@ class _Side:
         if t not in self.known:
             start, free = self.start(t), np.arange(self.best.x.size) != self.k
             if np.any(free):
-                self.note(t, Descent(self.problem, start, free).run(AGAIN, ROUGH))
+                self.note(t, Descent(self.problem, start, free, J=self.local.J[:, free]).run(AGAIN, ROUGH))
             else:
                 r = self.problem.residuals([start])[0]
                 self.note(t, Optimum(start, r, cost(r)))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from threading import Lock, current_thread, main_thread
 from typing import TypeVar
 
@@ -39,6 +40,10 @@ OFF = 3.0
 """Standard deviations above which a figure counts as off."""
 FEW = 3
 """Degrees of freedom below which the data hardly check the model."""
+RESOLVED = 10.0
+"""Length of a short record in periods of the least difference between observed lines."""
+WORTH = 0.7
+"""Part of the motion that a short record may take at most to be worth it."""
 PRIOR = 0.1
 """Weight of a prior near the start, per width of a range: it decides only where there is no evidence."""
 
@@ -56,6 +61,26 @@ def as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object]
     if evidence.clock_ratio is not None:
         record["tracking.clock_ratio"] = test.tracking.clock_ratio * evidence.clock_ratio
     return test.with_si(record)
+
+
+def shortened(test: Scenario, evidence: Evidence) -> Scenario:
+    """The test with a record, and a time before it, just long enough to tell its observed lines apart; itself, if it has no longer.
+
+    The time before it is shorter by whole electrical periods, so that lines of the clock keep their phases. Where the rate changes
+    in it, the test stays as it is.
+    """
+    if not test.driving_frequency:
+        return test
+    observed = {o.line for o in evidence.observations}
+    at = sorted({0.0} | {x.frequency for x in expected_lines(test, Si(math.inf)) if x.name in observed})
+    enough = RESOLVED / min(b - a for a, b in pairwise(at)) if len(at) > 1 else math.inf
+    period = test.driver.beats * test.driver.microsteps / test.driving_frequency
+    settle = test.record.settle - max(math.floor((test.record.settle - enough) / period), 0.0) * period
+    duration = min(evidence.duration, enough)
+    if settle + duration > WORTH * (test.record.settle + evidence.duration):
+        return test
+    short = test.with_si({"record.settle": settle, "record.duration": duration})
+    return short if short.driving_frequency == test.driving_frequency else test
 
 
 def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int, Simulated]]:
@@ -122,7 +147,8 @@ class Ledger:
         """One point more; any thread may say so."""
         with self._lock:
             self.simulations += len(problem.tests)
-            if cost(r) < self._cost or self.best is None:
+            worth = problem.whole is not None, cost(r)  # whole records before short ones
+            if self.best is None or worth < (self.best[0].whole is not None, self._cost):
                 self._cost, self.best = cost(r), (problem, x, r)
             values = self.best[0].changes(self.best[1])
             self._progress(self.stage, self.simulations, self._cost, values)  # type: ignore[arg-type]
@@ -139,9 +165,13 @@ class Problem:
         trust: Trust,
         progress: FitProgress | None = None,
         ledger: Ledger | None = None,
+        whole: Problem | None = None,
     ) -> None:
         self.scenario, self.evidence, self.keys, self.trust = scenario, evidence, list(keys), trust
-        self.tests = [(one, as_tested(scenario, one, changes)) for one, changes in evidence]
+        # whose records this one has shortened
+        self.whole = whole
+        tests = [(one, as_tested(scenario, one, changes)) for one, changes in evidence]
+        self.tests = tests if whole is None else [(one, shortened(test, one)) for one, test in tests]
         self.observed = [(k, o) for k, (one, _) in enumerate(self.tests) for o in one.observations]
         self.weights = np.array([weight(o, trust.each) for _, o in self.observed])
         own = {name: value for name, value, _ in scenario.entries()}
@@ -153,6 +183,17 @@ class Problem:
     def again(self, keys: Sequence[FitKey]) -> Problem:
         """The same with other keys."""
         return Problem(self.scenario, self.evidence, keys, self.trust, ledger=self.ledger)
+
+    def rough(self) -> Problem:
+        """For a search: with records that just tell the observed lines apart; itself where that changes what is observed."""
+        timed = any(
+            o.form == "nearest_bin" or (o.line.startswith("array_mode_") and o.form == "amplitude")
+            for _, o in self.observed
+        )
+        if timed or "record.settle" in self.taken:
+            return self
+        short = Problem(self.scenario, self.evidence, self.keys, self.trust, ledger=self.ledger, whole=self)
+        return self if all(a is b for (_, a), (_, b) in zip(self.tests, short.tests, strict=True)) else short
 
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
         """The work on each item, as many at a time as there are cores. An interrupt also ends work that is under way."""

@@ -17,6 +17,12 @@ STEP = 0.3
 """Step of differences over what the evidence resolves: a parameter's standard error, were the others known."""
 STEPS = (1e-6, 1e-2)
 """Least and largest step of differences: numerical noise of lines is some 1e-6."""
+DAMPING, EASED = 1e-3, 10.0
+"""Damping of a local fit's first step, over the slopes' squares; by what it is divided after a step that is kept, or multiplied."""
+KEPT = 0.5
+"""Part of the promised gain that a step must bring to be called kept: its slopes then serve for the next, corrected by a secant."""
+FARTHEST = 1.0
+"""Longest step in a coordinate: a factor of e."""
 CLOSE = 1e-5
 """Relative change of the cost below which a local fit is at its end."""
 AGAIN, FULL = 12, 60
@@ -25,6 +31,14 @@ AT_ONCE, MAX_FITS = 2, 8
 """Local fits before it is asked whether the evidence is explained, whatever the number of cores; and at most, of a round."""
 PART = 32
 """Points of the global search between two reports of progress."""
+SAME = 0.1
+"""Part of a material gain below which slopes are not taken anew."""
+FEWER = 4
+"""By how much the global search is smaller before a mode's frequency is fitted as well."""
+APART = 0.01
+"""Difference in a coordinate below which ends of fits to short records are the same."""
+HOPELESS = 10.0
+"""Chi-square over the limit of a correct model's, in a short record, that no whole record makes up for."""
 LOOKS = 4
 """Most second searches."""
 
@@ -39,40 +53,81 @@ class Optimum:
 
 
 class Descent:
-    """Trust-region least squares with differences whose steps follow what the evidence resolves."""
+    """Damped least squares: slopes by differences at first, then by secants for as long as steps keep what they promise.
 
-    def __init__(self, problem: Problem, x: np.ndarray, free: np.ndarray | None = None, central: bool = False) -> None:
-        self.problem, self.x0, self.central = problem, x, central
+    Slopes ``J`` (rows, free) that are given, those of an optimum near by, are trusted in the same way. Huber's cost is made small
+    by weights that follow the residuals.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        x: np.ndarray,
+        free: np.ndarray | None = None,
+        central: bool = False,
+        J: np.ndarray | None = None,
+    ) -> None:
+        self.problem, self.central, self.given = problem, central, J
         self.free = np.flatnonzero(np.ones(x.size, dtype=bool) if free is None else free)
+        self.low, self.high = problem.low[self.free], problem.high[self.free]
+        self.x0 = x.copy()
+        self.x0[self.free] = np.clip(x[self.free], self.low, self.high)
         self.steps = np.full(x.size, FIRST_STEP)
-        self.seen: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def run(self, steps: int, close: float = CLOSE) -> Optimum:
         """The end of at most ``steps`` steps, or where the next would change the cost by less than the part ``close``."""
-        from scipy.optimize import least_squares
+        here, damping = self._at(self.x0), DAMPING
+        own = self.given is None
+        J = self._slopes(here) if own else self.given
+        new = own  # slopes are those of differences here
+        for _ in range(steps):
+            move = self._move(here, J, damping)
+            promised = here.cost - cost(here.r + J @ move)
+            if promised <= close * here.cost:
+                if new or not own:
+                    break
+                J, new = self._slopes(here), True
+                continue
+            there = self._at(self._moved(here.x, move))
+            gained = here.cost - there.cost
+            kept = gained > KEPT * promised
+            if kept:
+                J, damping = J + np.outer(there.r - here.r - J @ move, move / (move @ move)), damping / EASED
+            elif new:
+                damping *= EASED
+            here = there if gained > 0.0 else here
+            if not kept and not (new and gained <= 0.0):
+                J, new = self._slopes(here), True
+            elif kept:
+                new = False
+        return here
 
-        low, high = self.problem.low[self.free], self.problem.high[self.free]
-        rim = 1e-6 * (high - low)
-        least_squares(
-            lambda v: self._look(v)[0], np.clip(self.x0[self.free], low + rim, high - rim),
-            jac=lambda v: self._look(v)[1], bounds=(low, high), x_scale="jac", loss="huber", f_scale=ROBUST,
-            xtol=1e-9, ftol=close, gtol=None, max_nfev=steps,
-        )  # fmt: skip
-        v, (r, _) = min(self.seen.items(), key=lambda item: cost(item[1][0]))
-        return Optimum(self._whole(np.frombuffer(v)), r, cost(r))
+    def _at(self, x: np.ndarray) -> Optimum:
+        r = self.problem.residuals([x])[0]
+        return Optimum(x, r, cost(r))
 
-    def _whole(self, v: np.ndarray) -> np.ndarray:
-        x = self.x0.copy()
-        x[self.free] = v
+    def _moved(self, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+        x = x.copy()
+        x[self.free] = np.clip(x[self.free] + move, self.low, self.high)
         return x
 
-    def _look(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and their slopes, both at once: simulated in parallel they cost little more than the residuals alone."""
-        known = self.seen.get(v.tobytes())
-        if known is None:
-            known = self.seen[v.tobytes()] = slopes(self.problem, self._whole(v), self.steps, self.free, self.central)
-            self.steps[self.free] = _resolved(known[1])
-        return known
+    def _move(self, here: Optimum, J: np.ndarray, damping: float) -> np.ndarray:
+        """The step to the least weighted cost that the slopes promise, within the reach, damped by the slopes' own size."""
+        from scipy.optimize import lsq_linear
+
+        weights = np.sqrt(np.minimum(1.0, ROBUST / np.maximum(np.abs(here.r), 1e-300)))
+        A = weights[:, None] * J
+        size = np.maximum(np.sqrt(np.sum(A**2, axis=0)), 1e-12)
+        rows = np.vstack([A, np.diag(math.sqrt(damping) * size)])
+        wanted = np.concatenate([-weights * here.r, np.zeros(size.size)])
+        x = here.x[self.free]
+        room = np.maximum(self.low - x, -FARTHEST), np.minimum(self.high - x, FARTHEST)
+        return np.asarray(lsq_linear(rows / size, wanted, (room[0] * size, room[1] * size), method="bvls").x) / size
+
+    def _slopes(self, here: Optimum) -> np.ndarray:
+        J = slopes(self.problem, here.x, here.r, self.steps, self.free, self.central)
+        self.steps[self.free] = _resolved(J)
+        return J
 
 
 def _resolved(J: np.ndarray) -> np.ndarray:
@@ -81,25 +136,25 @@ def _resolved(J: np.ndarray) -> np.ndarray:
 
 
 def slopes(
-    problem: Problem, x: np.ndarray, steps: np.ndarray, free: np.ndarray, central: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals at ``x`` (rows,) and their differences by the ``free`` coordinates (rows, free), within the reach."""
-    points = [x]
+    problem: Problem, x: np.ndarray, r: np.ndarray, steps: np.ndarray, free: np.ndarray, central: bool
+) -> np.ndarray:
+    """Differences (rows, free) of the residuals, ``r`` (rows,) at ``x``, by the ``free`` coordinates, within the reach."""
+    points = []
     for k in free:
         up = 1.0 if x[k] + steps[k] <= problem.high[k] else -1.0
         down = -up if central and problem.low[k] <= x[k] - up * steps[k] <= problem.high[k] else 0.0
         points += [x + side * steps[k] * np.eye(x.size)[k] for side in (up, down)]
-    ends = [p for p in points[1:] if np.any(p != x)]
-    found = problem.residuals([x, *ends])
-    at = {p.tobytes(): r for p, r in zip([x, *ends], found, strict=True)}
-    pairs = zip(points[1::2], points[2::2], free, strict=True)
-    columns = [(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs]
-    return found[0], np.column_stack(columns)
+    ends = [p for p in points if np.any(p != x)]
+    at = {p.tobytes(): found for p, found in zip(ends, problem.residuals(ends), strict=True)} | {x.tobytes(): r}
+    pairs = zip(points[::2], points[1::2], free, strict=True)
+    return np.column_stack([(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs])
 
 
-def descend_all(problem: Problem, starts: Sequence[np.ndarray], steps: int, central: bool = False) -> list[Optimum]:
+def descend_all(
+    problem: Problem, starts: Sequence[np.ndarray], steps: int, central: bool = False, J: np.ndarray | None = None
+) -> list[Optimum]:
     """Local fits from several starts, as many at a time as there are cores."""
-    return problem.in_threads(lambda x: Descent(problem, x, central=central).run(steps), starts)
+    return problem.in_threads(lambda x: Descent(problem, x, central=central, J=J).run(steps), starts)
 
 
 def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Problem, list[Optimum]]:
@@ -142,19 +197,45 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
     from scipy.stats import qmc
 
     problem.ledger.stage = "global"
+    rough, few = problem.rough(), problem.along() is not None
     low, high = np.array([key.range for key in problem.keys]).T
-    unit = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(starts)), 1))
+    unit = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(starts / FEWER if few else starts)), 1))
     points = [problem.tuned(x) for x in (*(low + (high - low) * unit), *also)]
     parts = [points[k : k + PART] for k in range(0, len(points), PART)]
-    costs = [cost(r) for part in parts for r in problem.residuals(part)]
-    most = min(finishes, AT_ONCE) if problem.along() else max(finishes, MAX_FITS)
+    costs = [cost(r) for part in parts for r in rough.residuals(part)]
+    most = min(finishes, AT_ONCE) if few else max(finishes, MAX_FITS)
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
     problem.ledger.stage = "local"
     optima: list[Optimum] = []
-    while best and not (len(optima) >= finishes and any(goodness(problem, o.r).explained for o in optima)):
-        optima += descend_all(problem, best[:AT_ONCE], FULL)
-        best = best[AT_ONCE:]
+    ends: list[Optimum] = []
+    while best and not (len(ends) >= finishes and any(goodness(problem, o.r).explained for o in optima)):
+        met = descend_all(rough, best[:AT_ONCE], FULL)
+        optima += met if rough is problem else _in_full(problem, rough, _others(met, ends))
+        ends, best = ends + met, best[AT_ONCE:]
     return optima
+
+
+def _others(met: Sequence[Optimum], known: Sequence[Optimum]) -> list[Optimum]:
+    """Those that are not the same as a known one, or as an earlier one among them."""
+    found: list[Optimum] = []
+    for o in met:
+        if all(np.max(np.abs(o.x - p.x)) > APART for p in (*known, *found)):
+            found.append(o)
+    return found
+
+
+def _in_full(problem: Problem, rough: Problem, ends: Sequence[Optimum]) -> list[Optimum]:
+    """Local fits of whole records from the ends of those of short ones; where these are hopeless, residuals there alone."""
+    steps = [1 if goodness(rough, o.r).ratio > HOPELESS * goodness(rough, o.r).limit else FULL for o in ends]
+    pairs = list(zip(ends, steps, strict=True))
+    return problem.in_threads(lambda pair: _polished(problem, *pair), pairs)
+
+
+def _polished(problem: Problem, end: Optimum, steps: int) -> Optimum:
+    if steps > 1:
+        return Descent(problem, end.x).run(steps)
+    r = problem.residuals([end.x])[0]
+    return Optimum(end.x, r, cost(r))
 
 
 def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
@@ -165,11 +246,11 @@ def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
     problem.ledger.stage = "second look"
     for _ in range(LOOKS):
         local = local_at(problem, best)
-        ends = descend_all(problem, [best.x, *_beside(problem, best.x, local)], AGAIN, central=True)
+        ends = descend_all(problem, [best.x, *_beside(problem, best.x, local)], AGAIN, central=True, J=local.J)
         better = min(ends, key=lambda o: o.cost)
         gain, best = best.cost - better.cost, min(best, better, key=lambda o: o.cost)
         if gain < material(best.cost):
-            return best, local_at(problem, best), True
+            return best, local if gain < SAME * material(best.cost) else local_at(problem, best), True
     return best, local_at(problem, best), False
 
 
@@ -199,7 +280,7 @@ def local_at(problem: Problem, best: Optimum) -> Local:
     """Central differences at an optimum, with steps that follow what the evidence resolves."""
     every, steps = np.arange(best.x.size), np.full(best.x.size, FIRST_STEP)
     for central in (False, True):
-        _, J = slopes(problem, best.x, steps, every, central)
+        J = slopes(problem, best.x, best.r, steps, every, central)
         steps = _resolved(J)
     scatter = max(goodness(problem, best.r).ratio, 1.0)
     return Local(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter)

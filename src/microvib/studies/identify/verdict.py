@@ -164,7 +164,7 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
         later = Problem(
             scenario, problem.evidence, problem.keys, problem.trust
         )  # what it meets is not the search's best
-        moves[SETTLE] = (Descent(later, best.x).run(AGAIN).x - best.x) / ASSUMED_TIME
+        moves[SETTLE] = (Descent(later, best.x, J=local.J).run(AGAIN).x - best.x) / ASSUMED_TIME
     found = [Leaning(name, tuple((scale * move).tolist())) for name, move in moves.items()]
     return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
 
