@@ -18,6 +18,7 @@ from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
 from microvib.studies.identify import Trust, identify, parse_fit
 from microvib.studies.identify.problem import Problem, goodness
+from microvib.studies.identify.search import Descent
 from microvib.testdata.recording import Recording
 
 
@@ -186,6 +187,42 @@ def test_lines_are_chosen_by_band_and_name(recording, start):
         chosen([evidence], start, without=["drive_99"])
     with pytest.raises(MicrovibError, match="band: leaves no line"):
         chosen([evidence], start, ["2000:2001 Hz"])
+
+
+def test_a_search_looks_at_short_records_with_the_lines_of_whole_ones():
+    """Also with phases at the first sample; where the settling time is fitted, or a bin depends on the record, at whole ones."""
+    true = baseline().with_si({"record.settle": 20.0, "record.duration": 16.0, "driver.imperfections.offset_a": 0.02})
+    torque = mv.simulate(true, channels=("T_d",))["T_d"]
+    evidence = evidence_of(Recording({"Mz": torque}, 4096.0, {"Mz": "N*m"}, "made"), true)
+    told = replace(evidence, observations=tuple(o for o in evidence.observations if o.line != "array_mode_1"))
+    assert any(o.form == "turn" for o in told.observations)
+
+    def problem(one, key="reducer.stiffness"):
+        return Problem(true, [(one, {})], [parse_fit(true, key)], Trust(0.004))
+
+    whole = problem(told)
+    short = whole.rough()
+    record = short.tests[0][1].record
+    assert record.settle + record.duration <= 0.7 * (20.0 + 16.0)
+    lines, its = whole.residuals([whole.start])[0], short.residuals([whole.start])[0]
+    assert np.max(np.abs(lines - its)) < 1.0  # standard deviations
+    assert short.whole is whole
+    fitted = problem(told, "record.settle=15 s:25 s")
+    bins = problem(replace(told, observations=tuple(replace(o, form="nearest_bin") for o in told.observations[:1])))
+    rings = problem(replace(told, observations=tuple(o for o in evidence.observations if o.line == "array_mode_1")))
+    for timed in (fitted, bins, rings):
+        assert timed.rough() is timed
+
+
+def test_slopes_serve_for_several_steps(recording, start):
+    """From 15 % off, a local fit of three parameters takes fewer simulations than differences at each of its steps would."""
+    keys = [parse_fit(start, key) for key in TRUTH]
+    known = start.with_si(TRUTH)
+    problem = Problem(known, [(read_evidence(recording, start), {})], keys, Trust(0.004))
+    found = Descent(problem, problem.start + np.array([0.15, -0.15, 0.15])).run(60)
+    assert goodness(problem, found.r).explained
+    assert found.x == pytest.approx(problem.start, abs=0.02)
+    assert problem.ledger.simulations < 30
 
 
 DAMPING = "array.modes.0.damping=0.5 percent:3 percent"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from microvib.io.tables import PAPER_LINES, PaperLines, read_table
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, Line, LineTable
+from microvib.signals.spectrum import Spectrum, amplitude_spectrum
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band
 
@@ -154,15 +156,20 @@ def relative_phase(line: Line, against: Line) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Simulated:
-    """Lines of a simulated test, and its rectangular-window amplitudes, (k,) [N m], a bin each ``resolution`` [Hz]."""
+    """Lines of a simulated test, and its torque (n,) [N m] at ``sample_rate`` [Hz]."""
 
     table: LineTable
-    bins: np.ndarray
-    resolution: float
+    torque: np.ndarray
+    sample_rate: float
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """Rectangular-window amplitudes."""
+        return amplitude_spectrum(self.torque, self.sample_rate)
 
     def bin_amplitude(self, frequency: float) -> float:
         """Amplitude of the bin nearest to ``frequency`` [Hz]."""
-        return float(self.bins[round(frequency / self.resolution)])
+        return float(self.spectrum.amplitude[round(frequency / self.spectrum.resolution)])
 
 
 def predicted(lines: Simulated, wanted: Observation) -> float:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microvib.studies.identify.problem import Problem, cost
-from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum
+from microvib.studies.identify.search import AGAIN, ROUGH, Descent, Local, Optimum
 
 Z = 1.959964
 """Standard errors to either side of an interval of 95 %."""
@@ -16,8 +16,6 @@ CONFIRMED = 0.1
 """How far the profile may be off the linearised one, relatively, to confirm it."""
 CLOSE = 0.05
 """How well an end of an interval is found on the profile, relatively."""
-ROUGH = 1e-3
-"""How well the cost is made small at a point of a profile, relatively."""
 AHEAD, SETTLED = 3, 0.02
 """Steps with the optimum's slopes towards a point of the profile; how far they may have left to go, relatively, to be there."""
 MAX_POINTS = 10

@@ -19,7 +19,6 @@ from microvib.analysis.lines import lines_among
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.spectrum import amplitude_spectrum
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.evidence import PHASE_OF, Evidence, Observation, Simulated, predicted
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
@@ -69,14 +68,18 @@ def shortened(test: Scenario, evidence: Evidence) -> Scenario:
     The time before it is shorter by whole electrical periods, so that lines of the clock keep their phases. Where the rate changes
     in it, the test stays as it is.
     """
+    from scipy.fft import next_fast_len
+
     if not test.driving_frequency:
         return test
     observed = {o.line for o in evidence.observations}
     at = sorted({0.0} | {x.frequency for x in expected_lines(test, Si(math.inf)) if x.name in observed})
-    enough = RESOLVED / min(b - a for a, b in pairwise(at)) if len(at) > 1 else math.inf
+    gap = min((b - a for a, b in pairwise(at)), default=0.0)
+    enough = min(RESOLVED / gap, evidence.duration) if gap else evidence.duration
     period = test.driver.beats * test.driver.microsteps / test.driving_frequency
     settle = test.record.settle - max(math.floor((test.record.settle - enough) / period), 0.0) * period
-    duration = min(evidence.duration, enough)
+    samples = next_fast_len(math.ceil(enough * evidence.sample_rate))
+    duration = min(evidence.duration, samples / evidence.sample_rate)
     if settle + duration > WORTH * (test.record.settle + evidence.duration):
         return test
     short = test.with_si({"record.settle": settle, "record.duration": duration})
@@ -89,9 +92,8 @@ def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int
     for (k, test, evidence), torque in zip(cases, torques, strict=True):
         if isinstance(torque, Torque):
             asked = {o.line for o in evidence.observations} | set(PHASE_OF.values())
-            spectrum = amplitude_spectrum(torque.T_d, torque.sample_rate)
             table = lines_among(torque.T_d, torque.sample_rate, test, asked)
-            found.append((k, Simulated(table, spectrum.amplitude, spectrum.resolution)))
+            found.append((k, Simulated(table, torque.T_d, torque.sample_rate)))
     return found
 
 

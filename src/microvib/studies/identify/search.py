@@ -21,10 +21,12 @@ DAMPING, EASED = 1e-3, 10.0
 """Damping of a local fit's first step, over the slopes' squares; by what it is divided after a step that is kept, or multiplied."""
 KEPT = 0.5
 """Part of the promised gain that a step must bring to be called kept: its slopes then serve for the next, corrected by a secant."""
+RIM = 1e-6
+"""Part of its reach that a local fit keeps from an end."""
 FARTHEST = 1.0
 """Longest step in a coordinate: a factor of e."""
-CLOSE = 1e-5
-"""Relative change of the cost below which a local fit is at its end."""
+CLOSE, ROUGH = 1e-5, 1e-3
+"""Relative change of the cost below which a local fit is at its end; in a search, and at a point of a profile."""
 AGAIN, FULL = 12, 60
 """Steps of a local fit: from beside an optimum, and to the end."""
 AT_ONCE, MAX_FITS = 2, 8
@@ -69,37 +71,38 @@ class Descent:
     ) -> None:
         self.problem, self.central, self.given = problem, central, J
         self.free = np.flatnonzero(np.ones(x.size, dtype=bool) if free is None else free)
-        self.low, self.high = problem.low[self.free], problem.high[self.free]
+        low, high = problem.low[self.free], problem.high[self.free]
+        self.low, self.high = low + RIM * (high - low), high - RIM * (high - low)
         self.x0 = x.copy()
         self.x0[self.free] = np.clip(x[self.free], self.low, self.high)
         self.steps = np.full(x.size, FIRST_STEP)
 
     def run(self, steps: int, close: float = CLOSE) -> Optimum:
         """The end of at most ``steps`` steps, or where the next would change the cost by less than the part ``close``."""
-        here, damping = self._at(self.x0), DAMPING
-        own = self.given is None
-        J = self._slopes(here) if own else self.given
-        new = own  # slopes are those of differences here
+        here, damping, J = self._at(self.x0), DAMPING, self.given
+        new = False  # whether the slopes are those of differences here
         for _ in range(steps):
+            if J is None:
+                J, new = self._slopes(here), True
             move = self._move(here, J, damping)
             promised = here.cost - cost(here.r + J @ move)
-            if promised <= close * here.cost:
-                if new or not own:
+            if promised <= close * max(here.cost, 1.0):
+                if new or self.given is not None:
                     break
-                J, new = self._slopes(here), True
+                J = None
                 continue
             there = self._at(self._moved(here.x, move))
             gained = here.cost - there.cost
-            kept = gained > KEPT * promised
-            if kept:
-                J, damping = J + np.outer(there.r - here.r - J @ move, move / (move @ move)), damping / EASED
+            if gained > KEPT * promised:
+                J = J + np.outer(there.r - here.r - J @ move, move / (move @ move))
+                damping, new = damping / EASED, False
             elif new:
+                if gained <= 0.0 and promised <= ROUGH * max(here.cost, 1.0):
+                    break  # the figures' own noise
                 damping *= EASED
+            if gained <= KEPT * promised and (gained > 0.0 or not new):
+                J = None
             here = there if gained > 0.0 else here
-            if not kept and not (new and gained <= 0.0):
-                J, new = self._slopes(here), True
-            elif kept:
-                new = False
         return here
 
     def _at(self, x: np.ndarray) -> Optimum:
@@ -150,17 +153,16 @@ def slopes(
     return np.column_stack([(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs])
 
 
-def descend_all(
-    problem: Problem, starts: Sequence[np.ndarray], steps: int, central: bool = False, J: np.ndarray | None = None
-) -> list[Optimum]:
+def descend_all(problem: Problem, starts: Sequence[np.ndarray]) -> list[Optimum]:
     """Local fits from several starts, as many at a time as there are cores."""
-    return problem.in_threads(lambda x: Descent(problem, x, central=central, J=J).run(steps), starts)
+    return problem.in_threads(lambda x: Descent(problem, x).run(FULL, ROUGH), starts)
 
 
 def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Problem, list[Optimum]]:
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
-    Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of them. Where none explains the
+    Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of them, in short records as far as
+    these tell the lines apart, and end in whole ones: nothing is judged by a short record alone. Where none explains the
     evidence, a measured array mode's frequency is fitted as well, from there and from as many others; then ranges of ours are
     widened both ways, as long as that helps.
     """
@@ -199,7 +201,8 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
     problem.ledger.stage = "global"
     rough, few = problem.rough(), problem.along() is not None
     low, high = np.array([key.range for key in problem.keys]).T
-    unit = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(starts / FEWER if few else starts)), 1))
+    count = math.ceil(starts / FEWER) if few else starts
+    unit = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(count)), 1))[:count]
     points = [problem.tuned(x) for x in (*(low + (high - low) * unit), *also)]
     parts = [points[k : k + PART] for k in range(0, len(points), PART)]
     costs = [cost(r) for part in parts for r in rough.residuals(part)]
@@ -209,7 +212,7 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
     optima: list[Optimum] = []
     ends: list[Optimum] = []
     while best and not (len(ends) >= finishes and any(goodness(problem, o.r).explained for o in optima)):
-        met = descend_all(rough, best[:AT_ONCE], FULL)
+        met = descend_all(rough, best[:AT_ONCE])
         optima += met if rough is problem else _in_full(problem, rough, _others(met, ends))
         ends, best = ends + met, best[AT_ONCE:]
     return optima
@@ -225,17 +228,13 @@ def _others(met: Sequence[Optimum], known: Sequence[Optimum]) -> list[Optimum]:
 
 
 def _in_full(problem: Problem, rough: Problem, ends: Sequence[Optimum]) -> list[Optimum]:
-    """Local fits of whole records from the ends of those of short ones; where these are hopeless, residuals there alone."""
-    steps = [1 if goodness(rough, o.r).ratio > HOPELESS * goodness(rough, o.r).limit else FULL for o in ends]
-    pairs = list(zip(ends, steps, strict=True))
-    return problem.in_threads(lambda pair: _polished(problem, *pair), pairs)
+    """Local fits of whole records from the ends of those of short ones; where these are hopeless, what they are there."""
 
+    def fitted(end: Optimum) -> Optimum:
+        fit = goodness(rough, end.r)
+        return Descent(problem, end.x).run(0 if fit.ratio > HOPELESS * fit.limit else FULL, ROUGH)
 
-def _polished(problem: Problem, end: Optimum, steps: int) -> Optimum:
-    if steps > 1:
-        return Descent(problem, end.x).run(steps)
-    r = problem.residuals([end.x])[0]
-    return Optimum(end.x, r, cost(r))
+    return problem.in_threads(fitted, ends)
 
 
 def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
@@ -246,7 +245,8 @@ def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
     problem.ledger.stage = "second look"
     for _ in range(LOOKS):
         local = local_at(problem, best)
-        ends = descend_all(problem, [best.x, *_beside(problem, best.x, local)], AGAIN, central=True, J=local.J)
+        near = [best.x, *_beside(problem, best.x, local)]
+        ends = problem.in_threads(lambda x: Descent(problem, x, central=True, J=local.J).run(AGAIN), near)  # noqa: B023
         better = min(ends, key=lambda o: o.cost)
         gain, best = best.cost - better.cost, min(best, better, key=lambda o: o.cost)
         if gain < material(best.cost):
