@@ -186,7 +186,7 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
 
 def _turned(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
     """The optima, and those that the driver's errors have in other quarters of the electrical turn: one fit rarely gets there."""
-    more = descend_all(problem, problem.turned(optima[0].x), FULL)
+    more = descend_all(problem, problem.turned(optima[0].x))
     optima = sorted([*optima, *more], key=lambda o: o.cost)
     return problem.within(optima[0].x), optima
 
