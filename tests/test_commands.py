@@ -57,6 +57,13 @@ DONE = {
     "scenarios": ["scenarios"],
     "show": ["show", "state-1"],
     "new": ["new", "drive.yaml"],
+    "sensitivity": [
+        "sensitivity",
+        "state-1",
+        *SHORT,
+        "--set",
+        "sources={reducer.stiffness: assumed; range 4 kN*m/rad to 6 kN*m/rad}",
+    ],
     "schema": ["schema"],
     "docs": ["docs", "--path"],
 }
@@ -83,6 +90,7 @@ REFUSED = {
     "serve": (["serve", "--no-browser", "--port", "0", "--host", "0.0.0.0"], "--allow-remote"),
     "show": (["show", "state-1", "--set", "a=b"], "a: "),
     "new": (["new", "study.yaml"], "already exists"),
+    "sensitivity": (["sensitivity", "state-1"], "none notes a range"),
 }
 """A command line that is refused, and words of the sentence that says why."""
 MISUSED = {

@@ -1,0 +1,141 @@
+"""Which uncertain value matters most for each line: what a line does while one value at a time goes through its range."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from microvib.analysis.lines import lines_among, lines_of_samples
+from microvib.errors import MicrovibError, SimulationError
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import LineTable
+from microvib.solve.batch import simulate_torques
+from microvib.solve.integration import Progress
+from microvib.units import Quantity, convert
+
+STEP = 0.02
+"""Part by which a value is changed for the derivative, to both sides."""
+MAX_LINES = 8
+"""Lines that are looked at, the largest."""
+_RANGE = re.compile(r"; range (.+) to (.+)$")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one value does to one line, the others as they are; amplitudes nan where a run failed or has no such line."""
+
+    key: str
+    value: float
+    """In SI, like the range."""
+    range: tuple[float, float]
+    sensitivity: float
+    """d ln amplitude / d ln value, by central difference over STEP."""
+    amplitudes: tuple[float, float]
+    """Amplitudes [N m] at both ends of the range."""
+
+    def span(self, amplitude: float) -> float:
+        """How far the line, ``amplitude`` [N m] with the value itself, moves from end to end of the range [N m]."""
+        known = [x for x in (amplitude, *self.amplitudes) if math.isfinite(x)]
+        return max(known) - min(known)
+
+
+@dataclass(frozen=True)
+class LineEffects:
+    """Effects on one line, ranked: the one that moves it farthest over its range first."""
+
+    line: str
+    frequency: float
+    amplitude: float
+    effects: tuple[Effect, ...]
+
+
+def noted_ranges(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """Ranges [SI] that sources of continuous values note, as ``...; range LOW to HIGH``, by dotted key."""
+    found = {}
+    for key, value, quantity in scenario.entries():
+        noted = _RANGE.search(scenario.sources.get(key, ""))
+        if noted and isinstance(value, float):
+            found[key] = _ends(key, quantity, *noted.groups())
+    return found
+
+
+def _ends(key: str, quantity: Quantity | None, low: str, high: str) -> tuple[float, float]:
+    unit = quantity.unit if quantity else ""
+    try:
+        ends = convert(low, unit), convert(high, unit)
+    except ValueError as error:
+        raise MicrovibError(f"sources.{key}: the range {low} to {high} {error}") from None
+    if not ends[0] < ends[1]:
+        raise MicrovibError(f"sources.{key}: range {low} to {high}: the first must be below the second")
+    return ends
+
+
+def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> tuple[LineEffects, ...]:
+    """Effect of every value whose source notes a range on each of the MAX_LINES largest lines, by four runs a value.
+
+    Runs begin at rest and have the scenario's record. MicrovibError where no source notes a range; raises what ``simulate`` raises
+    for the scenario itself, while a changed one that fails has no amplitudes.
+    """
+    ranges = noted_ranges(scenario)
+    if not ranges:
+        raise MicrovibError("sources: none notes a range, such as 'assumed: ...; range 1 N*m to 2 N*m' of a dotted key")
+    scenario = scenario.with_({"record.start": "rest"})
+    values = {key: float(scenario[key]) for key in ranges}
+    points = [(key, x) for key, (low, high) in ranges.items() for x in (*_near(values[key]), low, high)]
+    base = simulate_torques([scenario])[0]
+    if isinstance(base, SimulationError):
+        raise base
+    table = lines_of_samples(base.T_d, base.sample_rate, scenario)
+    main = sorted(
+        (x for x in table.notable() if x.kind not in ("sideband", "other") and math.isfinite(x.amplitude_n_m)),
+        key=lambda x: -x.amplitude_n_m,
+    )[:MAX_LINES]
+    names = [x.line for x in main]
+
+    def run(point: tuple[str, float]) -> dict[str, float]:
+        return _amplitudes(scenario, *point, names)
+
+    amplitudes = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for k, found in enumerate(pool.map(run, points), 1):
+            amplitudes.append(found)
+            if progress is not None:
+                progress(k, len(points))
+    by_key = {key: amplitudes[4 * k : 4 * k + 4] for k, key in enumerate(ranges)}
+    result = []
+    for line in main:
+        effects = [
+            _effect(key, values[key], ranges[key], [found.get(line.line, math.nan) for found in by_key[key]])
+            for key in ranges
+        ]
+        ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude_n_m)))
+        result.append(LineEffects(line.line, line.frequency_hz, line.amplitude_n_m, ranked))
+    return tuple(result)
+
+
+def _near(value: float) -> tuple[float, float]:
+    return value * (1.0 - STEP), value * (1.0 + STEP)
+
+
+def _effect(key: str, value: float, ends: tuple[float, float], found: Sequence[float]) -> Effect:
+    below, above, low, high = found
+    known = below > 0.0 and above > 0.0 and value != 0.0
+    slope = math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP)) if known else math.nan
+    return Effect(key, value, ends, slope, (low, high))
+
+
+def _amplitudes(scenario: Scenario, key: str, value: float, names: Sequence[str]) -> dict[str, float]:
+    """Amplitudes [N m] of lines with one value changed; none where it cannot be simulated."""
+    try:
+        changed = scenario.with_si({key: value})
+    except MicrovibError:
+        return {}
+    torque = simulate_torques([changed])[0]
+    if isinstance(torque, SimulationError):
+        return {}
+    table: LineTable = lines_among(torque.T_d, torque.sample_rate, changed, names)
+    return {line.line: line.amplitude_n_m for line in table}

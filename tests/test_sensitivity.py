@@ -1,0 +1,69 @@
+"""Which assumed value matters most, against a scenario whose answer is known in closed form."""
+
+import json
+import math
+
+import pytest
+from support.commands import microvib
+
+import microvib as mv
+from microvib.errors import MicrovibError
+from microvib.studies.sensitivity import noted_ranges, sensitivities
+
+BRIEF = {"record.settle": "0.5 s", "record.duration": "2 s"}
+RANGES = {
+    "array.inertia": "assumed: not weighed; range 8 kg*m^2 to 9 kg*m^2",
+    "driver.proportional_gain": "assumed: a loop; range 400 V/A to 600 V/A",
+    "reducer.stiffness": "data sheet: K1; range 3290 N*m/rad to 6110 N*m/rad",
+}
+
+
+@pytest.fixture(scope="module")
+def scenario() -> mv.Scenario:
+    return mv.load_scenario("state-1", BRIEF).with_sources(RANGES)
+
+
+def test_ranges_are_read_from_sources(scenario):
+    ranges = noted_ranges(scenario)
+    assert ranges == {
+        "array.inertia": (8.0, 9.0),
+        "driver.proportional_gain": (400.0, 600.0),
+        "reducer.stiffness": (3290.0, 6110.0),
+    }
+
+
+def test_effects_are_those_of_changed_scenarios(scenario):
+    found = {line.line: line for line in sensitivities(scenario)}
+    line = found["drive_1"]
+    assert {effect.key for effect in line.effects} == set(RANGES)
+    assert line.effects[0].key == "reducer.stiffness"
+    spans = [max(line.amplitude, *e.amplitudes) - min(line.amplitude, *e.amplitudes) for e in line.effects]
+    assert spans == sorted(spans, reverse=True)
+    effect = line.effects[0]
+
+    def amplitude(stiffness: float) -> float:
+        changed = scenario.with_si({"reducer.stiffness": stiffness})
+        return mv.lines(mv.simulate(changed))["drive_1"].amplitude_n_m
+
+    assert effect.amplitudes == pytest.approx((amplitude(3290.0), amplitude(6110.0)), rel=1e-3)
+    slope = math.log(amplitude(1.02 * 5053) / amplitude(0.98 * 5053)) / math.log(1.02 / 0.98)
+    assert effect.sensitivity == pytest.approx(slope, abs=0.02)
+
+
+def test_a_scenario_that_notes_no_range_is_told_how():
+    with pytest.raises(MicrovibError, match="sources: none notes a range, such as 'assumed: "):
+        sensitivities(mv.load_scenario("state-1", BRIEF))
+
+
+def test_the_command_prints_a_table_or_json(tmp_path):
+    done = microvib("new", "my.yaml", "--gear", "size 14 ratio 100", cwd=tmp_path)
+    assert done.exit_code == 0, done.output
+    brief = [word for key, text in BRIEF.items() for word in ("--set", f"{key}={text}")]
+    table = microvib("sensitivity", "my.yaml", *brief, cwd=tmp_path)
+    assert table.exit_code == 0, table.output
+    assert "3290 N m/rad to 6110 N m/rad" in table.stdout
+    data = json.loads(microvib("sensitivity", "my.yaml", "--json", *brief, cwd=tmp_path).stdout)
+    drive = next(line for line in data["lines"] if line["line"] == "drive_1")
+    assert {e["key"] for e in drive["effects"]} == {
+        "reducer.stiffness", "reducer.damping", "reducer.transmission_error.0.amplitude"
+    }  # fmt: skip
