@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from microvib.analysis.lines import lines_among, lines_of_samples
+from microvib.analysis.lines import lines_of_samples
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import LineTable
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
 from microvib.units import Quantity, convert
@@ -94,10 +93,9 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> tu
         (x for x in table.notable() if x.kind not in ("sideband", "other") and math.isfinite(x.amplitude_n_m)),
         key=lambda x: -x.amplitude_n_m,
     )[:MAX_LINES]
-    names = [x.line for x in main]
 
     def run(point: tuple[str, float]) -> dict[str, float]:
-        return _amplitudes(scenario, *point, names)
+        return _amplitudes(scenario, *point)
 
     amplitudes = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
@@ -128,7 +126,7 @@ def _effect(key: str, value: float, ends: tuple[float, float], found: Sequence[f
     return Effect(key, value, ends, slope, (low, high))
 
 
-def _amplitudes(scenario: Scenario, key: str, value: float, names: Sequence[str]) -> dict[str, float]:
+def _amplitudes(scenario: Scenario, key: str, value: float) -> dict[str, float]:
     """Amplitudes [N m] of lines with one value changed; none where it cannot be simulated."""
     try:
         changed = scenario.with_si({key: value})
@@ -137,5 +135,5 @@ def _amplitudes(scenario: Scenario, key: str, value: float, names: Sequence[str]
     torque = simulate_torques([changed])[0]
     if isinstance(torque, SimulationError):
         return {}
-    table: LineTable = lines_among(torque.T_d, torque.sample_rate, changed, names)
+    table = lines_of_samples(torque.T_d, torque.sample_rate, changed)
     return {line.line: line.amplitude_n_m for line in table}
