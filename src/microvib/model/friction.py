@@ -8,7 +8,6 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from scipy.optimize import brentq
 
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -76,6 +75,8 @@ def maxwell_elements(
     ``limit`` [N m] is what they transmit then; the angle is four times that over the stiffness if not given. Raises ValueError
     where the angle does not go with stiffness and limit.
     """
+    from scipy.optimize import brentq  # imported when needed: it takes half a second
+
     elastic = limit / stiffness
     angle = angle or (elastic if count == 1 else 4.0 * elastic)
     if count == 1:

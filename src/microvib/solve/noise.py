@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from scipy.fft import next_fast_len
 
 from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
@@ -31,7 +32,7 @@ def torque_noise(scenario: Scenario) -> tuple[np.ndarray, float]:
             f"friction.torque_noise: a run of {record.settle + record.duration:g} s with noise up to {high:g} Hz needs"
             f" {needed:.2g} values; at most {MOST_KNOTS:.2g} are kept; lower friction.torque_noise.highest"
         )
-    n = next_fast_len(max(int(np.ceil(needed)) + 1, 16), real=True)
+    n = 1 << max(math.ceil(needed) + 1, 16).bit_length()
     f = np.fft.rfftfreq(n, 1.0 / rate)
     draw = np.random.default_rng(noise.seed).standard_normal((f.size, 2)) @ np.array([1.0, -1j])
     inside = (f > 0.0) & (f >= low) & (f <= high)
