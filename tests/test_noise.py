@@ -7,8 +7,10 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import welch
 from support.automaton import Automaton
+from support.scenarios import limit_of
 
 import microvib as mv
+from microvib.analysis.limits import judge, unsettled
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.noise import torque_noise
@@ -103,3 +105,19 @@ def test_what_cannot_take_noise_says_so(state_1):
         steady_state(noisy)
     with pytest.raises(mv.SimulationError, match="lower friction"):
         mv.simulate(noisy.with_si({"record.duration": 4e5, "friction.torque_noise.highest": 500.0}))
+
+
+def test_a_line_that_noise_drives_is_not_judged_by_one_draw(state_1):
+    loud = {"density": 4e-6, "lowest": 0.0, "highest": 20.0, "seed": 1}
+    scenario = state_1.with_si({"friction.torque_noise": loud, "record.settle": 2.0, "record.duration": 8.0})
+    table = mv.lines(mv.simulate(scenario, channels=("T_d",)))
+    mode, drive = table["array_mode_1"], table["drive_1"]
+    assert mode.amplitude_n_m > 0.0
+    for torque in (10.0 * drive.amplitude_n_m, 0.1 * mode.amplitude_n_m):
+        judged = judge(table, limit_of(torque), scenario)
+        assert judged.of(mode).verdict == "not judged"
+        assert "one draw of many" in judged.of(mode).why
+        assert judged.of(drive).verdict != "not judged"
+    assert any(x.startswith("array_mode_1") and "one draw of many" in x for x in unsettled(table, scenario))
+    quiet = state_1.with_si({"record.settle": 2.0, "record.duration": 8.0})
+    assert not any("draw" in x for x in unsettled(mv.lines(mv.simulate(quiet, channels=("T_d",))), quiet))

@@ -148,6 +148,9 @@ class Judgement:
         return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
 
 
+_DRAWN = "driven by torque noise, one draw of many"
+
+
 def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> Judgement:
     """Judge every line of the table within the band, also those too small for a report, and what the table does not list.
 
@@ -175,13 +178,25 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     """A sentence for each tone that decays and is above a hundredth of the largest steady line at the start of the record."""
     largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.starting(table.duration)) for x in table if x.status == "decaying"]
-    return [
+    noisy = [x for x in table if x.status in ("ok", "decaying", "growing") and driven_by_noise(x, scenario)]
+    starts = [(x, start) for x, start in starts if x not in noisy]
+    drawn = [f"{', '.join(x.line for x in noisy)}: {_DRAWN}; other seeds give others."] if noisy else []
+    return drawn + [
         f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
         f" {_unsettled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
         " record.start=steady."
         for x, start in starts
         if start > _SETTLED * largest
     ]
+
+
+def driven_by_noise(line: Line, scenario: Scenario | None) -> bool:
+    """Whether torque noise makes this line another one with every draw: one that the clock does not make, in the noise's band."""
+    noise = None if scenario is None else scenario.friction.torque_noise
+    if scenario is None or noise is None or noise.density == 0.0 or line.kind not in ("array mode", "other"):
+        return False
+    low, high = noise.band(scenario.record.sample_rate)
+    return low <= line.frequency_hz <= high
 
 
 def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:
@@ -208,6 +223,8 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
         if 0.0 < clear < stirred:
             slowest = min(ringing, key=lambda x: x.decay_per_s)
             why = f"so near the limit that ringing may decide; {_unsettled(slowest, stirred / clear, scenario)}"
+    if driven_by_noise(line, scenario):
+        verdict, why = "not judged", _DRAWN
     if verdict == "fail" and _may_ring(line, table, scenario):
         verdict = "not judged"
         why = "may be an array mode that rings and that the record does not resolve; a longer record.settle"
