@@ -192,24 +192,40 @@ def gear_hysteresis(twist, stick, p):
 
 
 @code.inner(**COMPILE)
+def sliding_signs(stick, p):
+    """Directions in which rotor and output slide: those of their modes, or of their elements that slip."""
+    sign_m, sign_l = stick[0], -stick[0] if p.rigid else stick[1]
+    if p.m_elements > 0:
+        sign_m = _direction(0, stick, p)
+    if p.l_elements > 0:
+        sign_l = _direction(1, stick, p)
+    return sign_m, sign_l
+
+
+@code.inner(**COMPILE)
+def _direction(body, stick, p):
+    """In which direction elements of a body slip; forward if none does."""
+    for e in elements_of(body, p):
+        if stick[2 + e] != 0.0:
+            return stick[2 + e]
+    return 1.0
+
+
+@code.inner(**COMPILE)
 def with_memory(theta_m, omega_m, theta_l, omega_l, e0, stick, p, T_fm, T_f):
     """Torques of the generalised Maxwell-slip elements: friction of rotor and output, which stay where there are none; gear.
 
-    Elements that stick are springs, those that slip are at their shares of the Stribeck curve.
+    Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``, frictions that slide.
     """
     turned = e0 - theta_m * p.inv_h
     if p.m_elements > 0:
         torque, share = springs(0, theta_m, stick, p)
-        T_fm, _ = _friction(
-            math.copysign(1.0, share), omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, 0.0, p.shaped
-        )
-        T_fm = torque + math.fabs(share) * T_fm + p.m_viscous * omega_m
+        viscous = p.m_viscous * omega_m
+        T_fm = torque + math.fabs(share) * (T_fm - viscous) + viscous
     if p.l_elements > 0:
         torque, share = springs(1, turned if p.rigid else theta_l, stick, p)
-        T_f, _ = _friction(
-            math.copysign(1.0, share), omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, 0.0, p.shaped
-        )
-        T_f = torque + math.fabs(share) * T_f + p.l_viscous * omega_l
+        viscous = p.l_viscous * omega_l
+        T_f = torque + math.fabs(share) * (T_f - viscous) + viscous
     return T_fm, T_f, gear_hysteresis(turned - theta_l, stick, p)
 
 
@@ -284,8 +300,10 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
     omega_l = G * omega_m if p.rigid else y[WL]
 
-    T_fm, _ = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
-    sign_l = -stick[0] if p.rigid else stick[1]
+    sign_m, sign_l = stick[0], -stick[0] if p.rigid else stick[1]
+    if p.elements.shape[0] > 0:
+        sign_m, sign_l = sliding_signs(stick, p)
+    T_fm, _ = _friction(sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     T_f, _ = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
     T_h = 0.0 * T_f
     if p.elements.shape[0] > 0:
@@ -502,8 +520,9 @@ def _holds(y, modal, on_rotor, stick, p):
     pull_m, pull_l = T_e + on_rotor, T_g + modal
     hold_m, hold_l = (pull_m + G * modal, 0.0 * T_g) if p.rigid else (pull_m - G * T_g, pull_l)
     if p.J_c != 0.0 and not p.rigid:
-        T_fm, _ = _friction(stick[0], y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
-        T_f, _ = _friction(stick[1], y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+        sign_m, sign_l = sliding_signs(stick, p)
+        T_fm, _ = _friction(sign_m, y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
+        T_f, _ = _friction(sign_l, y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
         if p.elements.shape[0] > 0:
             T_fm, T_f, _ = with_memory(theta_m, y[WM], y[TL], y[WL], e0, stick, p, T_fm, T_f)
         alpha_m = where(stick[0] == 0.0, 0.0, (hold_m - T_fm) * p.inv_J_m)
@@ -630,12 +649,12 @@ def element_margin(e, y, stick, p):
     torque = p.elements[e, 0] * (angle - stick[2 + p.elements.shape[0] + e])
     outward = torque * rate  # pulled back, it cannot slip: its limit is that at rest
     speed = where(outward > 0.0, math.fabs(rate), 0.0 * rate)
-    if body == 0:
-        limit, _ = _friction(1.0, speed, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, 0.0, p.shaped)
-    elif body == 1:
-        limit, _ = _friction(1.0, speed, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, 0.0, p.shaped)
-    else:
-        limit = p.g_limit + 0.0 * speed
+    if body == 2:
+        return p.elements[e, 1] * p.g_limit - math.fabs(torque)
+    curve = p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape
+    if body == 1:
+        curve = p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape
+    limit, _ = _friction(1.0, speed, curve[0], curve[1], curve[2], curve[3], 0.0, p.shaped)
     return p.elements[e, 1] * limit - math.fabs(torque)
 
 
