@@ -106,8 +106,10 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
 
 
 def _near(key: str, known: list[str], root: type[Part]) -> str:
-    """What an unknown key may stand for: a neighbour that is spelt like it, or a key of its name in another group."""
+    """What an unknown key may stand for: a neighbour that is spelt like it, or a key of its name in another group, the outermost."""
     elsewhere = [name for name in _all_keys(root) if name.split(".")[-1] == key.split(".")[-1]]
+    outermost = min((name.count(".") for name in elsewhere), default=0)
+    elsewhere = [name for name in elsewhere if name.count(".") == outermost]
     return did_you_mean(key, known) or (f"did you mean {' or '.join(elsewhere)}? " if 0 < len(elsewhere) <= 3 else "")
 
 

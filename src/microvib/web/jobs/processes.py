@@ -118,6 +118,9 @@ class Workers:
 
     def _serve(self) -> None:
         if hasattr(signal, "pthread_sigmask"):  # what is started here hears no Ctrl-C, not even before it could say so
+            from multiprocessing import resource_tracker  # not on Windows
+
+            resource_tracker.ensure_running()  # where a process starts it, that process's Ctrl-C is unblocked after
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         worker: _Worker | None = None
         while not self._closed:
