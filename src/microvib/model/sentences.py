@@ -106,7 +106,7 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
 
 
 def _near(key: str, known: list[str], root: type[Part]) -> str:
-    """What an unknown key may stand for: a neighbour that is spelt like it, or a key of its name in another group, the outermost."""
+    """What an unknown key may stand for: a neighbour spelt like it, or a key of its name in another group, the outermost."""
     elsewhere = [name for name in _all_keys(root) if name.split(".")[-1] == key.split(".")[-1]]
     outermost = min((name.count(".") for name in elsewhere), default=0)
     elsewhere = [name for name in elsewhere if name.count(".") == outermost]
