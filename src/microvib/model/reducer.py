@@ -26,7 +26,7 @@ class Hysteresis(Part):
 
     loss: Annotated[
         float,
-        Quantity("rad", "width of the loop at zero torque, at the output", gt=0, display="arcmin", usual=(1e-6, 0.01)),
+        Quantity("rad", "width of the loop at zero torque, at the output", gt=0, display="arcsec", usual=(1e-6, 0.01)),
     ]
     stiffness: Annotated[
         float, Quantity("N*m/rad", "stiffness beside the gear's own at small twists", gt=0, usual=(1.0, 1e7))
