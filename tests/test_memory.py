@@ -204,6 +204,23 @@ def test_a_rigid_reducer_takes_elements_too(state_1):
     assert motion.invariants.energy_mechanical < 1e-3
 
 
+@pytest.mark.parametrize("coulomb", [1e-3, 2e-3, 4e-3])
+def test_a_rigid_reducer_mixes_a_friction_that_sticks_with_one_that_remembers(state_1, coulomb):
+    scenario = state_1.with_si(
+        {
+            "record.settle": 0.5, "record.duration": 1.0, "reducer.stiffness": "rigid", "friction.presliding": {"stiffness": 2e4},
+            "motor.friction.coulomb": coulomb, "motor.friction.breakaway": 1.5 * coulomb,
+        }
+    )  # fmt: skip
+    motion = mv.simulate(scenario)
+    assert 0.0 < np.mean(motion["stuck_rotor"]) < 1.0
+    assert motion.invariants.torque_forms < 1e-9
+    assert motion.invariants.momentum < 1e-4
+    assert motion.invariants.energy_mechanical < 1e-3
+    fine = mv.simulate(scenario.with_({"solver.refinement": 4}))
+    assert np.std(fine["T_d"] - motion["T_d"]) < 0.02 * np.std(fine["T_d"])
+
+
 def test_steady_states_are_left_to_a_run_in_time(presliding):
     with pytest.raises(mv.SimulationError, match="memory"):
         steady_state(presliding)

@@ -25,8 +25,8 @@ import math
 from typing import NamedTuple
 
 from microvib.compiled import Matrix, Unit, Vector
+from microvib.solve.frame import _off, _pattern
 from microvib.solve.kernel import (
-    COMPILE,
     FORCED,
     IA,
     IB,
@@ -34,12 +34,6 @@ from microvib.solve.kernel import (
     ITERATIONS_MADE,
     MODES,
     NOW,
-    RATE_A,
-    RATE_B,
-    REF_A,
-    REF_B,
-    SEEN_D,
-    SEEN_Q,
     SEEN_RATE_D,
     SEEN_RATE_Q,
     THETA_E,
@@ -52,8 +46,6 @@ from microvib.solve.kernel import (
     drive_derivative,
     drive_margins,
     element_margin,
-    elements_of,
-    follow,
     modal_torques,
     noise_at,
     output_rate,
@@ -79,14 +71,22 @@ from microvib.solve.propagators import (
     SUM_ROWS,
     N,
 )
-from microvib.solve.vector import rows, sincos, where
+from microvib.solve.vector import rows, where
 
 LAYER = 5.0
 """Rate over the Stribeck rate below which friction falls."""
 SHOWN, SHOWN_CURRENT = 0.5, 1.0
 """Weights of rates and of currents between the ends of a step, where they are sampled."""
 
-code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+code = Unit(
+    __name__,
+    "kernel.py",
+    "propagators.py",
+    "frame.py",
+    "vector.py",
+    "vector_type.py",
+    types="microvib.solve.vector_type",
+)
 
 
 class Work(NamedTuple):
@@ -103,9 +103,7 @@ class Work(NamedTuple):
     q: Matrix  # lanes
     r: Matrix  # lanes: deficits
     before: Matrix  # lanes: the same of the last iterate
-    sums: (
-        Matrix  # lanes: torques and momentum of the modes as free oscillators; torques; T_d; momentum; margins; change
-    )
+    sums: Matrix  # lanes: what FREE_TORQUE ... name
     noise: Matrix  # lanes: torque noise
     margins: Matrix  # lanes: of the elements of frictions with memory
     values: Matrix  # lanes: channels
@@ -121,93 +119,10 @@ class Work(NamedTuple):
     weights: Matrix  # (3, 4)
 
 
+# torques and momentum of the modes as free oscillators; torques; T_d; momentum; margins; change
 FREE_TORQUE, FREE_MOMENTUM, TORQUE, TORQUE_D, MOMENTUM, MARGIN_M, MARGIN_L, CHANGE, FREE_ON_ROTOR, ON_ROTOR, N_SUMS = (
     range(11)
 )
-
-
-# ---- The frame of the command ----
-
-
-@code.inner(**INLINE)
-def _see_references(s, c, x, p):
-    """How the references are off those of an ideal driver, seen from the command, and how fast they ramp."""
-    clock = x.clock
-    clock[SEEN_D] = clock[REF_A] * c + clock[REF_B] * s - p.current
-    clock[SEEN_Q] = clock[REF_B] * c - clock[REF_A] * s
-    clock[SEEN_RATE_D] = clock[RATE_A] * c + clock[RATE_B] * s
-    clock[SEEN_RATE_Q] = clock[RATE_B] * c - clock[RATE_A] * s
-
-
-@code.inner(**INLINE)
-def _off(dt, clock, s, c):
-    """How the references of both phases are off those of an ideal driver, ``dt`` after now."""
-    d, q = clock[SEEN_D] + dt * clock[SEEN_RATE_D], clock[SEEN_Q] + dt * clock[SEEN_RATE_Q]
-    return d * c - q * s, q * c + d * s
-
-
-@code.inner(**INLINE)
-def _see(x, p, t, w):
-    """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding drive is 0 there.
-
-    Currents are counted from their references, also where these are not ideal or ramp, so that the loop's integral is linear.
-    """
-    s, c = sincos(x.clock[THETA_E])
-    y, angle = x.y, x.clock[THETA_E] * p.inv_z
-    w.x[IA], w.x[IB] = y[IA] * c + y[IB] * s - t.current, y[IB] * c - y[IA] * s
-    w.x[XA], w.x[XB] = y[XA] * c + y[XB] * s - t.windup, y[XB] * c - y[XA] * s
-    w.x[TM], w.x[WM], w.x[TL], w.x[WL] = y[TM] - angle, y[WM], y[TL] + angle * p.inv_h, y[WL]
-    if not p.ideal:
-        _see_references(s, c, x, p)
-        w.x[IA] -= x.clock[SEEN_D]
-        w.x[IB] -= x.clock[SEEN_Q]
-    return s, c
-
-
-@code.inner(**INLINE)
-def _uncount(v, dt, x, p):
-    """Count the currents in ``v`` from those of the ideal driver again, ``dt`` after now."""
-    if not p.ideal:
-        v[IA] += x.clock[SEEN_D] + dt * x.clock[SEEN_RATE_D]
-        v[IB] += x.clock[SEEN_Q] + dt * x.clock[SEEN_RATE_Q]
-
-
-@code.inner(**INLINE)
-def _unsee(v, y, x, p, t):
-    """The drive's state ``y`` from ``v``, as seen from its command; the angle of what sticks stays what it was, to the last bit."""
-    s, c = sincos(x.clock[THETA_E])
-    i_d, x_d, angle = v[IA] + t.current, v[XA] + t.windup, x.clock[THETA_E] / p.z
-    y[IA], y[IB] = i_d * c - v[IB] * s, v[IB] * c + i_d * s
-    y[XA], y[XB] = x_d * c - v[XB] * s, v[XB] * c + x_d * s
-    y[TM] = x.y[TM] if x.stick[0] == 0.0 else v[TM] + angle
-    y[TL] = x.y[TL] if x.stick[1] == 0.0 else v[TL] - angle * p.inv_h
-    y[WM], y[WL] = v[WM], v[WL]
-    follow(y, p)
-
-
-@code.inner(**INLINE)
-def _pattern(stick, p):
-    """Which bodies stick; those with elements where most of their stiffness does."""
-    if p.rigid:
-        return 2 if stick[0] == 0.0 else 0
-    on_rotor, on_output = stick[0] == 0.0, stick[1] == 0.0
-    if p.m_elements > 0:
-        on_rotor = _mostly(0, stick, p)
-    if p.l_elements > 0:
-        on_output = _mostly(1, stick, p)
-    return (2 if on_rotor else 0) + (1 if on_output else 0)
-
-
-@code.inner(**COMPILE)
-def _mostly(body, stick, p):
-    """Whether more than half the stiffness of a body's elements sticks."""
-    balance = 0.0
-    for e in elements_of(body, p):
-        balance += p.elements[e, 0] if stick[2 + e] == 0.0 else -p.elements[e, 0]
-    return balance > 0.0
-
-
-# ---- One step ----
 
 
 @code.inner(**FORCED)

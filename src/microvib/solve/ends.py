@@ -6,12 +6,8 @@ The solution of a step (``microvib.solve.collocation``) is known at any instant 
 import math
 
 from microvib.compiled import Unit
-from microvib.solve.collocation import (
-    MARGIN_M,
-    _pattern,
-    _uncount,
-    _unsee,
-)
+from microvib.solve.collocation import MARGIN_M
+from microvib.solve.frame import _pattern, _uncount, _unsee
 from microvib.solve.kernel import (
     COMPILE,
     FORCED,
@@ -47,6 +43,7 @@ code = Unit(
     __name__,
     "kernel.py",
     "propagators.py",
+    "frame.py",
     "collocation.py",
     "vector.py",
     "vector_type.py",
@@ -85,6 +82,12 @@ def _fit_margin(which, T, x, p, w):
 
 
 @code.inner(**INLINE)
+def _inside(u, lo, hi):
+    """``u``, or the middle of the interval where it is not inside."""
+    return u if lo < u < hi else 0.5 * (lo + hi)
+
+
+@code.inner(**INLINE)
 def _value_and_slopes(u, poly):
     """A polynomial of degree 7 and its first two derivatives at ``u``."""
     value = slope = curvature = 0.0
@@ -113,9 +116,7 @@ def _grazes(which, T, x, p, w):
                     lo = u
                 else:
                     hi = u
-                following = u - slope / curvature if curvature > 0.0 else 0.5 * (lo + hi)
-                if not lo < following < hi:
-                    following = 0.5 * (lo + hi)
+                following = _inside(u - slope / curvature if curvature > 0.0 else hi, lo, hi)
                 if math.fabs(following - u) < 1e-9:
                     break
                 u = following
@@ -150,9 +151,7 @@ def _first_root(which, until, T, x, p, w):
             hi = u
         else:
             lo = u
-        following = u - value / slope if slope < 0.0 else 0.5 * (lo + hi)
-        if not lo < following < hi:
-            following = 0.5 * (lo + hi)
+        following = _inside(u - value / slope if slope < 0.0 else hi, lo, hi)
         if math.fabs(following - u) < 1e-13:
             break
         u = following
@@ -351,7 +350,7 @@ def _end_at_event(u, which, level, x, p, t, w):
     last_u, last_e = 0.0, math.inf
     for _ in range(8):
         _evaluate(u, level, x, p, t, w)
-        _uncount(w.end, u * t.longest * 0.5**level, x, p)
+        _uncount(w.end, u * length, x, p)
         _unsee(w.end, w.there, x, p, t)
         for j in range(w.modes.size):
             w.there[MODES + j] = w.modes[j]
@@ -366,6 +365,5 @@ def _end_at_event(u, which, level, x, p, t, w):
         if math.isfinite(last_e) and last_e != e:
             step = e * (u - last_u) / (last_e - e)
         last_u, last_e = u, e
-        following = u + step
-        u = following if below < following < above else 0.5 * (below + above)
+        u = _inside(u + step, below, above)
     return u

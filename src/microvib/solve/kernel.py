@@ -585,6 +585,9 @@ def decide_friction(which, x, p):
     """The mode that follows at an event of friction ``which``: stuck if it can hold, else slipping the way it is pushed."""
     was_stuck = x.stick[which] == 0.0
     x.y[WM if which == 0 else WL] = 0.0
+    if p.rigid and not was_stuck:
+        _stick_elements(0, x, p)
+        _stick_elements(1, x, p)
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
     limit_m, limit_l = _limits(p, G)
@@ -659,25 +662,36 @@ def element_margin(e, y, stick, p):
 
 
 @code.inner(**COMPILE)
-def decide_element(e, x, p):
-    """The mode after an event of an element. Where a body comes to rest, all its elements that slip stick."""
-    count, body = p.elements.shape[0], body_of(e, p)
-    angle, _ = _angle_and_rate(body, x.y, p)
-    if x.stick[2 + e] == 0.0:
-        x.stick[2 + e] = math.copysign(1.0, angle - x.stick[2 + count + e])
-        x.counters[BREAKAWAYS] += 1
-        return
+def _stick_elements(body, x, p):
+    """All elements of a body that slip stick, a hair below their limit, so that rounding does not make them slip at once."""
+    count, (angle, _) = p.elements.shape[0], _angle_and_rate(body, x.y, p)
     limit = p.g_limit if body == 2 else p.m_slide + p.m_stribeck if body == 0 else p.l_slide + p.l_stribeck
-    for other in elements_of(body, p):
-        if x.stick[2 + other] != 0.0:  # a hair below the limit, so that rounding does not make it slip at once
-            torque = x.stick[2 + other] * (1.0 - 1e-9) * p.elements[other, 1] * limit
-            x.stick[2 + count + other] = angle - torque / p.elements[other, 0]
-            x.stick[2 + other] = 0.0
+    for e in elements_of(body, p):
+        if x.stick[2 + e] != 0.0:
+            torque = x.stick[2 + e] * (1.0 - 1e-9) * p.elements[e, 1] * limit
+            x.stick[2 + count + e] = angle - torque / p.elements[e, 0]
+            x.stick[2 + e] = 0.0
             x.counters[STICKS] += 1
-    if body == 0 or (body == 1 and p.rigid):
-        x.y[WM] = 0.0
-    elif body == 1:
-        x.y[WL] = 0.0
+
+
+@code.inner(**COMPILE)
+def decide_element(e, x, p):
+    """The mode after an event of an element: at its limit it slips; where its body comes to rest, all that slip on it stick."""
+    body = body_of(e, p)
+    if x.stick[2 + e] == 0.0:
+        angle, _ = _angle_and_rate(body, x.y, p)
+        x.stick[2 + e] = math.copysign(1.0, angle - x.stick[2 + p.elements.shape[0] + e])
+        x.counters[BREAKAWAYS] += 1
+    elif p.rigid and _limits(p, -p.inv_h)[0] > 0.0:  # rotor and output come to rest together, and so do both frictions
+        decide_friction(0, x, p)
+    else:
+        _stick_elements(body, x, p)
+        if p.rigid:
+            _stick_elements(1 - body, x, p)
+        if body == 0 or p.rigid:
+            x.y[WM] = 0.0
+        elif body == 1:
+            x.y[WL] = 0.0
 
 
 @code.inner(**INLINE)

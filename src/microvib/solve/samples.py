@@ -1,0 +1,186 @@
+"""Samples of a run by propagators: means over intervals, integrated over each step, and the energies and impulses beside them."""
+
+import math
+
+from microvib.compiled import Unit
+from microvib.solve.kernel import (
+    COMPILE,
+    FORCED,
+    IMPULSE,
+    INLINE,
+    LARGEST,
+    MISMATCH,
+    MODES,
+    N_POWERS,
+    NOW,
+    POWERS,
+    T_D,
+    T_D_FORCE,
+    WEIGHT,
+    WL,
+    WM,
+    channels,
+    references_after,
+    sticks,
+)
+from microvib.solve.propagators import LAGRANGE, M_ETA, M_ETA_BY, M_W, M_W_BY, MODE_ROWS
+from microvib.solve.vector import rows
+
+code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+
+
+@code.inner(**FORCED)
+def _channels_at_nodes(level, x, p, t, w):
+    """All channels at the nodes, by node."""
+    y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
+    modes = rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS)
+    for k in range(p.H.size):
+        eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
+        there_eta = modes[k, M_ETA] * eta + modes[k, M_ETA + 1] * rate
+        there_w = modes[k, M_W] * eta + modes[k, M_W + 1] * rate
+        for j in range(4):
+            drive = w.at[WL, j]
+            if p.H_m.size > 0:
+                drive = p.H[k] * drive + p.H_m[k] * w.at[WM, j]
+            there_eta += modes[k, M_ETA_BY + j] * drive
+            there_w += modes[k, M_W_BY + j] * drive
+        y[MODES + 2 * k], y[MODES + 2 * k + 1] = there_eta, there_w
+    dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
+    channels(
+        y,
+        references_after(dt, x.clock),
+        rows(w.noise, 0, 1, 1)[0],
+        x.stick,
+        p,
+        f,
+        q,
+        rows(w.values, 0, w.values.shape[0], 1),
+    )
+    for k in range(w.values.shape[0]):
+        for j in range(4):
+            w.by_node[j, k] = w.values[k, j]
+
+
+@code.inner(**INLINE)
+def _weights(u, out):
+    """Integrals of the four cubics l_j from 0 to ``u``."""
+    for j in range(4):
+        l0, l1, l2, l3 = LAGRANGE[j, 0], LAGRANGE[j, 1], LAGRANGE[j, 2], LAGRANGE[j, 3]
+        out[j] = u * (l0 + u * (l1 / 2.0 + u * (l2 / 3.0 + u * l3 / 4.0)))
+
+
+@code.inner(**INLINE)
+def _momentum_at(u, poly):
+    """Momentum at the fraction ``u`` of the step."""
+    total = poly[7]
+    for m in range(6, -1, -1):
+        total = total * u + poly[m]
+    return total
+
+
+@code.inner(**FORCED)
+def _add(u_a, u_b, T, stuck, all_channels, w, out):
+    """Add to ``out.partial`` the integrals over the part of the step between two fractions of it."""
+    partial = out.partial
+    if all_channels:
+        _weights(u_a, w.weights[0])
+        _weights(u_b, w.weights[1])
+        for j in range(4):
+            weight, values = T * (w.weights[1, j] - w.weights[0, j]), w.by_node[j]
+            for k in range(partial.size):
+                partial[k] += weight * values[k]
+    else:
+        partial[0] += _momentum_at(u_a, w.poly) - _momentum_at(u_b, w.poly)
+        partial[1] += (u_b - u_a) * T * stuck
+
+
+@code.inner(**FORCED)
+def _close(x, out):
+    """A row from what has been added up."""
+    row, partial = out.rows[out.cursor[0]], out.partial
+    inverse = 1.0 / x.clock[WEIGHT]  # not the width: late in a run it is rounded
+    for k in range(partial.size):
+        row[k] = partial[k] * inverse
+        partial[k] = 0.0
+    x.clock[WEIGHT] = 0.0
+    out.cursor[0] += 1
+
+
+@code.inner(**COMPILE)
+def _whole_intervals(count, u, T, stuck, all_channels, w, out):
+    """Rows of ``count`` intervals that lie in the step, from its fraction ``u`` on; returns the fraction after them."""
+    first, d = out.cursor[0], out.width / T
+    if not all_channels:
+        L_a, inverse = _momentum_at(u, w.poly), 1.0 / out.width
+        for m in range(count):
+            L_b = _momentum_at(u + (m + 1) * d, w.poly)
+            out.rows[first + m, 0], out.rows[first + m, 1] = (L_a - L_b) * inverse, stuck
+            L_a = L_b
+    else:
+        before, after = w.weights[0], w.weights[1]
+        n0, n1, n2, n3 = w.by_node[0], w.by_node[1], w.by_node[2], w.by_node[3]
+        _weights(u, before)
+        for m in range(count):
+            _weights(u + (m + 1) * d, after)
+            w0, w1 = (after[0] - before[0]) / d, (after[1] - before[1]) / d
+            w2, w3 = (after[2] - before[2]) / d, (after[3] - before[3]) / d
+            row = out.rows[first + m]
+            for k in range(row.size):
+                row[k] = w0 * n0[k] + w1 * n1[k] + w2 * n2[k] + w3 * n3[k]
+            before, after = after, before
+    out.cursor[0] += count
+    return u + count * d
+
+
+@code.inner(**COMPILE)
+def _record(u, end, level, x, p, t, w, out):
+    """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every sample interval that ends inside.
+
+    A sample is the mean over its interval. Where ``out`` has two columns, only the torque, by the change of momentum, and the
+    output's stick are recorded. Steps end at events, so jumps are averaged exactly, not sampled.
+    """
+    clock, cursor = x.clock, out.cursor
+    T, all_channels = t.longest * 0.5**level, out.rows.shape[1] > 2
+    if all_channels:
+        _channels_at_nodes(level, x, p, t, w)
+    now, stuck = clock[NOW], sticks(1, x.stick, p)
+    first_row = cursor[0]
+    if end > out.first and cursor[0] < out.rows.shape[0]:
+        u_a = max((out.first - now) / T, 0.0) if clock[WEIGHT] == 0.0 else 0.0
+        boundary = out.first + (cursor[0] + cursor[1] + 1) * out.width
+        if boundary <= end + 1e-6 * out.width:  # the last digits of two sums may differ
+            u_b = min((boundary - now) / T, u)
+            _add(u_a, u_b, T, stuck, all_channels, w, out)
+            clock[WEIGHT] += (u_b - u_a) * T
+            _close(x, out)
+            count = min(int((end - boundary) / out.width + 1e-6), out.rows.shape[0] - cursor[0])
+            u_a = _whole_intervals(count, u_b, T, stuck, all_channels, w, out) if count > 0 else u_b
+        if cursor[0] < out.rows.shape[0] and u - u_a > 1e-6 * out.width / T:
+            _add(u_a, u, T, stuck, all_channels, w, out)
+            clock[WEIGHT] += (u - u_a) * T
+    if all_channels:
+        _integrate(u, now, T, first_row, x, w, out)
+    else:
+        clock[IMPULSE] += w.poly[0] - _momentum_at(u, w.poly)
+
+
+@code.inner(**COMPILE)
+def _integrate(u, now, T, first_row, x, w, out):
+    """Energies over the step, also at the middles of the intervals closed in it, and the balance of momentum."""
+    clock = x.clock
+    for row in range(first_row, out.cursor[0]):
+        until = min((out.first + (row + out.cursor[1] + 1) * out.width - now) / T, u)
+        _weights(until, w.weights[0])
+        for k in range(N_POWERS):
+            energy = x.energy[k] - 0.5 * out.width * out.rows[row, POWERS + k]
+            for j in range(4):
+                energy += T * w.weights[0, j] * w.by_node[j, POWERS + k]
+            out.rows[row, POWERS + k] = energy
+    _weights(u, w.weights[0])
+    for j in range(4):
+        values = w.by_node[j]
+        for k in range(N_POWERS):
+            x.energy[k] += T * w.weights[0, j] * values[POWERS + k]
+        clock[IMPULSE] += T * w.weights[0, j] * values[T_D_FORCE]
+        clock[MISMATCH] = max(clock[MISMATCH], math.fabs(values[T_D] - values[T_D_FORCE]))
+        clock[LARGEST] = max(clock[LARGEST], math.fabs(values[T_D]))
