@@ -89,6 +89,7 @@ def test_without_density_nothing_changes_to_the_last_bit(state_1):
     [
         ({"friction.torque_noise": {"density": -1.0}}, "friction.torque_noise.density"),
         ({"friction.torque_noise": {"density": 1e-6, "lowest": 5.0, "highest": 2.0}}, "is not above lowest"),
+        ({"friction.torque_noise": {"density": 1e-6, "lowest": 3000.0}}, "is not below half the sample rate, 2048 Hz"),
         ({"motor.friction.torque_noise": {"density": 1e-6}}, "noise acts on the output"),
     ],
 )

@@ -58,6 +58,12 @@ class Scenario(Part):
                 f" {self.output_inertia:.3g} kg*m^2, under a millionth of the inertia); a compliant"
                 " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
             )
+        noise, most = self.friction.torque_noise, 0.5 * self.record.sample_rate
+        if noise is not None and noise.highest is None and noise.lowest >= most:
+            yield (
+                f"friction.torque_noise.lowest: {noise.lowest:g} Hz is not below half the sample rate, {most:g} Hz, where noise"
+                " without a highest frequency ends; lower it, or give friction.torque_noise.highest"
+            )
         driver, motor = self.driver, self.motor
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0:
             yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
