@@ -23,12 +23,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.line_errors import worst_change
 from support.scenarios import heavy_scenario, random_scenario
-from support.steady_lines import LEAST
 
 import microvib as mv
 from microvib.analysis.accuracy import BOUND, accuracy
-from microvib.signals.line_table import LineTable
 
 STATES = ("state-1", "state-2", "state-3", "state-4", "state-5")
 
@@ -71,7 +70,7 @@ def _row(name: str, scenario: mv.Scenario) -> tuple[str, str, float]:
     assert estimate is not None
     finer = mv.simulate(scenario.with_({"solver.refinement": 4}), channels=("T_d",))
     T_d, exact = motion["T_d"], finer["T_d"]
-    line, at = _worst(table, mv.lines(finer))
+    line, at = worst_change(table, mv.lines(finer))
     rms = float(np.std(T_d) / np.std(exact)) - 1.0
     apart = float(np.std(T_d - exact) / np.std(exact))
     said = "sensitive" if estimate.sensitive else "refine" if estimate.advised else "fine"
@@ -83,17 +82,6 @@ def _row(name: str, scenario: mv.Scenario) -> tuple[str, str, float]:
             flush=True,
         )
     return said, off, cost
-
-
-def _worst(table: LineTable, exact: LineTable) -> tuple[float, str]:
-    """Largest relative change of a listed line of at least LEAST of the largest, and its name."""
-    listed = {x.line: x for x in table if x.kind not in ("array mode", "other") and x.status == "ok"}
-    pairs = [(listed[x.line], x) for x in exact if x.line in listed and x.status == "ok"]
-    top = max((x.amplitude_n_m for _, x in pairs), default=0.0)
-    changes = [
-        (abs(x.amplitude_n_m / y.amplitude_n_m - 1.0), y.line) for x, y in pairs if y.amplitude_n_m >= LEAST * top
-    ]
-    return max(changes, default=(0.0, ""))
 
 
 if __name__ == "__main__":
