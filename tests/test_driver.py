@@ -407,7 +407,7 @@ def test_a_search_looks_at_the_other_quarters_of_the_electrical_turn(distorted):
     told = chosen([evidence_of(recorded(truth), truth)], truth, without=["array_mode_1"])  # the start is another
     problem = Problem(truth, [(told[0], {})], keys, Trust(0.004))
     x = np.array([key.coordinate(ERRORS[key.key.rpartition(".")[2]]) for key in keys])
-    quarter, half, _ = problem.turned(x)
+    quarter, half, *_ = problem.turned(x)
     assert [key.value(c) for key, c in zip(keys, half, strict=True)] == pytest.approx(
         [0.012, -0.006, 0.004, ERRORS["quadrature"]]
     )

@@ -258,13 +258,14 @@ class Problem:
     def turned(self, x: np.ndarray) -> list[np.ndarray]:
         """``x`` with the errors of the driver as they are seen from the other quarters of the electrical turn; none without them.
 
-        There i_B and -i_A are the phases: nearly the same torque, later. What is not fitted stays.
+        There i_B and -i_A are the phases: nearly the same torque, later. What is not fitted stays. The last two are turned in their
+        offsets alone: a fit that has those in the wrong quarter may have the rest right.
         """
         at = {key.key.removeprefix(ERRORS): k for k, key in enumerate(self.keys) if key.key.startswith(ERRORS)}
         now = {name: self.keys[k].value(float(x[k])) for name, k in at.items()}
         points, offset = [], complex(now.get("offset_a", 0.0), now.get("offset_b", 0.0))
-        for quarters in (1, 2, 3) if now else ():
-            seen, sign = offset * (-1j) ** quarters, (-1.0) ** quarters
+        for quarters, sign in ((1, -1.0), (2, 1.0), (3, -1.0), (1, 1.0), (3, 1.0)) if now else ():
+            seen = offset * (-1j) ** quarters
             then = {"offset_a": seen.real, "offset_b": seen.imag}
             then |= {name: sign * now[name] for name in ("gain_b", "quadrature") if name in now}
             point = x.copy()
