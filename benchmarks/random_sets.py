@@ -15,7 +15,9 @@ import argparse
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 
@@ -67,12 +69,20 @@ def main() -> None:
 
 
 def _solved(scenario: mv.Scenario) -> tuple[LineTable, float, float]:
-    """Lines, and processor time of the motion and of the torque alone [s]."""
-    begun = time.process_time()
-    motion = mv.simulate(scenario)
-    moved = time.process_time()
-    torque_from_rest(scenario)
-    return mv.lines(motion), moved - begun, time.process_time() - moved
+    """Lines, and processor time of the motion and of the torque alone [s], the least of three each."""
+    motion, moved = _timed(mv.simulate, scenario)
+    _, alone = _timed(torque_from_rest, scenario)
+    return mv.lines(motion), moved, alone
+
+
+def _timed(solve: Callable[[mv.Scenario], Any], scenario: mv.Scenario) -> tuple[Any, float]:
+    """What it gives, and its least processor time [s] of three."""
+    seconds = []
+    for _ in range(3):
+        begun = time.process_time()
+        found = solve(scenario)
+        seconds.append(time.process_time() - begun)
+    return found, min(seconds)
 
 
 if __name__ == "__main__":
