@@ -17,7 +17,8 @@ from microvib.reports.identification import fit_json, fit_text, write_fit
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
 from microvib.studies.identify import Trust, identify, parse_fit
-from microvib.studies.identify.problem import Problem, goodness
+from microvib.studies.identify.goodness import goodness
+from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import Descent
 from microvib.testdata.recording import Recording
 

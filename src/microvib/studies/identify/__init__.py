@@ -9,8 +9,9 @@ A calibration is not a prediction: parameters that are fitted to some lines say 
 """
 
 from microvib.studies.identify.fit import MODEL_ERROR, Fit, identify
+from microvib.studies.identify.goodness import Deviation, Goodness
 from microvib.studies.identify.keys import FitKey, parse_fit
-from microvib.studies.identify.problem import Deviation, FitProgress, Goodness, Trust
+from microvib.studies.identify.problem import FitProgress, Trust
 from microvib.studies.identify.verdict import Estimate, Leaning
 
 __all__ = [

@@ -14,18 +14,10 @@ from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Simulated, evidence_of
 from microvib.studies.identify import verdict
+from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
-from microvib.studies.identify.problem import (
-    Deviation,
-    FitProgress,
-    Goodness,
-    Problem,
-    Trust,
-    cost,
-    deviations,
-    goodness,
-)
+from microvib.studies.identify.problem import FitProgress, Problem, Trust, cost
 from microvib.studies.identify.search import Optimum, confirm, material, search
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.keys import WIDENINGS
-from microvib.studies.identify.problem import ROBUST, Problem, cost, goodness
+from microvib.studies.identify.problem import ROBUST, Problem, cost
 
 FIRST_STEP = 1e-4
 """Step of differences in a coordinate before it is known what the evidence resolves."""

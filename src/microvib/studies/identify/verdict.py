@@ -11,9 +11,10 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
+from microvib.studies.identify.goodness import Goodness, goodness
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
-from microvib.studies.identify.problem import ERRORS, Goodness, Problem, goodness
+from microvib.studies.identify.problem import ERRORS, Problem
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
 WIDE = 0.2

@@ -1,0 +1,99 @@
+"""Goodness of a fit: whether the model explains the evidence, and what of it is off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.studies.evidence import predicted
+from microvib.studies.identify.problem import Problem
+
+REJECTED = 1e-3
+"""Probability of so large a chi-square with a correct model, below which a model does not explain the data."""
+OFF = 3.0
+"""Standard deviations above which a figure counts as off."""
+FEW = 3
+"""Degrees of freedom below which the data hardly check the model."""
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """Goodness of a fit."""
+
+    chi_square: float
+    figures: int
+    """Observed figures."""
+    parameters: int
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom: figures over parameters."""
+        return self.figures - self.parameters
+
+    @property
+    def ratio(self) -> float:
+        """Chi-square per degree of freedom; where there is none, chi-square itself."""
+        return self.chi_square / max(self.freedom, 1)
+
+    @property
+    def limit(self) -> float:
+        """Chi-square per degree of freedom that a correct model exceeds in one of a thousand cases."""
+        from scipy.stats import chi2
+
+        return float(chi2.isf(REJECTED, max(self.freedom, 1))) / max(self.freedom, 1)
+
+    @property
+    def explained(self) -> bool:
+        """Whether the model explains the data."""
+        return self.ratio <= self.limit
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        counted = f"{self.figures} figures, {self.parameters} parameter{'s' if self.parameters > 1 else ''}"
+        if self.explained and self.freedom <= 0:
+            return f"Nothing checks the model: {counted}. Any model with as many parameters might fit."
+        value = f"chi-square {self.ratio:.3g} per degree of freedom; {counted}"
+        if not self.explained:
+            return f"The model does not explain these data: {value}; a correct model stays below {self.limit:.3g}."
+        few = " Few degrees of freedom are left to check the model: a wrong one might fit, too."
+        return f"The model explains these data within their uncertainties: {value}.{few if self.freedom < FEW else ''}"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One figure of a test beside the fitted model's."""
+
+    test: str
+    line: str
+    form: str
+    measured: float
+    fitted: float
+    sigma: float
+    """Difference over its standard deviation, a common error of the recording taken off."""
+
+    @property
+    def off(self) -> bool:
+        """Whether it is further off than its uncertainty explains."""
+        return not abs(self.sigma) <= OFF
+
+
+def goodness(problem: Problem, r: np.ndarray) -> Goodness:
+    """Goodness of residuals: those of figures and common errors, without the prior's."""
+    m = len(problem.keys)
+    return Goodness(float(r[:-m] @ r[:-m]), problem.figures, m)
+
+
+def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:
+    """All figures beside the model's at ``x``."""
+    tables = problem.simulated([problem.changes(x)])[0]
+    sigma, _ = problem.weighted(problem.differences(tables))
+    return tuple(
+        Deviation(
+            problem.tests[k][0].name, o.line, o.form, o.value,
+            math.nan if tables is None else predicted(tables[k], o), float(s),
+        )
+        for (k, o), s in zip(problem.observed, sigma, strict=True)
+    )  # fmt: skip
