@@ -11,6 +11,7 @@ import numpy as np
 
 from microvib.analysis.lines import expected_in
 from microvib.errors import MicrovibError
+from microvib.model.coupling import MEANINGLESS
 from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
@@ -22,8 +23,6 @@ from microvib.solve.channels import INTERFACE
 from microvib.solve.motion import Motion
 from microvib.solve.steady.state import SteadyState
 
-MEANINGLESS = 0.05
-"""Frequency [Hz] below which the lines of a hub without attitude control mean nothing, and are left out."""
 CONFIDENCE = 0.997
 
 
@@ -130,7 +129,7 @@ def hub_lines(source: Motion | SteadyState, table: LineTable, harmonics: int = 8
     )
     looks = craft.spacecraft.line_of_sight is not None
     frequency, ringing = _ringing(source, expected, (*INTERFACE, *(("los_ax", "los_ay") if looks else ())))
-    shafts = np.array([_tones(_lines(source, name, expected)) for name in ("alpha_l", "alpha_m")]).T
+    shafts = np.array([tones_of(lines_in(source, name, expected)) for name in ("alpha_l", "alpha_m")]).T
     own = np.array([line.kind in ("array mode", "other") for line in expected])
     rows = [craft.loads(), *([craft.line_of_sight()] if looks else [])]
     forced = np.hstack([np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows])
@@ -145,8 +144,8 @@ def _ringing(
     source: Motion | SteadyState, expected: tuple[ExpectedLine, ...], channels: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (k,) [Hz] of the expected lines, and their tones in each channel, (k, channels), of accelerations the angles."""
-    columns = [_lines(source, name, expected) for name in channels]
-    tones = np.array([_tones(column) for column in columns]).T
+    columns = [lines_in(source, name, expected) for name in channels]
+    tones = np.array([tones_of(column) for column in columns]).T
     found = np.array([[line.frequency_hz for line in column] for column in columns]).T
     decay = np.nan_to_num(np.array([[line.decay_per_s for line in column] for column in columns]).T)
     given = np.array([line.frequency for line in expected])
@@ -159,12 +158,12 @@ def _ringing(
     return np.where(np.isfinite(shared), shared, given), tones
 
 
-def _tones(lines: list[Line]) -> np.ndarray:
+def tones_of(lines: list[Line]) -> np.ndarray:
     """Complex amplitudes."""
     return np.array([line.amplitude_n_m * np.exp(1j * line.phase_rad) for line in lines])
 
 
-def _lines(source: Motion | SteadyState, channel: str, expected: tuple[ExpectedLine, ...]) -> list[Line]:
+def lines_in(source: Motion | SteadyState, channel: str, expected: tuple[ExpectedLine, ...]) -> list[Line]:
     """The expected lines in one channel, in their order."""
     rate = source.scenario.record.sample_rate
     if isinstance(source, SteadyState):

@@ -183,14 +183,10 @@ def craft_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float,
 
 
 def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, rotor_inertia: float) -> Craft:
-    mass, participation = array.mass, array.interface
-    if mass is None or participation is None:
-        raise ValueError("the array has no six components")
-    turn = np.kron(np.eye(2), spacecraft.interface.turn(array.drive_axis, spacecraft.array_angle))
     a = _six(spacecraft.interface.axis)
-    M = turn @ mass @ turn.T + output_inertia * np.outer(a, a)
-    P = turn @ participation
-    hub_mass, hub_stiffness, hub_damping, free = _hub(spacecraft)
+    M, P = array_on_hub(array, spacecraft)
+    M = M + output_inertia * np.outer(a, a)
+    hub_mass, hub_stiffness, hub_damping, free = hub_matrices(spacecraft)
     root = _motion_of_point(spacecraft, INTERFACE)
     n, s = root.shape[1], P.shape[1]
     M_S = np.block(
@@ -231,7 +227,16 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
     return Craft(spacecraft, load, shapes, D_all, by_output, by_rotor, M, P, rotor_inertia, notes)
 
 
-def _hub(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+def array_on_hub(array: Array, spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Mass matrix (6, 6) and participation (6, s) of an array about the interface point, at its angle, hub axes."""
+    mass, participation = array.mass, array.interface
+    if mass is None or participation is None:
+        raise ValueError("the array has no six components")
+    turn = np.kron(np.eye(2), spacecraft.interface.turn(array.drive_axis, spacecraft.array_angle))
+    return turn @ mass @ turn.T, turn @ participation
+
+
+def hub_matrices(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """Mass, stiffness and damping of the hub's coordinates, (n, n), and how many of the first are free."""
     hub, control = spacecraft.hub, spacecraft.attitude_control
     n = 6 + len(hub.modes)

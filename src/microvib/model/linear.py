@@ -55,16 +55,21 @@ def _matrices(
     K[0, 0] = spring
     K[2:, 2:] = np.diag(load.Lambda)
     if reducer.rigid:
-        # theta_m = -h theta_l (Eq. 19)
-        T = np.zeros((2 + s, 1 + s))
-        T[0, 0] = 1.0
-        T[1, 0] = -1.0 / h
-        T[2:, 1:] = np.eye(s)
+        T = coordinates(reducer, s)
         return T.T @ M @ T, T.T @ C @ T, T.T @ K @ T
     gear = np.array([-1.0 / h, -1.0])
     K[:2, :2] += float(reducer.stiffness) * np.outer(gear, gear)
     C[:2, :2] += reducer.damping * np.outer(gear, gear)
     return M, C, K
+
+
+def coordinates(reducer: Reducer, modes: int) -> np.ndarray:
+    """theta_m, theta_l and ``modes`` by the coordinates of ``matrices``, (2 + s, n): the same, or without theta_l if rigid."""
+    T = np.eye(2 + modes)
+    if reducer.rigid:  # theta_m = -h theta_l (Eq. 19)
+        T[1, 0] = -1.0 / reducer.ratio
+        T = np.delete(T, 1, axis=1)
+    return T
 
 
 @dataclass(frozen=True)
@@ -90,17 +95,22 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
         return ()
     M, C, K = matrices(scenario)
     inertia = _momentum_row(scenario)
-    step = -math.copysign(scenario.driver.microstep(scenario.motor), scenario.rate or 0.0)
-    pull = np.zeros(M.shape[0])
-    pull[0] = scenario.motor.electromagnetic_stiffness
     lines = []
-    r = scenario.driver.microstep_ramp
     for k in range(1, harmonics + 1):
         omega = 2.0 * math.pi * k * f_d
-        sawtooth = -1j * step / (math.pi * k) * (np.sinc(k * r) * np.exp(-1j * math.pi * k * r))
-        motion = np.linalg.solve(K - omega**2 * M + 1j * omega * C, pull * sawtooth)
+        pull = np.zeros(M.shape[0], dtype=complex)
+        pull[0] = pulls(scenario, np.array(k))
+        motion = np.linalg.solve(K - omega**2 * M + 1j * omega * C, pull)
         lines.append(LinearLine(k, k * f_d, complex(omega**2 * (inertia @ motion))))
     return tuple(lines)
+
+
+def pulls(scenario: Scenario, order: np.ndarray) -> np.ndarray:
+    """Torque of the command's staircase on the rotor at each ``order`` of the driving frequency, complex amplitude [N m]."""
+    step = -math.copysign(scenario.driver.microstep(scenario.motor), scenario.rate or 0.0)
+    ramped = order * scenario.driver.microstep_ramp
+    sawtooth = -1j * step / (math.pi * order) * (np.sinc(ramped) * np.exp(-1j * math.pi * ramped))
+    return np.asarray(scenario.motor.electromagnetic_stiffness * sawtooth)
 
 
 def _momentum_row(scenario: Scenario) -> np.ndarray:

@@ -1,0 +1,96 @@
+"""The short way from a run on ground that does not move to a craft, and its error against the coupled run, line by line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.analysis.lines import expected_in
+from microvib.analysis.pointing import HubLines, lines_in, tones_of
+from microvib.analysis.run import solve_run
+from microvib.model.coupling import Coupled, craft_in, short_way
+from microvib.model.scenario import Scenario
+from microvib.solve.channels import INTERFACE
+from microvib.solve.integration import Progress
+from microvib.solve.motion import Motion
+from microvib.solve.steady.state import SteadyState
+
+OWN = ("array mode", "other")
+"""Kinds of lines that ring at frequencies of their own: on a craft these are others, so that the short way does not take them."""
+
+
+@dataclass(frozen=True)
+class BlockedLines:
+    """Lines of the clock on ground that does not move."""
+
+    names: tuple[str, ...]
+    frequency: np.ndarray
+    """[Hz], (k,)."""
+    loads: np.ndarray
+    """Complex amplitudes at the interface point, hub axes, (k, 6) [N, N m]."""
+
+
+def blocked_lines(source: Motion | SteadyState, on: Scenario, harmonics: int = 8) -> BlockedLines:
+    """Lines of the six loads of a run on ground, in the hub axes of the scenario ``on`` a craft and at its array angle."""
+    expected = [line for line in expected_in(source.scenario, on.record.sample_rate, harmonics) if line.kind not in OWN]
+    found = [lines_in(source, name, tuple(expected)) for name in INTERFACE]
+    loads = np.array([tones_of(column) for column in found]).T.reshape(len(expected), 6)
+    spacecraft = craft_in(on).spacecraft
+    turn = np.kron(np.eye(2), spacecraft.interface.turn(on.array.drive_axis, spacecraft.array_angle))
+    kept = np.any(np.isfinite(loads) & (loads != 0.0), axis=1)
+    names = tuple(line.name for line, keep in zip(expected, kept, strict=True) if keep)
+    frequency = np.array([line.frequency for line in expected])
+    return BlockedLines(names, frequency[kept], np.nan_to_num(loads[kept]) @ turn.T)
+
+
+def short_way_of(
+    scenario: Scenario, *, harmonics: int = 8, progress: Progress | None = None
+) -> tuple[BlockedLines, Coupled]:
+    """Blocked lines of a scenario on a craft, run without it, and what they become on it."""
+    craft_in(scenario)
+    result = solve_run(scenario.model_copy(update={"spacecraft": None}), harmonics=harmonics, progress=progress)
+    source = result.state or result.motion
+    assert source is not None
+    lines = blocked_lines(source, scenario, harmonics)
+    return lines, short_way(scenario, lines.frequency, lines.loads)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One line the short way and coupled: amplitudes of the line of sight and of the load vector, and how far they lie apart."""
+
+    line: str
+    frequency: float
+    los: tuple[float, float]
+    """Radial amplitude the short way and coupled [rad]; nan without a line of sight."""
+    los_error: float
+    """Length of the difference of the complex pairs over that of the coupled one."""
+    load_error: float
+    """The same of the moments about the interface point."""
+    share: float
+    """Of this line in the coupled line of sight's mean square."""
+
+
+def differences(lines: BlockedLines, short: Coupled, full: HubLines) -> list[Difference]:
+    """The short way against the coupled run, line by line, those that count most in the line of sight first."""
+    total = float(np.sum(full.amplitude**2)) or 1.0
+    rows = []
+    for k, name in enumerate(lines.names):
+        if name not in full.names:
+            continue
+        j = full.names.index(name)
+        los = (np.full(2, np.nan), np.full(2, np.nan))
+        if short.los is not None and full.los is not None:
+            los = short.los[k], full.los[j]
+        size = tuple(float(np.linalg.norm(x)) for x in los)
+        share = float(np.sum(full.amplitude[j] ** 2)) / total
+        moments = short.loads[k, 3:], full.loads[j, 3:]
+        rows.append(
+            Difference(name, float(lines.frequency[k]), (size[0], size[1]), _apart(*los), _apart(*moments), share)
+        )
+    return sorted(rows, key=lambda row: -row.share)
+
+
+def _apart(found: np.ndarray, wanted: np.ndarray) -> float:
+    return float(np.linalg.norm(found - wanted) / max(float(np.linalg.norm(wanted)), 1e-300))

@@ -1,0 +1,237 @@
+"""The short way to a craft: blocked loads of drive and array, apparent masses of both sides, coupled at the interface point.
+
+In the frequency domain, about the interface point and in hub axes, with F_b the loads of the source on ground that does not move
+(``lines`` of a run without ``spacecraft``, a force table, or in closed form):
+
+    AM_src a = F_b - F,   F = AM_hub a   =>   a = (AM_hub + AM_src)^-1 F_b
+
+F is the load on the hub. AM_src = D_0 + sum p'p (w_k^2 + 2j z w_k w) / (w_k^2 - w^2 + 2j z w_k w) where all hinges are locked; with
+the drive in it the modes are those of ``model.linear``: electromagnetic and gear springs in series on the drive axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.model.craft import Craft, array_on_hub, hub_matrices
+from microvib.model.linear import coordinates, matrices, pulls
+from microvib.model.rigid import motion_of
+from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import INTERFACE
+
+MEANINGLESS = 0.05
+"""Frequency [Hz] below which the lines of a hub without attitude control mean nothing, and are left out."""
+SEMIDEFINITE = 1e-6
+"""Part of a source's own mass by which what its modes leave of it may be negative, for rounding."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What hangs on the interface: a mass matrix, and coordinates x that its acceleration stirs, M x'' + C x' + K x = -G' a."""
+
+    mass: np.ndarray
+    """With x = 0, (6, 6) [kg, kg m, kg m^2]."""
+    G: np.ndarray
+    """Momentum at the interface by the rates of the coordinates, (6, n)."""
+    M: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    """Of the coordinates, (n, n)."""
+
+    def __post_init__(self) -> None:
+        """MicrovibError where D_0, what the coordinates leave of the mass, is not positive semi-definite."""
+        scale = np.sqrt(np.maximum(np.diag(self.mass), 1e-300))
+        least = float(np.linalg.eigvalsh(self.residual / np.outer(scale, scale)).min())
+        if least < -SEMIDEFINITE:
+            raise MicrovibError(
+                f"D_0: what the modes leave of the source's mass has the eigenvalue {least:.3g} of its diagonal, and must have none"
+                " below 0; mass, participation and reference point do not belong together"
+            )
+
+    @property
+    def residual(self) -> np.ndarray:
+        """D_0 = mass - G M^-1 G', what moves with the interface at the highest frequencies, (6, 6)."""
+        return np.asarray(self.mass - self.G @ np.linalg.solve(self.M, self.G.T)) if self.M.size else self.mass
+
+    def _moved(self, frequency: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Accelerations of the coordinates, (m, n, k), by loads on them, (m or 1, n, k), at each frequency (m,) [Hz]."""
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
+        dynamic = self.K - omega**2 * self.M + 1j * omega * self.C
+        shape = (omega.shape[0], *loads.shape[1:])
+        return np.asarray(-(omega**2) * np.linalg.solve(dynamic, np.broadcast_to(loads, shape)))
+
+    def apparent_mass(self, frequency: np.ndarray) -> np.ndarray:
+        """Load that moves the interface by its acceleration at each frequency (m,) [Hz], (m, 6, 6)."""
+        return np.asarray(self.mass - self.G @ self._moved(frequency, self.G.T[None]))
+
+    def blocked(self, frequency: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Loads on ground that does not move, (m, 6), of complex torques on the rotor (m,) [N m]."""
+        on = np.zeros((len(frequency), self.M.shape[0], 1), dtype=complex)
+        on[:, 0, 0] = torque
+        return np.asarray(-(self.G @ self._moved(frequency, on))[:, :, 0])
+
+    def turned(self, turn: np.ndarray) -> Source:
+        """The same in other axes, by the congruence of ``turn`` (3, 3), whose columns are its axes there."""
+        both = np.kron(np.eye(2), turn)
+        return Source(both @ self.mass @ both.T, both @ self.G, self.M, self.C, self.K)
+
+    def about(self, position: np.ndarray) -> Source:
+        """The same about another point, from which the interface lies at ``position`` (3,) [m]: u = T u_there, T' mass T."""
+        T = motion_of(np.asarray(position, dtype=float))
+        return Source(T.T @ self.mass @ T, T.T @ self.G, self.M, self.C, self.K)
+
+
+def source_of(scenario: Scenario, *, powered: bool = True) -> Source:
+    """Drive and array of a scenario with a ``spacecraft``, linearised as in ``model.linear``; not ``powered``: locked hinges."""
+    spacecraft, array = craft_in(scenario).spacecraft, scenario.array
+    a = np.concatenate([np.zeros(3), spacecraft.interface.axis])
+    M, P = array_on_hub(array, spacecraft)
+    M = M + scenario.reducer.output_inertia * np.outer(a, a)
+    J_m = scenario.rotor_inertia
+    mass = M + J_m * np.outer(a, a)
+    if not powered:
+        return Source(mass, P, np.eye(P.shape[1]), np.diag(array.D), np.diag(array.Lambda))
+    ground = scenario.model_copy(update={"spacecraft": None})
+    T = coordinates(scenario.reducer, P.shape[1])
+    return Source(mass, np.column_stack([J_m * a, M @ a, P]) @ T, *matrices(ground))
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """The hub alone: coordinates q with M (q'' + damping q' + squares q) = root' F, and what is looked at."""
+
+    root: np.ndarray
+    """Motion of the interface point by the coordinates, (6, n)."""
+    stirred: np.ndarray
+    """M^-1 root', (n, 6)."""
+    squares: np.ndarray
+    """[rad^2/s^2], (n,): zero for free motions, those of the attitude control and of the hub's modes."""
+    damping: np.ndarray
+    """[1/s], (n,)."""
+    los: np.ndarray | None
+    """Both angles of the line of sight by the coordinates, (2, n)."""
+    lowest: float
+    """Frequency [Hz] below which its motion means nothing."""
+
+    def moved(self, frequency: np.ndarray) -> np.ndarray:
+        """Coordinates by loads at the interface at each frequency (m,) [Hz], (m, n, 6)."""
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None]
+        return np.asarray(self.stirred / (self.squares - omega**2 + 1j * omega * self.damping)[:, :, None])
+
+    def accelerance(self, frequency: np.ndarray) -> np.ndarray:
+        """Acceleration of the interface point by loads there, (m, 6, 6); its inverse is the apparent mass."""
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
+        return np.asarray(-(omega**2) * (self.root @ self.moved(frequency)))
+
+    def transfer(self, frequency: np.ndarray) -> np.ndarray | None:
+        """Line of sight by loads at the interface, (m, 2, 6); nan where it means nothing, None where there is none."""
+        if self.los is None:
+            return None
+        found = np.asarray(self.los @ self.moved(frequency))
+        found[np.asarray(frequency) < self.lowest] = np.nan
+        return found
+
+
+def receiver_of(scenario: Scenario) -> Receiver:
+    """The hub of a scenario with a ``spacecraft``."""
+    craft = craft_in(scenario)
+    M, K, C, _ = hub_matrices(craft.spacecraft)
+    n, control = M.shape[0], craft.spacecraft.attitude_control
+    root = craft.at(INTERFACE)[:, :n]
+    # Attitude control is in proportion to the hub's inertia and a mode has its own, so that K = M squares, C = M damping.
+    squares, damping = (np.diag(np.linalg.solve(M, X)) for X in (K, C))
+    los = None if craft.spacecraft.line_of_sight is None else craft.line_of_sight().position[:, :n]
+    return Receiver(root, np.linalg.solve(M, root.T), squares, damping, los, MEANINGLESS if control is None else 0.0)
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """What the interface does and the hub feels at each frequency, (m,) [Hz]; complex amplitudes, 0-to-peak, hub axes."""
+
+    frequency: np.ndarray
+    acceleration: np.ndarray
+    """Of the interface point, (m, 6) [m/s^2, rad/s^2]."""
+    loads: np.ndarray
+    """On the hub at the interface point, (m, 6) [N, N m]."""
+    los: np.ndarray | None
+    """Both angles of the line of sight, (m, 2) [rad]; nan where they mean nothing."""
+
+
+def coupled(frequency: np.ndarray, blocked: np.ndarray, source_mass: np.ndarray, hub: Receiver) -> Coupled:
+    """Blocked loads (m, 6) of a source of apparent mass (m, 6, 6) on a hub, at each frequency (m,) [Hz].
+
+    a = (AM_hub + AM_src)^-1 F_b = (1 + Y AM_src)^-1 Y F_b with the accelerance Y = AM_hub^-1; AM_hub a = F_b - AM_src a.
+    """
+    frequency = np.asarray(frequency, dtype=float)
+    return _coupled(frequency, blocked, source_mass, hub.accelerance(frequency), hub.transfer(frequency))
+
+
+def _coupled(f: np.ndarray, blocked: np.ndarray, mass: np.ndarray, Y: np.ndarray, los: np.ndarray | None) -> Coupled:
+    free = np.asarray(blocked)[:, :, None]
+    a = np.linalg.solve(np.eye(6) + Y @ mass, Y @ free)
+    loads = free - mass @ a
+    return Coupled(f, a[:, :, 0], loads[:, :, 0], None if los is None else (los @ loads)[:, :, 0])
+
+
+def short_way(scenario: Scenario, frequency: np.ndarray, blocked: np.ndarray) -> Coupled:
+    """Blocked loads (m, 6) on the hub of a scenario, in hub axes about the interface point, with its own drive and array."""
+    frequency = np.asarray(frequency, dtype=float)
+    return coupled(frequency, blocked, source_of(scenario).apparent_mass(frequency), receiver_of(scenario))
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Driving lines of the linearised drive on a craft, by angle, rate and order, (angles, rates, orders, ...)."""
+
+    angles: np.ndarray
+    """[rad]."""
+    rates: np.ndarray
+    """[rad/s]."""
+    frequency: np.ndarray
+    """[Hz], (rates, orders)."""
+    loads: np.ndarray
+    los: np.ndarray | None
+
+
+def chart(scenario: Scenario, rates: np.ndarray, angles: np.ndarray | None = None, harmonics: int = 8) -> Chart:
+    """Loads and line of sight over rates (r,) [rad/s] and angles (p,) [rad] of the array, in closed form.
+
+    Without ``angles`` at the scenario's own. Masses are computed once and turned to each angle by congruence. MicrovibError
+    where the rate is zero or changes.
+    """
+    f_d, spacecraft = scenario.driving_frequency, craft_in(scenario).spacecraft
+    if not f_d or not scenario.rate:
+        raise MicrovibError(
+            "tracking: a chart over rates begins at a constant rate; one greater than 0 deg/s is expected"
+        )
+    psi = np.array([spacecraft.array_angle]) if angles is None else np.asarray(angles, dtype=float)
+    order, rates = np.arange(1, harmonics + 1), np.asarray(rates, dtype=float)
+    frequency = np.abs(rates[:, None] / scenario.rate) * f_d * order
+    f, torque = frequency.ravel(), np.tile(pulls(scenario, order), rates.size)
+    source, hub = source_of(scenario), receiver_of(scenario)
+    mass, loads = source.apparent_mass(f), source.blocked(f, torque)
+    Y, seen = hub.accelerance(f), hub.transfer(f)
+    found = []
+    for angle in psi:
+        turn = np.kron(np.eye(2), about_axis(spacecraft.interface.axis, float(angle) - spacecraft.array_angle))
+        found.append(_coupled(f, loads @ turn.T, turn @ mass @ turn.T, Y, seen))
+    shape = (psi.size, *frequency.shape)
+    los = None if hub.los is None else np.array([one.los for one in found]).reshape(*shape, 2)
+    return Chart(psi, rates, frequency, np.array([one.loads for one in found]).reshape(*shape, 6), los)
+
+
+def about_axis(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Turn about a unit vector ``axis`` (3,) by an ``angle`` [rad], (3, 3)."""
+    along, across = np.outer(axis, axis), np.cross(np.eye(3), axis)
+    return np.asarray(along + math.cos(angle) * (np.eye(3) - along) + math.sin(angle) * across)
+
+
+def craft_in(scenario: Scenario) -> Craft:
+    """The craft of a scenario; MicrovibError where it stands on firm ground."""
+    if scenario.craft is None:
+        raise MicrovibError("spacecraft: missing; a scenario on a craft is expected, as examples/spacecraft.yaml")
+    return scenario.craft
