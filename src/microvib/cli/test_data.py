@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -116,10 +117,15 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     default="0 percent",
     help="Error common to all amplitudes of a recording, its scale (standard deviation).",
 )
+@click.option(
+    "--settle-error",
+    metavar="TIME",
+    help="Error of record.settle, the time before a recording (standard deviation) [default: not known].",
+)
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
     prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...], starts: int, seed: int, model_error: str,
-    common_error: str, target: Target,
+    common_error: str, settle_error: str | None, target: Target,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
@@ -135,6 +141,9 @@ def identify(
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
     each, common = _part("model_error", model_error, 0.0), _part("common_error", common_error, -1.0)
+    late = math.inf if settle_error is None else quantity("settle_error", settle_error, "s")
+    if not late > 0.0:
+        raise OptionError("settle_error", f"{settle_error} is not allowed; it must be greater than 0 s")
     prepared = preparation(prepare)
     read, changes = [], []
     for item in evidence:
@@ -146,7 +155,7 @@ def identify(
     with progress_bar("searching") as progress:
         fit = run_identification(
             loaded, tests, fit_keys, seed=seed, starts=starts, model_error=each, common_error=common,
-            progress=_best_so_far(progress),
+            settle_error=late, progress=_best_so_far(progress),
         )  # fmt: skip
     target.deliver(fit_text(fit), write_fit, fit)
     if fit.interrupted:

@@ -48,6 +48,7 @@ def fit_text(fit: Fit) -> str:
         error = brief(e.standard_error, 2) or "withheld"
         row = f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}"
         lines.append(row.rstrip())
+    lines += _alternatives_text(fit)
     lines += ["", f"{'observed':28s} {'test':>12s} {'before':>12s} {'after':>12s} {'before %':>9s} {'after %':>9s}"]
     lines += [
         f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
@@ -60,6 +61,12 @@ def fit_text(fit: Fit) -> str:
     lines += _prepared(fit)
     lines.append(f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
     return "\n".join(lines)
+
+
+def _alternatives_text(fit: Fit) -> list[str]:
+    """Other values of all parameters that explain the evidence as well."""
+    each = [", ".join(f"{key} {value:.4g}" for key, value in other.items()) for other in fit.alternatives]
+    return [f"as good: {other}" for other in each]
 
 
 def _warnings(fit: Fit) -> list[str]:
@@ -122,7 +129,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             "degrees_of_freedom": fit.goodness.freedom, "per_degree_of_freedom": fit.goodness.ratio,
             "limit": fit.goodness.limit,
         },
-        "usable": fit.usable, "converged": fit.converged, "notes": list(fit.notes),
+        "alternatives": list(fit.alternatives), "usable": fit.usable, "converged": fit.converged, "notes": list(fit.notes),
         "deviations": [asdict(d) for d in fit.deviations],
         "leans_on": {one.key: by_name(one.shifts) for one in fit.leanings},
         "parameters": {
@@ -163,7 +170,7 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
         f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
         facts=[good, *map(_estimated, fit.estimates[:3])],
         first_page=(
-            Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit),
+            Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit), *_alternatives(fit),
             Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True),
             drawn(draw_before_and_after(fit), "Amplitudes of the test, before and after",
                   "Amplitudes of the lines in the test, before and after the fit."),
@@ -205,6 +212,13 @@ def _estimates(fit: Fit) -> Table:
     ]  # fmt: skip
     marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.estimates) if not e.identifiable}
     return table(header, rows, "", marks)
+
+
+def _alternatives(fit: Fit) -> tuple[Table, ...]:
+    """Other values of all parameters, a row each."""
+    rows = [[str(k), *(format_number(v) for v in other.values())] for k, other in enumerate(fit.alternatives, 1)]
+    header = ["", *(f"{_short_key(e.key)} [1]" for e in fit.estimates)]
+    return (table(header, rows, "Other values, a row each, that explain the data as well."),) if rows else ()
 
 
 def _before_and_after(fit: Fit) -> Table:

@@ -31,21 +31,24 @@ class Observation:
     """One measured figure of one line.
 
     ``form`` is amplitude or nearest_bin [N m], frequency [Hz], decay [1/s], phase [rad] against another line of the clock
-    (``relative_phase``), which no choice of time zero changes, or turn [rad], the phase at the first sample: of lines of the
-    electrical period, which tell half turns apart only by the time since the start.
+    (``relative_phase``), which no choice of time zero changes, branch [rad], the same against the electrical period, of what its
+    phase against the full step leaves open, or turn [rad], the phase at the first sample: of the first line of the electrical
+    period, which tells in which quarter of its turn a drive began, as far as the time since then is known.
     """
 
     line: str
     form: str
     value: float
     uncertainty: float
+    against: str = ""
+    """Line that a phase or branch is relative to."""
     bin_hz: float = math.nan
     """Bin of a nearest_bin figure: the test's bin, whichever bin is nearest to the line of a simulation."""
 
     @property
     def is_angle(self) -> bool:
         """Whether it is a phase, which has no relative error."""
-        return self.form in ("phase", "turn")
+        return self.form in ("phase", "branch", "turn")
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ def chosen(
         return line not in without and (not ends or any(low <= at.get(line, -1.0) <= high for low, high in ends))
 
     def told(o: Observation) -> bool:
-        return wanted(o.line) and (o.form != "phase" or wanted(PHASE_OF[_family(o.line)]))
+        return wanted(o.line) and (not o.against or wanted(o.against))
 
     kept = [[o for o in x.observations if told(o)] for x in evidence]
     if not any(kept):
@@ -109,7 +112,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
 
 def observations(table: LineTable) -> tuple[Observation, ...]:
     """Observations from the lines of a table that stand out: amplitudes, phases of driving lines and of those of the electrical
-    period, frequency and decay of modes."""
+    period, frequency and decay of modes; and one turn, since relative phases have all that a second would tell."""
     found = []
     sure = {x.line: x for x in table if x.status == "ok"}
     seen = (x for x in table if x.kind != "other" and x.status in ("ok", "decaying", "growing"))
@@ -120,17 +123,21 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
             found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
         against = sure.get(PHASE_OF.get(_family(x.line), ""))
         if against is not None and against is not x:
-            found.append(Observation(x.line, "phase", *relative_phase(x, against)))
-        if x.kind == "electrical":
-            found.append(Observation(x.line, "turn", x.phase_rad, math.hypot(TURN, x.phase_uncertainty_rad)))
+            found.append(Observation(x.line, "phase", *relative_phase(x, against), against.line))
+        first = sure.get("electrical_1")
+        if x.kind == "electrical" and first is not None and first is not x:
+            value, spread = relative_phase(x, first)
+            found.append(Observation(x.line, "branch", value, math.hypot(BRANCH, spread), first.line))
+    turn = next((x for x in sure.values() if x.kind == "electrical"), None)
+    if turn is not None:
+        found.append(Observation(turn.line, "turn", turn.phase_rad, turn.phase_uncertainty_rad))
     return tuple(found)
 
 
 PHASE_OF = {"drive": "drive_1", "electrical": "full_step_1"}
 """Line against which phases of a family of lines are taken."""
-TURN = 0.5
-"""Standard uncertainty [rad] of the phase at the first sample: enough to tell half turns apart, where ``record.settle`` is known to
-within a few tenths of the electrical period."""
+BRANCH = 0.3
+"""Standard uncertainty [rad] of a branch, which is to tell quarters apart and nothing that the phase tells already."""
 
 
 def _family(line: str) -> str:
@@ -142,16 +149,20 @@ def _family(line: str) -> str:
 def relative_phase(line: Line, against: Line) -> tuple[float, float]:
     """Phase [rad] of a line against another one of its clock, as no choice of time zero changes it, and its uncertainty.
 
-    Of a driving line against the first k phi_1 - phi_k; of the order k of the electrical period against the full step, its order
-    4, with the least common multiple m of both: (m/k) phi_k - (m/4) phi_4.
+    With the orders j and k of both, and their least common multiple m: (m/j) phi_j - (m/k) phi_k. The full step is the order 4 of
+    the electrical period.
     """
-    order = int(line.line.split("_")[1])
-    mine, its = -1, order
-    if line.kind == "electrical":
-        common = math.lcm(order, 4)
-        mine, its = common // order, -(common // 4)
-    value = mine * line.phase_rad + its * against.phase_rad
+    mine, its = (order * 4 if name == "full_step" else order for name, order in map(_order, (line.line, against.line)))
+    common = math.lcm(mine, its)
+    mine, its = common // mine, common // its
+    value = mine * line.phase_rad - its * against.phase_rad
     return value, math.hypot(mine * line.phase_uncertainty_rad, its * against.phase_uncertainty_rad)
+
+
+def _order(name: str) -> tuple[str, int]:
+    """Family and order of a line."""
+    stem, _, order = name.rpartition("_")
+    return stem, int(order)
 
 
 @dataclass(frozen=True)
@@ -178,8 +189,8 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
     line = by_name.get(wanted.line)
     if line is None:
         return math.nan
-    if wanted.form == "phase":
-        against = by_name.get(PHASE_OF[_family(line.line)])
+    if wanted.against:
+        against = by_name.get(wanted.against)
         return math.nan if against is None else relative_phase(line, against)[0]
     figures: dict[str, float] = {
         "amplitude": line.amplitude_n_m,
@@ -203,7 +214,7 @@ def paper_evidence(scenario: Scenario) -> Evidence:
     for row in read_table("table6_line_amplitudes"):
         name, digits = row["line"], row["test_n_m"]
         rounding = 0.5 * 10.0 ** -len(digits.split(".")[1]) / math.sqrt(3.0)
-        found.append(Observation(PAPER_LINES[name], "nearest_bin", float(digits), rounding, bins[name]))
+        found.append(Observation(PAPER_LINES[name], "nearest_bin", float(digits), rounding, bin_hz=bins[name]))
     # The natural line's bin, 1.1875 Hz: its frequency lies within half a bin of that, which is put at three sigma.
     found.append(Observation("array_mode_1", "frequency", 1.1875, 0.03125 / 3.0))
     clock = PAPER_CLOCK / scenario.tracking.clock_ratio

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,12 +13,12 @@ from microvib.io.recordings import Prepared
 from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
-from microvib.studies.evidence import Evidence, Simulated, evidence_of
+from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of
 from microvib.studies.identify import verdict
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
-from microvib.studies.identify.problem import FitProgress, Problem, Trust, cost
+from microvib.studies.identify.problem import FitProgress, Problem, Trust, as_tested, cost
 from microvib.studies.identify.search import Optimum, confirm, material, search
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
@@ -49,6 +50,8 @@ class Fit:
     """Parameters not fitted that move the estimates, strongest first."""
     converged: bool
     """Whether a second, finer search found nothing better."""
+    alternatives: tuple[dict[str, float], ...] = ()
+    """Other values of all fitted keys that explain the evidence as well, in SI units."""
     notes: tuple[str, ...] = ()
     """What was done to the evidence, in words."""
 
@@ -72,6 +75,7 @@ def identify(
     finishes: int = 3,
     model_error: float = MODEL_ERROR,
     common_error: float = 0.0,
+    settle_error: float = math.inf,
     progress: FitProgress | None = None,
 ) -> Fit:
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
@@ -79,8 +83,9 @@ def identify(
     Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in a pair it comes with the changes
     of the scenario that make its test (another state, another rate). Keys are as ``parse_fit`` takes them. ``model_error`` is
     the relative standard deviation that each amplitude is trusted to beyond its own uncertainty, ``common_error`` that of all
-    amplitudes of a recording together. Interrupting (Ctrl-C) ends the search and returns what was best so far. Same seed, same
-    result.
+    amplitudes of a recording together, ``settle_error`` that of ``record.settle`` [s]: without it nobody knows in which quarter
+    of the electrical turn a recording begins, and the driver's errors are known up to such quarters only (``Fit.alternatives``).
+    Interrupting (Ctrl-C) ends the search and returns what was best so far. Same seed, same result.
 
     A range that the user did not state is widened until the best lies inside. Where the fit does not explain the evidence
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
@@ -89,8 +94,9 @@ def identify(
     fitted = [parse_fit(scenario, key) if isinstance(key, str) else key for key in keys]
     told = [_told(one, scenario) for one in evidence]
     _check(told, fitted)
-    tests, notes = _without_the_start(told, fitted)
-    problem = Problem(scenario, tests, fitted, Trust(model_error, common_error), progress)
+    trust = Trust(model_error, common_error, settle_error)
+    tests, notes = _without_the_start(told, scenario, fitted, trust)
+    problem = Problem(scenario, tests, fitted, trust, progress)
     if not problem.figures:
         raise MicrovibError("the evidence has no observation above its floor")
     found, interrupted = None, False
@@ -131,24 +137,34 @@ def _check(evidence: Sequence[tuple[Evidence, dict[str, object]]], keys: Sequenc
 
 
 def _without_the_start(
-    evidence: Sequence[tuple[Evidence, dict[str, object]]], keys: Sequence[FitKey]
+    evidence: Sequence[tuple[Evidence, dict[str, object]]], scenario: Scenario, keys: Sequence[FitKey], trust: Trust
 ) -> tuple[list[tuple[Evidence, dict[str, object]]], tuple[str, ...]]:
-    """The evidence without amplitudes of ringing modes: they depend on how long ago the start was, which nobody measured.
+    """The evidence without what depends on how long ago the start was, as far as nobody measured that.
 
-    Of a mode whose decay was measured, that tells the damping. Where the settling time is fitted, its amplitude counts.
+    Of a mode whose decay was measured, that tells the damping; its amplitude counts where the settling time is fitted. Turns of
+    the electrical period count, as accurately as the settling time is known, where its error is stated.
     """
-    if SETTLE in {key.key for key in keys}:
-        return list(evidence), ()
+    fitted, known = SETTLE in {key.key for key in keys}, trust.settle < math.inf
+    if fitted and known:
+        raise OptionError("settle_error", f"{SETTLE} is fitted; fit it or state its error")
     tests, notes = [], []
     for one, changes in evidence:
-        ringing = {o.line for o in one.observations if o.form == "decay"}
-        kept = tuple(o for o in one.observations if not (o.line in ringing and o.form in ("amplitude", "nearest_bin")))
-        tests.append((replace(one, observations=kept), changes))
+        ringing = set() if fitted else {o.line for o in one.observations if o.form == "decay"}
+        kept = [o for o in one.observations if not (o.line in ringing and o.form in ("amplitude", "nearest_bin"))]
+        clock = as_tested(scenario, one, changes).driving_frequency or 0.0
+        kept = [o if o.form != "turn" else _turn(o, scenario, clock, trust) for o in kept if known or o.form != "turn"]
+        tests.append((replace(one, observations=tuple(kept)), changes))
         notes += [
             f"{one.name}: the amplitude of {line} is not used, since it depends on the time since the start; its decay is"
             for line in sorted(ringing)
         ]
     return tests, tuple(notes)
+
+
+def _turn(o: Observation, scenario: Scenario, clock: float, trust: Trust) -> Observation:
+    """A turn as uncertain as the settling time makes it, for microsteps at ``clock`` [Hz]."""
+    order, turn = int(o.line.rpartition("_")[2]), scenario.driver.beats * scenario.driver.microsteps
+    return replace(o, uncertainty=math.hypot(o.uncertainty, math.tau * order * clock / turn * trust.settle))
 
 
 def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator[Findings]:
@@ -161,7 +177,7 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
     if converged and goodness(found.problem, best.r).explained:
         for better in _with_intervals(found):
             yield (found := better)
-    found = replace(found, rival=verdict.rival(found.problem, found.best, optima, found.local))
+    found = replace(found, rivals=verdict.rivals(found.problem, found.best, optima, found.local))
     yield found
     if found.intervals is not None:
         yield replace(found, leanings=verdict.leanings(found.problem, found.best, found.local))
@@ -193,7 +209,8 @@ def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, note
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
         scenario.with_si(problem.changes(best.x)).with_sources(sources), fit.chi_square, problem.figures,
-        problem.ledger.simulations, seed, interrupted, fit, deviations(problem, best.x), found.leanings, found.converged, notes,
+        problem.ledger.simulations, seed, interrupted, fit, deviations(problem, best.x), found.leanings, found.converged,
+        tuple({e.key: v for e, v in zip(of_each, problem.values(o.x), strict=True)} for o in found.rivals), notes,
     )  # fmt: skip
 
 
@@ -207,7 +224,7 @@ def source(e: Estimate, names: str) -> str:
 
 def _sensitivities(findings: Findings) -> dict[str, tuple[float, ...]]:
     problem = findings.problem
-    values = [key.value(float(x)) for key, x in zip(problem.keys, findings.best.x, strict=True)]
+    values = problem.values(findings.best.x)
     scale = np.array([v / key.slope(v) for key, v in zip(problem.keys, values, strict=True)])
     rows = findings.local.J[: problem.figures] * problem.weights[:, None] * scale[None, :]
     several = len(problem.tests) > 1

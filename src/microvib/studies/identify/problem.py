@@ -17,10 +17,11 @@ import numpy as np
 
 from microvib.analysis.lines import lines_among
 from microvib.errors import MicrovibError
+from microvib.model.driver import Driver
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
-from microvib.studies.evidence import PHASE_OF, Evidence, Observation, Simulated, predicted
+from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
 from microvib.units import Si
 
@@ -31,7 +32,15 @@ FREQUENCY_FLOOR, DECAY_FLOOR, PHASE_FLOOR = 2e-4, 0.01, 0.01
 """Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is trusted beyond."""
 ROBUST = 5.0
 """Standard deviations from which a residual counts in proportion, not by its square: a start far off still shows the way."""
-_AMISS = {"amplitude": 5.0, "nearest_bin": 5.0, "phase": math.pi, "turn": math.pi, "frequency": 1.0, "decay": 5.0}
+_AMISS = {
+    "amplitude": 5.0,
+    "nearest_bin": 5.0,
+    "phase": math.pi,
+    "branch": math.pi,
+    "turn": math.pi,
+    "frequency": 1.0,
+    "decay": 5.0,
+}
 """Difference of a figure that a simulation does not have: as large as those of the worst that do."""
 RESOLVED = 10.0
 """Length of a short record in periods of the least difference between observed lines."""
@@ -42,6 +51,13 @@ PRIOR = 0.1
 
 ERRORS = "driver.imperfections."
 """Keys of the driver's errors."""
+PHASES = ("gain_b", "offset_a", "offset_b", "quadrature")
+"""Those that make one phase differ from the other, or a half turn from the next."""
+FRAMED = (*(ERRORS + name for name in PHASES), "driver.table.harmonics.")
+"""Keys, or how they begin, of errors that are others in another quarter of the electrical turn."""
+QUARTERS = (1, 2, 3)
+NEAR = 1e-9
+"""Difference in every coordinate below which two points are one."""
 
 FitProgress = Callable[[str, int, float, dict[str, float]], None]
 """stage, simulations so far, cost of the best, its parameters"""
@@ -80,12 +96,41 @@ def shortened(test: Scenario, evidence: Evidence) -> Scenario:
     return short if short.driving_frequency == test.driving_frequency else test
 
 
+def _turned(now: dict[str, float], driver: Driver, quarters: int) -> dict[str, float]:
+    """Values of the driver's errors as seen ``quarters`` of the electrical turn later, where i_B and -i_A are the phases.
+
+    After an odd number the current is that of B, larger by its gain.
+    """
+    one = {name: now.get(ERRORS + name, 0.0) for name in PHASES}
+    swapped, larger = quarters % 2 == 1, 1.0 + one["gain_b"] if quarters % 2 == 1 else 1.0
+    seen = complex(one["offset_a"], one["offset_b"]) * (-1j) ** quarters / larger
+    then = {"offset_a": seen.real, "offset_b": seen.imag}
+    then |= {"gain_b": 1.0 / larger - 1.0, "quadrature": -one["quadrature"]} if swapped else {}
+    then = {ERRORS + name: value for name, value in then.items()}
+    for k, harmonic in enumerate(driver.table.harmonics if driver.table else ()):
+        name, quarter = f"driver.table.harmonics.{k}.", quarters * harmonic.order % 4
+        if f"{name}phase" in now:
+            then[f"{name}phase"] = math.remainder(now[f"{name}phase"] + 0.5 * math.pi * quarter, math.tau)
+        elif quarter == 2:
+            then[f"{name}amplitude"] = -now.get(f"{name}amplitude", 0.0)
+    return {name: value for name, value in then.items() if name in now}
+
+
+def _unlike(x: np.ndarray, points: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Points that are neither ``x`` nor one before them."""
+    found: list[np.ndarray] = []
+    for point in points:
+        if all(np.any(np.abs(point - other) > NEAR) for other in (x, *found)):
+            found.append(point)
+    return found
+
+
 def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int, Simulated]]:
     """Lines of simulated tests for which there is evidence, with the cases' numbers; none where the motion is lost."""
     torques, found = simulate_torques([test for _, test, _ in cases]), []
     for (k, test, evidence), torque in zip(cases, torques, strict=True):
         if isinstance(torque, Torque):
-            asked = {o.line for o in evidence.observations} | set(PHASE_OF.values())
+            asked = {name for o in evidence.observations for name in (o.line, o.against) if name}
             table = lines_among(torque.T_d, torque.sample_rate, test, asked)
             found.append((k, Simulated(table, torque.T_d, torque.sample_rate)))
     return found
@@ -122,12 +167,14 @@ def weight(o: Observation, each: float) -> float:
 
 @dataclass(frozen=True)
 class Trust:
-    """Standard deviations that amplitudes are trusted to beyond their own uncertainty, as parts of the amplitude."""
+    """Standard deviations of what evidence tells; of amplitudes beyond their own uncertainty, as parts of the amplitude."""
 
     each: float
     """Of each line by itself: model and instrument chain."""
     common: float = 0.0
     """Of all lines of a recording together: its scale."""
+    settle: float = math.inf
+    """Of the time before a recording [s]; infinite where nobody measured it."""
 
 
 class Ledger:
@@ -249,24 +296,42 @@ class Problem:
                 x[k] = np.clip(x[k] + math.log(wanted / seen), *key.range) if seen else x[k]
         return x
 
-    def turned(self, x: np.ndarray) -> list[np.ndarray]:
-        """``x`` with the errors of the driver as they are seen from the other quarters of the electrical turn; none without them.
+    def images(self, x: np.ndarray) -> list[np.ndarray]:
+        """Points that may explain the evidence as well as ``x``: the driver's errors turned, and keys of either sign mirrored.
 
-        There i_B and -i_A are the phases: nearly the same torque, later. What is not fitted stays. The last two are turned in their
-        offsets alone: a fit that has those in the wrong quarter may have the rest right.
+        What is not fitted stays. Offsets are turned alone, too: a fit that has those in the wrong quarter may have the rest right.
         """
-        at = {key.key.removeprefix(ERRORS): k for k, key in enumerate(self.keys) if key.key.startswith(ERRORS)}
-        now = {name: self.keys[k].value(float(x[k])) for name, k in at.items()}
-        points, offset = [], complex(now.get("offset_a", 0.0), now.get("offset_b", 0.0))
-        for quarters, sign in ((1, -1.0), (2, 1.0), (3, -1.0), (1, 1.0), (3, 1.0)) if now else ():
-            seen = offset * (-1j) ** quarters
-            then = {"offset_a": seen.real, "offset_b": seen.imag}
-            then |= {name: sign * now[name] for name in ("gain_b", "quadrature") if name in now}
-            point = x.copy()
-            for name, k in at.items():
-                point[k] = np.clip(self.keys[k].coordinate(then.get(name, now[name])), self.low[k], self.high[k])
-            points.append(point)
-        return [point for point in points if np.any(point != x)]
+        now = dict(zip((key.key for key in self.keys), self.values(x), strict=True))
+        turned = [_turned(now, self.scenario.driver, quarters) for quarters in QUARTERS]
+        others = [*turned, *({name: v for name, v in one.items() if "offset" in name} for one in turned)]
+        for name in (key.key for key in self.keys if key.low < 0.0 < key.high):
+            others += [{name: -now[name]}]
+            phase = name.replace("amplitude", "phase")
+            if phase != name and phase in now:
+                others += [{name: -now[name], phase: math.remainder(now[phase] + math.pi, math.tau)}]
+        return _unlike(x, [self.point(now | other) for other in others])
+
+    def turns(self, x: np.ndarray) -> list[np.ndarray]:
+        """Points whose driver, in another quarter of the electrical turn, is that of ``x``: the same torque, later.
+
+        None where errors that are not fitted tell the quarters apart, where stated ranges do, or where ``x`` has no errors.
+        """
+        driver, now = self.scenario.driver, dict(zip((key.key for key in self.keys), self.values(x), strict=True))
+        own = {name: value for name, value, _ in self.scenario.entries() if name.startswith(FRAMED)}
+        every, points = own | {name: value for name, value in now.items() if name in own}, []
+        for quarters in QUARTERS if driver.table is None or driver.table.harmonics else ():
+            then = _turned(every, driver, quarters)
+            if all(name in now or math.isclose(then[name], every[name], abs_tol=NEAR) for name in then):
+                wanted = now | {name: value for name, value in then.items() if name in now}
+                point = self.point(wanted)
+                if np.allclose(self.values(point), list(wanted.values())):
+                    points.append(point)
+        return _unlike(x, points)
+
+    def point(self, values: dict[str, float]) -> np.ndarray:
+        """Coordinates of the fitted keys' values, within their reach."""
+        each = zip(self.keys, self.low, self.high, strict=True)
+        return np.array([min(max(key.coordinate(values[key.key]), low), high) for key, low, high in each])
 
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""
@@ -280,9 +345,13 @@ class Problem:
         """Observations."""
         return len(self.observed)
 
+    def values(self, x: np.ndarray) -> list[float]:
+        """The fitted keys' values at ``x``, in their order."""
+        return [key.value(float(c)) for key, c in zip(self.keys, x, strict=True)]
+
     def changes(self, x: np.ndarray) -> dict[str, object]:
         """The fitted keys' values at ``x``."""
-        return {key.key: key.value(float(c)) for key, c in zip(self.keys, x, strict=True)}
+        return dict(zip((key.key for key in self.keys), self.values(x), strict=True))
 
     def simulated(self, changes: Sequence[dict[str, object]]) -> list[list[Simulated] | None]:
         """Lines of every test with each of the changes; None where the model cannot have them, or loses its motion.

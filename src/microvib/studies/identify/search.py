@@ -172,9 +172,11 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
     for _ in range(WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
         optima = sorted([*optima, *_round(problem, seed, starts, finishes, also)], key=lambda o: o.cost)
+        more = descend_all(problem, problem.images(optima[0].x))  # one fit rarely gets to other signs
+        optima = sorted([*optima, *more], key=lambda o: o.cost)
         best = optima[0]
         if goodness(problem, best.r).explained:
-            return _turned(problem, optima)
+            break
         wider = problem.along() or (problem.widened() if best.cost < 0.9 * before else None)
         if wider is None:
             break
@@ -182,13 +184,6 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
         if len(wider.keys) > len(problem.keys):
             optima, also = [], [np.append(o.x, wider.start[-1]) for o in optima] + [wider.start]
         problem = wider
-    return problem.within(optima[0].x), optima
-
-
-def _turned(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
-    """The optima, and those that the driver's errors have in other quarters of the electrical turn: one fit rarely gets there."""
-    more = descend_all(problem, problem.turned(optima[0].x))
-    optima = sorted([*optima, *more], key=lambda o: o.cost)
     return problem.within(optima[0].x), optima
 
 

@@ -11,12 +11,14 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
-from microvib.studies.identify.goodness import Goodness, goodness
+from microvib.studies.identify.goodness import REJECTED, Goodness, goodness
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
-from microvib.studies.identify.problem import ERRORS, Problem
+from microvib.studies.identify.problem import FRAMED, NEAR, Problem
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
+TELLS = 5.0
+"""Standard deviations of the settling time in a quarter of the electrical turn that tell the quarters apart."""
 WIDE = 0.2
 """Standard error over value above which a parameter is not identifiable."""
 TIED = 0.995
@@ -26,8 +28,8 @@ NUDGE = 0.01
 ASSUMED_TIME = 0.1
 """Relative error of a settling time that nobody measured."""
 SETTLE = "record.settle"
-PHASES = tuple(f"{ERRORS}{name}" for name in ("gain_b", "offset_a", "offset_b", "quadrature"))
-"""Errors of the driver: turned by a quarter or half of an electrical turn they make nearly the same torque, later."""
+ODDS = 2.0 * math.log(1.0 / REJECTED)
+"""Cost above the best's up to which an optimum elsewhere explains the data as well: odds of a thousand to one."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,8 @@ class Findings:
     converged: bool = False
     intervals: tuple[Interval, ...] | None = None
     """None where they are withheld."""
-    rival: Optimum | None = None
-    """Another optimum, elsewhere, that explains the evidence as well."""
+    rivals: tuple[Optimum, ...] = ()
+    """Other optima, elsewhere, that explain the evidence as well."""
     leanings: tuple[Leaning, ...] = ()
 
     @cached_property
@@ -84,8 +86,10 @@ def estimate(findings: Findings, k: int) -> Estimate:
     key = findings.problem.keys[k]
     value = key.value(float(findings.best.x[k]))
     good, verdict = _verdict(findings, k)
-    if good and key.key.startswith(PHASES):
-        verdict += f"; its sign rests on {SETTLE}, since which phase is which is told by the time since the start alone"
+    turned = (abs(x[k] - findings.best.x[k]) > NEAR for x in findings.problem.turns(findings.best.x))
+    if good and any(turned):
+        known = f"{SETTLE} being right within {findings.problem.trust.settle:g} s (one standard deviation)"
+        verdict += f"; which phase is which, and so its sign, rests on {known}"
     if key.along:
         verdict += "; fitted as well, since no fit with the scenario's value explained the evidence"
     if findings.intervals is None:
@@ -108,11 +112,24 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
     if not key.interior(x):
         return False, "not identifiable: at the end of its range"
     interval = findings.intervals[k]
-    if findings.rival is not None:
-        other, margin = float(findings.rival.x[k]), 0.5 * (interval.high - interval.low)
-        if not interval.low - margin <= other <= interval.high + margin:
-            return False, f"not identifiable: {key.value(other):.4g} explains the data as well"
+    margin = 0.5 * (interval.high - interval.low)
+    elsewhere = (
+        float(o.x[k]) for o in findings.rivals if not interval.low - margin <= o.x[k] <= interval.high + margin
+    )
+    others = {f"{key.value(x):.2g}": f"{key.value(x):.3g}" for x in sorted(elsewhere)}
+    if others:
+        values, plural = " or ".join(others.values()), "s" if len(others) == 1 else ""
+        text = f"not identifiable: {values} explain{plural} the data as well"
+        turn = _quarter(findings.problem) if key.key.startswith(FRAMED) else 0.0
+        known = f", from another quarter of the electrical turn; {SETTLE} known to {turn / TELLS:.2g} s (settle_error) would tell"
+        return False, text + (known if turn else "")
     return _width(findings, k, interval, fit)
+
+
+def _quarter(problem: Problem) -> float:
+    """Time of a quarter of the electrical turn [s]; 0 where the rate changes."""
+    driver, clock = problem.scenario.driver, problem.tests[0][1].driving_frequency
+    return 0.25 * driver.beats * driver.microsteps / clock if clock else 0.0
 
 
 def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tuple[bool, str]:
@@ -124,9 +141,9 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
         if correlation.max() > TIED:
             return False, f"not identifiable apart from {findings.problem.keys[int(correlation.argmax())].key}"
         return False, "not identifiable: the evidence hardly changes with it"
+    settle = findings.problem.scenario.record.settle
     late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE), 0.0)
-    if abs(late) * ASSUMED_TIME * abs(value) > half:
-        settle = findings.problem.scenario.record.settle
+    if abs(late) * _doubt(findings.problem) * abs(value) > half:
         moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
         return False, f"not identifiable without the settling time: {moves}"
     return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
@@ -137,13 +154,22 @@ def correlations(local: Local) -> np.ndarray:
     return local.covariance / np.outer(local.spread, local.spread)
 
 
-def rival(problem: Problem, best: Optimum, others: Sequence[Optimum], local: Local) -> Optimum | None:
-    """An optimum elsewhere that lies within the rise that a 95 % interval allows."""
-    for other in others:
-        apart = np.max(np.abs(other.x - best.x) / local.spread)
-        if other.cost - best.cost < Z**2 * local.scatter and apart > 3.0 * Z:
-            return other
-    return None
+def rivals(problem: Problem, best: Optimum, others: Sequence[Optimum], local: Local) -> tuple[Optimum, ...]:
+    """Optima elsewhere that are not much less likely than the best, the best of them first; before them, the best's other quarters.
+
+    Quarters of the electrical turn are told apart by the turn alone. What else differs from one to the next, such as the mean
+    current where one phase has more than the other, is smaller than what is known of a drive.
+    """
+    turns = problem.turns(best.x)
+    turn = np.array([o.form == "turn" for _, o in problem.observed], dtype=bool)
+    at = [r[: problem.figures][turn] for r in problem.residuals(turns)] if turns else []
+    rise = [float(r @ r - np.sum(best.r[: problem.figures][turn] ** 2)) for r in at]
+    found = [Optimum(x, best.r, best.cost) for x, more in zip(turns, rise, strict=True) if more < ODDS]
+    for other in sorted(others, key=lambda o: o.cost):
+        apart = all(np.max(np.abs(other.x - o.x) / local.spread) > 3.0 * Z for o in (best, *found))
+        if apart and other.cost - best.cost < ODDS * local.scatter:
+            found.append(other)
+    return tuple(found)
 
 
 def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ...]:
@@ -161,13 +187,20 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
     nudged = problem.residuals([best.x] * len(changes), changes)
     moves = {name: gain @ (r - best.r) / NUDGE for (name,), r in zip(changes, nudged, strict=True)}
     if SETTLE not in taken and own[SETTLE]:
-        scenario = problem.scenario.with_si({SETTLE: own[SETTLE] * (1.0 + ASSUMED_TIME)})
+        doubt = _doubt(problem)
+        scenario = problem.scenario.with_si({SETTLE: own[SETTLE] * (1.0 + doubt)})
         later = Problem(
             scenario, problem.evidence, problem.keys, problem.trust
         )  # what it meets is not the search's best
-        moves[SETTLE] = (Descent(later, best.x, J=local.J).run(AGAIN).x - best.x) / ASSUMED_TIME
+        moves[SETTLE] = (Descent(later, best.x, J=local.J).run(AGAIN).x - best.x) / doubt
     found = [Leaning(name, tuple((scale * move).tolist())) for name, move in moves.items()]
     return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
+
+
+def _doubt(problem: Problem) -> float:
+    """Relative error of the settling time."""
+    settle = problem.scenario.record.settle
+    return min(ASSUMED_TIME, problem.trust.settle / settle) if settle else ASSUMED_TIME
 
 
 def _possible(scenario: Scenario, change: dict[str, object]) -> bool:
