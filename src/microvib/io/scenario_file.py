@@ -89,6 +89,11 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
     return after.with_sources(kept | dict.fromkeys(set_here, "set by the user") | own)
 
 
+def hub_names() -> tuple[str, ...]:
+    """Names of the described craft of the catalog, such as ``reference-hub``."""
+    return tuple(_catalog_files("hubs"))
+
+
 def bench_names() -> tuple[str, ...]:
     """Names of the published virtual test benches."""
     return tuple(_catalog_files("benches"))

@@ -53,6 +53,15 @@ def _finite(data: Any) -> Any:
     return data
 
 
+def named_rows(path: Path, columns: Sequence[str], what: str, kind: type[MicrovibError]) -> list[dict[str, str]]:
+    """Rows of a CSV file with these columns; an error of this ``kind`` where it is none."""
+    rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+    missing = [name for name in columns if not rows or name not in rows[0]]
+    if missing:
+        raise kind(f"is not a table of {what}: a header with {', '.join(columns)} is expected; {missing[0]} is missing")
+    return rows
+
+
 def finite(where: str, text: str | None, kind: type[MicrovibError] = MicrovibError) -> float:
     """The number that a cell of a table holds; an error of this ``kind`` where it is none, or not finite."""
     try:

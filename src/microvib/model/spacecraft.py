@@ -91,7 +91,7 @@ class Interface(Part):
 
     def turn(self, drive_axis: str, angle: float) -> np.ndarray:
         """Axes of the array at an ``angle`` [rad], as columns in hub axes, (3, 3): hub components = turn @ array components."""
-        a, first = self.axis, np.array(self.reference)
+        a, first = self.axis, _unit(self.reference)
         first = _unit(first - (first @ a) * a)
         first = math.cos(angle) * first + math.sin(angle) * np.cross(a, first)
         k = "xyz".index(drive_axis)
@@ -206,4 +206,5 @@ def _is_direction(given: Direction) -> bool:
 
 def _unit(direction: Direction | np.ndarray) -> np.ndarray:
     vector = np.array(direction, dtype=float)
+    vector /= np.abs(vector).max()  # squares of very large and very small numbers are none
     return np.asarray(vector / np.linalg.norm(vector))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import LinAlgError, eigh
 
 from microvib.model.rigid import about_center, elements, motion_of
 from microvib.model.sentences import validated
 from microvib.model.spacecraft import Hub
-from microvib.structures.modal import ModalError
+from microvib.structures.modal import ModalError, ModalModel, natural_frequency
 
 GAP = 20.0
 """Ratio of the seventh to the sixth frequency from which the first six are those of a rigid body."""
@@ -34,8 +35,11 @@ class FreeModes:
     """Displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] of the points, (p, 6, s)."""
 
 
-def hub_of(modes: FreeModes) -> Hub:
-    """The hub: ModalError where there are not six rigid modes, or they are not those of a rigid body."""
+def hub_of(modes: FreeModes, damping: float | None = None, count: int | None = None) -> Hub:
+    """The hub with its first ``count`` flexible modes, all of them damped by ``damping`` where it is given.
+
+    ModalError where there are not six rigid modes, or they are not those of a rigid body.
+    """
     order = np.argsort(modes.frequency, kind="stable")
     f, shapes = modes.frequency[order], modes.shapes[:, :, order]
     _check_rigid(f)
@@ -76,14 +80,35 @@ def hub_of(modes: FreeModes) -> Hub:
             "modes": [
                 {
                     "frequency": float(f[k]),
-                    "damping": float(modes.damping[order][k]),
+                    "damping": float(modes.damping[order][k]) if damping is None else damping,
                     "shapes": shapes[:, :, k].tolist(),
                 }
-                for k in range(6, f.size)
+                for k in range(6, f.size if count is None else min(6 + count, f.size))
             ],
         },
         si=True,
     )
+
+
+def freed(model: ModalModel, name: str = "root") -> FreeModes:
+    """Free-free modes of what is known by its modes with the interface clamped, at the interface, which is called ``name``.
+
+    The interface is the origin. ModalError where the modes hold more than the mass.
+    """
+    n = model.frequency.size
+    mass = np.block([[model.mass, model.participation], [model.participation.T, np.eye(n)]])
+    stiffness = np.concatenate([np.zeros(6), (2.0 * np.pi * model.frequency) ** 2])
+    try:
+        squares, shapes = eigh(np.diag(stiffness), mass)
+    except LinAlgError:
+        raise ModalError(
+            f"{model.title}: the modes hold all of the mass, or more; mass, participation and interface do not belong together"
+        ) from None
+    omega = np.sqrt(np.maximum(squares, 0.0))
+    damping = (model.damping * np.sqrt(stiffness[6:])) @ shapes[6:] ** 2  # what is on the diagonal
+    xi = np.divide(damping, omega, out=np.zeros_like(omega), where=omega > 0.0)
+    xi[:6] = 0.0
+    return FreeModes(natural_frequency(squares), np.clip(xi, 0.0, 0.99), (name,), np.zeros((1, 3)), shapes[None, :6])
 
 
 def _check_rigid(f: np.ndarray) -> None:

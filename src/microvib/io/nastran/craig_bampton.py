@@ -16,6 +16,8 @@ LARGEST_MATRIX = 1_000_000_000  # bytes of the largest matrix that is read into 
 MASS_MATRICES = ("mgg", "maa", "maax", "mxx")
 PAIRS = (("kaa", "maa"), ("kaax", "maax"), ("kxx", "mxx"))
 SHAPES, RIGID = ("phg", "phig", "phix", "phia", "ugv"), ("rbg", "rbm", "rbglob", "rg")
+Reduced = tuple[np.ndarray, np.ndarray, np.ndarray, Any, np.ndarray]
+"""Stiffness and mass (n, n), which rows are the boundary (n,), its table of degrees of freedom, and those rows in the table."""
 ORTHOGONAL = 0.02  # relative; what may be left of phi^T M phi off its diagonal (shapes come in single precision)
 GROUNDED = 0.1  # ratio to the first fixed-interface frequency of the frequencies that a free model has on its boundary
 
@@ -89,10 +91,10 @@ def normalised(phi: np.ndarray, M: Any) -> tuple[np.ndarray, np.ndarray, float]:
 
 def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
     """OP4 with the geometry of EXTSEOUT beside it, or with a boundary of one point, the interface."""
-    for name in (path.with_suffix(".asm"), path.with_suffix(".pch")):
-        if name.is_file():
-            uset, _, boundary = pyyeti("bulk").asm2uset(str(name))
-            return _with_geometry(K, M, uset, boundary)
+    geometry = _geometry_beside(path, K)
+    if geometry is not None:
+        boundary, points, _ = geometry
+        return _tied(K, M, boundary, rigid_motion(points), located(points))
     if not isinstance(options.interface, int):
         raise ModalError(
             "has no geometry; give the interface as the id of the boundary grid, or put the .asm or .pch file of"
@@ -103,11 +105,16 @@ def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
     return _fixed(K, M, boundary, np.eye(6), options.interface, {}, (said,))
 
 
-def _with_geometry(K: Any, M: Any, uset: Any, boundary: np.ndarray) -> Deck:
+def _geometry_beside(path: Path, K: Any) -> tuple[np.ndarray, Any, np.ndarray] | None:
+    """What EXTSEOUT writes beside an OP4 file, the last three of ``Reduced``."""
+    name = next((x for x in (path.with_suffix(".asm"), path.with_suffix(".pch")) if x.is_file()), None)
+    if name is None:
+        return None
+    uset, _, boundary = pyyeti("bulk").asm2uset(str(name))
     if K.shape != (len(uset), len(uset)):
         raise ModalError(f"stiffness is {K.shape}, but the geometry beside it has {len(uset)} degrees of freedom")
     points = uset[boundary]
-    return _tied(K, M, boundary, rigid_motion(points), located(points))
+    return boundary, points, np.arange(len(points))
 
 
 def _tied(K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, grids: dict[int, np.ndarray]) -> Deck:
@@ -173,6 +180,12 @@ def read_dmig(path: Path, options: Import) -> Deck:
     """Punched Craig-Bampton model (EXTSEOUT(DMIGPCH)); a file without DMIG entries is read for forces of constraint."""
     if not any(line.startswith("DMIG") for line in lines_of(path)):
         return read_punched(path, options)
+    K, M, boundary, whole, rows = dmig_model(path)
+    return _tied(K, M, boundary, rigid_motion(whole)[rows], located(whole))
+
+
+def dmig_model(path: Path) -> Reduced:
+    """A model that EXTSEOUT(DMIGPCH) punched."""
     if path.stat().st_size > LARGEST_MATRIX:
         raise ModalError(f"DMIG entries of at most {LARGEST_MATRIX / 1e9:g} GB are read; use OP4")
     bulk = pyyeti("bulk")
@@ -189,5 +202,18 @@ def read_dmig(path: Path, options: Import) -> Deck:
     if len(missing):
         raise ModalError(f"has no GRID entry of boundary grid {missing[0][0]}")
     whole = uset.loc[sorted({i for i, _ in index[boundary]})]
-    rigid = rigid_motion(whole)[whole.index.get_indexer(index[boundary])]
-    return _tied(K, M, boundary, rigid, located(whole))
+    return K, M, boundary, whole, whole.index.get_indexer(index[boundary])
+
+
+def op4_model(path: Path) -> Reduced | None:
+    """The same of an OP4 file with the geometry of EXTSEOUT beside it; None where it holds no such model."""
+    present = pyyeti("op4").dir(str(path), verbose=False)[0]
+    pair = next((p for p in PAIRS if all(name in present for name in p)), None)
+    if pair is None:
+        return None
+    found = matrices(path, pair, full=True)
+    K, M = (np.asarray(found[name]) for name in pair)
+    geometry = _geometry_beside(path, K)
+    if geometry is None:
+        raise ModalError("has no geometry; the .asm or .pch file of EXTSEOUT is expected beside it")
+    return K, M, *geometry

@@ -83,24 +83,12 @@ _WORDS = {b"\x04\0\0\0": "<4", b"\0\0\0\x04": ">4", b"\x08\0\0\0": "<8", b"\0\0\
 """Byte order and bytes of a word, by the first record's length."""
 
 
-def read_free_op2(path: Path, grids: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Modes of an OP2 file whatever is held: frequencies (s,) [Hz], and of ``grids`` places (p, 3) and shapes (p, 6, s).
-
-    Places and mass-normalised shapes are in the deck's units and basic frame. Raises ModalError.
-    """
+def read_free_op2(path: Path) -> tuple[np.ndarray, Any, np.ndarray]:
+    """Modes of an OP2 file whatever is held: frequencies (s,) [Hz], table of degrees of freedom, mass-normalised shapes (n, s)."""
     results = _read(path, clamped=False)
     if results.uset is None:
         raise ModalError("has no geometry (GEOM1, BGPDT, EQEXIN); add PARAM,POST,-1 to the deck")
-    absent = [grid for grid in grids if grid not in results.grids]
-    if absent:
-        raise ModalError(f"points: grid {absent[0]} is not in the model, which has {len(results.grids)} grids")
-    phi, turns = _shapes(results) / np.sqrt(results.generalised), rigid_motion(results.uset)
-    shapes = []
-    for grid in grids:
-        rows = np.flatnonzero(results.uset.index.get_level_values(0) == grid)
-        turn = np.kron(np.eye(2), turns[rows[:3], :3])  # from the basic frame to the grid's own
-        shapes.append(turn.T @ phi[rows])
-    return results.frequency, np.array([results.grids[grid] for grid in grids]), np.array(shapes)
+    return results.frequency, results.uset, _shapes(results) / np.sqrt(results.generalised)
 
 
 def _read(path: Path, *, clamped: bool = True) -> _Results:

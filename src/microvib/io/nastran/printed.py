@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -252,7 +251,7 @@ MAX_MODES = 2000
 
 def read_punched(path: Path, options: Import) -> Deck:
     """Modes from punched forces of constraint at one grid; the rigid-body mass comes from a listing (``options.mass``)."""
-    eigenvalue, forces = _forces(lines_of(path))
+    eigenvalue, forces = punched_vectors(path, "$SPCF")
     if not forces:
         raise ModalError(
             "has neither DMIG entries (EXTSEOUT(DMIGPCH)) nor forces of constraint of modes (SPCFORCES(PUNCH)=ALL)"
@@ -275,19 +274,19 @@ def read_punched(path: Path, options: Import) -> Deck:
     )
 
 
-def _forces(lines: Iterable[str]) -> tuple[dict[int, float], dict[int, dict[int, list[float]]]]:
-    """Eigenvalue of each mode, and its forces of constraint by grid."""
+def punched_vectors(path: Path, *titles: str) -> tuple[dict[int, float], dict[int, dict[int, list[float]]]]:
+    """Eigenvalue of each mode, and its six values by grid, under the titles of a punched file that start so."""
     eigenvalue: dict[int, float] = {}
     forces: dict[int, dict[int, list[float]]] = {}
     wanted, mode, grid = False, 0, 0
-    for line in lines:
+    for line in lines_of(path):
         if line.startswith("$"):
             found = _EIGENVALUE.match(line)
             if found:
                 mode = int(found[2])
                 eigenvalue[mode] = number(found[1])
             elif re.match(r"\$[A-Z]", line) and not re.match(r"\$(REAL|SUBCASE|LABEL|SUBTITLE|TITLE)", line):
-                wanted, mode = line.startswith("$SPCF"), 0
+                wanted, mode = line.startswith(titles), 0
         elif wanted and mode:
             values = [number(line[a:b]) for a, b in _FIELDS if line[a:b].strip()]
             if not line.startswith("-CONT-"):

@@ -17,6 +17,7 @@ from microvib.io.scenario_file import (
     catalog_names,
     catalog_text,
     dump_scenario,
+    hub_names,
     parse_value,
     reference_names,
     scenario_of,
@@ -162,7 +163,7 @@ def _changes(spec: Spec) -> dict[str, Any]:
 
 
 def names_elements(spec: Spec) -> bool:
-    """Whether the scenario takes its array from finite elements, which takes a while; ScenarioError where it names a file."""
+    """Whether the scenario takes array or hub from finite elements, which takes a while; ScenarioError where it names a file."""
     data, changes = _data(spec), _changes(spec)
     groups = [data.get("array") if isinstance(data, dict) else None, changes.get("array")]
     named = [group for group in groups if isinstance(group, dict)]
@@ -179,7 +180,33 @@ def names_elements(spec: Spec) -> bool:
                 f"array.{key}: the page opens no files; allowed is array.fem with {', '.join(reference_names())}; run"
                 " `microvib modes` with your file and paste the modes that it gives"
             )
-    return bool(found)
+    return bool(found) | _names_hub([data, *(_as_part(key, value) for key, value in changes.items())])
+
+
+def _names_hub(parts: list[Any]) -> bool:
+    """Whether one of these parts of a scenario takes its hub from finite elements; ScenarioError where it names a file."""
+    crafts = [
+        part["spacecraft"] for part in parts if isinstance(part, dict) and isinstance(part.get("spacecraft"), dict)
+    ]
+    named = []
+    for group, key in (("hub", "modes"), ("line_of_sight", "rows")):
+        inside = [craft[group] for craft in crafts if isinstance(craft.get(group), dict)]
+        allowed = hub_names() if key == "modes" else ()
+        for name in (one[key] for one in inside if isinstance(one.get(key), str)):
+            if name not in allowed:
+                raise ScenarioError(
+                    f"spacecraft.{group}.{key}: the page opens no files; write what is in it into the scenario"
+                    + (f", or {', '.join(allowed)}" if allowed else "")
+                )
+            named.append(name)
+    return bool(named)
+
+
+def _as_part(key: str, value: Any) -> Any:
+    """What a change of a dotted ``key`` says, as a part of a scenario."""
+    for name in reversed(key.split(".")):
+        value = {name: value}
+    return value
 
 
 def slow(spec: Spec) -> bool:

@@ -1,0 +1,179 @@
+"""Where a hub comes from: a table of free-free modes, Nastran, finite elements of a described craft."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.errors import ScenarioError, shown
+from microvib.io.files import check_file, reading
+from microvib.io.scenario_file import catalog_text, hub_names, read_text
+from microvib.io.tables import finite, named_rows
+from microvib.io.yaml_text import parse_yaml
+from microvib.model.sentences import validated
+from microvib.model.spacecraft import Hub
+from microvib.structures.deck import UNIT_SYSTEMS, Import, import_options
+from microvib.structures.hub import FreeModes, freed, hub_of
+from microvib.structures.hub_design import HubDesign
+from microvib.structures.modal import ModalError
+from microvib.units import convert
+
+COLUMNS = ("mode", "frequency_hz", "point", "x_m", "y_m", "z_m", "tx", "ty", "tz", "rx", "ry", "rz")
+DEFAULT_MODES = 30
+"""Flexible modes taken of finite elements where their number is not given."""
+_FREE = (".op2", ".op4", ".pch")
+_DESCRIPTIONS = (".yaml", ".yml")
+_INTERFACE = (
+    "damping",
+    "count",
+    *(key for key in Import.model_fields if key not in ("drive_axis", "modes", "damping")),
+)
+"""Keys beside ``hub.modes`` where they are modes with the interface clamped."""
+
+
+def hub_from(group: dict[str, Any], folder: Path) -> Hub:
+    """The hub that ``spacecraft.hub`` names as ``modes``, relative to ``folder``. Raises ScenarioError or ModalError."""
+    name, ending = str(group["modes"]), Path(str(group["modes"])).suffix.lower()
+    described = name in hub_names() or ending in _DESCRIPTIONS
+    clamped = "interface" in group and not described
+    if not (described or clamped or ending in (".csv", *_FREE)):
+        raise ScenarioError(
+            f"spacecraft.hub.modes: {shown(name)} is not a source of a hub's modes; allowed are {', '.join(hub_names())}, a"
+            f" description of a craft ({', '.join(_DESCRIPTIONS)}), a table of free-free modes (.csv), results of Nastran"
+            f" ({', '.join(_FREE)}), and with the key interface modes with the interface clamped, from what an array is read"
+        )
+    nastran = ending in _FREE and not clamped
+    beside = _INTERFACE if clamped else ("damping", "count", *(("units", "points") if nastran else ()))
+    extra = [key for key in group if key not in ("modes", *beside)]
+    if extra:
+        raise ScenarioError(
+            f"spacecraft.hub.{extra[0]}: does not go with hub.modes: {name}, which brings mass, inertia and modes; allowed beside"
+            f" it are {', '.join(beside)}"
+        )
+    damping, count = _damping(group), _count(group)
+    if described:
+        return hub_of(_described(name, folder, DEFAULT_MODES if count is None else count), damping, count)
+    points = _points(group) if nastran else {}
+    path = folder / name
+    if clamped:
+        return hub_of(_clamped(path, group), damping, count)
+    with reading(path, ModalError):
+        check_file(path)
+        return hub_of(_nastran(path, points, str(group["units"])) if nastran else read_hub_table(path), damping, count)
+
+
+def _described(name: str, folder: Path, count: int) -> FreeModes:
+    text = (
+        catalog_text(f"hubs/{name}")
+        if name in hub_names()
+        else read_text(folder / name, "description of a craft", hub_names())
+    )
+    design = validated(HubDesign, parse_yaml(text, name), origin=name)
+    try:
+        from microvib.structures.fem.hub_mesh import free_modes
+    except ModuleNotFoundError as error:
+        raise ScenarioError(
+            f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"
+        ) from None
+    return free_modes(design, count)
+
+
+def _clamped(path: Path, group: dict[str, Any]) -> FreeModes:
+    """A hub whose modes have the interface clamped (Craig-Bampton with one point): freed of it."""
+    from microvib.io.nastran import read_modal_model
+
+    options = None
+    if path.suffix.lower() != ".csv":
+        said = {
+            key: value for key, value in group.items() if key in Import.model_fields and key not in ("modes", "damping")
+        }
+        options = import_options({**said, "drive_axis": "z"}, "spacecraft.hub")
+    return freed(read_modal_model(path, options))
+
+
+def _points(group: dict[str, Any]) -> dict[str, int]:
+    """Grids by the names of points, of results of a finite-element program, whose units must be said."""
+    points, units = group.get("points"), group.get("units")
+    if units not in UNIT_SYSTEMS:
+        raise ScenarioError(
+            f"spacecraft.hub.units: {shown(units)} is not allowed; write the unit system of the deck, one of"
+            f" {', '.join(UNIT_SYSTEMS)}"
+        )
+    whole = isinstance(points, dict) and all(isinstance(x, int) and not isinstance(x, bool) for x in points.values())
+    if not isinstance(points, dict) or not points or not whole:
+        raise ScenarioError(
+            f"spacecraft.hub.points: {shown(points)} is not allowed; names of points and their grids are expected, such as"
+            " {root: 101, payload: 205}"
+        )
+    return {str(name): grid for name, grid in points.items()}
+
+
+def _nastran(path: Path, points: dict[str, int], units: str) -> FreeModes:
+    from microvib.io.nastran.free import read_free
+
+    frequency, places, shapes = read_free(path, list(points.values()))
+    length, kilogram = UNIT_SYSTEMS[units]
+    scale = np.repeat([length, 1.0], 3) / (np.sqrt(kilogram) * length)
+    return FreeModes(frequency, np.full(frequency.size, 0.01), tuple(points), length * places, scale[:, None] * shapes)
+
+
+def _damping(group: dict[str, Any]) -> float | None:
+    given = group.get("damping")
+    if given is None:
+        return None
+    try:
+        xi = convert(given, "") if isinstance(given, str) else float(given)
+    except (TypeError, ValueError):
+        xi = -1.0
+    if not 0.0 <= xi <= 0.99:
+        raise ScenarioError(
+            f"spacecraft.hub.damping: {shown(given)} is not allowed; a damping ratio from 0 to 99 percent is expected"
+        )
+    return xi
+
+
+def _count(group: dict[str, Any]) -> int | None:
+    count = group.get("count")
+    if count is not None and (not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= 2000):
+        raise ScenarioError(
+            f"spacecraft.hub.count: {shown(count)} is not allowed; how many flexible modes are kept, from 0 to 2000"
+        )
+    return count
+
+
+def read_hub_table(path: Path) -> FreeModes:
+    """Free-free modes from a CSV file: a row for each mode and point, the six rigid modes among them; SI, mass-normalised."""
+    rows = named_rows(path, COLUMNS, "a hub's modes", ModalError)
+    names = tuple(dict.fromkeys(row["point"].strip() for row in rows))
+    labels = list(dict.fromkeys(row["mode"].strip() for row in rows))
+    frequency, xi = np.full(len(labels), np.nan), np.full(len(labels), 0.01)
+    places, shapes = np.full((len(names), 3), np.nan), np.full((len(names), 6, len(labels)), np.nan)
+    for number, row in enumerate(rows, 2):
+        k, p = labels.index(row["mode"].strip()), names.index(row["point"].strip())
+
+        def value(column: str, row: dict[str, str] = row, number: int = number) -> float:
+            return finite(f"row {number}: {column}", row[column], ModalError)
+
+        frequency[k] = _same(frequency[k], value("frequency_hz"), f"row {number}: frequency_hz")
+        if row.get("damping"):
+            xi[k] = value("damping")
+        for j, column in enumerate(COLUMNS[3:6]):
+            places[p, j] = _same(places[p, j], value(column), f"row {number}: {column}")
+        if np.isfinite(shapes[p, 0, k]):
+            raise ModalError(f"row {number}: mode {labels[k]} at point {names[p]} is there twice")
+        shapes[p, :, k] = [value(column) for column in COLUMNS[6:]]
+    if np.any(np.isnan(shapes)):
+        p, _, k = np.argwhere(np.isnan(shapes))[0]
+        raise ModalError(f"mode {labels[k]} has no row for point {names[p]}; each mode needs one for each point")
+    if np.any(frequency < 0.0) or np.any((xi < 0.0) | (xi > 0.99)):
+        raise ModalError("a frequency is negative, or a damping ratio not from 0 to 0.99")
+    return FreeModes(frequency, xi, names, places, shapes)
+
+
+def _same(before: float, now: float, where: str) -> float:
+    """The value, which must be that of the rows before."""
+    if np.isfinite(before) and before != now:
+        raise ModalError(f"{where} is {now:g}, and {before:g} in a row before; it must be the same")
+    return now
