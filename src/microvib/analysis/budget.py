@@ -35,7 +35,7 @@ class Share:
 
 def factors(scenario: Scenario) -> dict[str, float]:
     """What the housing feels of each torque, by channel: T_d = -T_e + T_f,m + T_f - (1 + 1/h) T_g."""
-    return {"T_e": -1.0, "T_f_m": 1.0, "T_f": 1.0, "T_g": -1.0 - 1.0 / scenario.reducer.ratio}
+    return {"T_e": -1.0, "T_f_m": 1.0, "T_f": 1.0, "T_g": -1.0 - 1.0 / scenario.reducer.h}
 
 
 def budget(motion: Motion, frequencies: Sequence[float]) -> dict[str, Share]:

@@ -86,7 +86,14 @@ class Source:
 
 
 def source_of(scenario: Scenario, *, powered: bool = True) -> Source:
-    """Drive and array of a scenario with a ``spacecraft``, linearised as in ``model.linear``; not ``powered``: locked hinges."""
+    """Drive and array of a scenario with a ``spacecraft``, linearised as in ``model.linear``; not ``powered``: locked hinges.
+
+    MicrovibError for a powered drive without a current loop, whose windings are no springs and dampers.
+    """
+    if powered and scenario.driver.drive == "voltage":
+        raise MicrovibError(
+            "driver.drive: voltage is not known to the coupling in closed form; simulate the craft instead"
+        )
     spacecraft, array = craft_in(scenario).spacecraft, scenario.array
     a = np.concatenate([np.zeros(3), spacecraft.interface.axis])
     M, P = array_on_hub(array, spacecraft)

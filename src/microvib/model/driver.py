@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,12 +25,13 @@ class Imperfections(Part):
 
     With I the amplitude and theta_e the electrical angle: i_A* = I (cos theta_e + offset_a) and
     i_B* = I ((1 + gain_b) sin(theta_e + quadrature) + offset_b), zero where smaller than dead_band I, then rounded to whole
-    multiples of I/(2^(dac_bits - 1) - 1).
+    multiples of I/(2^(dac_bits - 1) - 1). Of more phases B is the second, cos(theta_e + quadrature - 2 pi/phases); the others
+    are as A, without its offset.
     """
 
-    gain_b: Annotated[float, Quantity("", "gain of phase B over that of A, less 1", ge=-0.5, le=0.5, usual=_USUAL)] = (
-        0.0
-    )
+    gain_b: Annotated[
+        float, Quantity("", "gain of phase B over that of the others, less 1", ge=-0.5, le=0.5, usual=_USUAL)
+    ] = 0.0
     offset_a: Annotated[float, Quantity("", "offset of phase A over the current I", ge=-0.5, le=0.5, usual=_USUAL)] = (
         0.0
     )
@@ -39,7 +40,7 @@ class Imperfections(Part):
     )
     quadrature: Annotated[
         float,
-        Quantity("rad", "angle by which phase B leads its quarter turn", ge=-0.5, le=0.5, display="deg", usual=_USUAL),
+        Quantity("rad", "angle by which phase B leads its place", ge=-0.5, le=0.5, display="deg", usual=_USUAL),
     ] = 0.0
     dead_band: Annotated[
         float, Quantity("", "references smaller than this part of the current I are zero", ge=0, le=0.5)
@@ -67,7 +68,8 @@ class CurrentTable(Part):
     currents: tuple[tuple[float, float], ...] = Field(
         default=(),
         max_length=MAX_TABLE,
-        description="currents of phases A and B over I after each microstep of an electrical turn, from theta_e = 0",
+        description="currents of phases A and B (of more phases, along two axes) over I after each microstep of an electrical"
+        " turn, from theta_e = 0",
     )
 
     def _misfits(self) -> Iterator[str]:
@@ -81,14 +83,18 @@ class CurrentTable(Part):
 class Driver(Part):
     """Microstepping current driver with one PI(D) loop per phase (Table 3)."""
 
+    drive: Literal["current", "voltage"] = Field(
+        default="current",
+        description="what is commanded: phase currents, or voltages R times as large without a current loop",
+    )
     beats: Annotated[int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")]
     microsteps: Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step, n")]
     proportional_gain: Annotated[
         float, Quantity("V/A", "proportional gain of the current loop", "K_P", ge=0, usual=(0.05, 1e5))
-    ]
+    ] = 0.0
     integral_gain: Annotated[
         float, Quantity("V/A/s", "integral gain of the current loop", "K_I", ge=0, display="V/(A*s)", usual=(0.05, 1e8))
-    ]
+    ] = 0.0
     derivative_gain: Annotated[float, Quantity("V*s/A", "derivative gain, on the measured current", "K_D", ge=0)] = 0.0
     supply_voltage: (
         Annotated[float, Quantity("V", "limit of the phase voltage; null is none", "U", gt=0, usual=(1.0, 400.0))]
@@ -109,6 +115,14 @@ class Driver(Part):
     )
 
     def _misfits(self) -> Iterator[str]:
+        gains = ("proportional_gain", "integral_gain", "derivative_gain")
+        if self.drive == "voltage" and any(getattr(self, gain) for gain in gains):
+            yield f"drive: voltage has no current loop; set {', '.join(gains)} to 0, or leave them out"
+        for gain in gains[:2] if self.drive == "current" else ():
+            if gain not in self.model_fields_set:
+                quantity = self.quantity_of(gain)
+                assert quantity is not None
+                yield f"{gain}: missing ({quantity.meaning}, in {quantity.display or quantity.unit})"
         rows, turn = len(self.table.currents) if self.table else 0, self.beats * self.microsteps
         if rows not in (0, turn):
             yield (
@@ -133,19 +147,19 @@ class Driver(Part):
         return 2.0 * math.pi * count / (self.beats * self.microsteps)
 
     def reference_currents(self, motor: Motor, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reference currents i_A*, i_B* [A] after ``count`` microsteps (Eq. 1, corrected)."""
+        """Reference currents i_A*, i_B* [A] after ``count`` microsteps (Eq. 1, corrected); of more phases, along the two axes."""
         return self.references(motor, self.electrical_angle(count))
 
     def references(self, motor: Motor, electrical_angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same at electrical angles [rad], of any shape; with errors or a table only those of microsteps are known."""
         if not self.distorted:
-            return motor.current * np.cos(electrical_angle), motor.current * np.sin(electrical_angle)
-        turn = electrical_turn(self, motor.current)
+            return motor.axis_current * np.cos(electrical_angle), motor.axis_current * np.sin(electrical_angle)
+        turn = electrical_turn(self, motor.axis_current, motor.phases)
         count = np.rint(np.asarray(electrical_angle) * (len(turn) / (2.0 * math.pi))).astype(np.int64) % len(turn)
         return turn[count, 0], turn[count, 1]
 
     def largest_reference(self, motor: Motor) -> float:
-        """Largest reference current of a phase [A]."""
+        """Largest reference current of a phase [A], of two."""
         return float(np.max(np.abs(electrical_turn(self, motor.current)))) if self.distorted else motor.current
 
     @property
@@ -158,16 +172,15 @@ class Driver(Part):
         """Whether references are always I cos theta_e and I sin theta_e, of whole microsteps."""
         return self.microstep_ramp == 0.0 and not self.distorted
 
-    @property
-    def repeats_after(self) -> int:
+    def repeats_after(self, motor: Motor) -> int:
         """Microsteps after which references are as before, but turned, and the detent torque too.
 
-        For an ideal driver a quarter of an electrical turn, or its least multiple that is a whole number of microsteps.
+        For an ideal driver a period of the detent torque, or its least multiple that is a whole number of microsteps.
         """
         electrical = self.beats * self.microsteps
-        quarter = electrical // math.gcd(electrical, 4)
+        quarter = electrical // math.gcd(electrical, motor.detent_periods)
         if self.distorted:
-            turn = electrical_turn(self, 1.0)
+            turn = electrical_turn(self, 1.0, motor.phases)
             vector = turn[:, 0] + 1j * turn[:, 1]
             turned = vector * np.exp(2j * math.pi * quarter / electrical)
             if np.max(np.abs(np.roll(vector, -quarter) - turned)) > 1e-12:
@@ -180,8 +193,11 @@ class Driver(Part):
 
 
 @lru_cache(maxsize=32)
-def electrical_turn(driver: Driver, current: float) -> np.ndarray:
-    """References i_A*, i_B* [A] after each microstep of an electrical turn, from theta_e = 0 on, (b n, 2); not to be changed."""
+def electrical_turn(driver: Driver, current: float, phases: int = 2) -> np.ndarray:
+    """References i_A*, i_B* [A] after each microstep of an electrical turn, from theta_e = 0 on, (b n, 2); not to be changed.
+
+    Of more phases they are along the two axes, ``current`` being the amplitude there; each phase has its errors by itself.
+    """
     errors, table = driver.imperfections, driver.table
     count = np.arange(driver.beats * driver.microsteps)
     theta_e = driver.electrical_angle(count)
@@ -191,13 +207,23 @@ def electrical_turn(driver: Driver, current: float) -> np.ndarray:
         corrections = (h.amplitude * np.sin(h.order * theta_e + h.phase) for h in (table.harmonics if table else ()))
         theta_e = theta_e + sum(corrections)
         along, across = np.cos(theta_e), np.sin(theta_e)
-    lead = errors.quadrature
-    turned = across * math.cos(lead) + along * math.sin(lead)
-    turn = np.column_stack([along + errors.offset_a, (1.0 + errors.gain_b) * turned + errors.offset_b])
+    place = np.array([(1.0, 0.0), (0.0, 1.0)] if phases == 2 else _places(phases))
+    (c, s), lead = place[1], errors.quadrature
+    led = place.copy()
+    led[1] = c * math.cos(lead) + s * math.sin(lead), s * math.cos(lead) - c * math.sin(lead)
+    turn = np.outer(along, led[:, 0]) + np.outer(across, led[:, 1])
+    turn[:, 1] *= 1.0 + errors.gain_b
+    turn[:, :2] += errors.offset_a, errors.offset_b
     turn[np.abs(turn) < errors.dead_band] = 0.0
     if errors.dac_bits is not None:
         levels = 2 ** (errors.dac_bits - 1) - 1
         turn = np.rint(turn * levels) / levels
-    turn *= current
+    turn = current * (2.0 / phases) * (turn @ place)
     turn.flags.writeable = False
     return turn
+
+
+def _places(phases: int) -> list[tuple[float, float]]:
+    """Cosine and sine of the electrical angle of each phase's axis, of three phases or more."""
+    angles = (2.0 * math.pi * k / phases for k in range(phases))
+    return [(math.cos(angle), math.sin(angle)) for angle in angles]

@@ -12,6 +12,7 @@ import numpy as np
 
 from microvib.model.driver import Driver, Imperfections, electrical_turn
 from microvib.model.linear import coupled_modes
+from microvib.model.motor import Motor
 from microvib.model.scenario import Scenario
 from microvib.units import Given, quantity
 
@@ -38,8 +39,9 @@ def expected_lines(
     """Lines up to ``highest``, a frequency: array modes as seen through the drive, and all that the step clock makes.
 
     Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the detent period
-    4 f_d/(b n), which with four beats is the full-step rate f_d/n; the electrical period f_d/(b n); the wave generator's
-    turns, for each transmission-error harmonic; and the sidebands that the detent torque makes about the driving lines. A
+    4 f_d/(b n), of three phases 6 f_d/(b n), of five 10 f_d/(b n), which is the full-step rate f_d/n where b is that number;
+    the electrical period f_d/(b n); the wave generator's turns, for each transmission-error harmonic; and the sidebands that
+    the detent torque makes about the driving lines. A
     frequency that belongs to several families carries the name of the first. Of the electrical period an ideal driver has no
     lines, and three are listed; one with errors has ``harmonics``, and the origin says which error makes a line.
     Where the rate changes within the record, or is zero, there are modes only.
@@ -57,7 +59,7 @@ def expected_lines(
         return tuple(modes)
     driver, motor = scenario.driver, scenario.motor
     errors = tuple(e.order for e in scenario.reducer.transmission_error)
-    turn, orders = _orders(driver, motor.rotor_teeth, motor.detent_torque > 0.0, errors, harmonics)
+    turn, orders = _orders(driver, motor, errors, harmonics)
     base, low, high = f_d / turn, 1.0 - clock_tolerance, 1.0 + clock_tolerance
     clock = [
         ExpectedLine(name, kind, order * base, low * (order * base), high * (order * base), origin)
@@ -69,18 +71,16 @@ def expected_lines(
 
 @lru_cache(maxsize=64)
 def _orders(
-    driver: Driver, z: int, detent_torque: bool, errors: tuple[int, ...], harmonics: int
+    driver: Driver, motor: Motor, errors: tuple[int, ...], harmonics: int
 ) -> tuple[int, dict[int, tuple[str, Kind, str]]]:
     """Microsteps per turn of the wave generator, in which every line of the clock has a whole order; and name, kind and origin of
     the line of each order, that of the first family where several have it."""
-    b = driver.beats
+    b, z, steps = driver.beats, motor.rotor_teeth, motor.full_steps
     turn = b * driver.microsteps * z
-    # order of the detent torque, sin(4 z theta_m): a quarter electrical turn, for four beats a full step
-    detent = 4 * z
-    makers = {error.order: error.causes for error in angle_errors(driver)}
+    makers = {error.order: error.causes for error in angle_errors(driver, motor.phases)}
     families: list[tuple[str, Kind, int, Sequence[int], str]] = [
         ("drive", "drive", turn, range(1, harmonics + 1), "microstep"),
-        ("full_step", "full step", detent, range(1, harmonics + 1), "full step" if b == 4 else "detent period"),
+        ("full_step", "full step", steps * z, range(1, harmonics + 1), "full step" if b == steps else "detent period"),
         ("electrical", "electrical", z, range(1, (harmonics if driver.distorted else 3) + 1), "electrical period"),
         ("wave_generator", "wave generator", 1, errors, "transmission error"),
     ]
@@ -89,7 +89,8 @@ def _orders(
         for k in members:
             made = ", ".join(makers.get(k * unit // z, ())) if stem in ("full_step", "electrical") else ""
             orders.setdefault(k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}{made and f': {made}'}"))
-    if detent_torque and turn > 2 * SIDEBANDS * detent:
+    detent = motor.detent_periods * z
+    if motor.detent_torque > 0.0 and turn > 2 * SIDEBANDS * detent:
         for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
                 name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
@@ -109,7 +110,7 @@ class AngleError:
     """Keys under ``driver`` of what makes it."""
 
 
-def angle_errors(driver: Driver) -> tuple[AngleError, ...]:
+def angle_errors(driver: Driver, phases: int = 2) -> tuple[AngleError, ...]:
     """Harmonics of the angle error of a driver's references, from order 1 to half a turn's microsteps; none for an ideal one.
 
     Those below a hundredth of the largest are left out. Each is given the causes that make at least a tenth of it when they act
@@ -117,16 +118,16 @@ def angle_errors(driver: Driver) -> tuple[AngleError, ...]:
     """
     if not driver.distorted:
         return ()
-    size, alone = _angle_error(driver), {key: _angle_error(single) for key, single in _single_causes(driver)}
+    size, alone = _angle_error(driver, phases), {key: _angle_error(one, phases) for key, one in _single_causes(driver)}
     told = [k for k in range(1, size.size) if size[k] > max(0.01 * np.max(size[1:]), 1e-9)]
     return tuple(
         AngleError(k, float(size[k]), tuple(key for key, own in alone.items() if own[k] > 0.1 * size[k])) for k in told
     )
 
 
-def _angle_error(driver: Driver) -> np.ndarray:
+def _angle_error(driver: Driver, phases: int) -> np.ndarray:
     """Amplitudes of the angle error's harmonics, (b n // 2 + 1,) [rad]."""
-    turn = electrical_turn(driver, 1.0)
+    turn = electrical_turn(driver, 1.0, phases)
     n = len(turn)
     vector = (turn[:, 0] + 1j * turn[:, 1]) * np.exp(-2j * math.pi * np.arange(n) / n)
     amplitudes: np.ndarray = np.abs(np.fft.rfft(np.angle(vector))) * (2.0 / n)

@@ -1,7 +1,8 @@
 """The drive linearised about tracking: the array's modes as seen through the drive.
 
-The electromagnetic spring is taken without detent torque (whose stiffness changes sign four times per electrical turn and
-averages to nothing), frictions by their viscous part, the transmission error as nothing.
+The electromagnetic spring is taken without detent torque (whose stiffness changes sign several times per electrical turn and
+averages to nothing), frictions by their viscous part, the transmission error as nothing. Of a drive without a current loop the
+windings take part: a rotor that turns against the command changes the currents by its back-EMF.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _matrices(
     motor: Motor, reducer: Reducer, friction: Friction, load: Load
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    s, h, spring = load.H.size, reducer.ratio, motor.electromagnetic_stiffness
+    s, h, spring = load.H.size, reducer.h, motor.electromagnetic_stiffness
     M, C, K = (np.zeros((2 + s, 2 + s)) for _ in range(3))
     M[0, 0], M[1, 1] = load.rotor, load.output
     M[0, 1] = M[1, 0] = load.cross
@@ -86,36 +87,59 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     """Driving lines of T_d in closed form: the microsteps' staircase through the linearised drive (Eq. 16-18, 20).
 
     The command is a ramp and a sawtooth of one microstep's height delta, whose order k has the amplitude delta/(pi k); it pulls
-    at the rotor through the electromagnetic spring z K_m I. Currents are assumed to follow instantly, friction is viscous only,
-    and detent torque, stick and errors of the driver do not exist, so that there are no full-step lines. A ramp over the part r
-    of a microstep averages the staircase, whose order k falls by sinc(k r). Empty where the rate is zero or changes.
+    at the rotor through the electromagnetic spring z K_m I. Currents are assumed to follow instantly, those of voltages by their
+    windings, about a rotor without load; friction is viscous only, and detent torque, stick and errors of the driver do not
+    exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the staircase, whose order k
+    falls by sinc(k r). Empty where the rate is zero or changes.
     """
     f_d = scenario.driving_frequency
     if not f_d:
         return ()
     M, C, K = matrices(scenario)
     inertia = _momentum_row(scenario)
-    lines = []
+    voltage, lines = scenario.driver.drive == "voltage", []
     for k in range(1, harmonics + 1):
         omega = 2.0 * math.pi * k * f_d
-        pull = np.zeros(M.shape[0], dtype=complex)
+        dynamic, pull = K - omega**2 * M + 1j * omega * C, np.zeros(M.shape[0], dtype=complex)
         pull[0] = pulls(scenario, np.array(k))
-        motion = np.linalg.solve(K - omega**2 * M + 1j * omega * C, pull)
+        if voltage:
+            by_command, spring = _by_voltage(scenario, 1j * omega)
+            held = scenario.motor.electromagnetic_stiffness
+            pull[0] *= by_command / held
+            dynamic[0, 0] += spring - held
+        motion = np.linalg.solve(dynamic, pull)
         lines.append(LinearLine(k, k * f_d, complex(omega**2 * (inertia @ motion))))
     return tuple(lines)
 
 
 def pulls(scenario: Scenario, order: np.ndarray) -> np.ndarray:
     """Torque of the command's staircase on the rotor at each ``order`` of the driving frequency, complex amplitude [N m]."""
-    step = -math.copysign(scenario.driver.microstep(scenario.motor), scenario.rate or 0.0)
+    step = -math.copysign(scenario.driver.microstep(scenario.motor), (scenario.rate or 0.0) * scenario.reducer.h)
     ramped = order * scenario.driver.microstep_ramp
     sawtooth = -1j * step / (math.pi * order) * (np.sinc(ramped) * np.exp(-1j * math.pi * ramped))
     return np.asarray(scenario.motor.electromagnetic_stiffness * sawtooth)
 
 
+def _by_voltage(scenario: Scenario, s: complex) -> tuple[complex, complex]:
+    """Torque on the rotor [N m/rad] by the angle of the commanded voltage over z, and against the rotor's own; at s = j omega.
+
+    Seen from a rotor that turns evenly without load, at the angle a (electrical) from the voltage: |i| = I cos a, and of small
+    changes (R + s L + j omega_e L) i = j R I exp(-j a) z command - j K_m (s + j omega_e) angle.
+    """
+    motor, omega = scenario.motor, -scenario.reducer.h * (scenario.rate or 0.0)
+    z, K_m, current = motor.rotor_teeth, motor.axis_torque_constant, motor.axis_current
+    R, X = motor.winding_resistance, z * omega * motor.winding_inductance
+    a = math.asin(max(-1.0, min(1.0, -K_m * omega / (current * math.hypot(R, X))))) - math.atan2(X, R)
+    windings = np.array([[R + s * motor.winding_inductance, -X], [X, R + s * motor.winding_inductance]])
+    by_command = R * current * z * np.array([math.sin(a), math.cos(a)])
+    by_angle = K_m * np.array([z * omega, -s])
+    q = np.linalg.solve(windings, np.column_stack([by_command, by_angle]))[1]
+    return complex(K_m * q[0]), complex(K_m * (z * current * math.cos(a) - q[1]))
+
+
 def _momentum_row(scenario: Scenario) -> np.ndarray:
     """Angular momentum about the drive axis for unit rates of the coordinates of ``matrices`` (Eq. 20)."""
-    load, h = scenario.load, scenario.reducer.ratio
+    load, h = scenario.load, scenario.reducer.h
     rotor, output = load.rotor + load.cross, load.output + load.cross
     if scenario.reducer.rigid:
         return np.array([rotor - output / h, *(load.H + load.R)])
@@ -129,20 +153,28 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
     of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
     """
-    return _coupled_modes(scenario.motor, scenario.reducer, scenario.friction, scenario.array, scenario.spacecraft)
+    s = scenario
+    return _coupled_modes(s.motor, s.reducer, s.friction, s.array, s.spacecraft, s.driver.drive == "voltage")
 
 
 @lru_cache(maxsize=16)
 def _coupled_modes(
-    motor: Motor, reducer: Reducer, friction: Friction, array: Array, spacecraft: Spacecraft | None
+    motor: Motor,
+    reducer: Reducer,
+    friction: Friction,
+    array: Array,
+    spacecraft: Spacecraft | None,
+    voltage: bool = False,
 ) -> tuple[CoupledMode, ...]:
-    J_flex, J_m = reducer.output_inertia, motor.rotor_inertia + reducer.wave_generator_inertia
+    J_flex, J_m = reducer.output_inertia, motor.rotor_inertia + reducer.input_inertia
     craft = craft_of(array, spacecraft, J_flex, J_m)
     load = load_of(array, spacecraft, J_flex, J_m)
     locked = [mode.frequency for mode in array.modes] if craft is None else craft.frequency.tolist()
     M, C, K = _matrices(motor, reducer, friction, load)
     n, s = M.shape[0], len(locked)
-    values, vectors = _eigenvalues_of_many(M, C, K) if s > MANY else _eigenvalues(M, C, K)
+    # torque of the rotor's motion through the windings, K_m i with L di/dt = -R i - K_m omega: none of a current loop
+    windings = np.eye(n)[0] * motor.axis_torque_constant * voltage, motor.winding_resistance, motor.winding_inductance
+    values, vectors = (_eigenvalues_of_many if s > MANY else _eigenvalues)(M, C, K, windings)
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:, keep]
     elastic = np.sum(vectors.conj() * (K @ vectors), axis=0).real
@@ -160,17 +192,30 @@ def _coupled_modes(
     return (*(modes[k] for k in sorted(modes)), *drive)
 
 
-def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues [1/s] of the damped system, (2n,), and its shapes, (n, 2n)."""
-    n = M.shape[0]
-    state = np.zeros((2 * n, 2 * n))
-    state[:n, n:] = np.eye(n)
-    state[n:] = -np.linalg.solve(M, np.hstack([K, C]))
+Windings = tuple[np.ndarray, float, float]
+
+
+def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray, windings: Windings) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues [1/s] of the damped system, (2n,) or one more, and its shapes, (n, ...).
+
+    ``windings`` are the torques of their current on the coordinates (n,), resistance and inductance; without torques none.
+    """
+    n, (K_m, R, L) = M.shape[0], windings
+    state = np.zeros((2 * n + 1, 2 * n + 1))
+    state[:n, n : 2 * n] = np.eye(n)
+    state[n : 2 * n, : 2 * n] = -np.linalg.solve(M, np.hstack([K, C]))
+    if np.any(K_m):
+        state[n : 2 * n, 2 * n] = np.linalg.solve(M, K_m)
+        state[2 * n, n:] = np.r_[-K_m / L, -R / L]
+    else:
+        state = state[:-1, :-1]
     values, vectors = np.linalg.eig(state)
     return values, vectors[:n]
 
 
-def _eigenvalues_of_many(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _eigenvalues_of_many(
+    M: np.ndarray, C: np.ndarray, K: np.ndarray, windings: Windings
+) -> tuple[np.ndarray, np.ndarray]:
     """The same, in a tenth of the time and less: from the undamped shapes, of which the damping mixes few.
 
     The ``MANY`` shapes that it mixes most are solved together; of each other the damping is phi^T C phi / 2.
@@ -179,13 +224,15 @@ def _eigenvalues_of_many(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> tuple[n
 
     squares, shapes = eigh(K, M)
     squares = np.maximum(squares, 0.0)
-    damping = shapes.T @ (C @ shapes)
+    K_m, R, L = windings
+    damping = shapes.T @ (C @ shapes) + np.outer(K_m @ shapes, K_m @ shapes) / R
     apart = np.abs(np.subtract.outer(squares, squares))
     np.fill_diagonal(apart, np.inf)
     mixing = np.abs(damping) * np.sqrt(squares) / np.maximum(apart, 1e-12 * squares[-1])
     order = np.argsort(-mixing.max(axis=1), kind="stable")
     mixed, alone = order[:MANY], order[MANY:]
-    values, vectors = _eigenvalues(np.eye(MANY), damping[np.ix_(mixed, mixed)], np.diag(squares[mixed]))
+    inner = damping[np.ix_(mixed, mixed)] - np.outer(K_m @ shapes[:, mixed], K_m @ shapes[:, mixed]) / R
+    values, vectors = _eigenvalues(np.eye(MANY), inner, np.diag(squares[mixed]), (K_m @ shapes[:, mixed], R, L))
     sigma = 0.5 * damping[alone, alone]
     single = -sigma + 1j * np.sqrt(np.maximum(squares[alone] - sigma**2, 0.0))
     return np.concatenate([values, single]), np.hstack([shapes[:, mixed] @ vectors, shapes[:, alone]])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -13,12 +14,25 @@ from microvib.units import Quantity
 
 
 class Motor(Part):
-    """Two-phase hybrid stepping motor (Table 3)."""
+    """Hybrid stepping motor with two phases (Table 3), three or five, in balance and with sinusoidal flux linkages.
+
+    The equations are those of two axes, into which currents and voltages of more phases are transformed with their power unchanged
+    (Clarke): of the amplitudes of current and torque constant each is sqrt(phases/2) times that of a phase.
+    """
 
     rotor_teeth: Annotated[int, Field(ge=1, le=10_000, strict=True, description="number of rotor teeth, z")]
+    phases: Literal[2, 3, 5] = Field(default=2, description="number of phases")
     current: Annotated[float, Quantity("A", "amplitude of the phase currents", "I", gt=0, usual=(5e-3, 20.0))]
-    torque_constant: Annotated[float, Quantity("N*m/A", "motor torque constant", "K_m", gt=0, usual=(1e-3, 20.0))]
+    torque_constant: Annotated[
+        float, Quantity("N*m/A", "torque constant of one phase", "K_m", gt=0, usual=(1e-3, 20.0))
+    ]
     detent_torque: Annotated[float, Quantity("N*m", "amplitude of the detent torque", "K_d", ge=0, usual=(1e-6, 2.0))]
+    detent_order: (
+        Annotated[
+            int, Field(ge=4, le=1000, strict=True, description="periods of the detent torque per electrical turn")
+        ]
+        | None
+    ) = Field(default=None, description="periods of the detent torque per electrical turn; null is twice the phases")
     winding_resistance: Annotated[float, Quantity("ohm", "resistance of one winding", "R", gt=0, usual=(0.02, 2000.0))]
     winding_inductance: Annotated[
         float, Quantity("H", "self-inductance of one winding", "L", gt=0, display="mH", usual=(5e-6, 2.0))
@@ -31,8 +45,33 @@ class Motor(Part):
     def _misfits(self) -> Iterator[str]:
         if self.friction.torque_noise is not None:
             yield "friction.torque_noise: noise acts on the output; give it as friction.torque_noise of the scenario"
+        if self.detent_periods % self.full_steps:
+            yield (
+                f"detent_order: {self.detent_order} is not allowed with {self.phases} phases; a multiple of {self.full_steps},"
+                " twice their number, is expected, since a motor in balance is the same after each full step"
+            )
 
     @property
     def electromagnetic_stiffness(self) -> float:
-        """Stiffness of the electromagnetic spring z K_m I [N m/rad], without detent torque."""
-        return self.rotor_teeth * self.torque_constant * self.current
+        """Stiffness of the electromagnetic spring, z K_m I of two phases [N m/rad], without detent torque."""
+        return self.rotor_teeth * self.axis_torque_constant * self.axis_current
+
+    @property
+    def full_steps(self) -> int:
+        """Full steps per electrical turn of a motor with so many phases: 4, 6 or 10."""
+        return 2 * self.phases
+
+    @property
+    def detent_periods(self) -> int:
+        """Periods of the detent torque per electrical turn."""
+        return self.detent_order or self.full_steps
+
+    @property
+    def axis_current(self) -> float:
+        """Amplitude of the currents of the two axes [A]."""
+        return math.sqrt(self.phases / 2.0) * self.current
+
+    @property
+    def axis_torque_constant(self) -> float:
+        """Torque constant of the two axes [N m/A]."""
+        return math.sqrt(self.phases / 2.0) * self.torque_constant

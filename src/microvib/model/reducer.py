@@ -83,6 +83,16 @@ class Reducer(Part):
             )
 
     @property
+    def h(self) -> float:
+        """The ratio of Eq. 19, theta_m = -h theta_l."""
+        return self.ratio
+
+    @property
+    def input_inertia(self) -> float:
+        """What of the reducer turns with the rotor [kg m^2]."""
+        return self.wave_generator_inertia
+
+    @property
     def hysteresis_torque(self) -> float:
         """Torque at which all elements of the hysteresis slide [N m]: half the loss over the compliance."""
         return 0.0 if self.hysteresis is None else 0.5 * self.hysteresis.loss * float(self.stiffness)

@@ -65,10 +65,21 @@ class Scenario(Part):
                 " without a highest frequency ends; lower it, or give friction.torque_noise.highest"
             )
         driver, motor = self.driver, self.motor
-        if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0:
+        voltage = driver.drive == "voltage"
+        if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0 and not voltage:
             yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
-        if driver.proportional_gain == 0.0 and driver.supply_voltage is not None:
+        if driver.supply_voltage is not None and motor.phases != 2:
+            yield (
+                f"driver: supply_voltage {driver.supply_voltage:g} V limits each of the {motor.phases} phases, which the two axes"
+                " of the equations cannot tell; leave it out"
+            )
+        if driver.proportional_gain == 0.0 and driver.supply_voltage is not None and not voltage:
             yield "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
+        if driver.beats % motor.phases and motor.phases != 2:
+            yield (
+                f"driver: beats {driver.beats} is not allowed with {motor.phases} phases; a multiple of their number is expected,"
+                f" such as {motor.full_steps} for full steps"
+            )
         largest = driver.largest_reference(motor)
         needed = motor.winding_resistance * largest
         if driver.supply_voltage is not None and driver.supply_voltage < needed:
@@ -84,7 +95,7 @@ class Scenario(Part):
     @property
     def rotor_inertia(self) -> float:
         """J_m = J_r + J_wg [kg m^2]."""
-        return self.motor.rotor_inertia + self.reducer.wave_generator_inertia
+        return self.motor.rotor_inertia + self.reducer.input_inertia
 
     @property
     def output_inertia(self) -> float:

@@ -132,11 +132,12 @@ SHOWN_ERRORS = 8
 
 def _driver_orders(scenario: Scenario) -> list[tuple[str, str, str]]:
     """Orders of the electrical period at which errors of the driver make lines, with their angle errors and causes."""
-    driver, f_d = scenario.driver, scenario.driving_frequency
-    found = sorted(angle_errors(driver), key=lambda error: -error.amplitude)[:SHOWN_ERRORS]
+    driver, motor, f_d = scenario.driver, scenario.motor, scenario.driving_frequency
+    found = sorted(angle_errors(driver, motor.phases), key=lambda error: -error.amplitude)[:SHOWN_ERRORS]
     rows = []
     for error in sorted(found, key=lambda error: error.order):
-        name = f"full_step_{error.order // 4}" if error.order % 4 == 0 else f"electrical_{error.order}"
+        steps, rest = divmod(error.order, motor.full_steps)
+        name = f"full_step_{steps}" if rest == 0 else f"electrical_{error.order}"
         at = f" at {error.order * f_d / (driver.beats * driver.microsteps):.6g} Hz" if f_d else ""
         rows.append(
             (

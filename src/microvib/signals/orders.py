@@ -21,16 +21,19 @@ class Orders:
     drive: float
     full_step: float | None
     word: str = "full step"
+    steps: int = 4
+    """Full steps per electrical period."""
 
     @classmethod
     def of(cls, expected: Sequence[ExpectedLine], ratio: float | None) -> Orders | None:
         """Those of the ``expected`` lines at a clock ratio; None without a clock."""
-        found = {line.name: line for line in expected if line.name in ("drive_1", "full_step_1")}
+        found = {line.name: line for line in expected if line.name in ("drive_1", "full_step_1", "electrical_1")}
         if "drive_1" not in found or ratio is None:
             return None
         full = found.get("full_step_1")
         word = full.origin.partition(",")[0] if full else "full step"
-        return cls(found["drive_1"].frequency * ratio, full.frequency * ratio if full else None, word)
+        steps = round(full.frequency / found["electrical_1"].frequency) if full and "electrical_1" in found else 4
+        return cls(found["drive_1"].frequency * ratio, full.frequency * ratio if full else None, word, steps)
 
     def whole(self, frequency: float, within: float) -> float | None:
         """The frequency [Hz] of the whole order of microsteps or full steps that is ``within`` so many Hz of this one."""
@@ -63,8 +66,8 @@ class Orders:
     def _of_full_step(self, p: int, q: int) -> str:
         if q == 1:
             return f"{self.word}, order {p}"
-        if q in (2, 4):
-            return f"electrical period, order {p * 4 // q}"
+        if self.steps % q == 0:
+            return f"electrical period, order {p * self.steps // q}"
         return f"{p}/{q} of the {self.word}"
 
 

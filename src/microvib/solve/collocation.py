@@ -301,7 +301,7 @@ def _weigh(x, p, t, w):
         J = p.J_m + p.inv_h * p.inv_h * p.J_L if p.rigid else p.J_m
         grown_m = _grown(w.at[WM, 3], p.m_stribeck, p.m_inv_rate, J, w.f[WM, 3])
         if p.rigid:
-            grown_m = max(grown_m, _grown(w.at[WL, 3], p.l_stribeck * p.inv_h, p.l_inv_rate, J, w.f[WM, 3]))
+            grown_m = max(grown_m, _grown(w.at[WL, 3], p.l_stribeck * math.fabs(p.inv_h), p.l_inv_rate, J, w.f[WM, 3]))
     if x.stick[1] != 0.0 and not p.rigid:
         grown_l = _grown(w.at[WL, 3], p.l_stribeck, p.l_inv_rate, p.J_L, w.f[WL, 3])
     for k in range(6):

@@ -27,7 +27,7 @@ class Command:
         if delay > 0.0:
             times, rates = np.r_[0.0, delay, times + delay], np.r_[0.0, 0.0, rates]
         self._times = times
-        scale = -scenario.reducer.ratio / scenario.driver.microstep(scenario.motor)
+        scale = -scenario.reducer.h / scenario.driver.microstep(scenario.motor)
         self._rates = rates * scale  # in microsteps per second
         steps = np.diff(times)
         self._counts = np.concatenate([[0.0], np.cumsum(0.5 * (self._rates[1:] + self._rates[:-1]) * steps)])

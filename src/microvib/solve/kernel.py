@@ -64,11 +64,13 @@ class Drive(NamedTuple):
     ideal: bool  # references of the current I in the direction of the command
     K_m: float
     K_d: float
+    detent: int  # periods of the detent torque per electrical turn
     R: float
     L: float
     K_P: float
     K_I: float
     K_D: float
+    K_V: float  # voltage by the references themselves, of a drive without a current loop
     U_max: float
     J_m: float  # on a craft, what of it is in no mode, as J_L and J_h
     J_L: float  # J_flex + J_h: all that is rigid on the output
@@ -96,7 +98,7 @@ class Drive(NamedTuple):
     inv_J_m: float
     inv_J_L: float
     inv_J_both: float  # 1 / (J_L - J_c^2 / J_m): where the rotor is free too
-    inv_h: float
+    inv_h: float  # negative where the output turns with the rotor
     inv_z: float
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
@@ -191,10 +193,16 @@ def gear_hysteresis(twist, stick, p):
     return torque + share * p.g_limit
 
 
+@code.inner(**INLINE)
+def follower(sign, p):
+    """Direction of an output that a rigid reducer moves, by the rotor's."""
+    return -sign if p.inv_h > 0.0 else sign
+
+
 @code.inner(**COMPILE)
 def sliding_signs(stick, p):
     """Directions in which rotor and output slide: those of their modes, or of their elements that slip."""
-    sign_m, sign_l = stick[0], -stick[0] if p.rigid else stick[1]
+    sign_m, sign_l = stick[0], follower(stick[0], p) if p.rigid else stick[1]
     if p.m_elements > 0:
         sign_m = _direction(0, stick, p)
     if p.l_elements > 0:
@@ -247,7 +255,7 @@ def transmission_error(theta_m, te):
 @code.inner(**INLINE)
 def _winding(i, x, reference, back_emf, p):
     """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3); anti-windup by back-calculation."""
-    demand, dx = p.K_P * (reference - i) + p.K_I * x, reference - i
+    demand, dx = p.K_P * (reference - i) + p.K_I * x + p.K_V * reference, reference - i
     di = (demand - p.R * i + back_emf) * p.inv_L_D
     u = demand - p.K_D * di
     limited = math.fabs(u) > p.U_max
@@ -256,6 +264,14 @@ def _winding(i, x, reference, back_emf, p):
         dx = where(limited, (u - p.K_I * x) * p.inv_K_P, dx)
         di = where(limited, (u - p.R * i + back_emf) * p.inv_L, di)
     return u, di, dx, limited
+
+
+@code.inner(**INLINE)
+def detent_sine(theta_m, s, c, p):
+    """Sine of the detent torque's angle, by sine and cosine of the electrical angle."""
+    if p.detent == 4:
+        return 4.0 * s * c * (c * c - s * s)
+    return sincos(p.detent * p.z * theta_m)[0]
 
 
 @code.inner(**INLINE)
@@ -294,13 +310,12 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     s, c = sincos(p.z * theta_m)
     u_A, f[IA], f[XA], _ = _winding(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
     u_B, f[IB], f[XB], _ = _winding(y[IB], y[XB], references[1], -p.K_m * omega_m * c, p)
-    sin4 = 4.0 * s * c * (c * c - s * s)  # sin(4 z theta_m)
-    T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * sin4
+    T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * detent_sine(theta_m, s, c, p)
     e0, e1, e2, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
     omega_l = G * omega_m if p.rigid else y[WL]
 
-    sign_m, sign_l = stick[0], -stick[0] if p.rigid else stick[1]
+    sign_m, sign_l = stick[0], follower(stick[0], p) if p.rigid else stick[1]
     if p.elements.shape[0] > 0:
         sign_m, sign_l = sliding_signs(stick, p)
     T_fm, _ = _friction(sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
@@ -378,8 +393,8 @@ def channels(y, references, noise, stick, p, f, q, out):
         theta_l, omega_l = e0 - theta_m * p.inv_h, G * omega_m
     twist, slip = e0 - theta_m * p.inv_h - theta_l, G * omega_m - omega_l
     kinetic = 0.5 * (p.J_m * omega_m * omega_m + p.J_L * omega_l * omega_l) + p.J_c * omega_m * omega_l
-    s, c = sincos(4.0 * p.z * theta_m)
-    elastic = 0.5 * p.K_g * twist * twist - 0.25 * p.K_d / p.z * c
+    _, c = sincos(p.detent * p.z * theta_m)
+    elastic = 0.5 * p.K_g * twist * twist - p.K_d / (p.detent * p.z) * c
     damping = p.C_g * slip * slip
     if p.g_elements > 0:
         damping = damping + gear_hysteresis(twist, stick, p) * slip
@@ -510,7 +525,7 @@ def _holds(y, modal, on_rotor, stick, p):
     """Torque that friction must supply to keep each body at rest (rotor, output) while the other does as it does, and G."""
     theta_m = y[TM]
     s, c = sincos(p.z * theta_m)
-    T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * 4.0 * s * c * (c * c - s * s)
+    T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * detent_sine(theta_m, s, c, p)
     e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     twist = e0 - theta_m * p.inv_h - y[TL]

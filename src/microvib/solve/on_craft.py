@@ -32,7 +32,7 @@ def values_of(
     if np.any(rows.position):
         assert time is not None
         rotor = Command(scenario).count(time) * scenario.driver.microstep(scenario.motor)
-        shafts[:, 0] = channels["theta_l"] + rotor / scenario.reducer.ratio
+        shafts[:, 0] = channels["theta_l"] + rotor / scenario.reducer.h
         shafts[:, 1] = channels["theta_m"] - rotor
     return craft.outputs(rows).of(channels["eta"], channels["eta_rate"], shafts)
 

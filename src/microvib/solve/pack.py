@@ -122,7 +122,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
     if math.isfinite(drive.U_max):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
         shortest *= min(1.0, math.sqrt(accuracy / 1e-3))
     levels = min(max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS)
-    current, windup = _held(scenario, scenario.motor.current)
+    current, windup = _held(scenario, scenario.motor.axis_current)
     tables = propagators.Propagators(
         longest=longest,
         accuracy=accuracy,
@@ -151,7 +151,7 @@ def _layers(drive: Any) -> np.ndarray:
     m = drive.m_inv_rate if drive.m_stribeck > 0.0 else 0.0
     output = drive.l_inv_rate if drive.l_stribeck > 0.0 else 0.0
     if drive.rigid:
-        m = max(m, output * drive.inv_h)
+        m = max(m, output * abs(drive.inv_h))
     return np.array([0.0, 0.0, m, output, 0.0, 0.0])
 
 
@@ -211,6 +211,8 @@ def _hold(scenario: Scenario, drive: Any, state: Any) -> None:
 def _held(scenario: Scenario, reference: float) -> tuple[float, float]:
     """Current [A] and integral of its error [A s] at rest under a reference [A]."""
     driver, R = scenario.driver, scenario.motor.winding_resistance
+    if driver.drive == "voltage":
+        return reference, 0.0
     if driver.integral_gain > 0.0:
         return reference, R * reference / driver.integral_gain
     return reference * driver.proportional_gain / (driver.proportional_gain + R), 0.0
@@ -240,15 +242,17 @@ def _drive(scenario: Scenario) -> Any:
         fast = min(fast, math.sqrt(L_D / driver.integral_gain))
     return kernel.Drive(
         z=float(motor.rotor_teeth),
-        current=motor.current,
+        current=motor.axis_current,
         ideal=driver.ideal,
-        K_m=motor.torque_constant,
+        K_m=motor.axis_torque_constant,
         K_d=motor.detent_torque,
+        detent=motor.detent_periods,
         R=motor.winding_resistance,
         L=L,
         K_P=driver.proportional_gain,
         K_I=driver.integral_gain,
         K_D=driver.derivative_gain,
+        K_V=motor.winding_resistance if driver.drive == "voltage" else 0.0,
         U_max=math.inf if driver.supply_voltage is None else driver.supply_voltage,
         J_m=J_m,
         J_L=J_L,
@@ -274,7 +278,7 @@ def _drive(scenario: Scenario) -> Any:
         inv_J_m=1.0 / J_m,
         inv_J_L=1.0 / J_L if J_L > 0.0 else 0.0,
         inv_J_both=1.0 / (J_L - J_c**2 / J_m) if J_L > 0.0 else 0.0,
-        inv_h=1.0 / reducer.ratio,
+        inv_h=1.0 / reducer.h,
         inv_z=1.0 / motor.rotor_teeth,
         max_step=solver.max_step / solver.refinement,
         layer=fast / 3.0 / solver.refinement,
@@ -319,12 +323,12 @@ def _scale(scenario: Scenario) -> np.ndarray:
     angle = step / scenario.reducer.ratio
     rate = angle * output_rate
     integral = (
-        motor.winding_resistance * motor.current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
+        motor.winding_resistance * motor.axis_current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
     )
     H = np.maximum(np.abs(scenario.load.H), 1e-3 * math.sqrt(array.inertia))
     sizes = np.concatenate(
         [
-            [motor.current, motor.current, integral, integral, step, step * rotor_rate, angle, rate],
+            [motor.axis_current, motor.axis_current, integral, integral, step, step * rotor_rate, angle, rate],
             np.column_stack([H * angle, H * rate]).ravel(),
         ]
     )

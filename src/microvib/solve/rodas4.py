@@ -60,6 +60,7 @@ from microvib.solve.kernel import (
     decide_friction,
     derivative,
     follow,
+    follower,
     health,
     margins,
     pass_time,
@@ -188,12 +189,12 @@ def linearise(x, p, w):
     s, c = sincos(p.z * theta_m)
     _, _, _, limited_A = _winding(y[IA], y[XA], ref_A, p.K_m * omega_m * s, p)
     _, _, _, limited_B = _winding(y[IB], y[XB], ref_B, -p.K_m * omega_m * c, p)
-    cos4 = 1.0 - 8.0 * s * s * c * c
-    stiffness = -p.z * p.K_m * (y[IB] * s + y[IA] * c) - 4.0 * p.z * p.K_d * cos4
+    _, detent = sincos(p.detent * p.z * theta_m)
+    stiffness = -p.z * p.K_m * (y[IB] * s + y[IA] * c) - p.detent * p.z * p.K_d * detent
     _, e1, e2, e3 = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     _, slope_m = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
-    omega_l, sign_l = (G * omega_m, -stick[0]) if p.rigid else (y[WL], stick[1])
+    omega_l, sign_l = (G * omega_m, follower(stick[0], p)) if p.rigid else (y[WL], stick[1])
     _, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
     if p.rigid:
         modal = p.J_L * q[6] + p.J_c * w.f0[WM] + q[2] - q[3]
@@ -327,10 +328,10 @@ def _combine(stage, weight, table, y, K, out):
 def _add_ramp(weight, clock, p, jac, f):
     """Add ``weight`` times the derivative of the right-hand side by time, that of ramping references, to ``f``."""
     if jac[7] == 0.0:
-        f[IA] += weight * p.K_P * p.inv_L_D * clock[RATE_A]
+        f[IA] += weight * (p.K_P + p.K_V) * p.inv_L_D * clock[RATE_A]
         f[XA] += weight * clock[RATE_A]
     if jac[8] == 0.0:
-        f[IB] += weight * p.K_P * p.inv_L_D * clock[RATE_B]
+        f[IB] += weight * (p.K_P + p.K_V) * p.inv_L_D * clock[RATE_B]
         f[XB] += weight * clock[RATE_B]
 
 

@@ -150,9 +150,13 @@ def relative_phase(line: Line, against: Line) -> tuple[float, float]:
     """Phase [rad] of a line against another one of its clock, as no choice of time zero changes it, and its uncertainty.
 
     With the orders j and k of both, and their least common multiple m: (m/j) phi_j - (m/k) phi_k. The full step is the order 4 of
-    the electrical period.
+    the electrical period, with three phases 6, with five 10.
     """
-    mine, its = (order * 4 if name == "full_step" else order for name, order in map(_order, (line.line, against.line)))
+    (family, mine), (other, its) = map(_order, (line.line, against.line))
+    if family != other and "full_step" in (family, other):  # one is the electrical period's
+        per_turn = (line.frequency_hz / mine, against.frequency_hz / its)
+        steps = round(max(per_turn) / min(per_turn))
+        mine, its = (order * steps if name == "full_step" else order for name, order in ((family, mine), (other, its)))
     common = math.lcm(mine, its)
     mine, its = common // mine, common // its
     value = mine * line.phase_rad - its * against.phase_rad

@@ -270,7 +270,7 @@ def _meetings(
     """Rates within a range at which driving and full-step lines meet a mode."""
     driver, motor, members = scenario.driver, scenario.motor, range(1, HARMONICS + 1)
     per_rate = microsteps * scenario.reducer.ratio * scenario.tracking.clock_ratio / driver.full_step(motor)
-    detent = 4.0 / (driver.beats * microsteps)
+    detent = motor.full_steps / (driver.beats * microsteps)
     orders = [(f"drive_{k}", float(k)) for k in members]
     if motor.detent_torque > 0.0:
         orders += [(f"full_step_{k}", k * detent) for k in members if (k * detent) % 1.0 != 0.0]

@@ -29,7 +29,7 @@ class NotPeriodic(SimulationError):
 
 def repeats_after(scenario: Scenario) -> tuple[int, int]:
     """Microsteps after which drive and command are as before, but turned; and those of the motor and its driver alone."""
-    own = scenario.driver.repeats_after
+    own = scenario.driver.repeats_after(scenario.motor)
     turn = scenario.driver.beats * scenario.driver.microsteps * scenario.motor.rotor_teeth
     orders = [e.order for e in scenario.reducer.transmission_error if e.amplitude > 0.0]
     return math.lcm(own, *(turn // math.gcd(turn, order) for order in orders)), own
@@ -62,7 +62,7 @@ class PeriodMap:
         self._rest = self.packed.state.y.copy()
         self.frequency, self.microstep_time = f_d / microsteps, 1.0 / f_d
         self.command = Command.lasting(scenario, scenario.record.settle)
-        rate = -math.copysign(f_d, scenario.rate or 0.0)  # in microsteps per second
+        rate = -math.copysign(f_d, (scenario.rate or 0.0) * scenario.reducer.h)  # in microsteps per second
         count = float(self.command.count(np.array([scenario.record.settle]))[0])
         turned = math.copysign(1.0, rate)
         before = 2 + math.ceil(f_d * (LOBES + 1) / scenario.record.sample_rate)  # the record's filter begins before it
@@ -86,14 +86,14 @@ class PeriodMap:
         scenario, p = self.scenario, self.packed.drive
         y: np.ndarray = np.zeros_like(self.packed.state.y)
         rate = float(scenario.rate or 0.0)
-        omega, commanded = -scenario.reducer.ratio * rate, float(self.angle(0))
+        omega, commanded = -scenario.reducer.h * rate, float(self.angle(0))
         on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
         y[kernel.TM] = commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
         y[kernel.TL] = -p.inv_h * y[kernel.TM] - (0.0 if p.rigid else on_output / p.K_g)
         y[kernel.MODES + 1 :: 2] = p.H * rate + scenario.load.R * omega
         if scenario.friction.breakaway_torque == 0.0:
             y[kernel.WL] = rate
-        current, integral = _turning_currents(p, scenario.motor.current, p.z * omega)
+        current, integral = _turning_currents(p, p.z * omega)
         turn = np.exp(1j * p.z * commanded)
         y[kernel.IA], y[kernel.IB] = (current * turn).real, (current * turn).imag
         y[kernel.XA], y[kernel.XB] = (integral * turn).real, (integral * turn).imag
@@ -207,9 +207,9 @@ def _sizes(scale: np.ndarray, scenario: Scenario) -> np.ndarray:
     return 1.0 / np.where(scale > 0.0, scale * tolerance, 1.0)
 
 
-def _turning_currents(p: Any, current: float, omega: float) -> tuple[complex, complex]:
+def _turning_currents(p: Any, omega: float) -> tuple[complex, complex]:
     """Current i_A + j i_B [A] and integral of its error [A s] seen from the command, turning at ``omega`` [rad/s] (Eq. 2, 3)."""
     winding = p.R + 1j * omega / p.inv_L_D
     back_emf = 1j * p.K_m * omega / p.z
-    error = (winding * current + back_emf) / (p.K_P + p.K_I / (1j * omega) + winding)
-    return current - error, error / (1j * omega) if p.K_I > 0.0 else 0.0
+    error = ((winding - p.K_V) * p.current + back_emf) / (p.K_P + p.K_I / (1j * omega) + winding)
+    return p.current - error, error / (1j * omega) if p.K_I > 0.0 else 0.0

@@ -302,7 +302,7 @@ class Problem:
         What is not fitted stays. Offsets are turned alone, too: a fit that has those in the wrong quarter may have the rest right.
         """
         now = dict(zip((key.key for key in self.keys), self.values(x), strict=True))
-        turned = [_turned(now, self.scenario.driver, quarters) for quarters in QUARTERS]
+        turned = [_turned(now, self.scenario.driver, quarters) for quarters in self._quarters]
         others = [*turned, *({name: v for name, v in one.items() if "offset" in name} for one in turned)]
         for name in (key.key for key in self.keys if key.low < 0.0 < key.high):
             others += [{name: -now[name]}]
@@ -310,6 +310,11 @@ class Problem:
             if phase != name and phase in now:
                 others += [{name: -now[name], phase: math.remainder(now[phase] + math.pi, math.tau)}]
         return _unlike(x, [self.point(now | other) for other in others])
+
+    @property
+    def _quarters(self) -> tuple[int, ...]:
+        """Quarters of the electrical turn in which two phases are alike; more phases are in none."""
+        return QUARTERS if self.scenario.motor.phases == 2 else ()
 
     def turns(self, x: np.ndarray) -> list[np.ndarray]:
         """Points whose driver, in another quarter of the electrical turn, is that of ``x``: the same torque, later.
@@ -319,7 +324,7 @@ class Problem:
         driver, now = self.scenario.driver, dict(zip((key.key for key in self.keys), self.values(x), strict=True))
         own = {name: value for name, value, _ in self.scenario.entries() if name.startswith(FRAMED)}
         every, points = own | {name: value for name, value in now.items() if name in own}, []
-        for quarters in QUARTERS if driver.table is None or driver.table.harmonics else ():
+        for quarters in self._quarters if driver.table is None or driver.table.harmonics else ():
             then = _turned(every, driver, quarters)
             if all(name in now or math.isclose(then[name], every[name], abs_tol=NEAR) for name in then):
                 wanted = now | {name: value for name, value in then.items() if name in now}

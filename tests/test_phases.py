@@ -1,0 +1,259 @@
+"""Motors of three and five phases, and drives without a current loop: against windings integrated phase by phase by SciPy."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from support.scenarios import baseline
+
+import microvib as mv
+from microvib.errors import ScenarioError
+from microvib.model.expected import expected_lines
+from microvib.model.linear import coupled_modes, linear_lines
+from microvib.model.part import plain
+from microvib.model.sentences import validated
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.pack import no_samples, pack
+from microvib.solve.steady.period import repeats_after
+from microvib.solve.steady.state import steady_state
+
+SMOOTH = {
+    "sources": {},
+    "friction.coulomb": 0.0,
+    "friction.breakaway": 0.0,
+    "friction.slip_ring": None,
+    "array.modes": [],
+    "array.rigid_inertia": None,
+    "array.inertia": 0.16,
+    "reducer.damping": 1.0,
+    "tracking.rate": math.radians(0.3),
+}
+THREE = {"motor.phases": 3, "driver.beats": 6}
+FIVE = {"motor.phases": 5, "driver.beats": 10}
+VOLTAGE = {
+    "driver.drive": "voltage",
+    "driver.proportional_gain": 0.0,
+    "driver.integral_gain": 0.0,
+    "motor.friction.viscous": 0.01,
+}
+ERRORS = {
+    "driver.imperfections": {"gain_b": 0.03, "offset_a": 0.02, "offset_b": -0.01, "quadrature": 0.03, "dac_bits": 7}
+}
+BARE = {"motor.detent_torque": 0.0, "motor.friction.viscous": 1e-4}
+CASES = {
+    "three phases": (THREE, "star"),
+    "three phases, windings apart": (THREE, "apart"),
+    "five phases": (FIVE, "star"),
+    "five phases, detent of the half step": (FIVE | {"motor.detent_order": 20}, "apart"),
+    "three phases, errors of the references": (THREE | ERRORS, "apart"),
+    "five phases, errors of the references": (FIVE | ERRORS, "star"),
+    "two phases, voltages": (VOLTAGE, "apart"),
+    "three phases, voltages": (THREE | VOLTAGE, "star"),
+    "five phases, voltages, errors, ramps": (FIVE | VOLTAGE | ERRORS | {"driver.microstep_ramp": 0.5}, "apart"),
+}
+
+
+TIMES = np.linspace(0.0, 0.04, 17)[1:]
+
+
+class Phases:
+    """A drive with a winding for each phase, their axes spread evenly over the electrical turn (of two phases, a quarter apart).
+
+    Each phase has its own loop, or its own voltage. Windings are connected in star, whose neutral floats to where the currents add up
+    to nothing, or are fed apart. Motion is that of rotor and output on the gear.
+    """
+
+    def __init__(self, scenario, connection):
+        self.s, self.star = scenario, connection == "star"
+        m = scenario.motor.phases
+        self.axes = np.array([0.0, math.pi / 2]) if m == 2 else 2 * math.pi * np.arange(m) / m
+        self.m = m
+
+    def goal(self, k):
+        """References of the phases after the microstep ``k`` [A]."""
+        driver, errors = self.s.driver, self.s.driver.imperfections
+        angle = 2 * math.pi * k / (driver.beats * driver.microsteps) - self.axes
+        angle[1] += errors.quadrature
+        x = np.cos(angle)
+        x[1] *= 1 + errors.gain_b
+        x[0] += errors.offset_a
+        x[1] += errors.offset_b
+        if errors.dac_bits:
+            x = np.rint(x * (2 ** (errors.dac_bits - 1) - 1)) / (2 ** (errors.dac_bits - 1) - 1)
+        return self.s.motor.current * x
+
+    def __call__(self, t, y):
+        s, m, motor, driver = self.s, self.m, self.s.motor, self.s.driver
+        i, x, (tm, wm, tl, wl) = y[:m], y[m : 2 * m], y[2 * m :]
+        begun, before, after, ramp = self.way
+        reference = before + (after - before) * (min((t - begun) / ramp, 1.0) if ramp else 1.0)
+        electrical = motor.rotor_teeth * tm - self.axes
+        emf = motor.torque_constant * wm * np.sin(electrical)
+        if driver.drive == "voltage":
+            u = motor.winding_resistance * reference
+        else:
+            u = driver.proportional_gain * (reference - i) + driver.integral_gain * x
+        across = u - motor.winding_resistance * i + emf
+        if self.star:
+            across = across - across.mean()
+        T_e = -motor.torque_constant * i @ np.sin(electrical)
+        T_e -= motor.detent_torque * math.sin((motor.detent_order or 2 * m) * motor.rotor_teeth * tm)
+        g = s.reducer
+        T_g = g.stiffness * (-tm / g.ratio - tl) + g.damping * (-wm / g.ratio - wl)
+        am = (T_e - motor.friction.viscous * wm + T_g / g.ratio) / s.rotor_inertia
+        al = (T_g - s.friction.viscous * wl) / s.output_inertia
+        return np.concatenate([across / motor.winding_inductance, reference - i, [wm, am, wl, al]])
+
+    def run(self, times):
+        """Rows of theta_m, omega_m, theta_l, omega_l, T_d, power of the sources and energy in the windings at ``times``."""
+        s, m = self.s, self.m
+        ratio = s.driver.beats * s.motor.rotor_teeth * s.driver.microsteps * s.reducer.ratio / (2 * math.pi)
+        per_second = -ratio * s.tracking.rate * s.tracking.clock_ratio
+        ramp = s.driver.microstep_ramp / abs(per_second)
+        y, t = np.zeros(2 * m + 4), 0.0
+        y[:m] = self.goal(0)
+        if self.star:
+            y[:m] -= y[:m].mean()
+        if s.driver.integral_gain:
+            y[m : 2 * m] = s.motor.winding_resistance * self.goal(0) / s.driver.integral_gain
+        self.way, rows, k = (0.0, self.goal(0), self.goal(0), 0.0), [], 0
+        while t < times[-1]:
+            stop = (abs(k) + 0.5) / abs(per_second)
+            breaks = [x for x in (self.way[0] + self.way[3], stop) if t + 1e-12 < x < times[-1]] + [times[-1]]
+            end = min(breaks)
+            inside = times[(times > t) & (times <= end)]
+            out = solve_ivp(self, (t, end), y, "LSODA", t_eval=np.unique([*inside, end]), rtol=1e-10, atol=1e-13)
+            rows += [self.row(when, state) for when, state in zip(out.t, out.y.T, strict=True) if when in inside]
+            y, t = out.y[:, -1], end
+            if end == stop:
+                k += int(math.copysign(1, per_second))
+                self.way = (t, self.way[2], self.goal(k), ramp)
+        return np.array(rows)
+
+    def row(self, t, y):
+        f, s, m = self(t, y), self.s, self.m
+        T_d = -s.output_inertia * f[2 * m + 3] - s.rotor_inertia * f[2 * m + 1]
+        return [*y[2 * m :], T_d, 0.5 * s.motor.winding_inductance * y[:m] @ y[:m]]
+
+
+def rows_of(scenario, times):
+    packed, command, rows = pack(scenario), Command(scenario), []
+    names = ["theta_m", "omega_m", "theta_l", "omega_l", "T_d", "E_magnetic"]
+    none = no_samples(packed.channels)
+    for stop in times:
+        assert packed.advance(stop, none, *command.microsteps(packed.state.clock[kernel.NOW], stop)) == kernel.OK
+        rows.append(packed.snapshot()[[kernel.CHANNELS.index(name) for name in names]])
+    return np.array(rows)
+
+
+@cache
+def phase_by_phase(case):
+    changes, connection = CASES[case]
+    return Phases(baseline().with_si({**SMOOTH, **changes}), connection).run(TIMES)
+
+
+@pytest.mark.parametrize("method", ["propagators", "rodas4"])
+@pytest.mark.parametrize("case", CASES)
+def test_two_axes_move_as_the_phases_do(case, method):
+    scenario = baseline().with_si({**SMOOTH, **CASES[case][0], "solver.tolerance": 1e-8, "solver.method": method})
+    expected, found = phase_by_phase(case), rows_of(scenario, TIMES)
+    if "errors" in case:
+        expected, found = (
+            expected[:, :-1],
+            found[:, :-1],
+        )  # currents off the two planes heat and store, and make no torque
+    assert np.max(np.abs(expected[:, 4])) > 1e-3
+    assert np.max(np.abs(found - expected) / np.max(np.abs(expected), axis=0)) < 2e-6
+
+
+@pytest.mark.parametrize(("changes", "steps"), [({}, 4), (THREE, 6), (FIVE, 10)], ids=["two", "three", "five"])
+def test_an_ideal_drive_repeats_after_a_full_step_and_its_lines_are_orders_of_it(changes, steps):
+    scenario = baseline().with_si(changes)
+    assert math.degrees(scenario.driver.full_step(scenario.motor)) == pytest.approx({4: 1.8, 6: 1.2, 10: 0.72}[steps])
+    assert repeats_after(scenario) == (16, 16)
+    found = {x.name: x for x in expected_lines(scenario, "300 Hz")}
+    f_e = scenario.motor.rotor_teeth * scenario.reducer.ratio * abs(scenario.rate) / (2 * math.pi)
+    assert found["electrical_1"].frequency == pytest.approx(f_e)
+    assert found["full_step_1"].frequency == pytest.approx(steps * f_e)
+    assert found["full_step_1"].origin == "full step, order 1"
+    assert found["drive_1"].frequency == pytest.approx(16 * steps * f_e)
+    assert found["drive_1_minus_1"].frequency == pytest.approx(15 * steps * f_e)
+
+
+def test_a_detent_of_the_half_step_has_its_own_order():
+    scenario = baseline().with_si(FIVE | {"motor.detent_order": 20})
+    assert repeats_after(scenario) == (8, 8)
+    found = {x.name: x.frequency for x in expected_lines(scenario, "300 Hz")}
+    assert found["drive_1"] - found["drive_1_minus_1"] == pytest.approx(2 * found["full_step_1"])
+    strong = {
+        x.line for x in mv.steady(scenario.with_si({"motor.detent_torque": 0.02})).lines if x.amplitude_n_m > 1e-5
+    }
+    assert "full_step_2" in strong
+    assert "full_step_1" not in strong
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [THREE, FIVE | ERRORS, VOLTAGE, THREE | VOLTAGE | ERRORS],
+    ids=["three", "five, errors", "voltages", "all"],
+)
+def test_the_steady_state_is_what_a_run_settles_to(changes):
+    scenario = baseline().with_si(changes | {"tracking.rate": math.radians(0.1), "record.settle": 40.0})
+    steady = {x.line: x.amplitude_n_m for x in mv.steady(scenario).lines}
+    run = {x.line: x for x in mv.lines(mv.simulate(scenario))}
+    for name in ("drive_1", "drive_2", "full_step_1"):
+        assert steady[name] == pytest.approx(run[name].amplitude_n_m, rel=0.01), name
+
+
+@pytest.mark.parametrize("rate", [0.06, 0.4])
+def test_lines_of_voltages_are_the_closed_form_of_the_linear_drive(rate):
+    scenario = baseline().with_si({**SMOOTH, **VOLTAGE, **BARE, "tracking.rate": math.radians(rate)})
+    state, f_d = steady_state(scenario), scenario.driving_frequency
+    for line in linear_lines(scenario, 3):
+        found = state.harmonics()[round(line.frequency / state.frequency)]
+        assert abs(found) == pytest.approx(abs(line.amplitude), rel=2e-3), line.order
+    assert line.frequency == pytest.approx(3 * f_d)
+    loop = linear_lines(scenario.with_si({"driver.drive": "current", "driver.proportional_gain": 500.0}), 1)[0]
+    assert abs(loop.amplitude) != pytest.approx(abs(linear_lines(scenario, 1)[0].amplitude), rel=0.1)
+
+
+def test_modes_through_a_drive_of_voltages_are_those_of_the_kernels_derivative():
+    scenario = baseline().with_si({**SMOOTH, **VOLTAGE, "motor.detent_torque": 0.0})
+    values = np.linalg.eigvals(
+        pack(scenario).propagators.A[0]
+    )  # by differences of the equations of motion, nothing stuck
+    wanted = np.sort(np.abs(values[values.imag > 1.0].imag)) / (2 * math.pi)
+    found = np.sort([mode.frequency for mode in coupled_modes(scenario)])
+    np.testing.assert_allclose(found, wanted, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"motor.phases": 4}, r"motor\.phases: 4 is not allowed; write 2, 3 or 5 \(number of phases\)"),
+        (
+            {"motor.phases": 3},
+            "beats 4 is not allowed with 3 phases; a multiple of their number is expected, such as 6",
+        ),
+        (THREE | {"motor.detent_order": 4}, r"motor\.detent_order: 4 is not allowed with 3 phases; a multiple of 6"),
+        (THREE | {"driver.supply_voltage": 28.0}, "supply_voltage 28 V limits each of the 3 phases"),
+        ({"driver.drive": "voltage"}, "drive: voltage has no current loop; set proportional_gain, integral_gain,"),
+        ({"driver.drive": "power"}, r"driver\.drive: 'power' is not allowed; write 'current' or 'voltage'"),
+        (VOLTAGE | {"driver.supply_voltage": 3.0}, "cannot drive 0.6 A through 6 ohm; it must be at least 3.6 V"),
+    ],
+)
+def test_what_does_not_go_together_is_a_sentence(changes, sentence):
+    with pytest.raises(ScenarioError, match=sentence):
+        baseline().with_si(changes)
+
+
+def test_gains_are_still_asked_for_where_there_is_a_loop():
+    data = plain(baseline())
+    del data["driver"]["integral_gain"]
+    with pytest.raises(
+        ScenarioError, match=r"driver\.integral_gain: missing \(integral gain of the current loop, in V"
+    ):
+        validated(mv.Scenario, data, si=True)
