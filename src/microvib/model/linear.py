@@ -68,7 +68,7 @@ def coordinates(reducer: Reducer, modes: int) -> np.ndarray:
     """theta_m, theta_l and ``modes`` by the coordinates of ``matrices``, (2 + s, n): the same, or without theta_l if rigid."""
     T = np.eye(2 + modes)
     if reducer.rigid:  # theta_m = -h theta_l (Eq. 19)
-        T[1, 0] = -1.0 / reducer.ratio
+        T[1, 0] = -1.0 / reducer.h
         T = np.delete(T, 1, axis=1)
     return T
 
