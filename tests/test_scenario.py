@@ -120,7 +120,7 @@ def test_scenarios_are_frozen(state_1):
         ("motor.rotor_inertia", "0.2 kg", "motor.rotor_inertia: '0.2 kg' has the wrong dimension"),
         ("motor.rotor_inertia", 0.2, "motor.rotor_inertia: 0.2 needs a unit, such as '0.2 kg*cm^2'"),
         ("motor.rotor_inertia", float("nan"), "motor.rotor_inertia: nan is not finite"),
-        ("motor.curent", "0.6 A", "motor.curent: unknown key; did you mean motor.current? allowed here are rotor_teeth, current"),
+        ("motor.curent", "0.6 A", "motor.curent: unknown key; did you mean motor.current? allowed here are rotor_teeth, phases, current"),
         ("driver.microsteps", 0, "driver.microsteps: 0 is not allowed; a whole number from 1 to 65536 is expected"),
         ("driver.microsteps", "many", "driver.microsteps: 'many' is not allowed; a whole number"),
         ("reducer.stiffness", "soft", "reducer.stiffness: 'soft'"),
