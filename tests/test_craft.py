@@ -340,6 +340,20 @@ WRONG = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("size", [1e-320, 1e-160, 1e160, 1e300])
+def test_directions_of_any_length_are_the_same(size: float) -> None:
+    plain = scenario_of(whole.FullCraft())
+    told = {"drive_axis": [0.0, size, 0.0], "reference": [size, 0.0, 0.0]}
+    scaled = plain.with_si({f"spacecraft.interface.{key}": value for key, value in told.items()})
+    scaled = scaled.with_si({"spacecraft.line_of_sight.boresight": [0.0, 0.0, size]})
+    a, b = plain.craft, scaled.craft
+    assert a is not None
+    assert b is not None
+    at = np.array([1.0, 53.3])
+    assert b.transfer(b.loads(), at) == pytest.approx(a.transfer(a.loads(), at), rel=1e-9, abs=1e-12)
+    assert b.transfer(b.line_of_sight(), at) == pytest.approx(a.transfer(a.line_of_sight(), at), rel=1e-9, abs=1e-12)
+
+
 @pytest.mark.parametrize("case", WRONG)
 def test_what_cannot_be_a_craft_is_one_sentence(case: str) -> None:
     changes, says = WRONG[case]

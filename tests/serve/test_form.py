@@ -108,6 +108,21 @@ def test_no_path_of_a_page_is_opened(client, key, path):
         assert client.post("/api/runs", json={"scenario": asked}).status_code == 422
 
 
+@pytest.mark.parametrize("path", ["/etc/passwd", "../x.csv", "hub.op2", "hub.yaml"])
+@pytest.mark.parametrize(("group", "key"), [("hub", "modes"), ("line_of_sight", "rows")])
+def test_no_path_of_a_craft_is_opened(client, group, key, path):
+    for asked in (
+        {"text": f"spacecraft: {{{group}: {{{key}: {path}}}}}"},
+        {"base": "state-1", "changes": {f"spacecraft.{group}.{key}": path}},
+        {"base": "state-1", "changes": {f"spacecraft.{group}": f"{{{key}: {path}}}"}},
+        {"base": "state-1", "changes": {"spacecraft": f"{{{group}: {{{key}: {path}}}}}"}},
+    ):
+        error = client.post("/api/scenario", json=asked).json()["errors"][0]
+        assert error["key"] == f"spacecraft.{group}.{key}"
+        assert "the page opens no files" in error["error"]
+        assert client.post("/api/runs", json={"scenario": asked}).status_code == 422
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
