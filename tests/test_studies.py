@@ -381,3 +381,63 @@ def test_evidence_is_of_the_loads_ahead_of_the_chain(recording, start):
         gain = 1.0 / np.sinc(int(name.split("_")[1]) * start.driving_frequency * raw.clock_ratio / 4096.0)
         assert after[name].value == pytest.approx(gain * before[name].value, abs=0.1 * before[name].uncertainty)
     assert "response of the measuring chain removed (boxcar)" in " ".join(told.notes)
+
+
+STATES = (
+    {"reducer.stiffness": 10_500.0, "motor.friction.viscous": 0.022},
+    {"array.inertia": 15.69, "motor.friction.viscous": 0.03},
+)
+"""Two tests of one reducer: another inertia and warmer grease, and so another friction, in the second."""
+
+
+def two_tests(start):
+    first = start.with_si({**STATES[0], "record.settle": 2.0, "record.duration": 6.0})
+    random, found = np.random.default_rng(5), []
+    for true in (first, first.with_si(STATES[1])):
+        torque = mv.simulate(true, channels=("T_d",))["T_d"]
+        x = Recording(
+            {"Mz": torque + random.normal(0, 1e-3, torque.size)}, 4096.0, {"Mz": "N*m"}, f"{true.array.inertia:g}"
+        )
+        found.append(x)
+    return found
+
+
+@pytest.mark.long
+def test_what_is_shared_has_one_value_and_the_rest_one_for_each_recording(start, tmp_path):
+    start = start.with_si({"record.settle": 2.0, "motor.friction.viscous": 0.025, "reducer.stiffness": 8000.0})
+    other = start.with_si({"array.inertia": 15.69})
+    keys, tests = ["reducer.stiffness", "motor.friction.viscous"], two_tests(start)
+    evidence = [tests[0], (tests[1], other)]
+    fit = identify(start, evidence, keys, share=["reducer.stiffness"], starts=32, finishes=1)
+    found = {e.key: e for e in fit.estimates}
+    truth = {
+        "reducer.stiffness": 10_500.0,
+        "motor.friction.viscous [8.18]": 0.022,
+        "motor.friction.viscous [15.69]": 0.03,
+    }
+    assert set(found) == set(truth)
+    for key, value in truth.items():
+        assert found[key].identifiable, found[key]
+        assert abs(found[key].estimate - value) < max(0.01 * value, 2.0 * found[key].standard_error), found[key]
+    assert [one.motor.friction.viscous for one in fit.scenarios] == [e.estimate for e in fit.estimates if e.recording]
+    assert [one.array.inertia for one in fit.scenarios] == [8.18, 15.69]
+    assert "from 15.69" in fit.scenarios[1].source_of("motor.friction.viscous")
+    assert {"scenario.yaml", "scenario-2.yaml"} <= set(write_fit(tmp_path / "two", fit, overwrite=False))
+    told = fit_json(fit)["parameters"]
+    assert [told[key]["shared"] for key in truth] == [True, False, False]
+    assert "One value in all 2 recordings: reducer.stiffness; one in each: motor" in fit_text(fit)
+    # one friction for both does not explain them
+    alike = identify(start, evidence, keys, share=keys, **FEW)
+    assert not any(e.recording for e in alike.estimates)
+    assert not alike.goodness.explained
+
+
+def test_what_is_shared_must_be_fitted_and_in_every_scenario(recording, start):
+    one = read_evidence(recording, start)
+    with pytest.raises(
+        MicrovibError, match=r"^share reducer\.damping: is not fitted; name it among the keys to fit, too"
+    ):
+        identify(start, [one, one], ["reducer.stiffness"], share=["reducer.damping"])
+    rigid = start.with_({"array.modes": []})
+    with pytest.raises(MicrovibError, match=r"^fit array\.modes\.0\.frequency: the scenario of .* does not have it"):
+        identify(start, [one, (one, rigid)], ["array.modes.0.frequency"])

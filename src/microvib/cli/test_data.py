@@ -104,6 +104,12 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 @target_options("Folder for fit, scenario and report [default: print only].")
 @recording_options
 @click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="Lines to fit to, such as '0.5:200 Hz'.")
+@click.option(
+    "--share",
+    multiple=True,
+    metavar="KEY[,KEY]",
+    help="With several recordings: a fitted key that has one value in all, where others then have one in each [default: all].",
+)
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
 @click.option("--starts", default=96, type=click.IntRange(2, 100_000), help="Points of the global search.")
 @click.option("--seed", default=1, help="Seed of the global search; the same seed gives the same result.")
@@ -125,11 +131,12 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
     prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...], starts: int, seed: int, model_error: str,
-    common_error: str, settle_error: str | None, target: Target,
+    common_error: str, settle_error: str | None, share: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
-    Several tests at once, each with its own state: FILE@KEY=VALUE@KEY=VALUE, e.g. b.uff@array.inertia='15.69 kg*m^2'.
+    Several tests at once, each with its own state: FILE@SCENARIO, FILE@KEY=VALUE@KEY=VALUE or both, e.g. b.uff@state-2 or
+    b.uff@array.inertia='15.69 kg*m^2'@record.settle='12 s'.
     """
     from microvib.io.scenario_file import parse_value
     from microvib.io.sources import open_source
@@ -145,16 +152,20 @@ def identify(
     if not late > 0.0:
         raise OptionError("settle_error", f"{settle_error} is not allowed; it must be greater than 0 s")
     prepared = preparation(prepare)
-    read, changes = [], []
+    read, owned, tests = [], [], []
     for item in evidence:
-        name, *changed = item.split("@")
-        changes.append({key: parse_value(value) for key, _, value in (change.partition("=") for change in changed)})
-        test = loaded.with_(changes[-1]) if changed else loaded
-        read.append(evidence_of(open_source(name, prepared), test, channel, name))
-    tests = list(zip(chosen(read, loaded, bands, without), changes, strict=True))
+        name, *own = item.split("@")
+        scenarios = [one for one in own if "=" not in one]
+        changes = {key: parse_value(value) for key, equals, value in (one.partition("=") for one in own) if equals}
+        test = load(scenarios[-1], settings) if scenarios else loaded
+        tests.append(test.with_(changes) if changes else test)
+        owned.append(tests[-1] if scenarios else changes)
+        read.append(evidence_of(open_source(name, prepared), tests[-1], channel, name))
+    told = list(zip(chosen(read, tests, bands, without), owned, strict=True))
+    shared = [key.strip() for keys in share for key in keys.split(",")] or None
     with progress_bar("searching") as progress:
         fit = run_identification(
-            loaded, tests, fit_keys, seed=seed, starts=starts, model_error=each, common_error=common,
+            loaded, told, fit_keys, share=shared, seed=seed, starts=starts, model_error=each, common_error=common,
             settle_error=late, progress=_best_so_far(progress),
         )  # fmt: skip
     target.deliver(fit_text(fit), write_fit, fit)

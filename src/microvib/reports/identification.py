@@ -74,7 +74,19 @@ def _warnings(fit: Fit) -> list[str]:
     if fit.interrupted:
         return [*fit.notes, "Interrupted: the best so far."]
     unfinished = "The search has not converged: a finer one still found something better."
-    return [*fit.notes, *([] if fit.converged else [unfinished])]
+    return [*fit.notes, *_shared(fit), *([] if fit.converged else [unfinished])]
+
+
+def _shared(fit: Fit) -> list[str]:
+    """Which parameters have one value in all recordings, and which one in each."""
+    if len(fit.after) == 1:
+        return []
+    all_, own = ([e.key for e in fit.estimates if bool(e.recording) == each] for each in (False, True))
+    texts = (
+        f"One value in all {len(fit.after)} recordings: {', '.join(all_) or 'none'}",
+        f"one in each: {', '.join(own)}",
+    )
+    return ["; ".join(texts[: 2 if own else 1]) + "."]
 
 
 def _prepared(fit: Fit) -> list[str]:
@@ -137,6 +149,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
                 "estimate": e.estimate, "standard_error": e.standard_error, "unit": e.unit,
                 "confidence_95": list(e.interval), "from_profile": e.profiled,
                 "low": e.low, "high": e.high, "identifiable": e.identifiable, "verdict": e.verdict,
+                "shared": not e.recording, "recording": e.recording or None,
             }
             for e in fit.estimates
         },
@@ -152,8 +165,9 @@ def fit_json(fit: Fit) -> dict[str, Any]:
 
 
 def write_fit(out: Path, fit: Fit, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """``fit.json``, ``scenario.yaml`` and the report of an identification; names of the files."""
+    """``fit.json``, ``scenario.yaml`` (one for each recording where values are its own) and the report; names of the files."""
     files = {"fit.json": to_json(fit_json(fit)), "scenario.yaml": dump_scenario(fit.scenario)}
+    files |= {f"scenario-{k}.yaml": dump_scenario(one) for k, one in enumerate(fit.scenarios[1:], 2)}
     return write_study(out, files, fit_report(fit, form), form, overwrite)
 
 
@@ -253,5 +267,6 @@ def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> T
 
 
 def _short_key(key: str) -> str:
+    key, space, recording = key.partition(" ")
     parts = key.split(".")
-    return ".".join(parts[-3 if len(parts) > 2 and parts[-2].isdigit() else -2 :])
+    return ".".join(parts[-3 if len(parts) > 2 and parts[-2].isdigit() else -2 :]) + space + recording

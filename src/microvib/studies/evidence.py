@@ -66,27 +66,31 @@ class Evidence:
 
 
 def chosen(
-    evidence: Sequence[Evidence], scenario: Scenario, bands: Sequence[Band] = (), without: Sequence[str] = ()
+    evidence: Sequence[Evidence],
+    scenario: Scenario | Sequence[Scenario],
+    bands: Sequence[Band] = (),
+    without: Sequence[str] = (),
 ) -> list[Evidence]:
     """The evidence of lines in the ``bands`` (without any: everywhere), less those named in ``without``.
 
-    Phases go with the line that they are relative to. MicrovibError for a name that no evidence has, and where
-    nothing is left.
+    ``scenario``, one or one for each, tells where lines are expected. Phases go with the line that they are relative to.
+    MicrovibError for a name that no evidence has, and where nothing is left.
     """
     seen = dict.fromkeys(o.line for one in evidence for o in one.observations)
     for name in without:
         if name not in seen:
             raise OptionError("without", f"no evidence has this line; there are {', '.join(seen)}", name)
     ends = [band(given) for given in bands]
-    at = {line.name: line.frequency for line in expected_lines(scenario, Si(math.inf))}
-
-    def wanted(line: str) -> bool:
-        return line not in without and (not ends or any(low <= at.get(line, -1.0) <= high for low, high in ends))
-
-    def told(o: Observation) -> bool:
-        return wanted(o.line) and (not o.against or wanted(o.against))
-
-    kept = [[o for o in x.observations if told(o)] for x in evidence]
+    each = [scenario] * len(evidence) if isinstance(scenario, Scenario) else scenario
+    kept = []
+    for one, its in zip(evidence, each, strict=True):
+        at = {line.name: line.frequency for line in expected_lines(its, Si(math.inf))} | {
+            "": ends[0][0] if ends else 0.0
+        }
+        wanted = {name for name, f in at.items() if not ends or any(low <= f <= high for low, high in ends)} - set(
+            without
+        )
+        kept.append([o for o in one.observations if {o.line, o.against} <= wanted])
     if not any(kept):
         raise OptionError("without" if without else "band", "leaves no line of the evidence")
     return [replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)]

@@ -18,7 +18,7 @@ from microvib.studies.identify import verdict
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
-from microvib.studies.identify.problem import FitProgress, Problem, Trust, as_tested, cost
+from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
 from microvib.studies.identify.search import Optimum, confirm, material, search
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
@@ -37,7 +37,8 @@ class Fit:
     """Relative change of each observed figure for a relative change of each parameter (d ln figure / d ln parameter)."""
     before: tuple[tuple[Evidence, Simulated], ...]
     after: tuple[tuple[Evidence, Simulated], ...]
-    scenario: Scenario
+    scenarios: tuple[Scenario, ...]
+    """With what was fitted: one, or one for each recording where some values are its own."""
     cost: float
     observations: int
     simulations: int
@@ -56,13 +57,18 @@ class Fit:
     """What was done to the evidence, in words."""
 
     @property
+    def scenario(self) -> Scenario:
+        """With what was fitted; that of the first recording, where some values are its own."""
+        return self.scenarios[0]
+
+    @property
     def usable(self) -> bool:
         """Whether the model explains the data and the search converged: the least that is required before results are adopted."""
         return self.goodness.explained and self.converged and not self.interrupted
 
 
 Tells = Evidence | Recording | Prepared | LineTable | PaperLines
-Test = Tells | tuple[Tells, dict[str, object]]
+Test = Tells | tuple[Tells, Own]
 
 
 def identify(
@@ -70,6 +76,7 @@ def identify(
     evidence: Sequence[Test],
     keys: Sequence[FitKey | str],
     *,
+    share: Sequence[str] | None = None,
     seed: int = 1,
     starts: int = 96,
     finishes: int = 3,
@@ -81,7 +88,8 @@ def identify(
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
 
     Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in a pair it comes with the changes
-    of the scenario that make its test (another state, another rate). Keys are as ``parse_fit`` takes them. ``model_error`` is
+    of the scenario that make its test (another state, another rate), or with its own scenario. Keys are as ``parse_fit`` takes
+    them. Those in ``share`` have one value in all recordings, others one in each; without it all are shared. ``model_error`` is
     the relative standard deviation that each amplitude is trusted to beyond its own uncertainty, ``common_error`` that of all
     amplitudes of a recording together, ``settle_error`` that of ``record.settle`` [s]: without it nobody knows in which quarter
     of the electrical turn a recording begins, and the driver's errors are known up to such quarters only (``Fit.alternatives``).
@@ -91,9 +99,8 @@ def identify(
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
-    fitted = [parse_fit(scenario, key) if isinstance(key, str) else key for key in keys]
     told = [_told(one, scenario) for one in evidence]
-    _check(told, fitted)
+    fitted = _each(scenario, told, keys, share)
     trust = Trust(model_error, common_error, settle_error)
     tests, notes = _without_the_start(told, scenario, fitted, trust)
     problem = Problem(scenario, tests, fitted, trust, progress)
@@ -116,29 +123,47 @@ def identify(
     return _fit(found, scenario, seed, interrupted, notes)
 
 
-def _told(test: Test, scenario: Scenario) -> tuple[Evidence, dict[str, object]]:
-    told, changes = test if isinstance(test, tuple) else (test, {})
+def _told(test: Test, scenario: Scenario) -> tuple[Evidence, Own]:
+    told, own = test if isinstance(test, tuple) else (test, {})
     if isinstance(told, Evidence):
-        return told, changes
+        return told, own
     kinds = Recording, LineTable, Prepared, PaperLines
     expect(told, kinds, "a recording, a table of lines or evidence of one (mv.open_source)")
-    return evidence_of(told, scenario.with_(changes) if changes else scenario), changes
+    return evidence_of(told, owned(scenario, own)), own
 
 
-def _check(evidence: Sequence[tuple[Evidence, dict[str, object]]], keys: Sequence[FitKey]) -> None:
-    """Refuse a key that is fitted twice, or that a test sets."""
-    names = [key.key for key in keys]
-    for name in names:
-        if names.count(name) > 1:
-            raise OptionError("fit", "is named twice; name each key once", name)
-        for one, changes in evidence:
-            if name in changes:
-                raise OptionError("fit", f"the test {one.name} sets it itself; fit it or set it", name)
+def _each(
+    scenario: Scenario,
+    evidence: Sequence[tuple[Evidence, Own]],
+    keys: Sequence[FitKey | str],
+    share: Sequence[str] | None,
+) -> list[FitKey]:
+    """The keys, those that are not shared once for each recording; refuses one that is fitted twice, or that a test sets."""
+    fitted = [parse_fit(scenario, key) if isinstance(key, str) else key for key in keys]
+    names, shared = [key.key for key in fitted], set(share if share is not None else (key.key for key in fitted))
+    for name in shared - set(names):
+        raise OptionError("share", "is not fitted; name it among the keys to fit, too", name)
+    found = []
+    for key, asked in zip(fitted, keys, strict=True):
+        if names.count(key.key) > 1:
+            raise OptionError("fit", "is named twice; name each key once", key.key)
+        for j, (one, own) in enumerate(evidence):
+            if not isinstance(own, Scenario) and key.key in own:
+                raise OptionError("fit", f"the test {one.name} sets it itself; fit it or set it", key.key)
+            if isinstance(own, Scenario) and key.key not in {name for name, _, _ in own.entries()}:
+                raise OptionError("fit", f"the scenario of {one.name} does not have it", key.key)
+            if key.key in shared or len(evidence) == 1:
+                continue
+            alone = parse_fit(owned(scenario, own), asked) if isinstance(asked, str) else key
+            again = sum(other.name == one.name for other, _ in evidence) > 1
+            found.append(replace(alone, test=j, recording=f"{one.name} {j + 1}" if again else one.name))
+        found += [key] if key.key in shared or len(evidence) == 1 else []
+    return found
 
 
 def _without_the_start(
-    evidence: Sequence[tuple[Evidence, dict[str, object]]], scenario: Scenario, keys: Sequence[FitKey], trust: Trust
-) -> tuple[list[tuple[Evidence, dict[str, object]]], tuple[str, ...]]:
+    evidence: Sequence[tuple[Evidence, Own]], scenario: Scenario, keys: Sequence[FitKey], trust: Trust
+) -> tuple[list[tuple[Evidence, Own]], tuple[str, ...]]:
     """The evidence without what depends on how long ago the start was, as far as nobody measured that.
 
     Of a mode whose decay was measured, that tells the damping; its amplitude counts where the settling time is fitted. Turns of
@@ -148,12 +173,12 @@ def _without_the_start(
     if fitted and known:
         raise OptionError("settle_error", f"{SETTLE} is fitted; fit it or state its error")
     tests, notes = [], []
-    for one, changes in evidence:
+    for one, own in evidence:
         ringing = set() if fitted else {o.line for o in one.observations if o.form == "decay"}
         kept = [o for o in one.observations if not (o.line in ringing and o.form in ("amplitude", "nearest_bin"))]
-        clock = as_tested(scenario, one, changes).driving_frequency or 0.0
+        clock = as_tested(scenario, one, own).driving_frequency or 0.0
         kept = [o if o.form != "turn" else _turn(o, scenario, clock, trust) for o in kept if known or o.form != "turn"]
-        tests.append((replace(one, observations=tuple(kept)), changes))
+        tests.append((replace(one, observations=tuple(kept)), own))
         notes += [
             f"{one.name}: the amplitude of {line} is not used, since it depends on the time since the start; its decay is"
             for line in sorted(ringing)
@@ -201,17 +226,29 @@ def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, note
     of_each = tuple(verdict.estimate(found, k) for k in range(best.x.size))
     tests = [one for one, _ in problem.tests]
     names = ", ".join(one.name for one in tests)
-    sources = dict(scenario.sources) | {e.key: source(e, names) for e in of_each}
-    before, after = problem.simulated([{}, problem.changes(best.x)])
+    before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
     fit = goodness(problem, best.r)
     return Fit(
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
-        scenario.with_si(problem.changes(best.x)).with_sources(sources), fit.chi_square, problem.figures,
+        _fitted(found, of_each, names, scenario), fit.chi_square, problem.figures,
         problem.ledger.simulations, seed, interrupted, fit, deviations(problem, best.x), found.leanings, found.converged,
-        tuple({e.key: v for e, v in zip(of_each, problem.values(o.x), strict=True)} for o in found.rivals), notes,
+        tuple(problem.named(o.x) for o in found.rivals), notes,
     )  # fmt: skip
+
+
+def _fitted(found: Findings, of_each: Sequence[Estimate], names: str, scenario: Scenario) -> tuple[Scenario, ...]:
+    """Scenarios with what was fitted: the one that all have, or one for each recording, where some values are its own."""
+    problem, said = found.problem, {e.key: source(e, e.recording or names) for e in of_each}
+    alike = all(key.test is None for key in problem.keys)
+    each = [scenario] if alike else [owned(scenario, own) for _, own in problem.evidence]
+    return tuple(
+        one.with_si(dict(problem.changes(found.best.x, j))).with_sources(
+            dict(one.sources) | {key: said[label] for key, label in problem.labels(j).items()}
+        )
+        for j, one in enumerate(each)
+    )
 
 
 def source(e: Estimate, names: str) -> str:

@@ -88,7 +88,7 @@ def goodness(problem: Problem, r: np.ndarray) -> Goodness:
 
 def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:
     """All figures beside the model's at ``x``."""
-    tables = problem.simulated([problem.changes(x)])[0]
+    tables = problem.lines(x)
     sigma, _ = problem.weighted(problem.differences(tables))
     return tuple(
         Deviation(

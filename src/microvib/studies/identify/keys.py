@@ -39,6 +39,15 @@ class FitKey:
     floor: float = 0.0
     ceiling: float = math.inf
     """Between which a range of ours may be widened at all."""
+    test: int | None = None
+    """Number of the recording whose own it is; None where all share one value."""
+    recording: str = ""
+    """That recording's name."""
+
+    @property
+    def label(self) -> str:
+        """The key, and the recording whose own it is."""
+        return f"{self.key} [{self.recording}]" if self.recording else self.key
 
     @property
     def logarithmic(self) -> bool:

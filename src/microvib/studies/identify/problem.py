@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,7 +17,6 @@ import numpy as np
 
 from microvib.analysis.lines import lines_among
 from microvib.errors import MicrovibError
-from microvib.model.driver import Driver
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
@@ -49,23 +48,24 @@ WORTH = 0.7
 PRIOR = 0.1
 """Weight of a prior near the start, per width of a range: it decides only where there is no evidence."""
 
-ERRORS = "driver.imperfections."
-"""Keys of the driver's errors."""
-PHASES = ("gain_b", "offset_a", "offset_b", "quadrature")
-"""Those that make one phase differ from the other, or a half turn from the next."""
-FRAMED = (*(ERRORS + name for name in PHASES), "driver.table.harmonics.")
-"""Keys, or how they begin, of errors that are others in another quarter of the electrical turn."""
-QUARTERS = (1, 2, 3)
-NEAR = 1e-9
-"""Difference in every coordinate below which two points are one."""
-
 FitProgress = Callable[[str, int, float, dict[str, float]], None]
 """stage, simulations so far, cost of the best, its parameters"""
 
 
-def as_tested(scenario: Scenario, evidence: Evidence, changes: dict[str, object]) -> Scenario:
-    """The scenario as a test had it: the test's own changes, its clock, and its record."""
-    test = scenario.with_(changes) if changes else scenario
+Own = dict[str, object] | Scenario
+"""What a test has of its own: changes of the scenario, or a scenario."""
+
+
+def owned(scenario: Scenario, own: Own) -> Scenario:
+    """The scenario of a test."""
+    if isinstance(own, Scenario):
+        return own
+    return scenario.with_(own) if own else scenario
+
+
+def as_tested(scenario: Scenario, evidence: Evidence, own: Own) -> Scenario:
+    """The scenario as a test had it: the test's own, its clock, and its record."""
+    test = owned(scenario, own)
     record = {"record.duration": evidence.duration, "record.sample_rate": evidence.sample_rate}
     if evidence.clock_ratio is not None:
         record["tracking.clock_ratio"] = test.tracking.clock_ratio * evidence.clock_ratio
@@ -94,35 +94,6 @@ def shortened(test: Scenario, evidence: Evidence) -> Scenario:
         return test
     short = test.with_si({"record.settle": settle, "record.duration": duration})
     return short if short.driving_frequency == test.driving_frequency else test
-
-
-def _turned(now: dict[str, float], driver: Driver, quarters: int) -> dict[str, float]:
-    """Values of the driver's errors as seen ``quarters`` of the electrical turn later, where i_B and -i_A are the phases.
-
-    After an odd number the current is that of B, larger by its gain.
-    """
-    one = {name: now.get(ERRORS + name, 0.0) for name in PHASES}
-    swapped, larger = quarters % 2 == 1, 1.0 + one["gain_b"] if quarters % 2 == 1 else 1.0
-    seen = complex(one["offset_a"], one["offset_b"]) * (-1j) ** quarters / larger
-    then = {"offset_a": seen.real, "offset_b": seen.imag}
-    then |= {"gain_b": 1.0 / larger - 1.0, "quadrature": -one["quadrature"]} if swapped else {}
-    then = {ERRORS + name: value for name, value in then.items()}
-    for k, harmonic in enumerate(driver.table.harmonics if driver.table else ()):
-        name, quarter = f"driver.table.harmonics.{k}.", quarters * harmonic.order % 4
-        if f"{name}phase" in now:
-            then[f"{name}phase"] = math.remainder(now[f"{name}phase"] + 0.5 * math.pi * quarter, math.tau)
-        elif quarter == 2:
-            then[f"{name}amplitude"] = -now.get(f"{name}amplitude", 0.0)
-    return {name: value for name, value in then.items() if name in now}
-
-
-def _unlike(x: np.ndarray, points: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Points that are neither ``x`` nor one before them."""
-    found: list[np.ndarray] = []
-    for point in points:
-        if all(np.any(np.abs(point - other) > NEAR) for other in (x, *found)):
-            found.append(point)
-    return found
 
 
 def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int, Simulated]]:
@@ -193,8 +164,7 @@ class Ledger:
             worth = problem.whole is not None, cost(r)  # whole records before short ones
             if self.best is None or worth < (self.best[0].whole is not None, self._cost):
                 self._cost, self.best = cost(r), (problem, x, r)
-            values = self.best[0].changes(self.best[1])
-            self._progress(self.stage, self.simulations, self._cost, values)  # type: ignore[arg-type]
+            self._progress(self.stage, self.simulations, self._cost, self.best[0].named(self.best[1]))
 
 
 class Problem:
@@ -203,7 +173,7 @@ class Problem:
     def __init__(
         self,
         scenario: Scenario,
-        evidence: Sequence[tuple[Evidence, dict[str, object]]],
+        evidence: Sequence[tuple[Evidence, Own]],
         keys: Sequence[FitKey],
         trust: Trust,
         progress: FitProgress | None = None,
@@ -213,12 +183,13 @@ class Problem:
         self.scenario, self.evidence, self.keys, self.trust = scenario, evidence, list(keys), trust
         # whose records this one has shortened
         self.whole = whole
-        tests = [(one, as_tested(scenario, one, changes)) for one, changes in evidence]
+        tests = [(one, as_tested(scenario, one, own)) for one, own in evidence]
         self.tests = tests if whole is None else [(one, shortened(test, one)) for one, test in tests]
         self.observed = [(k, o) for k, (one, _) in enumerate(self.tests) for o in one.observations]
         self.weights = np.array([weight(o, trust.each) for _, o in self.observed])
-        own = {name: value for name, value, _ in scenario.entries()}
-        self.start = np.array([key.coordinate(float(own[key.key])) for key in self.keys])
+        own = [{name: value for name, value, _ in one.entries()} for one in (scenario, *(test for _, test in tests))]
+        starts = (float(own[0 if key.test is None else key.test + 1][key.key]) for key in self.keys)
+        self.start = np.array([key.coordinate(start) for key, start in zip(self.keys, starts, strict=True)])
         self.spans = np.array([key.span for key in self.keys])
         self.low, self.high = np.array([key.reach for key in self.keys]).T
         self.ledger = ledger or Ledger(progress or (lambda *_: None))
@@ -278,7 +249,13 @@ class Problem:
     @property
     def taken(self) -> set[str]:
         """Keys that are fitted, or set by a test."""
-        return {key.key for key in self.keys} | {name for _, changes in self.evidence for name in changes}
+        whole, taken = {name: value for name, value, _ in self.scenario.entries()}, {key.key for key in self.keys}
+        for _, own in self.evidence:
+            if isinstance(own, Scenario):
+                taken |= {name for name, value, _ in own.entries() if name not in whole or value != whole[name]}
+            else:
+                taken |= set(own)
+        return taken
 
     def tuned(self, x: np.ndarray) -> np.ndarray:
         """``x`` with fitted clamped frequencies that bring array modes, through the drive, to where they were measured.
@@ -289,59 +266,23 @@ class Problem:
         for k, key in enumerate(self.keys):
             mode = re.fullmatch(r"array\.modes\.(\d+)\.frequency", key.key)
             line = f"array_mode_{int(mode[1]) + 1}" if mode else ""
-            measured = next(((j, o.value) for j, o in self.observed if (o.line, o.form) == (line, "frequency")), None)
+            seen = ((j, o) for j, o in self.observed if key.test in (None, j))
+            measured = next(((j, o.value) for j, o in seen if (o.line, o.form) == (line, "frequency")), None)
             if measured and key.logarithmic:
                 j, wanted = measured
-                seen = self._seen(x, j, line)
-                x[k] = np.clip(x[k] + math.log(wanted / seen), *key.range) if seen else x[k]
+                at = self._seen(x, j, line)
+                x[k] = np.clip(x[k] + math.log(wanted / at), *key.range) if at else x[k]
         return x
 
-    def images(self, x: np.ndarray) -> list[np.ndarray]:
-        """Points that may explain the evidence as well as ``x``: the driver's errors turned, and keys of either sign mirrored.
-
-        What is not fitted stays. Offsets are turned alone, too: a fit that has those in the wrong quarter may have the rest right.
-        """
-        now = dict(zip((key.key for key in self.keys), self.values(x), strict=True))
-        turned = [_turned(now, self.scenario.driver, quarters) for quarters in self._quarters]
-        others = [*turned, *({name: v for name, v in one.items() if "offset" in name} for one in turned)]
-        for name in (key.key for key in self.keys if key.low < 0.0 < key.high):
-            others += [{name: -now[name]}]
-            phase = name.replace("amplitude", "phase")
-            if phase != name and phase in now:
-                others += [{name: -now[name], phase: math.remainder(now[phase] + math.pi, math.tau)}]
-        return _unlike(x, [self.point(now | other) for other in others])
-
-    @property
-    def _quarters(self) -> tuple[int, ...]:
-        """Quarters of the electrical turn in which two phases are alike; more phases are in none."""
-        return QUARTERS if self.scenario.motor.phases == 2 else ()
-
-    def turns(self, x: np.ndarray) -> list[np.ndarray]:
-        """Points whose driver, in another quarter of the electrical turn, is that of ``x``: the same torque, later.
-
-        None where errors that are not fitted tell the quarters apart, where stated ranges do, or where ``x`` has no errors.
-        """
-        driver, now = self.scenario.driver, dict(zip((key.key for key in self.keys), self.values(x), strict=True))
-        own = {name: value for name, value, _ in self.scenario.entries() if name.startswith(FRAMED)}
-        every, points = own | {name: value for name, value in now.items() if name in own}, []
-        for quarters in self._quarters if driver.table is None or driver.table.harmonics else ():
-            then = _turned(every, driver, quarters)
-            if all(name in now or math.isclose(then[name], every[name], abs_tol=NEAR) for name in then):
-                wanted = now | {name: value for name, value in then.items() if name in now}
-                point = self.point(wanted)
-                if np.allclose(self.values(point), list(wanted.values())):
-                    points.append(point)
-        return _unlike(x, points)
-
     def point(self, values: dict[str, float]) -> np.ndarray:
-        """Coordinates of the fitted keys' values, within their reach."""
+        """Coordinates of the fitted keys' values, by label, within their reach."""
         each = zip(self.keys, self.low, self.high, strict=True)
-        return np.array([min(max(key.coordinate(values[key.key]), low), high) for key, low, high in each])
+        return np.array([min(max(key.coordinate(values[key.label]), low), high) for key, low, high in each])
 
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""
         with suppress(MicrovibError):
-            expected = expected_lines(self.tests[j][1].with_si(self.changes(x)), Si(math.inf))
+            expected = expected_lines(self.tests[j][1].with_si(self.changes(x, j)), Si(math.inf))
             return next((one.frequency for one in expected if one.name == line), None)
         return None
 
@@ -354,19 +295,33 @@ class Problem:
         """The fitted keys' values at ``x``, in their order."""
         return [key.value(float(c)) for key, c in zip(self.keys, x, strict=True)]
 
-    def changes(self, x: np.ndarray) -> dict[str, object]:
-        """The fitted keys' values at ``x``."""
-        return dict(zip((key.key for key in self.keys), self.values(x), strict=True))
+    def named(self, x: np.ndarray) -> dict[str, float]:
+        """The fitted keys' values at ``x``, by label."""
+        return dict(zip((key.label for key in self.keys), self.values(x), strict=True))
 
-    def simulated(self, changes: Sequence[dict[str, object]]) -> list[list[Simulated] | None]:
-        """Lines of every test with each of the changes; None where the model cannot have them, or loses its motion.
+    def labels(self, j: int) -> dict[str, str]:
+        """Keys that are fitted in a test, with their labels."""
+        return {key.key: key.label for key in self.keys if key.test in (None, j)}
+
+    def changes(self, x: np.ndarray, j: int) -> dict[str, float]:
+        """Values at ``x`` of the keys that are fitted in a test."""
+        named = self.named(x)
+        return {key: named[label] for key, label in self.labels(j).items()}
+
+    def lines(self, x: np.ndarray) -> list[Simulated] | None:
+        """Lines of every test at ``x``."""
+        return self.simulated([[self.changes(x, j) for j in range(len(self.tests))]])[0]
+
+    def simulated(self, changes: Sequence[Sequence[Mapping[str, object]]]) -> list[list[Simulated] | None]:
+        """Lines of every test with each of the changes to it; None where the model cannot have them, or loses its motion.
 
         Many at a time: the kernel holds no lock.
         """
         cases: list[tuple[int, Scenario, Evidence]] = []
         for k, changed in enumerate(changes):
             with suppress(MicrovibError):
-                cases += [(k, test.with_si(changed), one) for one, test in self.tests]
+                each = zip(changed, self.tests, strict=True)
+                cases += [(k, test.with_si(dict(mine)), one) for mine, (one, test) in each]
         found: list[list[Simulated]] = [[] for _ in changes]
         for chunk in self.in_threads(_lines_of, [cases[k : k + 1] for k in range(len(cases))]):
             for k, simulated in chunk:
@@ -385,7 +340,8 @@ class Problem:
         if self.ledger.stopped:
             raise KeyboardInterrupt
         found = []
-        changes = [self.changes(x) | more for x, more in zip(points, also or [{}] * len(points), strict=True)]
+        every, more = range(len(self.tests)), also or [{}] * len(points)
+        changes = [[self.changes(x, j) | own for j in every] for x, own in zip(points, more, strict=True)]
         for x, tables in zip(points, self.simulated(changes), strict=True):
             prior = PRIOR * (x - self.start) / self.spans
             r = np.concatenate([*self.weighted(self.differences(tables)), prior])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.studies.identify.goodness import goodness
+from microvib.studies.identify.images import images
 from microvib.studies.identify.keys import WIDENINGS
 from microvib.studies.identify.problem import ROBUST, Problem, cost
 
@@ -172,7 +173,7 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
     for _ in range(WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
         optima = sorted([*optima, *_round(problem, seed, starts, finishes, also)], key=lambda o: o.cost)
-        more = descend_all(problem, problem.images(optima[0].x))  # one fit rarely gets to other signs
+        more = descend_all(problem, images(problem, optima[0].x))  # one fit rarely gets to other signs
         optima = sorted([*optima, *more], key=lambda o: o.cost)
         best = optima[0]
         if goodness(problem, best.r).explained:

@@ -12,9 +12,10 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
 from microvib.studies.identify.goodness import REJECTED, Goodness, goodness
+from microvib.studies.identify.images import FRAMED, NEAR, turns
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
-from microvib.studies.identify.problem import FRAMED, NEAR, Problem
+from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
 TELLS = 5.0
@@ -37,6 +38,7 @@ class Estimate:
     """One identified parameter."""
 
     key: str
+    """Its key, with the recording whose own it is."""
     unit: str
     estimate: float
     standard_error: float
@@ -49,6 +51,8 @@ class Estimate:
     """95 % interval; nan where it is withheld, the end of the range where it is open."""
     profiled: bool = False
     """Whether the interval comes from the profile of the cost instead of its curvature."""
+    recording: str = ""
+    """The recording whose own it is; empty where all share one value."""
 
 
 @dataclass(frozen=True)
@@ -86,20 +90,22 @@ def estimate(findings: Findings, k: int) -> Estimate:
     key = findings.problem.keys[k]
     value = key.value(float(findings.best.x[k]))
     good, verdict = _verdict(findings, k)
-    turned = (abs(x[k] - findings.best.x[k]) > NEAR for x in findings.problem.turns(findings.best.x))
+    turned = (abs(x[k] - findings.best.x[k]) > NEAR for x in turns(findings.problem, findings.best.x))
     if good and any(turned):
         known = f"{SETTLE} being right within {findings.problem.trust.settle:g} s (one standard deviation)"
         verdict += f"; which phase is which, and so its sign, rests on {known}"
     if key.along:
         verdict += "; fitted as well, since no fit with the scenario's value explained the evidence"
     if findings.intervals is None:
-        return Estimate(key.key, key.unit, value, math.nan, key.low, key.high, good, verdict)
+        return Estimate(key.label, key.unit, value, math.nan, key.low, key.high, good, verdict, recording=key.recording)
     i = findings.intervals[k]
     interval = key.value(i.low), key.value(i.high)
     error = key.slope(value) * float(findings.local.spread[k])
     if i.profiled:
         error = (interval[1] - interval[0]) / (2.0 * Z)
-    return Estimate(key.key, key.unit, value, error, key.low, key.high, good, verdict, interval, i.profiled)
+    return Estimate(
+        key.label, key.unit, value, error, key.low, key.high, good, verdict, interval, i.profiled, key.recording
+    )
 
 
 def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
@@ -121,15 +127,16 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
         values, plural = " or ".join(others.values()), "s" if len(others) == 1 else ""
         text = f"not identifiable: {values} explain{plural} the data as well"
         turn = _quarter(findings.problem) if key.key.startswith(FRAMED) else 0.0
-        known = f", from another quarter of the electrical turn; {SETTLE} known to {turn / TELLS:.2g} s (settle_error) would tell"
+        part = "quarter" if findings.problem.scenario.motor.phases == 2 else "part"
+        known = f", from another {part} of the electrical turn; {SETTLE} known to {turn / TELLS:.2g} s (settle_error) would tell"
         return False, text + (known if turn else "")
     return _width(findings, k, interval, fit)
 
 
 def _quarter(problem: Problem) -> float:
-    """Time of a quarter of the electrical turn [s]; 0 where the rate changes."""
+    """Time of a period of the detent torque, a quarter of the electrical turn of two phases [s]; 0 where the rate changes."""
     driver, clock = problem.scenario.driver, problem.tests[0][1].driving_frequency
-    return 0.25 * driver.beats * driver.microsteps / clock if clock else 0.0
+    return driver.beats * driver.microsteps / (problem.scenario.motor.detent_periods * clock) if clock else 0.0
 
 
 def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tuple[bool, str]:
@@ -139,7 +146,7 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
     if interval.open_low or interval.open_high or half > Z * WIDE * abs(value):
         correlation = np.abs(np.where(np.arange(findings.best.x.size) == k, 0.0, correlations(findings.local)[k]))
         if correlation.max() > TIED:
-            return False, f"not identifiable apart from {findings.problem.keys[int(correlation.argmax())].key}"
+            return False, f"not identifiable apart from {findings.problem.keys[int(correlation.argmax())].label}"
         return False, "not identifiable: the evidence hardly changes with it"
     settle = findings.problem.scenario.record.settle
     late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE), 0.0)
@@ -160,11 +167,11 @@ def rivals(problem: Problem, best: Optimum, others: Sequence[Optimum], local: Lo
     Quarters of the electrical turn are told apart by the turn alone. What else differs from one to the next, such as the mean
     current where one phase has more than the other, is smaller than what is known of a drive.
     """
-    turns = problem.turns(best.x)
+    points = turns(problem, best.x)
     turn = np.array([o.form == "turn" for _, o in problem.observed], dtype=bool)
-    at = [r[: problem.figures][turn] for r in problem.residuals(turns)] if turns else []
+    at = [r[: problem.figures][turn] for r in problem.residuals(points)] if points else []
     rise = [float(r @ r - np.sum(best.r[: problem.figures][turn] ** 2)) for r in at]
-    found = [Optimum(x, best.r, best.cost) for x, more in zip(turns, rise, strict=True) if more < ODDS]
+    found = [Optimum(x, best.r, best.cost) for x, more in zip(points, rise, strict=True) if more < ODDS]
     for other in sorted(others, key=lambda o: o.cost):
         apart = all(np.max(np.abs(other.x - o.x) / local.spread) > 3.0 * Z for o in (best, *found))
         if apart and other.cost - best.cost < ODDS * local.scatter:
@@ -181,7 +188,7 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
     free = [name for name in fittable(problem.scenario) if name not in {*taken, SETTLE} and own[name]]
     changes = [{name: own[name] * (1.0 + NUDGE)} for name in free]
     changes = [change for change in changes if _possible(problem.scenario, change)]
-    values = [key.value(float(x)) for key, x in zip(problem.keys, best.x, strict=True)]
+    values = problem.values(best.x)
     scale = np.array([key.slope(v) / v for key, v in zip(problem.keys, values, strict=True)])
     gain = -(local.covariance / local.scatter) @ local.J.T
     nudged = problem.residuals([best.x] * len(changes), changes)
