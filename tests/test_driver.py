@@ -19,6 +19,7 @@ from microvib.solve.steady.period import repeats_after
 from microvib.solve.steady.state import steady_state
 from microvib.studies.evidence import Evidence, Observation, chosen, evidence_of
 from microvib.studies.identify import Trust, identify, parse_fit
+from microvib.studies.identify.images import images, turns
 from microvib.studies.identify.problem import Problem
 from microvib.testdata.recording import Recording
 
@@ -419,7 +420,7 @@ def test_a_search_looks_at_the_other_quarters_of_the_electrical_turn(distorted):
     told = chosen([evidence_of(recorded(truth), truth)], truth, without=["array_mode_1"])  # the start is another
     problem = Problem(truth, [(told[0], {})], keys, Trust(0.004))
     x = np.array([key.coordinate(ERRORS[key.key.rpartition(".")[2]]) for key in keys])
-    quarter, half, *_ = problem.images(x)
+    quarter, half, *_ = images(problem, x)
     assert [key.value(c) for key, c in zip(keys, half, strict=True)] == pytest.approx(
         [0.012, -0.006, 0.004, ERRORS["quadrature"]]
     )
@@ -431,16 +432,45 @@ def test_a_search_looks_at_the_other_quarters_of_the_electrical_turn(distorted):
     assert np.max(np.abs(there - here)[~turn]) < 1.0  # standard deviations; 0.54, as what rings from the start
     assert np.max(np.abs(there)[turn]) > 5.0
     assert np.max(np.abs(aside)[turn]) > 2.0
-    assert len(problem.turns(x)) == 3
+    assert len(turns(problem, x)) == 3
     alone = Problem(
         truth, [(told[0], {})], keys[1:3], Trust(0.004)
     )  # gain and quadrature are known: they tell quarters
-    (half,) = alone.turns(x[1:3])
+    (half,) = turns(alone, x[1:3])
     assert half == pytest.approx(-x[1:3])
     positive = [parse_fit(baseline(), "driver.imperfections.offset_a=0.001:0.05"), *keys[2:3]]
-    assert len(Problem(baseline(), [(told[0], {})], positive, Trust(0.004)).turns(np.log([0.006, 1.0]))) == 0
+    assert len(turns(Problem(baseline(), [(told[0], {})], positive, Trust(0.004)), np.log([0.006, 1.0]))) == 0
     problem = Problem(truth, [(told[0], {})], [parse_fit(truth, "reducer.stiffness")], Trust(0.004))
-    assert problem.images(problem.start) == problem.turns(problem.start) == []
+    assert images(problem, problem.start) == turns(problem, problem.start) == []
+
+
+@pytest.mark.parametrize(
+    ("phases", "beats", "given", "count"),
+    [
+        (2, 4, {"gain_b": 0.03, "offset_a": 0.02, "offset_b": -0.01}, 3),
+        (3, 6, {"offset_a": 0.02, "offset_b": -0.01}, 5),
+        (3, 6, {"gain_b": 0.03, "quadrature": 0.01, "offset_a": 0.02, "offset_b": -0.01}, 1),
+        (5, 10, {"offset_a": 0.02, "offset_b": -0.01}, 9),
+    ],
+)
+def test_references_of_another_part_of_the_turn_are_the_same_later(phases, beats, given, count):
+    """Against the currents themselves, microstep by microstep; gains of three phases have images half a turn away only."""
+    true = driver_scenario(**given).with_si({"motor.phases": phases, "driver.beats": beats})
+    evidence = Evidence("made", (Observation("drive_1", "amplitude", 1.0, 0.1),), None, 16.0, 4096.0)
+    keys = [parse_fit(true, f"driver.imperfections.{key}") for key in given]
+    problem = Problem(true, [(evidence, {})], keys, Trust(0.004))
+    found = turns(problem, problem.start)
+    assert len(found) == count
+    for point in found:
+        other = true.with_si(dict(problem.changes(point, 0)))
+        one, its = (electrical_turn(s.driver, 1.0, phases) @ (1.0, 1j) for s in (true, other))
+        apart = []
+        for k in range(1, true.motor.detent_periods):
+            later = np.roll(one, -k * one.size // true.motor.detent_periods)
+            later = later * np.exp(-2j * math.pi * k / true.motor.detent_periods)
+            larger = np.real(np.vdot(its, later)) / np.sum(np.abs(its) ** 2)
+            apart.append(np.max(np.abs(later - larger * its)))
+        assert min(apart) < 1e-12
 
 
 @pytest.mark.long

@@ -438,6 +438,6 @@ def test_what_is_shared_must_be_fitted_and_in_every_scenario(recording, start):
         MicrovibError, match=r"^share reducer\.damping: is not fitted; name it among the keys to fit, too"
     ):
         identify(start, [one, one], ["reducer.stiffness"], share=["reducer.damping"])
-    rigid = start.with_({"array.modes": []})
-    with pytest.raises(MicrovibError, match=r"^fit array\.modes\.0\.frequency: the scenario of .* does not have it"):
-        identify(start, [one, (one, rigid)], ["array.modes.0.frequency"])
+    rigid = start.with_({"reducer.hysteresis": {"loss": "10 arcsec", "stiffness": "1000 N*m/rad"}})
+    with pytest.raises(MicrovibError, match=r"^fit reducer\.hysteresis\.loss: the scenario of .* does not have it"):
+        identify(rigid, [one, (one, start)], ["reducer.hysteresis.loss"])

@@ -59,7 +59,7 @@ def _periods(problem: Problem) -> range:
 
 
 def _turned_in(problem: Problem, x: np.ndarray, periods: int, tests: Sequence[int]) -> tuple[dict[str, float], bool]:
-    """The driver's fitted errors in some tests as seen ``periods`` of the detent torque later, and whether these are all of its errors that change."""
+    """The driver's fitted errors in some tests as seen ``periods`` of the detent torque later, and whether no others change."""
     then: dict[str, float] = {}
     whole = True
     for j in tests:
@@ -82,10 +82,10 @@ def _turned_in(problem: Problem, x: np.ndarray, periods: int, tests: Sequence[in
 
 
 def _turned(now: dict[str, float], scenario: Scenario, periods: int) -> dict[str, float]:
-    """Values of the driver's errors as seen ``periods`` of the detent torque later; of two phases, i_B and -i_A are then the phases.
+    """Values of the driver's errors as seen ``periods`` of the detent torque later.
 
-    After an odd number the current is that of B, larger by its gain. Of more phases, errors of B alone are those of another phase
-    then, which has no keys: none, unless it is half a turn.
+    Of two phases i_B and -i_A are the phases then; after an odd number the current is that of B, larger by its gain. Of more,
+    errors of B alone are another phase's then, which has no keys: none, unless it is half a turn.
     """
     one, motor, driver = {name: now[ERRORS + name] for name in PHASES}, scenario.motor, scenario.driver
     angle, two = math.tau * periods / motor.detent_periods, motor.phases == 2
