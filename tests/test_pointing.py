@@ -146,3 +146,25 @@ def test_a_slow_line_blurs_by_its_smear_a_fast_one_by_its_amplitude() -> None:
 def test_what_cannot_be_evaluated_is_said(call: object, says: str) -> None:
     with pytest.raises(MicrovibError, match=says):
         call()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("metric", ["rpe", "smear", "jitter", "mpe", "pde"])
+def test_levels_in_a_window_against_draws(metric: p.Metric) -> None:
+    """Lines with random phases, instants anywhere in the window: means and straight lines taken off numerically."""
+    f, A, T = np.array([0.4, 1.1, 2.7]), np.array([1.0, 0.7, 0.4]), 0.6
+    rng = np.random.default_rng(8)
+    phase = 2.0 * np.pi * rng.random((20_000, 3))
+    tau = (np.arange(200) + 0.5) / 100.0 - 1.0
+    x = sum(A[k] * np.cos(2.0 * np.pi * f[k] * 0.5 * T * tau + phase[:, [k]]) for k in range(3))
+    mean = x.mean(axis=1, keepdims=True)
+    line = (x @ tau)[:, None] / (tau @ tau) * tau
+    after = sum(A[k] * np.sinc(f[k] * T) * np.cos(2.0 * np.pi * f[k] * T + phase[:, [k]]) for k in range(3))
+    found = {"rpe": x - mean, "smear": line, "jitter": x - mean - line, "mpe": mean, "pde": after - mean}[metric]
+    rows = p.in_window(metric, f, A, T)
+    assert np.mean(0.5 * np.sum(rows**2, axis=1)) == pytest.approx(
+        np.sum(p.mean_square_of_lines(metric, f, A, T)), rel=2e-3
+    )
+    for part in (0.9, 0.997):
+        assert p.level(rows, 0.0, part) == pytest.approx(np.quantile(np.abs(found), part), rel=0.01)
+    most = p.bound(p.in_window(metric, f, A, T, instants=p.EVERYWHERE), 0.0)
+    assert 0.8 * most < np.abs(found).max() <= 1.001 * most

@@ -30,7 +30,10 @@ METRICS: tuple[Metric, ...] = get_args(Metric)
 _TERMS = 14  # terms of the sum over (2 n + 1) j_n(u)^2, which is 1; at u < 1 the next is below 1e-40
 _PER_PERIOD = 16.0  # pieces in which a density is integrated, for each period that a weight goes through
 _MOST_PIECES = 20_000_000
-_GRID = 1 << 16  # bins of a distribution
+_TERMS_OF_LEVEL = 1 << 13  # of the Fourier series of a distribution
+_SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
+MIDDLES, EVERYWHERE = (np.arange(24) + 0.5) / 24.0, np.linspace(0.0, 1.0, 201)
+"""Instants in half a window."""
 
 
 def weight(metric: Metric, frequency: np.ndarray | float, window: float, apart: float | None = None) -> np.ndarray:
@@ -139,47 +142,61 @@ def radial(mean_squares: np.ndarray) -> np.ndarray:
 def level(amplitudes: Sequence[float] | np.ndarray, sigma: float, confidence: float = 0.997) -> float:
     """Angle [rad] that the sum of independent lines and Gaussian noise stays within for a part ``confidence`` of the time.
 
-    ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of the noise. The densities are
-    convolved numerically, on a grid of _GRID bins: within 1e-4 of the largest angle.
+    ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of the noise. Several rows (n, k)
+    are equal shares of the time with amplitudes of their own. The densities are convolved as products of their characteristic
+    functions, J_0(x A) and exp(-(x sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle.
     """
     if not 0.0 < confidence < 1.0:
         raise MicrovibError(f"confidence: {confidence:g} is not allowed; a part between 0 and 1 is expected")
-    lines = np.abs(np.asarray(amplitudes, dtype=float))
-    lines = np.sort(lines[lines > 0.0])
-    reach = float(lines.sum()) + 8.0 * sigma
+    lines = np.atleast_2d(np.abs(np.asarray(amplitudes, dtype=float)))
+    small = lines.max(axis=0, initial=0.0) < _SMALL * lines.max(initial=0.0)
+    sigma = math.hypot(sigma, math.sqrt(0.5 * float(np.mean(np.sum(lines[:, small] ** 2, axis=1)))))
+    lines = lines[:, ~small]
+    reach = float(lines.sum(axis=1).max(initial=0.0)) + 8.0 * sigma
     if reach == 0.0:
         return 0.0
-    if sigma == 0.0 and lines.size == 1:
-        return float(lines[0] * math.sin(0.5 * math.pi * confidence))
-    width = 2.0 * reach / (_GRID - 2)
-    edges = (np.arange(_GRID + 1) - 0.5 * _GRID) * width
-    spectrum = np.ones(_GRID // 2 + 1, dtype=complex)
-    for amplitude in lines:
-        spectrum *= np.fft.rfft(np.fft.ifftshift(np.diff(_arcsine(edges, float(amplitude)))))
-    if sigma > 0.0:
-        spectrum *= np.fft.rfft(np.fft.ifftshift(np.diff(_normal(edges, sigma))))
-    # The grid's bins are centred half a bin off zero; every convolution adds that half, which is taken out here.
-    chances = np.fft.fftshift(np.fft.irfft(spectrum, _GRID))
-    centres = (np.arange(_GRID) - 0.5 * _GRID + 0.5 * (lines.size + (sigma > 0.0))) * width
-    order = np.argsort(np.abs(centres))
-    inside = np.cumsum(chances[order])
-    return float(np.interp(confidence, inside, np.abs(centres[order])))
+    if sigma == 0.0 and lines.shape == (1, 1):
+        return float(lines[0, 0] * math.sin(0.5 * math.pi * confidence))
+    from scipy.special import j0
+
+    # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi n/L; its integral from -x to x.
+    n = np.arange(1, _TERMS_OF_LEVEL)
+    at = np.pi * n / (1.02 * reach)
+    transform = np.mean([np.prod([j0(at * one) for one in row], axis=0) for row in lines], axis=0)
+    shares = np.zeros(2 * _TERMS_OF_LEVEL)
+    shares[1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * transform * np.exp(-0.5 * (at * sigma) ** 2)
+    x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
+    inside = x - np.fft.fft(shares)[:_TERMS_OF_LEVEL].imag
+    return float(1.02 * reach * np.interp(confidence, np.maximum.accumulate(inside), x))
+
+
+def in_window(
+    metric: Metric,
+    frequency: np.ndarray,
+    amplitude: np.ndarray,
+    window: float,
+    apart: float | None = None,
+    instants: np.ndarray = MIDDLES,
+) -> np.ndarray:
+    """Amplitudes [rad] that lines (k,) have in a window, 0-to-peak over their phases, (n, k): rows for ``level`` and ``bound``.
+
+    What moves about the mean or the fitted line is not the same throughout a window: rows are ``instants`` in it, from 0 in its
+    middle to 1 at its end. MIDDLES have equal shares of the time, as ``level`` takes them; EVERYWHERE is for ``bound``.
+    """
+    A, f = np.abs(np.asarray(amplitude, dtype=float)), np.asarray(frequency, dtype=float)
+    if metric not in ("rpe", "smear", "jitter"):
+        return np.asarray(A * np.sqrt(weight(metric, f, window, apart)))[None]
+    u = np.pi * f * window
+    tau = instants[:, None]
+    slope = 3.0j * _spherical(1, u) * tau
+    about = {"smear": slope, "rpe": np.exp(1j * u * tau) - np.sinc(u / np.pi)}
+    moved = about[metric] if metric in about else about["rpe"] - slope
+    return np.asarray(A * np.abs(moved))
 
 
 def bound(amplitudes: Sequence[float] | np.ndarray, sigma: float, sigmas: float = 3.0) -> float:
     """Angle [rad] that is passed only by the noise's own excess: all lines at their crests, and ``sigmas`` sigma of noise."""
-    return float(np.sum(np.abs(amplitudes))) + sigmas * sigma
-
-
-def _arcsine(x: np.ndarray, amplitude: float) -> np.ndarray:
-    """Chance that a line is below ``x``."""
-    return np.asarray(0.5 + np.arcsin(np.clip(x / amplitude, -1.0, 1.0)) / np.pi)
-
-
-def _normal(x: np.ndarray, sigma: float) -> np.ndarray:
-    from scipy.special import ndtr
-
-    return np.asarray(ndtr(x / sigma))
+    return float(np.sum(np.abs(np.atleast_2d(amplitudes)), axis=1).max(initial=0.0)) + sigmas * sigma
 
 
 # ---- Image: modulation transfer ----
