@@ -18,7 +18,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import Line, LineTable
-from microvib.signals.pointing import METRICS, Metric, level, mean_square_of_lines, radial
+from microvib.signals.pointing import METRICS, Metric, level, mean_square_of_lines, radial, transfer_in_window
 from microvib.solve.channels import INTERFACE
 from microvib.solve.motion import Motion
 from microvib.solve.steady.state import SteadyState
@@ -38,6 +38,8 @@ class HubLines:
     """Fx Fy Fz [N], Mx My Mz [N m] on the hub at the interface point, hub axes, (k, 6); nan where a line is not estimated."""
     los: np.ndarray | None
     """Both angles of the line of sight [rad], (k, 2); None without ``line_of_sight``."""
+    unknown: tuple[str, ...] = ()
+    """Expected lines that could not be estimated in any channel."""
 
     @property
     def windows(self) -> tuple[float, ...]:
@@ -68,6 +70,35 @@ class HubLines:
                 both = float(radial(squares))
                 yield {"window_s": window, "metric": metric, "los_x_rad": x, "los_y_rad": y, "radial_rad": both}
 
+    def image(self) -> Iterator[dict[str, Any]]:
+        """For each window what the lines do to an image, in pixels and at the sensor's Nyquist frequency; needs ``pixel``.
+
+        Smear is the length of the steady motion with the same mean square, jitter the rms about it, MTF about both axes.
+        """
+        los = None if self.scenario.spacecraft is None else self.scenario.spacecraft.line_of_sight
+        if los is None or los.pixel is None:
+            return
+        for window in self.windows:
+            smear = np.sqrt(12.0 * self.mean_squares("smear", window).sum(axis=0)) / los.pixel
+            jitter = np.sqrt(self.mean_squares("jitter", window).sum(axis=0)) / los.pixel
+            for k, axis in enumerate("xy"):
+                mtf = transfer_in_window(self.frequency, self.amplitude[:, k], 0.0, window, 0.5 / los.pixel)
+                yield {
+                    "window_s": window, "axis": axis, "smear_px": float(smear[k]), "jitter_rms_px": float(jitter[k]),
+                    "mtf_at_nyquist": float(mtf),
+                }  # fmt: skip
+
+    def costs(self, most: int = 5) -> Iterator[dict[str, Any]]:
+        """For each window and metric the lines that cost most: radial rms and part of the mean square."""
+        for window in self.windows:
+            for metric in METRICS:
+                whole = float(self.mean_squares(metric, window).sum())
+                ranked = self.ranking(metric, window)[:most]
+                yield {
+                    "window_s": window, "metric": metric,
+                    "lines": [{"line": n, "radial_rad": x, "share": x**2 / whole if whole else 0.0} for n, x in ranked],
+                }  # fmt: skip
+
     def summary(self) -> dict[str, Any]:
         """What ``summary.json`` says of the line of sight."""
         order = np.argsort(self.frequency)
@@ -79,6 +110,8 @@ class HubLines:
         return {
             "notes": [] if craft is None else list(craft.notes),
             "windows": list(self.totals()),
+            "image": list(self.image()),
+            "ranking": list(self.costs()),
             "within": {"confidence": CONFIDENCE, "los_x_rad": levels[0], "los_y_rad": levels[1]},
             "cumulative": {
                 "frequency_hz": self.frequency[order].tolist(),
@@ -137,7 +170,8 @@ def hub_lines(source: Motion | SteadyState, table: LineTable, harmonics: int = 8
     free = craft.spacecraft.attitude_control is None
     keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~(free & (frequency < MEANINGLESS))
     names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
-    return HubLines(scenario, names, frequency[keep], tones[keep, :6], tones[keep, 6:] if looks else None)
+    unknown = tuple(x.name for x, lost in zip(expected, ~np.any(np.isfinite(tones), axis=1), strict=True) if lost)
+    return HubLines(scenario, names, frequency[keep], tones[keep, :6], tones[keep, 6:] if looks else None, unknown)
 
 
 def _ringing(

@@ -8,18 +8,23 @@ import math
 import os
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from microvib.analysis.limits import judge
+from microvib.analysis.lines import lines as lines_of
 from microvib.analysis.lines import lines_of_samples, steady
+from microvib.analysis.pointing import hub_lines
 from microvib.errors import MicrovibError
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
+from microvib.solve.integration import from_rest
+from microvib.solve.on_craft import ACCELERATIONS
+from microvib.solve.steady.state import find_steady
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.study_file import Study
 
@@ -31,6 +36,8 @@ _OF_LINE = {
 }  # fmt: skip
 FIGURES = tuple(_OF_LINE)
 """What is kept of every line."""
+LINE_OF_SIGHT = ("los_x", "los_y")
+"""What is kept besides where the craft has a line of sight."""
 MIN_TIME = 60.0
 """Time [s] that any case may take, in addition to what it simulates."""
 STARTING = 120.0
@@ -74,7 +81,7 @@ class Chunk:
     label: Label
     lines: tuple[str, ...]
     figures: dict[str, np.ndarray]
-    """Of every line, (cases, lines) each; nan where a case has no such line."""
+    """Of every line, (cases, lines) each; nan where a case has no such line. With LINE_OF_SIGHT where a craft has one."""
     status: np.ndarray
     """Index of the line's status in ``statuses``, (cases, lines)."""
     statuses: tuple[str, ...]
@@ -110,7 +117,7 @@ class Chunk:
         texts = {key: tuple(values) for key, values in json.loads(named.pop("texts").tobytes()).items()}
         return cls(
             label=Label(*texts.pop("label")),
-            figures={name: named[f"figure_{name}"] for name in FIGURES},
+            figures={name[7:]: values for name, values in named.items() if name.startswith("figure_")},
             status=named["status"],
             scalars={name: named[f"scalar_{name}"] for name in SCALARS},
             verdict=named["verdict"],
@@ -130,6 +137,8 @@ class _Result:
     reason: str = ""
     note: str = ""
     T_d: np.ndarray | None = None
+    los: dict[str, np.ndarray] | None = None
+    """Amplitudes of both angles of the line of sight [rad], (2,), by line."""
 
 
 DEADLY = _Result(
@@ -197,7 +206,8 @@ def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) 
             results[k] = _failed(error)
     own = [MIN_TIME + s.record.settle + s.record.duration for s in scenarios.values()]
     begin(sum(own) if work.study.time_limit is None else len(own) * work.study.time_limit)
-    torques = [None] * len(scenarios) if work.steady else _torques(list(scenarios.values()))
+    alone = work.steady or _looks(work.base)
+    torques = [None] * len(scenarios) if alone else _torques(list(scenarios.values()))
     for (k, scenario), torque in zip(scenarios.items(), torques, strict=True):
         results[k] = _solved(work, scenario, torque)
     return [results[k] for k in positions]
@@ -225,6 +235,8 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
         if torque is not None:
             table = lines_of_samples(torque.T_d, torque.sample_rate, scenario, work.study.harmonics)
             return _result(work.study, scenario, table, torque.T_d, torque.stuck_output)
+        if _looks(scenario):
+            return _with_line_of_sight(work, scenario)
         found = steady(scenario, harmonics=work.study.harmonics)
         stuck = found.state.stuck_output if found.state is not None else math.nan
         return _result(work.study, scenario, found.lines, found.source["T_d"], stuck, found.fallback)
@@ -234,6 +246,23 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
         return _Result(reason="memory is exhausted: record.duration is too long, or record.sample_rate too high")
     except Exception as error:  # one bad case of a million must not stop the others, whatever it is
         return _Result(reason=f"unexpected {type(error).__name__}: {error}")
+
+
+def _looks(scenario: Scenario) -> bool:
+    """Whether it has a line of sight."""
+    return scenario.spacecraft is not None and scenario.spacecraft.line_of_sight is not None
+
+
+def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
+    """A case of a craft, with the lines of its line of sight."""
+    harmonics = work.study.harmonics
+    state, fallback = find_steady(scenario) if work.steady else (None, "")
+    source = state or from_rest(scenario, channels=("T_d", "stuck_output", *ACCELERATIONS))
+    table = lines_of(source, harmonics=harmonics)
+    stuck = float(np.mean(source["stuck_output"])) if state is None else state.stuck_output
+    on_hub = hub_lines(source, table, harmonics)
+    los = dict(zip(on_hub.names, on_hub.amplitude, strict=True))
+    return replace(_result(work.study, scenario, table, source["T_d"], stuck, fallback), los=los)
 
 
 def _result(
@@ -261,6 +290,14 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
         status[i, here] = [number[_brief(x.status)] for x in lines]
         for name, values in figures.items():
             values[i, here] = [getattr(x, _OF_LINE[name]) for x in lines]
+    if any(r.los is not None for r in results):
+        for k, name in enumerate(LINE_OF_SIGHT):
+            figures[name] = np.full((len(results), len(names)), math.nan)
+            for i, lines in found.items():
+                given = results[i].los or {}
+                figures[name][i, [column[x.line] for x in lines]] = [
+                    given[x.line][k] if x.line in given else math.nan for x in lines
+                ]
     return Chunk(
         label=label, lines=tuple(names), figures=figures, status=status, statuses=statuses,
         scalars={name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)},

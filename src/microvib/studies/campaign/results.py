@@ -15,7 +15,7 @@ from microvib.io.hdf5 import open_hdf5
 from microvib.io.netcdf import new_netcdf
 from microvib.io.tables import package_versions
 from microvib.io.writing import write_file
-from microvib.studies.campaign.cases import FIGURES, SCALARS, VERDICTS
+from microvib.studies.campaign.cases import FIGURES, LINE_OF_SIGHT, SCALARS, VERDICTS
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.variation import keys_of
 
@@ -32,6 +32,8 @@ _KEPT = {
     "rms": ("N*m", "RMS of the disturbance torque about its mean"),
     "stuck_output": ("1", "part of the time that the shaft sticks"),
     "status": ("1", "status"),
+    "los_x": ("rad", "amplitude of the first angle of the line of sight, 0-to-peak"),
+    "los_y": ("rad", "amplitude of the second angle of the line of sight, 0-to-peak"),
 }
 """What is kept of lines and cases: unit and meaning."""
 _TEXTS = {
@@ -80,7 +82,8 @@ def _write(
         f.attrs["microvib_version"] = package_versions()["microvib"]
         _text(f, "line", "line", np.array(lines, dtype=object), "name of the line")
         _parameters(f, campaign)
-        table = {name: _variable(f, name, ("case", "line")) for name in FIGURES}
+        kept = {*FIGURES, *(name for _, chunk in campaign.results() for name in chunk.figures)}
+        table = {name: _variable(f, name, ("case", "line")) for name in (*FIGURES, *LINE_OF_SIGHT) if name in kept}
         columns = {name: _variable(f, name, ("case",)) for name in SCALARS}
         status = _variable(f, "status", ("case", "line"), np.int16, -1)
         status.attrs["flag_meanings"] = _flags(statuses) or "none"
@@ -94,8 +97,8 @@ def _write(
                 values[here] = getattr(chunk, name)
             verdict[here] = chunk.verdict
             where = [position[name] for name in chunk.lines]
-            for name in FIGURES:
-                table[name][here, :] = _spread(chunk.figures[name], where, len(lines), np.nan)
+            for name, values in chunk.figures.items():
+                table[name][here, :] = _spread(values, where, len(lines), np.nan)
             numbers = np.array([*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16)
             status[here, :] = _spread(numbers[chunk.status], where, len(lines), -1)
             for name in SCALARS:

@@ -1,0 +1,1 @@
+"""Pointing budgets: sources, how they add up, requirements and verdicts."""

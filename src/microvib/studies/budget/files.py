@@ -1,0 +1,183 @@
+"""The two files of a pointing budget: what is required, and what moves the line of sight besides the drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import Field
+
+from microvib.io.scenario_file import read_text
+from microvib.io.yaml_text import parse_yaml
+from microvib.model.part import Part
+from microvib.model.rigid import Direction, Position
+from microvib.model.sentences import validated
+from microvib.signals.pointing import Metric
+from microvib.units import Quantity
+
+AXES = ("x", "y", "radial")
+Statistic = Literal["rms", "level", "bound"]
+_Seconds = Annotated[float, Quantity("s", "length of time", gt=0, display="ms")]
+_Hertz = Annotated[float, Quantity("Hz", "frequency", ge=0)]
+_Angle = Annotated[float, Quantity("rad", "angle of the line of sight", gt=0, display="urad")]
+
+
+class CurvePoint(Part):
+    """A point of a curve of allowed amplitudes; between points it is straight on logarithmic scales."""
+
+    frequency: Annotated[float, Quantity("Hz", "frequency", gt=0)]
+    amplitude: _Angle = Field(description="largest amplitude of a line, 0-to-peak")
+
+
+class Requirement(Part):
+    """What one figure of the line of sight may be at most."""
+
+    name: str = Field(default="", max_length=200, description="its number or name in the specification")
+    metric: Metric = Field(default="ape", description="what is required: of the error itself, or in a window")
+    window: _Seconds | None = Field(default=None, description="exposure T; all metrics but ape and stability need it")
+    apart: _Seconds | None = Field(default=None, description="T_s of stability and pde; without it the window")
+    axis: Literal["x", "y", "radial"] = Field(
+        default="radial", description="axis of the line of sight, or both together"
+    )
+    statistic: Statistic = Field(
+        default="rms",
+        description="rms; level, within which the error is for a part confidence of the time; bound, all lines at their crests",
+    )
+    confidence: Annotated[float, Quantity("", "part of the time", gt=0, display="percent", le=0.999999)] = 0.997
+    percentile: Annotated[float, Quantity("", "part of the ensemble", gt=0, display="percent", le=0.9999)] | None = (
+        Field(
+            default=None,
+            description="part of a campaign's cases that must comply; without it the nominal case is judged",
+        )
+    )
+    lowest: _Hertz = Field(default=0.0, description="frequency below which nothing counts")
+    highest: _Hertz | None = Field(default=None, description="frequency above which nothing counts")
+    limit: _Angle | None = Field(default=None, description="largest value allowed")
+    curve: tuple[CurvePoint, ...] | None = Field(
+        default=None, max_length=1000, description="in place of limit, for each line: amplitudes allowed over frequency"
+    )
+
+    def _misfits(self) -> Iterator[str]:
+        if (self.limit is None) == (self.curve is None):
+            yield "limit: give either limit, an angle such as '0.2 urad', or curve, amplitudes allowed over frequency"
+        if self.highest is not None and self.highest <= self.lowest:
+            yield f"highest: {self.highest:g} Hz is not above lowest, {self.lowest:g} Hz"
+        if self.percentile is not None and self.statistic == "level":
+            yield "percentile: goes with statistic rms or bound; a level of each case of a campaign is not computed"
+        if self.curve is None:
+            return
+        steps = [point.frequency for point in self.curve]
+        if len(steps) < 2 or any(b <= a for a, b in pairwise(steps)):
+            yield "curve: two points or more with ascending frequencies are expected"
+        if self.metric != "ape" or self.percentile is not None:
+            yield "curve: is of the amplitudes of lines; metric, window and percentile do not go with it"
+
+    @property
+    def incomplete(self) -> str:
+        """The key without which it cannot be judged; empty where none is missing."""
+        if self.metric == "ape":
+            return ""
+        if self.metric == "stability":
+            return "" if self.apart or self.window else "apart"
+        return "" if self.window else "window"
+
+    @property
+    def text(self) -> str:
+        """What is required, in words."""
+        window = "" if self.window is None or self.metric == "ape" else f" {_time(self.window)}"
+        apart = f" after {_time(self.apart)}" if self.apart and self.metric in ("stability", "pde") else ""
+        axis = "" if self.curve else f", {self.axis}"
+        level = f"{100 * self.confidence:g} % {self.statistic}" if self.statistic == "level" else self.statistic
+        ensemble = "" if self.percentile is None else f", P{100 * self.percentile:g}"
+        kind = "lines" if self.curve else f"{self.metric.upper()}{window}{apart}"
+        return f"{kind}{axis}, {'amplitude over frequency' if self.curve else level}{ensemble}"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:g} s" if seconds >= 1.0 else f"{1e3 * seconds:g} ms"
+
+
+class Requirements(Part):
+    """A requirement file."""
+
+    title: str = Field(default="", max_length=500, description="what is required of what, in a few words")
+    source: str = Field(default="", max_length=2000, description="specification that it comes from")
+    requirements: tuple[Requirement, ...] = Field(min_length=1, max_length=200, description="what is required")
+
+
+_PER_SPEED = {"force": "N*s^2/rad^2", "torque": "N*m*s^2/rad^2"}
+
+
+class WheelHarmonic(Part):
+    """Disturbance of a wheel at ``order`` times its speed: coefficient times the square of the speed."""
+
+    order: Annotated[float, Quantity("", "cycles per turn", gt=0, le=100)]
+    radial_force: Annotated[float, Quantity(_PER_SPEED["force"], "rotating force across the axis", ge=0)] = 0.0
+    radial_torque: Annotated[float, Quantity(_PER_SPEED["torque"], "rotating torque across the axis", ge=0)] = 0.0
+    axial_force: Annotated[float, Quantity(_PER_SPEED["force"], "force along the axis", ge=0)] = 0.0
+    axial_torque: Annotated[float, Quantity(_PER_SPEED["torque"], "torque about the axis", ge=0)] = 0.0
+
+
+class Wheel(Part):
+    """A reaction wheel by its harmonic coefficients: rigid, without its own resonances."""
+
+    speed: Annotated[float, Quantity("rad/s", "speed", gt=0, display="rpm")]
+    speed_to: (
+        Annotated[float, Quantity("rad/s", "end of a range of speeds, the worst of which counts", gt=0, display="rpm")]
+        | None
+    ) = None
+    axis: Direction = Field(description="spin axis, hub axes")
+    harmonics: tuple[WheelHarmonic, ...] = Field(min_length=1, max_length=200, description="its disturbances")
+
+    def _misfits(self) -> Iterator[str]:
+        if not any(self.axis):
+            yield "axis: [0, 0, 0] is not a direction; three components, not all 0, are expected"
+        if self.speed_to is not None and self.speed_to <= self.speed:
+            yield f"speed_to: {self.speed_to:g} rad/s is not above speed, {self.speed:g} rad/s"
+
+
+class OtherSource(Part):
+    """What moves the line of sight besides the drives: a wheel, or lines or a density from a file."""
+
+    name: str = Field(min_length=1, max_length=100, description="what it is")
+    wheel: Wheel | None = None
+    lines: str | None = Field(
+        default=None, max_length=1000, description="CSV file of lines of loads, or of the line of sight"
+    )
+    density: str | None = Field(
+        default=None, max_length=1000, description="CSV file of one-sided densities of the same"
+    )
+    point: str | None = Field(default=None, max_length=60, description="where loads act: a named point of the hub")
+    position: Position | None = Field(
+        default=None, description="where loads act on a rigid hub, from its centre of mass, hub axes"
+    )
+    clock: str = Field(
+        default="",
+        max_length=60,
+        description="sources of one clock: lines of one frequency are added with their phases",
+    )
+
+    def _misfits(self) -> Iterator[str]:
+        if sum(x is not None for x in (self.wheel, self.lines, self.density)) != 1:
+            yield "wheel: give one of wheel, lines and density"
+        if self.point is not None and self.position is not None:
+            yield "position: is an alternative of point; give one of them"
+        if self.wheel is not None and self.point is None and self.position is None:
+            yield "position: missing; a wheel needs its place on the hub, position or point"
+
+
+class Sources(Part):
+    """A file of sources."""
+
+    sources: tuple[OtherSource, ...] = Field(min_length=1, max_length=200, description="sources besides the drives")
+
+
+Kind = TypeVar("Kind", Requirements, Sources)
+
+
+def read_file(path: Path, kind: type[Kind]) -> Kind:
+    """A requirement file or a file of sources; ScenarioError with one sentence per problem."""
+    what = "requirement" if kind is Requirements else "source"
+    return validated(kind, parse_yaml(read_text(path, what, ()), str(path)), origin=str(path))
