@@ -65,6 +65,7 @@ DONE = {
         "sources={reducer.stiffness: assumed; range 4 kN*m/rad to 6 kN*m/rad}",
     ],
     "schema": ["schema"],
+    "budget": ["budget", "craft.yaml", *SHORT],
     "docs": ["docs", "--path"],
 }
 """A command line of each command, in the folder of ``worked``."""
@@ -91,6 +92,7 @@ REFUSED = {
     "show": (["show", "state-1", "--set", "a=b"], "a: "),
     "new": (["new", "study.yaml"], "already exists"),
     "sensitivity": (["sensitivity", "state-1"], "none notes a range"),
+    "budget": (["budget", "state-1"], "spacecraft: missing"),
 }
 """A command line that is refused, and words of the sentence that says why."""
 MISUSED = {

@@ -30,6 +30,7 @@ _HOME = {
     "SynchronismLost": "errors",
     "accuracy": "analysis.accuracy",
     "batch": "solve.batch:simulate_torques",
+    "budget": "studies.budget.study:pointing_budget",
     "catalog_names": "io.scenario_file",
     "compare": "studies.compare",
     "coupled_modes": "model.linear",
@@ -87,6 +88,7 @@ if TYPE_CHECKING:
     from microvib.solve.batch import simulate_torques as batch
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate
+    from microvib.studies.budget.study import pointing_budget as budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
     from microvib.studies.rates import plan_rates as rates
@@ -112,6 +114,7 @@ __all__ = [
     "__version__",
     "accuracy",
     "batch",
+    "budget",
     "catalog_names",
     "compare",
     "coupled_modes",

@@ -34,6 +34,7 @@ _FILES = {
 sampling: {method: random, count: 4000}
 """,
     "bench.yaml": catalog_text("benches/force-table").replace("duration: 16 s", "duration: 4 s"),
+    "craft.yaml": (Path(__file__).parents[2] / "examples" / "spacecraft.yaml").read_text(encoding="utf-8"),
     "modes.csv": "frequency_hz,damping,effective_inertia_kg_m2,inertia_kg_m2\n1.19,0.01,8,9\n",
 }
 _BEFORE = (

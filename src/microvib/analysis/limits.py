@@ -166,7 +166,7 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     margins.sort(key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
     gaps = [m.why for m in margins if m.verdict == "not judged"]
-    gaps += [f"{x.line} ({x.status})" for x in unknown if not (_has_calmed(x, scenario) or _is_small(x, limit))]
+    gaps += [f"{x.line} ({x.status})" for x in unknown if not (has_calmed(x, scenario) or _is_small(x, limit))]
     gaps += _left(table, limit)
     if scenario is not None and scenario.rate is None:
         gaps.append("lines of the step clock, since the rate changes within the record (a record at one rate)")
@@ -292,7 +292,7 @@ def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | Non
     return max(near) + 0.5 * f_d if near else None
 
 
-def _has_calmed(line: Line, scenario: Scenario | None) -> bool:
+def has_calmed(line: Line, scenario: Scenario | None) -> bool:
     """Whether an array mode's ringing has died away by its damping, whatever it was, so that it need not be told from others."""
     if scenario is None or line.kind != "array mode":
         return False

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 try:
-    from microvib.cli import campaign, docs, new, rates, scenarios, sensitivity, serve, structures, test_data
+    from microvib.cli import budget, campaign, docs, new, rates, scenarios, sensitivity, serve, structures, test_data
     from microvib.cli.streams import status_of
 except KeyboardInterrupt:  # before anything began there is nothing to say
     sys.exit(130)
@@ -64,6 +64,6 @@ def main() -> None:
 for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
     test_data.validate, rates.rates, campaign.campaign, structures.modes, structures.sas, serve.serve, scenarios.scenarios,
-    scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity,
+    scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
 ):  # fmt: skip
     main.add_command(_command)

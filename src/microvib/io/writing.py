@@ -175,6 +175,7 @@ STUDY_FILES = (
     "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
     "sas.csv", "sas.json", "simulator.yaml", "drawing.png", "report.pdf",
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
+    "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
     "tornado.png", "sobol.png", "scatter.png", "levels.png",
 )  # fmt: skip
 """Further files of the folders of studies."""

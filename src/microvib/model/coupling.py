@@ -113,8 +113,8 @@ class Receiver:
 
     root: np.ndarray
     """Motion of the interface point by the coordinates, (6, n)."""
-    stirred: np.ndarray
-    """M^-1 root', (n, 6)."""
+    M: np.ndarray
+    """(n, n)."""
     squares: np.ndarray
     """[rad^2/s^2], (n,): zero for free motions, those of the attitude control and of the hub's modes."""
     damping: np.ndarray
@@ -124,10 +124,14 @@ class Receiver:
     lowest: float
     """Frequency [Hz] below which its motion means nothing."""
 
-    def moved(self, frequency: np.ndarray) -> np.ndarray:
-        """Coordinates by loads at the interface at each frequency (m,) [Hz], (m, n, 6)."""
+    def moved(self, frequency: np.ndarray, place: np.ndarray | None = None) -> np.ndarray:
+        """Coordinates by loads at the interface at each frequency (m,) [Hz], (m, n, 6).
+
+        ``place`` is another place where they act: its motion by the coordinates, (6, n).
+        """
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None]
-        return np.asarray(self.stirred / (self.squares - omega**2 + 1j * omega * self.damping)[:, :, None])
+        stirred = np.linalg.solve(self.M, (self.root if place is None else place).T)
+        return np.asarray(stirred / (self.squares - omega**2 + 1j * omega * self.damping)[:, :, None])
 
     def accelerance(self, frequency: np.ndarray) -> np.ndarray:
         """Acceleration of the interface point by loads there, (m, 6, 6); its inverse is the apparent mass."""
@@ -152,7 +156,7 @@ def receiver_of(scenario: Scenario) -> Receiver:
     # Attitude control is in proportion to the hub's inertia and a mode has its own, so that K = M squares, C = M damping.
     squares, damping = (np.diag(np.linalg.solve(M, X)) for X in (K, C))
     los = None if craft.spacecraft.line_of_sight is None else craft.line_of_sight().position[:, :n]
-    return Receiver(root, np.linalg.solve(M, root.T), squares, damping, los, MEANINGLESS if control is None else 0.0)
+    return Receiver(root, M, squares, damping, los, MEANINGLESS if control is None else 0.0)
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,21 @@ def _coupled(f: np.ndarray, blocked: np.ndarray, mass: np.ndarray, Y: np.ndarray
     a = np.linalg.solve(np.eye(6) + Y @ mass, Y @ free)
     loads = free - mass @ a
     return Coupled(f, a[:, :, 0], loads[:, :, 0], None if los is None else (los @ loads)[:, :, 0])
+
+
+def transfer_from(scenario: Scenario, frequency: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Line of sight by loads at a place of the hub with its drive and array on it, at each frequency (m,) [Hz], (m, 2, 6).
+
+    ``place`` is its motion by the hub's coordinates, (6, n).
+    """
+    f, hub = np.asarray(frequency, dtype=float), receiver_of(scenario)
+    omega, mass, free = 2.0 * np.pi * f[:, None, None], source_of(scenario).apparent_mass(f), hub.moved(f, place)
+    a = np.linalg.solve(np.eye(6) + hub.accelerance(f) @ mass, -(omega**2) * (hub.root @ free))
+    seen = hub.transfer(f)
+    assert seen is not None
+    found = np.asarray(hub.los @ free - seen @ (mass @ a))
+    found[f < hub.lowest] = np.nan
+    return found
 
 
 def short_way(scenario: Scenario, frequency: np.ndarray, blocked: np.ndarray) -> Coupled:

@@ -104,7 +104,11 @@ class Requirements(Part):
 
     title: str = Field(default="", max_length=500, description="what is required of what, in a few words")
     source: str = Field(default="", max_length=2000, description="specification that it comes from")
-    requirements: tuple[Requirement, ...] = Field(min_length=1, max_length=200, description="what is required")
+    requirements: tuple[Requirement, ...] = Field(max_length=200, description="what is required")
+
+    def _misfits(self) -> Iterator[str]:
+        if not self.requirements:
+            yield "requirements: an empty list requires nothing; give at least one"
 
 
 _PER_SPEED = {"force": "N*s^2/rad^2", "torque": "N*m*s^2/rad^2"}
@@ -129,9 +133,11 @@ class Wheel(Part):
         | None
     ) = None
     axis: Direction = Field(description="spin axis, hub axes")
-    harmonics: tuple[WheelHarmonic, ...] = Field(min_length=1, max_length=200, description="its disturbances")
+    harmonics: tuple[WheelHarmonic, ...] = Field(max_length=200, description="its disturbances")
 
     def _misfits(self) -> Iterator[str]:
+        if not self.harmonics:
+            yield "harmonics: an empty list makes no disturbance; give at least one"
         if not any(self.axis):
             yield "axis: [0, 0, 0] is not a direction; three components, not all 0, are expected"
         if self.speed_to is not None and self.speed_to <= self.speed:
@@ -171,7 +177,14 @@ class OtherSource(Part):
 class Sources(Part):
     """A file of sources."""
 
-    sources: tuple[OtherSource, ...] = Field(min_length=1, max_length=200, description="sources besides the drives")
+    sources: tuple[OtherSource, ...] = Field(max_length=200, description="sources besides the drives")
+
+    def _misfits(self) -> Iterator[str]:
+        names = [one.name for one in self.sources]
+        if not names:
+            yield "sources: an empty list says nothing; give at least one, or leave the file out"
+        for name in (name for name in names if names.count(name) > 1):
+            yield f"sources: '{name}' is there twice; each source needs a name of its own"
 
 
 Kind = TypeVar("Kind", Requirements, Sources)

@@ -1,0 +1,56 @@
+"""The pointing budget of a craft."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from microvib.cli.common import PATH, Target, load, preparation, set_option, target_options
+from microvib.cli.progress import progress_bar
+from microvib.errors import OptionError
+
+
+@click.command()
+@click.argument("scenarios", metavar="SCENARIO...", nargs=-1, required=True)
+@click.option(
+    "--requirement", type=PATH, metavar="FILE", help="What is required: limits per window, curves over frequency."
+)
+@click.option(
+    "--sources", type=PATH, metavar="FILE", help="Wheels, lines and densities that move the line of sight besides."
+)
+@click.option(
+    "--campaign", type=PATH, metavar="FOLDER", help="Merged campaign of SCENARIO: median, P95, P99 over its cases."
+)
+@click.option("--recording", metavar="FILE", help="Loads of the drive on a force table, in place of its run.")
+@click.option("--prepare", type=PATH, metavar="FILE", help="How to prepare the recording.")
+@click.option("--sum", "rule", default="rss", metavar="RULE", help="Lines of one frequency: rss, coherent or bound.")
+@click.option("--one-clock", is_flag=True, help="Several drives step together: their lines keep their phases.")
+@click.option(
+    "--short-way", is_flag=True, help="Blocked loads and apparent masses beside the coupled run, with the error."
+)
+@click.option("--steady", is_flag=True, help="Start in the steady state (record.start=steady), without settling.")
+@click.option("--harmonics", default=8, type=click.IntRange(1, 200), help="Members of each family of lines.")
+@set_option
+@target_options("Folder for tables, JSON and report [default: print only].")
+def budget(
+    scenarios: tuple[str, ...], requirement: Path | None, sources: Path | None, campaign: Path | None, recording: str | None,
+    prepare: Path | None, rule: str, one_clock: bool, short_way: bool, steady: bool, harmonics: int,
+    settings: tuple[str, ...], target: Target,
+) -> None:  # fmt: skip
+    """Line of sight of a craft against requirements: SCENARIO is its drive; further ones are drives on the same craft."""
+    from microvib.io.recordings import read_prepared
+    from microvib.reports.budget import budget_text, write_budget
+    from microvib.studies.budget.study import pointing_budget
+
+    if recording is None and prepare is not None:
+        raise OptionError("prepare", "says how a recording is prepared; name one", remedy="recording")
+    measured = None if recording is None else read_prepared(Path(recording), preparation(prepare)).recording
+    loaded = [load(name, settings) for name in scenarios]
+    with progress_bar(finishing="lines and report (compiles on first use)") as progress:
+        found = pointing_budget(
+            loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, rule=rule,  # type: ignore[arg-type]
+            one_clock=one_clock, short_way=short_way, steady=steady, harmonics=harmonics,
+            names=[Path(name).stem for name in scenarios], progress=progress,
+        )  # fmt: skip
+    target.deliver(budget_text(found), write_budget, found)

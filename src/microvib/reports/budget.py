@@ -1,0 +1,339 @@
+"""A pointing budget as text, tables, pictures and a report whose first page has the decision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.analysis.limits import Verdict
+from microvib.io.tables import rows_csv, to_json
+from microvib.reports import sheets
+from microvib.reports.blocks import drawn, study
+from microvib.reports.document import Document, Fact, Form, Mark, Section, Status, Table, Text, table
+from microvib.reports.numbers import brief, count, text_table
+from microvib.reports.rendering import write_study
+from microvib.signals.pointing import Metric, mean_square_of_density, mean_square_of_lines
+from microvib.studies.budget.study import Budget, summary
+from microvib.studies.budget.sums import Judged, merged
+from microvib.studies.campaign.statistics import NONE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RANKED = 8
+"""Lines that a ranking shows."""
+_RULES = {
+    "rss": "as mean squares, the mean over phases that are not known",
+    "coherent": "with their phases",
+    "bound": "with the worst phases",
+}
+_WORDS: dict[Verdict, str] = {"fail": "FAIL", "not judged": "not judged", "pass": "pass"}
+
+
+def angle(value: float, digits: int = 4) -> str:
+    """An angle [rad] with a unit that suits its size; empty if there is none."""
+    if not math.isfinite(value):
+        return ""
+    unit, size = next(
+        ((u, s) for u, s in (("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9)) if abs(value) >= s), ("nrad", 1e-9)
+    )
+    return f"{brief(value / size, digits)} {unit}"
+
+
+def _margin(one: Judged) -> str:
+    return f"{20.0 * math.log10(one.margin):+.1f}" if 0.0 < one.margin < math.inf else ""
+
+
+def _up_to(one: Judged) -> str:
+    return "not bounded" if math.isinf(one.most) else angle(one.most)
+
+
+def budget_text(budget: Budget) -> str:
+    """Requirements with verdicts, sources, ranked lines, as text."""
+    parts = [f"{budget.scenario.title or 'Pointing budget'}: {_decision(budget)}"]
+    if budget.judged:
+        head = ("requirement", "limit", "value", "at most", "margin dB", "median", "P95", "P99", "verdict")
+        parts.append(text_table(head, [[*_cells(one), _WORDS[one.verdict]] for one in budget.judged]))
+        parts += [f"{_name(one)}, not judged: {'; '.join(one.why)}." for one in budget.judged if one.why]
+    rows = [(w.metric, f"{w.window:g}", *(f"{x[2]:.4g}" for x in (w.lines, w.noise, w.both))) for w in budget.windows]
+    parts.append(
+        "Radial rms of all sources:\n" + text_table(("metric", "window s", "lines rad", "noise rad", "both rad"), rows)
+    )
+    for one in budget.judged[:1] if budget.judged else ():
+        parts.append(
+            f"What {_name(one)} costs:\n" + text_table(("source", "line", "Hz", "rms rad", "share %"), _ranked(one))
+        )
+    if budget.short_way:
+        parts.append(short_way_text(budget))
+    return "\n\n".join(parts)
+
+
+def short_way_text(budget: Budget) -> str:
+    """The short way against the coupled run, line by line."""
+    head = ("line", "Hz", "short rad", "coupled rad", "line of sight %", "moments %")
+    return "The short way against the coupled run:\n" + text_table(head, _short_rows(budget))
+
+
+def _short_rows(budget: Budget) -> list[list[str]]:
+    return [
+        [
+            d.line,
+            f"{d.frequency:.5g}",
+            f"{d.los[0]:.4g}",
+            f"{d.los[1]:.4g}",
+            f"{100 * d.los_error:.3g}",
+            f"{100 * d.load_error:.3g}",
+        ]
+        for d in budget.short_way[:20]
+    ]
+
+
+def _name(one: Judged) -> str:
+    return one.requirement.name or one.requirement.text
+
+
+def _cells(one: Judged) -> list[str]:
+    spread = ["", "", ""] if one.spread is None else [angle(e.value) for e in one.spread]
+    r = one.requirement
+    return [
+        f"{r.name}: {r.text}" if r.name else r.text,
+        angle(one.limit),
+        angle(one.value),
+        _up_to(one),
+        _margin(one),
+        *spread,
+    ]
+
+
+def _ranked(one: Judged) -> list[list[str]]:
+    return [
+        [c.source, c.line, brief(c.frequency), f"{c.rms:.4g}", f"{100 * c.share:.3g}"] for c in one.ranking[:RANKED]
+    ]
+
+
+def _decision(budget: Budget) -> str:
+    return f"{_WORDS[budget.verdict]} ({_counted(budget)})" if budget.judged else _counted(budget)
+
+
+def _counted(budget: Budget) -> str:
+    if not budget.judged:
+        return "nothing is required, so that nothing is judged"
+    verdicts: dict[Verdict, int] = {v: sum(one.verdict == v for one in budget.judged) for v in _WORDS}
+    said = ", ".join(f"{n} {v}" for v, n in verdicts.items() if n)
+    return f"{said}, of {count(len(budget.judged), 'requirement')}"
+
+
+_BUDGET_CSV = (
+    "name requirement limit_rad value_rad least_rad most_rad lines_rad noise_rad median_rad p95_rad p99_rad verdict why"
+)
+
+
+def write_budget(out: Path, budget: Budget, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """Tables, JSON, picture and report of a budget into a folder; names of its files."""
+    picture = draw_budget(budget)
+    judged = [
+        (one.requirement.name, one.requirement.text, one.limit, one.value, one.least, one.most, one.lines, one.noise,
+         *(e.value for e in one.spread or (NONE,) * 3), one.verdict, "; ".join(one.why))
+        for one in budget.judged
+    ]  # fmt: skip
+    costs = [
+        (x.requirement.name, x.requirement.text, c.source, c.rms, c.share) for x in budget.judged for c in x.sources
+    ]
+    lines = [
+        (c.source, c.names[k], float(c.frequency[k]), *np.abs(c.los[k]).tolist(), *np.angle(c.los[k]).tolist(), bool(c.settled[k]))
+        for c in budget.contributions for k in range(len(c.names))
+    ]  # fmt: skip
+    tables: dict[str, tuple[str, Sequence[Sequence[Any]]]] = {
+        "budget": (_BUDGET_CSV, judged),
+        "sources": ("name requirement source rms_rad share", costs),
+        "lines": ("source line frequency_hz los_x_rad los_y_rad los_x_phase_rad los_y_phase_rad settled", lines),
+    }
+    files: dict[str, Any] = {f"{name}.csv": rows_csv(head.split(), rows) for name, (head, rows) in tables.items()}
+    files |= {"budget.json": to_json(summary(budget)), "budget.png": sheets.png(picture)}
+    return write_study(out, files, budget_report(budget, picture, form), form, overwrite)
+
+
+def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> Document:
+    """The report of a budget: decision, requirements and sources on the first page."""
+    notes = [Text(f"{_name(one)} is not judged: {'; '.join(one.why)}.", note=True) for one in budget.judged if one.why]
+    caption = (
+        "Left, lines by source, radial, 0-to-peak, and curves that limit them. Right, radial rms of all sources over the length"
+        " of the window; dots are limits on it."
+    )
+    required = budget.requirements
+    source = f" Required by: {required.source}." if required and required.source else ""
+    how = Text(f"Lines of one frequency in several sources add {_RULES[budget.rule]}.{source}", note=True)
+    sections = (
+        [Section("What costs most", tuple(_costs(one) for one in budget.judged if one.ranking))]
+        if budget.judged
+        else []
+    )
+    sections.append(Section("Windows", (_windows(budget),)))
+    sections.append(
+        Section("Cumulative rms", (drawn(draw_cumulative(budget), "Cumulative rms of the line of sight", _CUMULATIVE),))
+    )
+    sections.append(Section("Sources", (_sources(budget),)))
+    if budget.short_way:
+        head = ["line", "frequency [Hz]", "short way [rad]", "coupled [rad]", "line of sight [%]", "moments [%]"]
+        told = Text(
+            "Blocked loads and apparent masses against the coupled run: differences of complex amplitudes, part of the latter."
+        )
+        sections.append(Section("The short way", (told, table(head, _short_rows(budget)))))
+    return study(
+        "Pointing budget",
+        f"Pointing budget: {(required.title if required else '') or budget.scenario.title or 'craft'}",
+        _decision(budget),
+        facts=_facts(budget),
+        first_page=(
+            _requirements(budget),
+            *notes,
+            how,
+            drawn(picture, "Lines by source, and rms over windows", caption),
+        ),
+        sections=sections,
+        form=form,
+        scenario=budget.scenario,
+        parts={} if required is None else {"requirements": required},
+    )
+
+
+_CUMULATIVE = (
+    "Root of the sum of mean squares of lines and densities, from the lowest frequency up and from the highest down."
+)
+
+
+def _facts(budget: Budget) -> list[Fact]:
+    status: Status = "pass" if budget.verdict == "pass" else "fail"
+    word = _WORDS[budget.verdict]
+    facts = [Fact(word[0].upper() + word[1:], _counted(budget), status)]
+    known = [one for one in budget.judged if math.isfinite(one.margin) and one.value > 0.0]
+    if known:
+        worst = min(known, key=lambda one: one.margin)
+        facts.append(Fact(f"{_margin(worst)} dB", f"smallest margin: {_name(worst)}"))
+        if worst.ranking:
+            top = worst.ranking[0]
+            facts.append(
+                Fact(f"{100 * top.share:.3g} %", f"of it from {top.line} of {top.source}, {brief(top.frequency)} Hz")
+            )
+    return facts
+
+
+def _requirements(budget: Budget) -> Table:
+    marks: dict[int, Mark] = {
+        k: "pass" if one.verdict == "pass" else "fail" if one.verdict == "fail" else "off"
+        for k, one in enumerate(budget.judged)
+    }
+    if not budget.judged:
+        return table(["requirement"], [["none was given"]])
+    spread = any(one.spread for one in budget.judged)
+    head = [
+        "requirement",
+        "limit [1]",
+        "value [1]",
+        "at most [1]",
+        "margin [dB]",
+        *(["median [1]", "P95 [1]", "P99 [1]"] if spread else []),
+    ]
+    rows = [[*_cells(one)[: len(head)], _WORDS[one.verdict]] for one in budget.judged]
+    caption = "At most: with the worst phases, what still rings, and what was not looked at." + (
+        " Percentiles over a campaign." if spread else ""
+    )
+    return table([*head, "verdict"], rows, caption, marks)
+
+
+def _costs(one: Judged) -> Table:
+    head = ["source", "line", "frequency [Hz]", "rms [rad]", "share [%]"]
+    return table(head, _ranked(one), f"{_name(one)}: {one.requirement.text}.")
+
+
+def _windows(budget: Budget) -> Table:
+    head = ["metric", "window [s]", "x [rad]", "y [rad]", "radial [rad]", "lines, radial [rad]", "noise, radial [rad]"]
+    rows = [
+        [w.metric, f"{w.window:g}", *(f"{x:.4g}" for x in w.both), f"{w.lines[2]:.4g}", f"{w.noise[2]:.4g}"]
+        for w in budget.windows
+    ]
+    return table(head, rows, "Rms of all sources.")
+
+
+def _sources(budget: Budget) -> Table:
+    rows = [
+        [c.source, c.how, str(len(c.names)), "; ".join(gap.why for gap in c.gaps[:6])] for c in budget.contributions
+    ]
+    return table(["source", "how it was found", "lines [1]", "what is not known of it"], rows)
+
+
+_DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")
+
+
+def draw_budget(budget: Budget) -> Figure:
+    """Lines by source, and rms over the length of the window with the limits on it."""
+    drawing, axes = sheets.sheet(3.0, 1, 2)
+    left, right = axes[0]
+    top = max(
+        (float(np.hypot(*np.abs(c.los[c.settled]).T).max(initial=0.0)) for c in budget.contributions), default=0.0
+    )
+    for k, one in enumerate(budget.contributions):
+        size = np.hypot(*np.abs(one.los).T)
+        shown = one.settled & (size > 1e-5 * top)
+        left.vlines(one.frequency[shown], 1e-3 * top, 1e6 * size[shown], color=sheets.COLOURS[k % 7], linewidth=0.8)
+        left.plot(
+            one.frequency[shown], 1e6 * size[shown], "o", color=sheets.COLOURS[k % 7], markersize=3, label=one.source
+        )
+    for required in budget.judged:
+        curve = required.requirement.curve or ()
+        f, allowed = [p.frequency for p in curve], [1e6 * p.amplitude for p in curve]
+        left.plot(f, allowed, color="black", linewidth=0.9, label=_name(required) if curve else "_")
+    left.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, radial [µrad]")
+    if top:
+        left.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
+    left.legend(fontsize=6.5, frameon=False)
+    T = np.geomspace(1e-4, 1e2, 121)
+    tones = merged(budget.contributions, budget.rule, doubtful=False)
+    squares = np.sum(tones.value**2, axis=1)
+    for k, metric in enumerate(_DRAWN):
+        rms = [math.sqrt(np.sum(mean_square_of_lines(metric, tones.frequency, np.sqrt(squares), t))) for t in T]
+        right.plot(T, 1e6 * np.array(rms), color=sheets.COLOURS[k], linewidth=1.1, label=metric)
+        asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
+        limits = [
+            (r.window, 1e6 * r.limit)
+            for r in asked
+            if r.window and r.limit and r.statistic == "rms" and r.axis == "radial"
+        ]
+        right.plot([x for x, _ in limits], [y for _, y in limits], "o", color=sheets.COLOURS[k], markersize=4)
+    largest = 1e6 * math.sqrt(0.5 * float(squares.sum())) or 1.0
+    right.set(
+        xscale="log",
+        yscale="log",
+        xlabel="window [s]",
+        ylabel="rms of lines, radial [µrad]",
+        ylim=(1e-5 * largest, 30 * largest),
+    )
+    right.legend(fontsize=6.5, frameon=False)
+    return drawing
+
+
+def draw_cumulative(budget: Budget) -> Figure:
+    """Cumulative rms of lines and densities about both axes, both ways."""
+    drawing, axes = sheets.sheet(2.4, 1, 2)
+    tones = merged(budget.contributions, budget.rule, doubtful=False)
+    for k, (ax, axis) in enumerate(zip(axes[0], "xy", strict=True)):
+        f, squares = tones.frequency, 0.5 * tones.value[:, k] ** 2
+        for one in budget.contributions:
+            if one.density is not None:
+                grid, S = one.density
+                parts = [
+                    mean_square_of_density("ape", grid[i : i + 2], S[i : i + 2, k], 1.0) for i in range(grid.size - 1)
+                ]
+                f, squares = np.r_[f, 0.5 * (grid[1:] + grid[:-1])], np.r_[squares, parts]
+        order = np.argsort(f)
+        up = np.sqrt(np.cumsum(squares[order]))
+        down = np.sqrt(np.cumsum(squares[order][::-1])[::-1])
+        ax.step(f[order], 1e6 * up, where="post", color=sheets.BLUE, linewidth=1.1, label="from low to high")
+        ax.step(f[order], 1e6 * down, where="post", color=sheets.RED, linewidth=1.1, label="from high to low")
+        ax.set(xscale="log", xlabel="frequency [Hz]", ylabel=f"rms of los_{axis} [µrad]")
+        ax.legend(fontsize=6.5, frameon=False)
+    return drawing

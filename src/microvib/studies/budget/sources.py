@@ -1,0 +1,337 @@
+"""What moves the line of sight: drives by their runs, by a recording, reaction wheels, lines and densities from files."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from microvib.analysis.limits import BEYOND, OWN_ERROR, driven_by_noise, has_calmed
+from microvib.analysis.lines import expected_in, lines_of_recording
+from microvib.analysis.pointing import HubLines, hub_lines
+from microvib.analysis.run import RunResult
+from microvib.analysis.short_way import OWN
+from microvib.errors import MicrovibError, error_context
+from microvib.io.files import check_file, reading
+from microvib.io.tables import finite
+from microvib.model.coupling import MEANINGLESS, chart, craft_in, receiver_of, short_way, transfer_from
+from microvib.model.record import PASSBAND
+from microvib.model.rigid import motion_of
+from microvib.model.scenario import Scenario
+from microvib.signals.line_fit import lines_at_known_clock
+from microvib.signals.line_table import LineTable
+from microvib.solve.channels import INTERFACE
+from microvib.studies.budget.files import OtherSource, Wheel
+from microvib.testdata.recording import Recording
+
+SHORT_WAY_DOUBT = 0.03
+"""Relative doubt of lines that went the short way: what detent torque, friction and current loop change as the hub yields; assumed,
+from the differences that ``analysis.short_way`` finds in lines that count."""
+SPEEDS = 101
+"""Speeds that are tried of a wheel with a range of them."""
+_FREE = f"below {MEANINGLESS:g} Hz, where without spacecraft.attitude_control lines mean nothing"
+_LOADS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
+_LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
+_LOS, _LOS_DENSITIES = ("los_x_rad", "los_y_rad"), ("los_x_rad2_hz", "los_y_rad2_hz")
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What is not known of a source: why, where, and how large a line it may be at most."""
+
+    why: str
+    low: float
+    high: float
+    """Between which frequencies [Hz]."""
+    frequency: np.ndarray
+    """Of lines that it may hide [Hz], (m,)."""
+    most: np.ndarray
+    """Their largest amplitudes [rad], (m, 2); infinite where nothing bounds them."""
+
+
+def open_gap(why: str, low: float = 0.0, high: float = math.inf) -> Gap:
+    """A gap in which nothing bounds what there may be."""
+    return Gap(why, low, high, np.array([low]), np.full((1, 2), math.inf))
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What one source does to the line of sight: lines, complex and 0-to-peak, and a one-sided density."""
+
+    source: str
+    how: str
+    """How it was found, in words."""
+    names: tuple[str, ...]
+    frequency: np.ndarray
+    """[Hz], (k,)."""
+    los: np.ndarray
+    """[rad], (k, 2)."""
+    clock: str = ""
+    """Sources of one clock: their lines of one frequency keep their phases to each other; empty where there is none."""
+    rings: np.ndarray | None = None
+    """Which lines ring and die away, or are driven by noise, (k,): no part of the settled motion."""
+    density: tuple[np.ndarray, np.ndarray] | None = None
+    """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
+    gaps: tuple[Gap, ...] = ()
+    doubt: float = 0.0
+    """Relative doubt of its amplitudes."""
+    scenario: Scenario | None = None
+    cases: np.ndarray | None = None
+    """Amplitudes of its lines over the cases of a campaign, (cases, k, 2)."""
+    alternatives: tuple[Contribution, ...] = ()
+    """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most counts."""
+
+    @property
+    def settled(self) -> np.ndarray:
+        """Which lines belong to the settled motion, (k,)."""
+        return np.ones(len(self.names), dtype=bool) if self.rings is None else ~self.rings
+
+
+def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> tuple[Contribution, HubLines]:
+    """A drive by its run on the craft; and all lines of its loads."""
+    source = result.state or result.motion
+    assert source is not None
+    found = hub_lines(source, result.table, harmonics)
+    if found.los is None:
+        raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+    rows = {line.line: line for line in result.table}
+    own = [rows[name] for name in found.names]
+    rings = np.array([(x.kind in OWN and x.status != "ok") or driven_by_noise(x, scenario) for x in own], dtype=bool)
+    # Of what dies away the amplitude at the start of the record.
+    T = result.table.duration
+    start = [x.starting(T) / x.amplitude_n_m if x.status == "decaying" else 1.0 for x in own]
+    return Contribution(
+        name,
+        "steady state of the coupled run" if result.state else "coupled run",
+        found.names,
+        found.frequency,
+        np.nan_to_num(found.los) * np.where(rings, np.nan_to_num(start, nan=1.0), 1.0)[:, None],
+        rings=rings,
+        gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),
+        doubt=max(OWN_ERROR, result.table.own_error),
+        scenario=scenario,
+    ), found  # fmt: skip
+
+
+def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -> Iterator[Gap]:
+    """What a run does not say of the line of sight."""
+    spacecraft, record = craft_in(scenario).spacecraft, scenario.record
+    expected = expected_in(scenario, record.sample_rate)
+    slow = [line.name for line in expected if line.frequency < MEANINGLESS]
+    if spacecraft.attitude_control is None and slow:
+        yield open_gap(f"{slow[0]}, {_FREE}", 0.0, MEANINGLESS)
+    for line in table:
+        if line.line in found.unknown and not steady and not has_calmed(line, scenario):
+            f = line.expected_hz
+            yield open_gap(f"{line.line} ({line.status}; a longer record.duration, or record.start: steady)", f, f)
+    noise = scenario.friction.torque_noise
+    if noise is not None and noise.density > 0.0:
+        yield open_gap("friction.torque_noise drives it, and one draw is one of many", *noise.band(record.sample_rate))
+    if scenario.rate is None:
+        yield open_gap("the rate changes within the record, so that there are no lines of the step clock")
+    if table.rest is not None and not steady and table.rest.frequency.size:
+        craft, at, peaks = craft_in(scenario), table.rest.frequency, table.rest.amplitude
+        torque = np.maximum(np.abs(craft.transfer(craft.loads(), at)[:, :, 0] @ craft.axis), 1e-300)
+        moved = np.abs(craft.transfer(craft.line_of_sight(), at)[:, :, 0])
+        known = at >= receiver_of(scenario).lowest
+        yield Gap(
+            "peaks of T_d that no line accounts for",
+            0.0,
+            math.inf,
+            at[known],
+            (moved * (peaks / torque)[:, None])[known],
+        )
+    yield from _above(scenario, PASSBAND * record.sample_rate)
+
+
+def _above(scenario: Scenario, top: float) -> Iterator[Gap]:
+    """Driving lines above the passband, BEYOND times what the linearised drive makes there."""
+    f_d = scenario.driving_frequency
+    if not f_d or not scenario.rate:
+        return
+    first = int(top / f_d) + 1
+    found = chart(scenario, np.array([scenario.rate]), harmonics=first + 40)
+    assert found.los is not None
+    orders = slice(first - 1, None)
+    why = f"lines above {top:.4g} Hz (a higher record.sample_rate)"
+    yield Gap(why, top, math.inf, found.frequency[0, orders], BEYOND * np.abs(found.los[0, 0, orders]))
+
+
+def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics: int) -> Contribution:
+    """A drive by its loads on a force table, in the array's axes at angle 0, the short way to the craft of the scenario."""
+    axis = "M" + scenario.array.drive_axis
+    table = lines_of_recording(recording, axis, scenario)
+    ratio = table.clock_ratio or 1.0
+    expected = [
+        replace(x, frequency=ratio * x.frequency, low=ratio * x.frequency, high=ratio * x.frequency)
+        for x in expected_in(scenario, recording.sample_rate, harmonics)
+        if x.kind not in OWN
+    ]
+    loads = np.zeros((len(expected), 6), dtype=complex)
+    missing, spread = [c for c in INTERFACE if c not in recording.channels], np.zeros(len(expected))
+    for k, channel in enumerate(INTERFACE):
+        if channel in recording.channels:
+            rows = lines_at_known_clock(recording[channel], recording.sample_rate, expected)
+            loads[:, k] = [rows[x.name].amplitude_n_m * np.exp(1j * rows[x.name].phase_rad) for x in expected]
+    of_axis = {line.line: line for line in table}
+    seen = np.array([x.name in of_axis and of_axis[x.name].status == "ok" for x in expected]) & np.all(
+        np.isfinite(loads), axis=1
+    )
+    spread = np.array([_relative(of_axis.get(x.name)) for x in expected])
+    spacecraft = craft_in(scenario).spacecraft
+    turn = np.kron(np.eye(2), spacecraft.interface.turn(scenario.array.drive_axis, spacecraft.array_angle))
+    f = np.array([x.frequency for x in expected])[seen]
+    los = short_way(scenario, f, loads[seen] @ turn.T).los
+    if los is None:
+        raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+    known = np.all(np.isfinite(los), axis=1)
+    gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")] if missing else []
+    gaps += [
+        open_gap(f"{x.name} is not seen in the recording (a longer one, or less noise)", x.frequency, x.frequency)
+        for x, ok in zip(expected, seen, strict=True) if not ok
+    ]  # fmt: skip
+    gaps += _below(not np.all(known))
+    gaps += list(_above(scenario, PASSBAND * recording.sample_rate))
+    doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[seen], initial=0.0))
+    names = [x.name for x, ok in zip(expected, seen, strict=True) if ok]
+    return Contribution(
+        name, f"recording {recording.title}, the short way", tuple(n for n, ok in zip(names, known, strict=True) if ok), f[known],
+        los[known], gaps=tuple(gaps), doubt=doubt, scenario=scenario,
+    )  # fmt: skip
+
+
+def _relative(line: object) -> float:
+    """Relative standard uncertainty of a line's amplitude."""
+    amplitude, spread = getattr(line, "amplitude_n_m", math.nan), getattr(line, "amplitude_uncertainty_n_m", math.nan)
+    return spread / amplitude if amplitude > 0.0 and math.isfinite(spread) else 0.0
+
+
+def of_other(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
+    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; files are relative to ``folder``."""
+    with error_context(f"sources: {source.name}"):
+        if source.wheel is not None:
+            return _of_wheel(source, source.wheel, scenario)
+        return _of_lines(source, scenario, folder) if source.lines else _of_density(source, scenario, folder)
+
+
+def _place(source: OtherSource, scenario: Scenario) -> np.ndarray:
+    """Motion of the place where loads act by the hub's coordinates, (6, n)."""
+    craft = craft_in(scenario)
+    n = receiver_of(scenario).root.shape[1]
+    if source.point is not None:
+        if source.point not in craft.spacecraft.points:
+            raise MicrovibError(
+                f"point: '{source.point}' is not on the hub; there are {', '.join(craft.spacecraft.points)}"
+            )
+        return craft.at(source.point)[:, :n]
+    if source.position is None:
+        raise MicrovibError("position: missing; loads need their place on the hub, position or point")
+    if n > 6:
+        known = ", ".join(craft.spacecraft.points)
+        raise MicrovibError(f"position: a flexible hub moves only where it has points; give point, one of {known}")
+    return motion_of(np.array(source.position))
+
+
+def _of_wheel(source: OtherSource, wheel: Wheel, scenario: Scenario) -> Contribution:
+    ends = (wheel.speed, wheel.speed_to or wheel.speed)
+    speeds = np.linspace(*ends, SPEEDS if wheel.speed_to else 1)
+    place, axis = _place(source, scenario), np.array(wheel.axis) / np.linalg.norm(wheel.axis)
+    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    first /= np.linalg.norm(first)
+    turning = first - 1j * np.cross(axis, first)
+    shapes = [("radial_force", np.r_[turning, 0, 0, 0]), ("radial_torque", np.r_[0, 0, 0, turning])]
+    shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
+    parts = [(h.order, f"order {h.order:g} {key.replace('_', ' ')}", getattr(h, key) * shape)
+             for h in wheel.harmonics for key, shape in shapes if getattr(h, key) > 0.0]  # fmt: skip
+    orders = np.array([order for order, _, _ in parts])
+    frequency = speeds[:, None] * orders / (2.0 * np.pi)
+    by = transfer_from(scenario, frequency.ravel(), place).reshape(speeds.size, orders.size, 2, 6)
+    los = np.einsum("sokc,oc->sok", by, np.array([shape for _, _, shape in parts])) * speeds[:, None, None] ** 2
+    names = tuple(name for _, name, _ in parts)
+    each = tuple(
+        Contribution(
+            source.name, f"wheel at {60.0 * speed / (2.0 * np.pi):.5g} rpm", names, frequency[k], np.nan_to_num(los[k]),
+            source.clock, gaps=_below(bool(np.isnan(los[k]).any())),
+        )
+        for k, speed in enumerate(speeds)
+    )  # fmt: skip
+    if len(each) == 1:
+        return each[0]
+    low, high = (60.0 * speed / (2.0 * np.pi) for speed in ends)
+    largest = max(each, key=lambda one: float(np.sum(np.abs(one.los) ** 2)))
+    return replace(largest, how=f"wheel, the worst of {low:.5g} to {high:.5g} rpm", alternatives=each)
+
+
+def _below(any_lost: bool) -> tuple[Gap, ...]:
+    return (open_gap(_FREE, 0.0, MEANINGLESS),) if any_lost else ()
+
+
+def _table(path: Path, what: str, *choices: tuple[str, ...]) -> tuple[list[dict[str, str]], tuple[str, ...]]:
+    """Rows of a CSV file, and which of the ``choices`` of columns it has."""
+    with reading(path, MicrovibError):
+        check_file(path)
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+        head = rows[0] if rows else {}
+        chosen = next((c for c in choices if any(name in head for name in c)), None)
+        if chosen is None or "frequency_hz" not in head:
+            either = " or ".join(", ".join(c) for c in choices)
+            raise MicrovibError(f"is not a table of {what}: columns frequency_hz and {either} are expected")
+        return rows, chosen
+
+
+def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> np.ndarray:
+    """Numbers of columns, (rows, columns), 0 where a column is missing; nan where a cell is empty."""
+    with error_context(path):
+        return np.array(
+            [[finite(f"row {k}: {n}", row[n]) if row.get(n) else math.nan if n in row else 0.0 for n in names]
+             for k, row in enumerate(rows, 2)]
+        )  # fmt: skip
+
+
+def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
+    path = folder / str(source.lines)
+    rows, chosen = _table(path, "lines", _LOS, _LOADS)
+    f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
+    stems = [name.removesuffix("_rad").removesuffix("_n").removesuffix("_n_m") for name in chosen]
+    stems = [stem.removesuffix("_n") for stem in stems]
+    phases = np.nan_to_num(_columns(path, rows, tuple(f"{stem}_phase_rad" for stem in stems)))
+    if not np.all(f > 0.0):
+        raise MicrovibError(f"{path}: frequency_hz: frequencies greater than 0 Hz are expected")
+    tones = sizes * np.exp(1j * phases)
+    lost = np.isnan(sizes).any(axis=1)
+    if chosen == _LOADS:
+        tones = np.einsum("fkc,fc->fk", transfer_from(scenario, f, _place(source, scenario)), tones)
+    names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
+    gaps = tuple(open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k])) for k in np.flatnonzero(lost))
+    gaps += _below(bool(np.isnan(tones[~lost]).any()))
+    how = f"lines of {path.name}" + ("" if chosen == _LOS else ", loads on the hub")
+    return Contribution(source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps)
+
+
+def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
+    path = folder / str(source.density)
+    rows, chosen = _table(path, "densities", _LOS_DENSITIES, _LOAD_DENSITIES)
+    f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
+    if f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0 or np.any(~(S >= 0.0)):
+        raise MicrovibError(
+            f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or more"
+        )
+    gaps: tuple[Gap, ...] = ()
+    if chosen == _LOAD_DENSITIES:
+        f, S = _finer(f, S)
+        by = transfer_from(scenario, np.maximum(f, 1e-6), _place(source, scenario))
+        gaps = _below(bool(np.isnan(by).any()))
+        S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
+    none = np.zeros((0, 2), dtype=complex)
+    return Contribution(source.name, f"density of {path.name}", (), np.zeros(0), none, density=(f, S), gaps=gaps)
+
+
+def _finer(f: np.ndarray, S: np.ndarray, part: float = 2e-3) -> tuple[np.ndarray, np.ndarray]:
+    """A density on a grid that resolves the craft's resonances, linear between what was given."""
+    grid = np.union1d(f, np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / part) + 2))
+    grid = grid[(grid >= f[0]) & (grid <= f[-1])]
+    return grid, np.array([np.interp(grid, f, column) for column in S.T]).T

@@ -1,0 +1,228 @@
+"""A pointing budget: what moves the line of sight of a craft, summed and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microvib.analysis.limits import Verdict
+from microvib.analysis.run import solve_run
+from microvib.analysis.short_way import Difference, differences, short_way_of
+from microvib.errors import MicrovibError, OptionError, expect
+from microvib.io.scenario_file import load_scenario
+from microvib.model.coupling import craft_in
+from microvib.model.scenario import Scenario
+from microvib.signals.pointing import METRICS, Metric
+from microvib.solve.integration import Progress
+from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
+from microvib.studies.budget.sources import Contribution, of_other, of_recording, of_run
+from microvib.studies.budget.sums import Judged, Rule, Tones, costliest, figure, judged, merged
+from microvib.studies.campaign.folder import open_campaign
+from microvib.studies.campaign.results import DONE, open_results
+from microvib.studies.campaign.statistics import independent
+from microvib.testdata.recording import Recording
+
+RULES: tuple[Rule, ...] = ("rss", "coherent", "bound")
+_SAME = ("motor", "driver", "reducer", "friction", "array", "tracking", "spacecraft")
+"""Groups of a scenario in which a campaign must agree with it."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """One metric in one window: rms of all sources [rad] about both axes and radial; lines, densities, and both."""
+
+    metric: Metric
+    window: float
+    lines: tuple[float, float, float]
+    noise: tuple[float, float, float]
+    both: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Sources, what they add up to, and the verdict on each requirement."""
+
+    scenario: Scenario
+    """The first drive's, with the craft."""
+    requirements: Requirements | None
+    rule: Rule
+    contributions: tuple[Contribution, ...]
+    tones: Tones
+    judged: tuple[Judged, ...]
+    windows: tuple[Window, ...]
+    short_way: tuple[Difference, ...] = ()
+    """The short way against the coupled run of the first drive, line by line, where that was asked for."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """On all requirements together; without one nothing is judged."""
+        verdicts = {one.verdict for one in self.judged}
+        if "fail" in verdicts:
+            return "fail"
+        return "pass" if verdicts == {"pass"} else "not judged"
+
+
+def pointing_budget(
+    scenarios: Scenario | str | Sequence[Scenario | str],
+    requirements: Requirements | str | Path | None = None,
+    *,
+    sources: str | Path | Sequence[OtherSource] = (),
+    campaign: str | Path | None = None,
+    recording: Recording | None = None,
+    rule: Rule = "rss",
+    one_clock: bool = False,
+    short_way: bool = False,
+    steady: bool = False,
+    harmonics: int = 8,
+    names: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Budget:
+    """The budget of the line of sight of one craft: ``scenarios`` are its drives, each with the craft as its own array sees it.
+
+    ``sources`` move it besides: a file of sources, or a list. ``campaign`` is the folder of a merged campaign of the first
+    scenario, for medians and percentiles; ``recording`` holds the first drive's loads on a force table, which then takes the short
+    way. ``rule`` says how lines of one frequency in several sources add (``studies.budget.sums``); with ``one_clock`` the drives
+    step together and keep their phases; ``names`` are theirs. ``steady`` starts runs in the steady state; ``short_way`` compares it
+    with the first drive's coupled run.
+
+    Raises MicrovibError and what ``simulate`` raises.
+    """
+    if rule not in RULES:
+        raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))
+    drives = _scenarios(scenarios, names, steady)
+    required = (
+        requirements if isinstance(requirements, Requirements | None) else read_file(Path(requirements), Requirements)
+    )
+    others = read_file(Path(sources), Sources).sources if isinstance(sources, str | Path) else tuple(sources)
+    folder = Path(sources).parent if isinstance(sources, str | Path) else Path()
+    found: list[Contribution] = []
+    compared: tuple[Difference, ...] = ()
+    for k, (name, scenario) in enumerate(drives):
+        if k == 0 and recording is not None:
+            found.append(of_recording(name, scenario, recording, harmonics))
+            continue
+        one, full = of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress), harmonics)
+        found.append(replace(one, clock="drives" if one_clock else name))
+        if k == 0 and short_way:
+            compared = tuple(differences(*short_way_of(scenario, harmonics=harmonics, progress=progress), full))
+    first = drives[0][1]
+    if campaign is not None:
+        found[0] = with_campaign(found[0], first, Path(campaign))
+    found += [of_other(source, first, folder) for source in others]
+    judgements = () if required is None else tuple(judged(r, found, rule) for r in required.requirements)
+    windows = tuple(_windows(first, found, rule))
+    return Budget(
+        first, required, rule, tuple(found), merged(found, rule, doubtful=False), judgements, windows, compared
+    )
+
+
+def _scenarios(
+    given: Scenario | str | Sequence[Scenario | str], names: Sequence[str], steady: bool
+) -> list[tuple[str, Scenario]]:
+    """Names and scenarios of the drives, all on one hub."""
+    each = [given] if isinstance(given, Scenario | str) else list(given)
+    if not each:
+        raise OptionError("scenario", "missing; the drive on its craft is expected, such as examples/spacecraft.yaml")
+    found: list[tuple[str, Scenario]] = []
+    for k, one in enumerate(each, 1):
+        scenario = load_scenario(one) if isinstance(one, str) else one
+        expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+        name = names[k - 1] if names else Path(one).stem if isinstance(one, str) else f"drive {k}"
+        if steady:
+            scenario = scenario.with_({"record.start": "steady"})
+        spacecraft = craft_in(scenario).spacecraft
+        if spacecraft.line_of_sight is None:
+            raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+        hub = craft_in(found[0][1]).spacecraft if found else spacecraft
+        for key in ("hub", "line_of_sight", "attitude_control"):
+            if getattr(hub, key) != getattr(spacecraft, key):
+                raise MicrovibError(
+                    f"{name}: spacecraft.{key}: is another than that of {found[0][0]}; all drives are on one craft"
+                )
+        found.append((name if name not in dict(found) else f"{name} {k}", scenario))
+    return found
+
+
+def with_campaign(drive: Contribution, scenario: Scenario, folder: Path) -> Contribution:
+    """A drive with the amplitudes of its lines over the independent cases of a merged campaign of its ``scenario``."""
+    campaign = open_campaign(folder)
+    base = campaign.design.base
+    for key in _SAME:
+        if getattr(base, key) != getattr(scenario, key):
+            raise MicrovibError(f"{folder}: is a campaign of another scenario: {key} differs")
+    results = open_results(campaign)
+    design = campaign.design
+    if design.cases != design.samples.shape[0]:
+        raise MicrovibError(
+            f"{folder}: has levels, which are no ensemble; a campaign of distributions alone is expected"
+        )
+    drawn = independent(design) & (results.state == DONE)
+    if not drawn.any():
+        raise MicrovibError(f"{folder}: has no independent case that was computed")
+    cases = np.zeros((int(drawn.sum()), len(drive.names), 2))
+    for k, line in enumerate(drive.names):
+        if line in results.lines and not line.startswith("other_"):
+            for axis, figure_name in enumerate(("los_x", "los_y")):
+                cases[:, k, axis] = np.nan_to_num(results.of(line, figure_name)[drawn])
+    return replace(drive, cases=cases)
+
+
+def _windows(scenario: Scenario, contributions: Sequence[Contribution], rule: Rule) -> Iterator[Window]:
+    """Rms of each metric in each window of the line of sight."""
+    densities = [one.density for one in contributions if one.density is not None]
+    los = craft_in(scenario).spacecraft.line_of_sight
+    assert los is not None
+    for window in los.windows:
+        for metric in METRICS:
+            asked = [
+                Requirement.model_construct(metric=metric, window=window, apart=window, axis=axis)
+                for axis in ("x", "y", "radial")
+            ]
+            sums = [merged([costliest(r, one) for one in contributions], rule, doubtful=False) for r in asked]
+            lines = [figure(r, x.frequency, x.value) for r, x in zip(asked, sums, strict=True)]
+            noise = [figure(r, np.zeros(0), np.zeros((0, 2)), densities) for r in asked]
+            both = np.hypot(lines, noise)
+            yield Window(metric, window, *((float(x[0]), float(x[1]), float(x[2])) for x in (lines, noise, both)))
+
+
+def summary(budget: Budget) -> dict[str, Any]:
+    """What ``budget.json`` holds; angles in rad."""
+    return {
+        "verdict": budget.verdict,
+        "sum": budget.rule,
+        "requirements": [_row(one) for one in budget.judged],
+        "sources": [
+            {"source": one.source, "how": one.how, "lines": len(one.names), "not_known": [gap.why for gap in one.gaps]}
+            for one in budget.contributions
+        ],
+        "windows": [
+            {"metric": w.metric, "window_s": w.window, **{
+                f"{part}_{axis}_rad": value
+                for part in ("lines", "noise", "both") for axis, value in zip(("x", "y", "radial"), getattr(w, part), strict=True)
+            }}
+            for w in budget.windows
+        ],
+        "short_way": [
+            {"line": d.line, "frequency_hz": d.frequency, "short_rad": d.los[0], "coupled_rad": d.los[1], "los_error": d.los_error,
+             "load_error": d.load_error, "share": d.share}
+            for d in budget.short_way
+        ],
+    }  # fmt: skip
+
+
+def _row(one: Judged) -> dict[str, Any]:
+    spread = one.spread or ()
+    return {
+        "name": one.requirement.name, "requirement": one.requirement.text, "limit_rad": one.limit, "value_rad": one.value,
+        "least_rad": one.least, "most_rad": one.most, "lines_rad": one.lines, "noise_rad": one.noise, "margin": one.margin,
+        "verdict": one.verdict, "why": list(one.why),
+        "ensemble": {name: {"value_rad": e.value, "low_rad": e.low, "high_rad": e.high}
+                     for name, e in zip(("median", "p95", "p99"), spread, strict=False)},
+        "sources": [{"source": c.source, "rms_rad": c.rms, "share": c.share} for c in one.sources],
+        "ranking": [{"source": c.source, "line": c.line, "frequency_hz": c.frequency, "rms_rad": c.rms, "share": c.share}
+                    for c in one.ranking[:20]],
+    }  # fmt: skip

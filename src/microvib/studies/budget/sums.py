@@ -1,0 +1,336 @@
+"""How sources add up, and verdicts: a figure of the line of sight between what it is at least and what it may be at most.
+
+Lines of unrelated frequencies add as mean squares. Lines of one frequency in several sources add by a rule: ``rss``, the mean over
+unknown phases, ``coherent``, with their phases, or ``bound``, with the worst. Sources of one clock keep their phases under every
+rule. A requirement is passed only if the figure is within it with the worst phases, with what still rings and with all that was not
+looked at, and failed only if it is above it with the best phases and without them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from microvib.analysis.limits import Verdict
+from microvib.signals.pointing import EVERYWHERE, bound, in_window, level, mean_square_of_density, mean_square_of_lines
+from microvib.studies.budget.files import Requirement
+from microvib.studies.budget.sources import Contribution, Gap
+from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, quantile
+
+Rule = Literal["rss", "coherent", "bound"]
+SAME = 1e-6
+"""Relative distance of frequencies up to which lines are of one frequency."""
+WORTH = 0.01
+"""Part of a figure's square from which what it leaves open is told."""
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Lines of all sources, one for each frequency: amplitudes [rad], (k, 2), with best, given and worst phases."""
+
+    frequency: np.ndarray
+    least: np.ndarray
+    value: np.ndarray
+    most: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one line or source adds to a figure: its own rms [rad], and its part of the sum of squares."""
+
+    source: str
+    line: str
+    frequency: float
+    rms: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One requirement, and what was found; angles [rad]."""
+
+    requirement: Requirement
+    value: float
+    """With the given rule; nan where the requirement says too little."""
+    least: float
+    most: float
+    """Between which it lies, infinite where nothing bounds it."""
+    lines: float
+    noise: float
+    """Lines alone, and densities alone."""
+    limit: float
+    """Of a curve that at its worst line."""
+    verdict: Verdict
+    why: tuple[str, ...]
+    """Why it is not judged."""
+    sources: tuple[Cost, ...]
+    ranking: tuple[Cost, ...]
+    """Lines of all sources, the most costly first."""
+    spread: tuple[Estimate, Estimate, Estimate] | None = None
+    """Median, P95 and P99 over the cases of a campaign."""
+
+    @property
+    def margin(self) -> float:
+        """Limit over value."""
+        return self.limit / self.value if self.value > 0.0 else math.inf
+
+
+def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
+    """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
+    parts = [
+        (float(f), one.los[k], one.clock or f"{n}:{k}", one.doubt if doubtful else 0.0, bool(one.settled[k]))
+        for n, one in enumerate(contributions)
+        for k, f in enumerate(one.frequency)
+    ]
+    parts.sort(key=lambda part: part[0])
+    groups: list[list[tuple[float, np.ndarray, str, float, bool]]] = []
+    for part in parts:
+        if groups and part[0] - groups[-1][0][0] <= SAME * part[0]:
+            groups[-1].append(part)
+        else:
+            groups.append([part])
+    rows = np.array([_of_group(group, rule) for group in groups]).reshape(-1, 3, 2)
+    frequency = np.array([group[0][0] for group in groups])
+    return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2])
+
+
+def _of_group(group: Sequence[tuple[float, np.ndarray, str, float, bool]], rule: Rule) -> np.ndarray:
+    """Least, given and largest amplitude (3, 2) of lines of one frequency; what rings counts in the largest only."""
+    clocks: dict[str, list[np.ndarray]] = {}
+    for _, los, clock, doubt, settled in group:
+        settled_los = los if settled else np.zeros(2)
+        name = "all" if rule == "coherent" else clock
+        size = np.abs(los)
+        clocks.setdefault(name, []).append(np.array([settled_los, doubt * size, np.zeros(2) if settled else size]))
+    sums = [np.sum(each, axis=0) for each in clocks.values()]
+    given = np.array([np.abs(x[0]) for x in sums])
+    doubt = np.sum([np.abs(x[1]) for x in sums], axis=0)
+    ringing = np.sum([np.abs(x[2]) for x in sums], axis=0)
+    total = given.sum(axis=0)
+    least = np.maximum(2.0 * given.max(axis=0) - total - doubt, 0.0)
+    value = total if rule == "bound" else np.sqrt(np.sum(given**2, axis=0))
+    return np.array([least, value, total + doubt + ringing])
+
+
+def figure(
+    requirement: Requirement,
+    frequency: np.ndarray,
+    amplitude: np.ndarray,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+) -> float:
+    """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and densities."""
+    r, axes = requirement, {"x": [0], "y": [1], "radial": [0, 1]}[requirement.axis]
+    window = r.window or r.apart or 1.0
+    inside = _inside(r, frequency)
+    f, A = frequency[inside], amplitude[inside]
+    squares = np.array([sum((_of_density(r, window, f_S, S[:, k]) for f_S, S in densities), 0.0) for k in axes])
+    if r.statistic == "rms":
+        total = float(np.sum(mean_square_of_lines(r.metric, f, A[:, axes], window, r.apart)))
+        return math.sqrt(total + float(squares.sum()))
+    if r.statistic == "bound":
+        each = [
+            bound(in_window(r.metric, f, A[:, k], window, r.apart, EVERYWHERE), math.sqrt(s))
+            for k, s in zip(axes, squares, strict=True)
+        ]
+    else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
+        part = 1.0 - (1.0 - r.confidence) / len(axes)
+        each = [
+            level(in_window(r.metric, f, A[:, k], window, r.apart), math.sqrt(s), part)
+            for k, s in zip(axes, squares, strict=True)
+        ]
+    return math.hypot(*each)
+
+
+def _inside(r: Requirement, frequency: np.ndarray) -> np.ndarray:
+    return (frequency >= r.lowest) & (frequency <= (math.inf if r.highest is None else r.highest))
+
+
+def _of_density(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
+    low, high = max(r.lowest, float(f[0])), min(math.inf if r.highest is None else r.highest, float(f[-1]))
+    if low >= high:
+        return 0.0
+    grid = np.union1d(f[(f > low) & (f < high)], [low, high])
+    return mean_square_of_density(r.metric, grid, np.interp(grid, f, S), window, r.apart)
+
+
+def judged(requirement: Requirement, contributions: Sequence[Contribution], rule: Rule) -> Judged:
+    """A requirement against the sum of all sources."""
+    if requirement.incomplete:
+        key = requirement.incomplete
+        return Judged(requirement, math.nan, math.nan, math.nan, math.nan, math.nan, requirement.limit or math.nan, "not judged",
+                      (f"{key}: missing; {requirement.metric} needs it, such as {key}: 10 ms",), (), ())  # fmt: skip
+    chosen = [costliest(requirement, one) for one in contributions]
+    if requirement.curve is not None:
+        return _by_curve(requirement, chosen, rule)
+    tones = merged(chosen, rule)
+    densities = [one.density for one in chosen if one.density is not None]
+    gaps = [gap for one in chosen for gap in one.gaps if _overlaps(requirement, gap)]
+    hidden = [gap for gap in gaps if np.all(np.isfinite(gap.most))]
+    value = figure(requirement, tones.frequency, tones.value, densities)
+    most = math.inf
+    if len(hidden) == len(gaps):
+        f = np.concatenate([tones.frequency, *(gap.frequency for gap in hidden)])
+        most = figure(requirement, f, np.vstack([tones.most, *(gap.most for gap in hidden)]), densities)
+    least = figure(requirement, tones.frequency, tones.least, densities)
+    spread, quantile_needed = _spread(requirement, chosen, rule, densities, value)
+    why = [*_reasons(requirement, chosen, gaps, value), *quantile_needed]
+    if requirement.percentile is not None:
+        wanted = quantile_of(requirement, chosen, rule, densities)
+        scale = wanted.value / value if value > 0.0 else 1.0
+        least, most = (
+            least * (wanted.low / value if value > 0.0 else 1.0),
+            most * (wanted.high / value if value > 0.0 else 1.0),
+        )
+        value *= scale
+        if not math.isfinite(value):
+            least, most = math.nan, math.nan
+    limit = requirement.limit or math.nan
+    verdict: Verdict = "pass" if most <= limit else "fail" if least > limit else "not judged"
+    return Judged(
+        requirement, value, least, most, figure(requirement, tones.frequency, tones.value) if densities else value,
+        figure(requirement, np.zeros(0), np.zeros((0, 2)), densities), limit, verdict,
+        tuple(why or [NEAR]) if verdict == "not judged" else (), *_costs(requirement, chosen), spread=spread,
+    )  # fmt: skip
+
+
+def costliest(requirement: Requirement, one: Contribution) -> Contribution:
+    """Of a source's alternatives the one that costs most."""
+    if not one.alternatives or requirement.incomplete:
+        return one
+    if requirement.curve is not None:
+        return max(one.alternatives, key=lambda x: _over(requirement, x.frequency, np.abs(x.los)).max(initial=0.0))
+    return max(one.alternatives, key=lambda x: figure(requirement, x.frequency, np.abs(x.los)))
+
+
+def _overlaps(r: Requirement, gap: Gap) -> bool:
+    return gap.high >= r.lowest and (r.highest is None or gap.low <= r.highest)
+
+
+def _reasons(r: Requirement, chosen: Sequence[Contribution], gaps: Sequence[Gap], value: float) -> list[str]:
+    """What may turn the verdict round, a sentence without a stop each."""
+    found = []
+    for one in chosen:
+        for gap in one.gaps:
+            bounded = np.all(np.isfinite(gap.most))
+            if gap in gaps and not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
+                found.append(f"{one.source}: {gap.why}")
+        ringing = ~one.settled & _inside(r, one.frequency)
+        size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
+        if size**2 > WORTH * value**2:
+            names = ", ".join(np.array(one.names)[ringing])
+            remedy = "record.start: steady, or a longer record.settle"
+            found.append(f"{one.source}: {names} rings or is driven by noise, up to {size:.3g} rad ({remedy})")
+    return found
+
+
+NEAR = "nearer to the limit than phases and amplitudes are known"
+
+
+def _costs(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, ...], tuple[Cost, ...]]:
+    """Sources, and their lines, by what they add to the mean square of the required metric."""
+    plain = r.model_copy(update={"statistic": "rms"})
+    sources, lines = [], []
+    for one in chosen:
+        A = np.abs(one.los) * one.settled[:, None]
+        own = [] if one.density is None else [one.density]
+        sources.append(Cost(one.source, one.how, math.nan, figure(plain, one.frequency, A, own), 0.0))
+        for k, name in enumerate(one.names):
+            rms = figure(plain, one.frequency[[k]], A[[k]])
+            lines.append(Cost(one.source, name, float(one.frequency[k]), rms, 0.0))
+    whole = sum(x.rms**2 for x in sources) or 1.0
+    shared = [
+        tuple(replace(x, share=x.rms**2 / whole) for x in sorted(each, key=lambda x: -x.rms))
+        for each in (sources, lines)
+    ]
+    return shared[0], shared[1]
+
+
+# ---- Curves over frequency ----
+
+
+def _over(r: Requirement, frequency: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band."""
+    curve = r.curve or ()
+    f, allowed = (np.log([getattr(point, name) for point in curve]) for name in ("frequency", "amplitude"))
+    size = {"x": amplitude[:, 0], "y": amplitude[:, 1], "radial": np.hypot(*amplitude.T)}[r.axis]
+    at = np.log(np.maximum(frequency, 1e-300))
+    inside = _inside(r, frequency) & (at >= f[0]) & (at <= f[-1])
+    return np.where(inside, size / np.exp(np.interp(at, f, allowed)), 0.0)
+
+
+def _by_curve(r: Requirement, chosen: Sequence[Contribution], rule: Rule) -> Judged:
+    tones = merged(chosen, rule)
+    curve = r.curve or ()
+    own = r.model_copy(
+        update={"lowest": max(r.lowest, curve[0].frequency), "highest": min(r.highest or math.inf, curve[-1].frequency)}
+    )
+    gaps = [gap for one in chosen for gap in one.gaps if _overlaps(own, gap)]
+    over = [_over(r, tones.frequency, A) for A in (tones.least, tones.value, tones.most)]
+    hidden = [_over(r, gap.frequency, np.nan_to_num(gap.most, posinf=1e300)).max(initial=0.0) for gap in gaps]
+    unbounded = any(not np.all(np.isfinite(gap.most)) for gap in gaps)
+    worst = int(np.argmax(over[1])) if tones.frequency.size else -1
+    ratio = float(over[1][worst]) if worst >= 0 else 0.0
+    size = (
+        figure(own.model_copy(update={"statistic": "bound"}), tones.frequency[[worst]], tones.value[[worst]])
+        if ratio
+        else 0.0
+    )
+    limit = size / ratio if ratio else float(min(point.amplitude for point in curve))
+    least, most = (limit * float(x.max(initial=0.0)) for x in (over[0], over[2]))
+    most = math.inf if unbounded else max(most, limit * max(hidden, default=0.0))
+    verdict: Verdict = "pass" if most <= limit else "fail" if least > limit else "not judged"
+    why = (_reasons(own, chosen, gaps, size) or [NEAR]) if verdict == "not judged" else []
+    return Judged(r, size, least, most, size, math.nan, limit, verdict, tuple(why), *_costs(own, chosen))
+
+
+# ---- Campaigns ----
+
+
+def _values(
+    r: Requirement, chosen: Sequence[Contribution], rule: Rule, densities: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """The figure of each case of a campaign, (cases,); lines keep the phases of the nominal case."""
+    k, drawn = next((k, one) for k, one in enumerate(chosen) if one.cases is not None)
+    phases = np.exp(1j * np.angle(drawn.los))
+    assert drawn.cases is not None
+    found = []
+    for case in drawn.cases:
+        tones = merged([*chosen[:k], replace(drawn, los=case * phases), *chosen[k + 1 :]], rule, doubtful=False)
+        found.append(figure(r, tones.frequency, tones.value, densities))
+    return np.array(found)
+
+
+def quantile_of(
+    r: Requirement, chosen: Sequence[Contribution], rule: Rule, densities: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> Estimate:
+    """The percentile that is required, with its interval; NONE where there is no campaign, or too few cases."""
+    if r.percentile is None or not any(one.cases is not None for one in chosen):
+        return NONE
+    return quantile(_values(r, chosen, rule, densities), r.percentile)
+
+
+def _spread(
+    r: Requirement,
+    chosen: Sequence[Contribution],
+    rule: Rule,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    value: float,
+) -> tuple[tuple[Estimate, Estimate, Estimate] | None, list[str]]:
+    """Median, P95 and P99 over a campaign, and why a percentile cannot be judged."""
+    cases = next((one.cases for one in chosen if one.cases is not None), None)
+    if cases is None:
+        needed = r.percentile is not None
+        return None, ["percentile: needs an ensemble; name a campaign of the scenario"] if needed else []
+    why = []
+    if r.percentile is not None and len(cases) < draws_needed(r.percentile):
+        why = [
+            f"percentile: P{100 * r.percentile:g} needs {draws_needed(r.percentile)} cases, and the campaign has {len(cases)}"
+        ]
+    if r.statistic == "level":
+        return None, why
+    x = _values(r, chosen, rule, densities)
+    return (quantile(x, 0.5), quantile(x, 0.95), quantile(x, 0.99)), why

@@ -1,0 +1,367 @@
+"""Pointing budgets: sums and verdicts that try to be turned round, wheels, files, recordings, campaigns, what is refused."""
+
+import csv
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from support import craft as whole
+from test_craft import scenario_of
+from test_short_way import powered
+
+import microvib as mv
+from microvib.analysis.pointing import hub_lines
+from microvib.cli.main import main
+from microvib.io.scenario_file import dump_scenario
+from microvib.model.rigid import motion_of
+from microvib.signals.pointing import weight
+from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
+from microvib.studies.budget.sources import Contribution, Gap, of_other, of_run, open_gap
+from microvib.studies.budget.study import pointing_budget, with_campaign
+from microvib.studies.budget.sums import figure, judged
+from microvib.studies.campaign.cases import compute_bytes
+from microvib.studies.campaign.design import read_design
+from microvib.studies.campaign.folder import create
+from microvib.studies.campaign.results import merge
+from microvib.testdata.recording import Recording
+from microvib.units import Si
+
+URAD = 1e-6
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def requirement(**keys: object) -> Requirement:
+    return Requirement(**{"metric": "ape", "limit": "1 urad", **keys})
+
+
+def source(name: str, *lines: tuple[float, complex, complex], **keys: object) -> Contribution:
+    f = np.array([line[0] for line in lines])
+    los = np.array([line[1:] for line in lines], dtype=complex).reshape(-1, 2) * URAD
+    return Contribution(name, "given", tuple(f"line_{k}" for k in range(len(lines))), f, los, **keys)  # type: ignore[arg-type]
+
+
+def test_lines_of_other_frequencies_add_as_mean_squares() -> None:
+    one = judged(requirement(), [source("a", (1.0, 0.6, 0.0)), source("b", (2.0, 0.0, 0.8))], "rss")
+    assert one.value == pytest.approx(URAD / math.sqrt(2.0))
+    assert one.least == pytest.approx(one.most)
+    assert one.verdict == "pass"
+    assert [(c.source, round(c.share, 6)) for c in one.sources] == [("b", 0.64), ("a", 0.36)]
+    assert one.margin == pytest.approx(math.sqrt(2.0))
+
+
+@pytest.mark.parametrize(
+    ("limit", "verdict"),
+    [("1.5 urad", "pass"), ("1.2 urad", "not judged"), ("0.2 urad", "not judged"), ("0.05 urad", "fail")],
+)
+def test_unknown_phases_decide_nothing(limit: str, verdict: str) -> None:
+    """Two lines of one frequency, 1.1 and 1.0 urad: together 0.1 to 2.1 urad 0-to-peak."""
+    pair = [source("a", (5.0, 1.1, 0.0)), source("b", (5.0, 1.0, 0.0))]
+    one = judged(requirement(axis="x", limit=limit), pair, "rss")
+    assert (one.least, one.most) == pytest.approx((0.1 * URAD / math.sqrt(2.0), 2.1 * URAD / math.sqrt(2.0)))
+    assert one.value == pytest.approx(math.sqrt((1.1**2 + 1.0) / 2.0) * URAD)
+    assert one.verdict == verdict
+    assert judged(requirement(axis="x"), pair, "bound").value == pytest.approx(one.most)
+
+
+def test_one_clock_keeps_phases() -> None:
+    pair = [source(name, (5.0, z, 0.0), clock="both") for name, z in (("a", 1.0), ("b", 0.9 * np.exp(1j * math.pi)))]
+    one = judged(requirement(axis="x", limit="0.1 urad"), pair, "rss")
+    assert one.most == pytest.approx(0.1 * URAD / math.sqrt(2.0))
+    assert one.verdict == "pass"
+    apart = [replace(x, clock="") for x in pair]
+    assert judged(requirement(axis="x"), apart, "coherent").value == pytest.approx(one.value)
+
+
+def test_what_rings_can_neither_pass_nor_fail() -> None:
+    rings = source("a", (5.0, 0.5, 0.0), (7.0, 3.0, 0.0), rings=np.array([False, True]))
+    one = judged(requirement(axis="x"), [rings], "rss")
+    assert one.value == pytest.approx(0.5 * URAD / math.sqrt(2.0))
+    assert one.verdict == "not judged"
+    assert "line_1 rings" in one.why[0]
+    assert judged(requirement(axis="x", limit="0.1 urad"), [rings], "rss").verdict == "fail"
+    assert judged(requirement(axis="x", highest="6 Hz"), [rings], "rss").verdict == "pass"
+
+
+def test_what_was_not_looked_at_keeps_it_from_passing_within_its_band_only() -> None:
+    gap = open_gap("below 0.05 Hz, where without spacecraft.attitude_control lines mean nothing", 0.0, 0.05)
+    one = source("a", (5.0, 0.5, 0.0), gaps=(gap,))
+    assert judged(requirement(), [one], "rss").verdict == "not judged"
+    assert "attitude_control" in judged(requirement(), [one], "rss").why[0]
+    assert judged(requirement(lowest="0.05001 Hz"), [one], "rss").verdict == "pass"
+    assert judged(requirement(limit="0.1 urad"), [one], "rss").verdict == "fail"
+    small = Gap("peaks", 0.0, math.inf, np.array([3.0]), np.array([[0.1, 0.0]]) * URAD)
+    bounded = judged(requirement(), [replace(one, gaps=(small,))], "rss")
+    assert bounded.verdict == "pass"
+    assert bounded.most == pytest.approx(math.hypot(0.5, 0.1) * URAD / math.sqrt(2.0))
+
+
+def test_a_limit_within_the_doubt_is_not_judged() -> None:
+    one = source("a", (5.0, 1.0, 0.0), doubt=0.03)
+    exact = URAD / math.sqrt(2.0)
+    for factor, verdict in ((1.02, "not judged"), (0.98, "not judged"), (1.04, "pass"), (0.96, "fail")):
+        assert judged(requirement(axis="x", limit=Si(factor * exact)), [one], "rss").verdict == verdict
+
+
+def test_requirements_that_say_too_little_are_not_judged() -> None:
+    for keys, missing in (({"metric": "rpe"}, "window: missing"), ({"metric": "stability"}, "apart: missing")):
+        one = judged(requirement(**keys), [source("a", (5.0, 1e-3, 0.0))], "rss")
+        assert one.verdict == "not judged"
+        assert one.why[0].startswith(missing)
+    none = judged(requirement(percentile="95 percent"), [source("a", (5.0, 1e-3, 0.0))], "rss")
+    assert none.verdict == "not judged"
+    assert "percentile: needs an ensemble" in none.why[0]
+
+
+def test_windows_and_densities_are_weighted() -> None:
+    f = np.linspace(0.0, 400.0, 4001)
+    S = np.full((f.size, 2), 1e-15)
+    noise = Contribution("n", "given", (), np.zeros(0), np.zeros((0, 2), dtype=complex), density=(f, S))
+    line = source("a", (40.0, 0.5, 0.0))
+    r = requirement(metric="rpe", window="10 ms", axis="x", limit="10 urad")
+    one = judged(r, [noise, line], "rss")
+    assert one.noise**2 == pytest.approx(np.trapezoid(1e-15 * weight("rpe", f, 0.01), f), rel=1e-4)
+    assert one.lines**2 == pytest.approx(float(weight("rpe", 40.0, 0.01)) * 0.125e-12)
+    assert one.value == pytest.approx(math.hypot(one.lines, one.noise))
+    assert judged(requirement(axis="x", lowest="100 Hz", highest="200 Hz"), [noise], "rss").value == pytest.approx(
+        math.sqrt(1e-13)
+    )
+
+
+def test_levels_and_bounds() -> None:
+    f, A = np.array([3.0, 7.1]), np.array([[1.0, 0.0], [0.5, 0.0]]) * URAD
+    rng = np.random.default_rng(2)
+    x = sum(a * np.cos(2.0 * np.pi * rng.random(2_000_000)) for a in (1.0, 0.5)) * URAD
+    level = figure(requirement(axis="x", statistic="level", confidence=0.9), f, A)
+    assert level == pytest.approx(np.quantile(np.abs(x), 0.9), rel=3e-3)
+    assert figure(requirement(axis="x", statistic="bound"), f, A) == pytest.approx(1.5 * URAD)
+    # of both axes together it is a bound, from both axes within theirs
+    y = 0.7 * np.cos(2.0 * np.pi * rng.random(2_000_000)) * URAD
+    both = figure(requirement(statistic="level", confidence=0.9), np.append(f, 11.0), np.vstack([A, [0.0, 0.7 * URAD]]))
+    assert np.mean(np.hypot(x, y) <= both) >= 0.9
+
+
+def test_a_curve_limits_each_line() -> None:
+    points = [{"frequency": "1 Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "0.01 urad"}]
+    r = Requirement(axis="x", curve=points)
+    one = judged(r, [source("a", (10.0, 0.09, 0.0), (500.0, 5.0, 0.0))], "rss")
+    assert (one.value, one.limit, one.verdict) == (pytest.approx(0.09 * URAD), pytest.approx(0.1 * URAD), "pass")
+    two = judged(r, [source("a", (10.0, 0.09, 0.0), (50.0, 0.03, 0.0))], "rss")
+    assert (two.value, two.limit, two.verdict) == (pytest.approx(0.03 * URAD), pytest.approx(0.02 * URAD), "fail")
+    gap = open_gap("line_9 (not separable)", 20.0, 20.0)
+    assert judged(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
+
+
+def test_percentiles_over_cases() -> None:
+    """Amplitudes 0 to 1 urad in even steps: P95 between order statistics, and too few draws say nothing."""
+    cases = np.zeros((1000, 1, 2))
+    cases[:, 0, 0] = np.linspace(0.0, 1.0, 1000) * URAD
+    one = source("a", (5.0, 0.5, 0.0), cases=cases)
+    root = math.sqrt(2.0)
+    for limit, verdict in ((0.99, "pass"), (0.95, "not judged"), (0.9, "fail")):
+        r = requirement(axis="x", percentile="95 percent", limit=Si(limit * URAD / root))
+        found = judged(r, [one], "rss")
+        assert found.value == pytest.approx(0.95 * URAD / root, rel=1e-3)
+        assert found.verdict == verdict
+        assert found.spread is not None
+        assert found.spread[0].value == pytest.approx(0.5 * URAD / root, rel=1e-3)
+    few = judged(requirement(axis="x", percentile="95 percent"), [replace(one, cases=cases[:50])], "rss")
+    assert few.verdict == "not judged"
+    assert "needs 72 cases" in few.why[0]
+
+
+def test_a_wheel_moves_the_whole_system() -> None:
+    """Force that turns with the wheel, at its place on the hub, with drive and array on it: the whole matrices."""
+    full = whole.FullCraft(bandwidth=0.2)
+    scenario, place, f = scenario_of(full), np.array([0.2, -0.3, 0.1]), 27.0
+    wheel = {
+        "speed": Si(2.0 * np.pi * f),
+        "axis": [0, 0, 1],
+        "harmonics": [{"order": 1.0, "radial_force": "1e-6 N*s^2/rad^2"}],
+    }
+    found = of_other(OtherSource(name="w", wheel=wheel, position=[f"{x} m" for x in place]), scenario, Path())
+    force = 1e-6 * (2.0 * np.pi * f) ** 2
+    K, C = powered(full)
+    s, seen = 2j * np.pi * f, []
+    for direction in (np.eye(3)[0], np.eye(3)[1]):
+        on = np.zeros(full.n)
+        on[:6] = motion_of(place).T @ np.r_[force * direction, 0.0, 0.0, 0.0]
+        seen.append(np.linalg.solve(s**2 * full.M + s * C + K, on)[3:5])
+    # One turns a quarter of a turn after the other, whichever is first.
+    assert found.frequency == pytest.approx([f])
+    expected = [seen[0] - 1j * sense * seen[1] for sense in (1.0, -1.0)]
+    assert any(np.abs(found.los[0]) == pytest.approx(np.abs(each), rel=1e-9) for each in expected)
+
+
+def test_a_range_of_speeds_counts_with_its_worst() -> None:
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.2))
+    wheel = {
+        "speed": "60 rpm",
+        "speed_to": "600 rpm",
+        "axis": [0, 1, 0],
+        "harmonics": [{"order": 1.0, "axial_torque": "1e-6 N*m*s^2/rad^2"}],
+    }
+    one = of_other(OtherSource(name="w", wheel=wheel, position=["0 m"] * 3), scenario, Path())
+    assert len(one.alternatives) > 50
+    for keys in ({}, {"metric": "rpe", "window": "10 ms"}):
+        r = requirement(**keys)
+        each = [judged(r, [x], "rss").value for x in one.alternatives]
+        assert judged(r, [one], "rss").value == pytest.approx(max(each))
+
+
+def test_lines_and_densities_from_files(tmp_path: Path) -> None:
+    full = whole.FullCraft(bandwidth=0.2)
+    scenario = scenario_of(full)
+    (tmp_path / "l.csv").write_text("line,frequency_hz,mx_n_m,mx_n_m_phase_rad,mx_phase_rad\npump,40,0.001,0,0.5\n")
+    (tmp_path / "s.csv").write_text("frequency_hz,mx_n2_m2_hz\n30,1e-8\n50,1e-8\n")
+    (tmp_path / "p.csv").write_text("line,frequency_hz,los_x_rad,los_y_rad\nfan,40,1e-7,\n")
+    at = {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
+    lines = of_other(OtherSource(name="pump", lines="l.csv", **at), scenario, tmp_path)
+    K, C = powered(full)
+    s, on = 2j * np.pi * 40.0, np.zeros(full.n)
+    on[3] = 1e-3
+    angle = np.linalg.solve(s**2 * full.M + s * C + K, on)[3:5] * np.exp(0.5j)
+    assert lines.los[0] == pytest.approx(angle, rel=1e-9)
+    noise = of_other(OtherSource(name="n", density="s.csv", **at), scenario, tmp_path)
+    assert noise.density is not None
+    k = int(np.argmin(np.abs(noise.density[0] - 40.0)))
+    assert noise.density[1][k, 0] == pytest.approx(1e-8 * np.abs(angle[0] / 1e-3) ** 2, rel=0.02)
+    empty = of_other(OtherSource(name="fan", lines="p.csv"), scenario, tmp_path)
+    assert judged(requirement(), [empty], "rss").verdict == "not judged"  # a cell that is empty is not zero
+
+
+def test_torque_noise_is_one_draw_of_many() -> None:
+    noisy = scenario_of(
+        whole.FullCraft(bandwidth=0.2),
+        **{"friction.torque_noise": {"density": Si(1e-8), "lowest": Si(0.5), "highest": Si(50.0)}},
+    )
+    one, _ = of_run("drive", noisy, mv.run(noisy), 8)
+    found = judged(requirement(limit=Si(1.0)), [one], "rss")
+    assert found.verdict == "not judged"
+    assert any("one draw is one of many" in why for why in found.why)
+
+
+def test_a_free_hub_is_not_judged_below_its_lowest() -> None:
+    slow = scenario_of(
+        whole.FullCraft(),
+        **{
+            "reducer.transmission_error": [{"order": 1, "amplitude": Si(1e-5), "phase": Si(0.0)}],
+            "record.duration": Si(8.0),
+        },
+    )
+    one, _ = of_run("drive", slow, mv.run(slow), 8)
+    assert any("attitude_control" in why for why in judged(requirement(limit=Si(1.0)), [one], "rss").why)
+
+
+def test_the_recording_of_a_force_table_goes_the_short_way() -> None:
+    """Six loads on ground as a recording: the budget of the coupled run."""
+    full = whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1)
+    scenario = scenario_of(full, **{"record.settle": Si(20.0), "record.duration": Si(8.0)})
+    ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
+    names = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+    recording = Recording(
+        {n: ground[n] for n in names}, 1024.0, {n: "N" if n[0] == "F" else "N*m" for n in names}, "table"
+    )
+    r = Requirements(requirements=[{"metric": "rpe", "window": "10 ms", "limit": "1 urad"}])
+    table = pointing_budget(scenario, r, recording=recording)
+    full_run = pointing_budget(scenario, r)
+    assert table.judged[0].value == pytest.approx(full_run.judged[0].value, rel=0.01)
+    part = replace(recording, channels={"Mz": ground["Mz"]}, units={"Mz": "N*m"})
+    alone = pointing_budget(scenario, r, recording=part).judged[0]
+    assert alone.verdict == "not judged"
+    assert any("Fx, Fy, Fz, Mx, My not recorded" in why for why in alone.why)
+
+
+def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
+    scenario = scenario_of(whole.FullCraft(), **{"record.settle": Si(0.5), "record.duration": Si(2.0)})
+    (tmp_path / "craft.yaml").write_text(dump_scenario(scenario))
+    (tmp_path / "study.yaml").write_text(
+        "scenario: craft.yaml\nvary: {motor.detent_torque: {distribution: uniform, within: 30 percent}}\n"
+        "sampling: {method: random, count: 3}\n"
+    )
+    campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
+    campaign.write(0, compute_bytes(campaign.work(0)))
+    merge(campaign)
+    one, _ = of_run("drive", scenario, mv.run(scenario), 8)
+    cases = with_campaign(one, scenario, tmp_path / "c").cases
+    assert cases is not None
+    case = campaign.design.scenario(1)
+    result = mv.run(case)
+    assert result.motion is not None
+    own = hub_lines(result.motion, result.table)
+    for name in ("drive_1", "full_step_1"):
+        assert cases[1, one.names.index(name)] == pytest.approx(own.amplitude[own.names.index(name)], rel=1e-6)
+    with pytest.raises(mv.MicrovibError, match="another scenario: tracking differs"):
+        with_campaign(one, scenario.with_si({"tracking.rate": 1e-3}), tmp_path / "c")
+
+
+def test_the_example_as_a_command(tmp_path: Path) -> None:
+    arguments = ["budget", str(EXAMPLES / "spacecraft.yaml"), "--requirement", str(EXAMPLES / "requirement.yaml")]
+    arguments += ["--sources", str(EXAMPLES / "sources.yaml"), "--steady", "--short-way", "--out", str(tmp_path / "o")]
+    done = CliRunner().invoke(main, arguments, prog_name="microvib")
+    assert done.exit_code == 0, done.output
+    assert "The short way against the coupled run" in done.output
+    said = json.loads((tmp_path / "o" / "budget.json").read_text())
+    rows = list(csv.DictReader((tmp_path / "o" / "budget.csv").read_text().splitlines()))
+    assert [row["verdict"] for row in rows] == [x["verdict"] for x in said["requirements"]]
+    assert said["short_way"][0]["los_error"] < 0.01
+    assert all(abs(sum(s["share"] for s in x["sources"]) - 1.0) < 1e-9 for x in said["requirements"])
+    assert "Pointing budget" in (tmp_path / "o" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("requirements: []", "requirements: an empty list requires nothing"),
+        ("requirements: [{metric: rpe}]", "requirements.0.limit: give either limit"),
+        ("requirements: [{metric: rpe, limit: 3}]", "requirements.0.limit: 3 needs a unit, such as '3 urad'"),
+        ("requirements: [{metric: rms, limit: 1 urad}]", "requirements.0.metric"),
+        ("requirements: [{windows: 1 s, limit: 1 urad}]", "requirements.0.windows: unknown key; did you mean requirements.0.window"),
+        ("requirements: [{limit: 1 urad, percentile: 95 percent, statistic: level}]", "percentile"),
+        ("requirements: [{limit: 1 urad, lowest: 5 Hz, highest: 1 Hz}]", "highest"),
+        ("requirements: [{curve: [{frequency: 1 Hz, amplitude: 1 urad}]}]", "curve: two points or more"),
+    ],
+)  # fmt: skip
+def test_wrong_requirements_are_a_sentence(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "r.yaml").write_text(text)
+    with pytest.raises(mv.MicrovibError) as caught:
+        read_file(tmp_path / "r.yaml", Requirements)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{name: w}", "sources.0.wheel: give one of wheel, lines and density"),
+        ("{name: w, lines: nowhere.csv}", "nowhere.csv: cannot be read"),
+        ("{name: w, lines: l.csv}", "position: missing"),
+        ("{name: w, lines: l.csv, point: mirror}", "point: 'mirror' is not on the hub"),
+        ("{name: w, density: l.csv}", "is not a table of densities"),
+        (
+            "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 0], harmonics: [{order: 1}]}, point: center}",
+            "axis: [0, 0, 0]",
+        ),
+        ("{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}}", "a wheel needs its place"),
+    ],
+)
+def test_wrong_sources_are_a_sentence(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "l.csv").write_text("frequency_hz,fx_n\n1,2\n")
+    (tmp_path / "s.yaml").write_text(f"sources: [{text}]")
+    scenario = scenario_of(whole.FullCraft())
+    with pytest.raises(mv.MicrovibError) as caught:
+        _ = [of_other(one, scenario, tmp_path) for one in read_file(tmp_path / "s.yaml", Sources).sources]
+    assert says in str(caught.value)
+
+
+def test_drives_of_another_craft_are_refused() -> None:
+    here, there = (scenario_of(whole.FullCraft(hub_scale=x)) for x in (1.0, 2.0))
+    with pytest.raises(mv.MicrovibError, match=r"spacecraft\.hub: is another"):
+        pointing_budget([here, there])
+    with pytest.raises(mv.MicrovibError, match="spacecraft: missing"):
+        pointing_budget("state-1")
+    with pytest.raises(mv.MicrovibError, match="sum sums: is not allowed"):
+        pointing_budget(here, rule="sums")  # type: ignore[arg-type]
