@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import PATH, limit_options, load, report_options, set_option
+from microvib.cli.common import PATH, Target, limit_options, load, report_options, set_option
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 from microvib.errors import OptionError, OutputError
@@ -35,11 +35,16 @@ _KINDS = (".html", ".pdf")  # files of a report
     is_flag=True,
     help="Start in the steady state (record.start=steady), without settling; lines are then exact.",
 )
+@click.option(
+    "--angles",
+    metavar="FIRST:LAST:STEP",
+    help="One run at each angle of the array on its craft, e.g. 0:180:15 (degrees), or a list, 0,45,90; one table and picture.",
+)
 @limit_options
 @report_options
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
-    steady: bool, limit: str | None, band: str | None, form: Form,
+    steady: bool, angles: str | None, limit: str | None, band: str | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.limits import Limit, judge
@@ -52,6 +57,11 @@ def run(
     loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
+    if angles is not None:
+        if lines_only or allowed is not None:
+            raise OptionError("angles", "goes neither with a limit nor with lines alone; leave them out")
+        _run_angles(loaded, angles, harmonics, Target(out, overwrite, form))
+        return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         result, files = run_scenario(
             loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, limit=allowed, form=form,
@@ -72,6 +82,16 @@ def run(
     for sentence in _of_craft(loaded, files):
         echo(sentence)
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
+
+
+def _run_angles(loaded: Scenario, angles: str, harmonics: int, target: Target) -> None:
+    from microvib.reports.angles import angles_text, write_angles
+    from microvib.studies.angles import angles_in, sweep_angles
+
+    asked = angles_in(angles)
+    with progress_bar("solving", "angles") as progress:
+        sweep = sweep_angles(loaded, asked, harmonics=harmonics, progress=progress)
+    target.deliver(angles_text(sweep), write_angles, sweep)
 
 
 def _of_craft(loaded: Scenario, files: tuple[str, ...]) -> Iterator[str]:

@@ -1,0 +1,134 @@
+"""A sweep over angles of the array as text, tables, picture and report."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.io.tables import rows_csv, to_json
+from microvib.model.coupling import chart, craft_in
+from microvib.reports import sheets
+from microvib.reports.blocks import drawn, study
+from microvib.reports.document import Document, Fact, Form, Section, Table, table
+from microvib.reports.numbers import text_table
+from microvib.reports.rendering import write_study
+from microvib.signals.pointing import METRICS
+from microvib.studies.angles import AngleSweep
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHOWN = 6
+"""Lines of a picture."""
+
+
+def angles_text(sweep: AngleSweep) -> str:
+    """Largest line and rms of the line of sight at each angle, and over all angles."""
+    head, rows = _table(sweep)
+    title = sweep.scenario.title or "Angles"
+    parts = [f"{title}: lines of the line of sight at {len(sweep.angles)} angles of the array.", text_table(head, rows)]
+    found = zip(sweep.angles, sweep.fallbacks, strict=True)
+    parts += [f"{math.degrees(angle):g} deg: no steady state: {why}." for angle, why in found if why]
+    return "\n\n".join(parts)
+
+
+def _table(sweep: AngleSweep) -> tuple[list[str], list[list[str]]]:
+    windows = sweep.lines[0].windows
+    columns = {"ape": sweep.rms("ape", 1.0)} | {f"rpe {1e3 * w:g} ms": sweep.rms("rpe", w) for w in windows}
+    head = ["angle deg", "largest line", "Hz", "its amplitude rad", *(f"{name} rad" for name in columns)]
+    rows = []
+    for k, (angle, one) in enumerate(zip(sweep.angles, sweep.lines, strict=True)):
+        size = np.linalg.norm(one.amplitude, axis=1)
+        top = int(np.argmax(size)) if size.size else -1
+        largest = [one.names[top], f"{one.frequency[top]:.4g}", f"{size[top]:.4g}"] if top >= 0 else ["none", "", ""]
+        rows.append([f"{math.degrees(angle):g}", *largest, *(f"{x[k]:.4g}" for x in columns.values())])
+    rows.append(["all", "rms over angles", "", "", *(f"{math.sqrt(np.mean(x**2)):.4g}" for x in columns.values())])
+    rows.append(["worst", "", "", "", *(f"{x.max():.4g}" for x in columns.values())])
+    return head, rows
+
+
+def write_angles(out: Path, sweep: AngleSweep, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """Tables, JSON, picture and report; names of the files."""
+    loads = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
+    rows = [
+        (math.degrees(angle), name, float(one.frequency[k]), *np.abs(one.loads[k]).tolist(), *one.amplitude[k].tolist())
+        for angle, one in zip(sweep.angles, sweep.lines, strict=True) for k, name in enumerate(one.names)
+    ]  # fmt: skip
+    rms = [
+        {"window_s": w, "metric": metric, "radial_rad": sweep.rms(metric, w).tolist()}
+        for w in sweep.lines[0].windows for metric in METRICS
+    ]  # fmt: skip
+    said = {"angles_deg": np.degrees(sweep.angles).tolist(), "windows": rms, "no_steady_state": list(sweep.fallbacks)}
+    picture = draw_angles(sweep)
+    files: dict[str, Any] = {
+        "angles.csv": rows_csv(["angle_deg", "line", "frequency_hz", *loads, "los_x_rad", "los_y_rad"], rows),
+        "angles.json": to_json(said),
+        "angles.png": sheets.png(picture),
+    }
+    return write_study(out, files, angles_report(sweep, picture, form), form, overwrite)
+
+
+def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) -> Document:
+    """The report: worst angle, picture, table."""
+    ape = sweep.rms("ape", 1.0)
+    worst, least = int(np.argmax(ape)), int(np.argmin(ape))
+    facts = [
+        Fact(f"{math.degrees(sweep.angles[worst]):g}°", f"worst angle, {ape[worst]:.3g} rad rms"),
+        Fact(f"{math.degrees(sweep.angles[least]):g}°", f"best angle, {ape[least]:.3g} rad rms"),
+        Fact(f"{math.sqrt(np.mean(ape**2)):.3g} rad", "rms over all angles, each for the same time"),
+    ]
+    head, rows = _table(sweep)
+    said: Table = table([_head(x) for x in head], rows)
+    caption = (
+        "Left, lines of the line of sight, radial, 0-to-peak; dotted, driving lines of the linearised drive. Right, rms of all"
+        " lines."
+    )
+    title = sweep.scenario.title or "drive"
+    return study(
+        "Angles", f"Angles of the array: {title}", f"{len(sweep.angles)} angles, one run each", facts=facts,
+        first_page=(drawn(picture, "Lines over the array's angle", caption),), sections=[Section("Every angle", (said,))],
+        form=form, scenario=sweep.scenario,
+    )  # fmt: skip
+
+
+def _head(text: str) -> str:
+    """A head of the text table as a report writes it, unit in brackets."""
+    stem, _, unit = text.rpartition(" ")
+    return f"{stem} [{unit}]" if unit in ("deg", "rad") else "frequency [Hz]" if text == "Hz" else text
+
+
+def draw_angles(sweep: AngleSweep) -> Figure:
+    """The largest lines over the angle, and the rms in each window."""
+    drawing, axes = sheets.sheet(3.0, 1, 2)
+    left, right = axes[0]
+    degrees, shown = np.degrees(sweep.angles), sweep.names[:SHOWN]
+    for k, name in enumerate(shown):
+        left.plot(
+            degrees, 1e6 * sweep.los(name), "o-", color=sheets.COLOURS[k], markersize=3, linewidth=0.9, label=name
+        )
+    _draw_linear(left, sweep, shown)
+    for k, window in enumerate(sweep.lines[0].windows):
+        right.plot(degrees, 1e6 * sweep.rms("rpe", window), "o-", color=sheets.COLOURS[k % 7], markersize=3, linewidth=0.9,
+                   label=f"RPE {1e3 * window:g} ms")  # fmt: skip
+    right.plot(degrees, 1e6 * sweep.rms("ape", 1.0), "o-", color="black", markersize=3, linewidth=0.9, label="APE")
+    for ax, what in ((left, "amplitude, radial [µrad]"), (right, "rms of all lines, radial [µrad]")):
+        ax.set(xlabel="angle of the array [deg]", ylabel=what, yscale="log")
+        ax.legend(fontsize=6.5, frameon=False)
+    return drawing
+
+
+def _draw_linear(ax: Any, sweep: AngleSweep, shown: tuple[str, ...]) -> None:
+    """Driving lines of the linearised drive, in closed form, at many angles."""
+    scenario = sweep.scenario
+    orders = [int(name.removeprefix("drive_")) for name in shown if name.removeprefix("drive_").isdigit()]
+    if not orders or not scenario.rate or craft_in(scenario).spacecraft.line_of_sight is None or sweep.angles.size < 2:
+        return
+    psi = np.linspace(sweep.angles.min(), sweep.angles.max(), 121)
+    found = chart(scenario, np.array([scenario.rate]), psi, max(orders))
+    assert found.los is not None
+    for order in orders:
+        size = np.linalg.norm(found.los[:, 0, order - 1], axis=1)
+        ax.plot(np.degrees(psi), 1e6 * size, ":", color=sheets.COLOURS[shown.index(f"drive_{order}")], linewidth=1.0)

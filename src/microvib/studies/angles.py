@@ -1,0 +1,97 @@
+"""One drive on its craft at several angles of the array, one run each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.analysis.pointing import HubLines, hub_lines
+from microvib.analysis.run import solve_run
+from microvib.errors import MicrovibError, OptionError
+from microvib.model.coupling import craft_in
+from microvib.model.scenario import Scenario
+from microvib.signals.pointing import Metric, radial
+from microvib.solve.integration import Progress
+from microvib.units import Si, quantity
+
+MOST_ANGLES = 361
+
+
+@dataclass(frozen=True)
+class AngleSweep:
+    """Lines at each angle [rad], (p,)."""
+
+    scenario: Scenario
+    angles: np.ndarray
+    lines: tuple[HubLines, ...]
+    fallbacks: tuple[str, ...]
+    """Why there is no steady state at an angle where one was asked for; empty elsewhere."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All lines of all angles, the one that gets largest in the line of sight first."""
+        size: dict[str, float] = {}
+        for one in self.lines:
+            for name, value in zip(one.names, np.linalg.norm(one.amplitude, axis=1), strict=True):
+                size[name] = max(size.get(name, 0.0), float(value))
+        return tuple(sorted(size, key=lambda name: -size[name]))
+
+    def los(self, name: str) -> np.ndarray:
+        """Radial amplitude of a line at each angle [rad], (p,); nan where it is not there."""
+        found = np.full(len(self.lines), np.nan)
+        for k, one in enumerate(self.lines):
+            if name in one.names:
+                found[k] = np.linalg.norm(one.amplitude[one.names.index(name)])
+        return found
+
+    def rms(self, metric: Metric, window: float) -> np.ndarray:
+        """Radial rms of all lines at each angle [rad], (p,)."""
+        return np.array([float(radial(one.mean_squares(metric, window).sum(axis=0))) for one in self.lines])
+
+
+def sweep_angles(
+    scenario: Scenario, angles: Sequence[Si], *, harmonics: int = 8, progress: Progress | None = None
+) -> AngleSweep:
+    """Run ``scenario`` at each of the ``angles`` [rad] of its array. Raises MicrovibError and what ``simulate`` raises.
+
+    The angle is constant in each run: an array that turns by it in minutes stays there for many periods of every line.
+    """
+    if craft_in(scenario).spacecraft.line_of_sight is None:
+        raise MicrovibError("spacecraft.line_of_sight: missing; a sweep over angles looks at it")
+
+    def at(angle: float) -> tuple[HubLines, str]:
+        result = solve_run(scenario.with_si({"spacecraft.array_angle": angle}), harmonics=harmonics)
+        source = result.state or result.motion
+        assert source is not None
+        return hub_lines(source, result.table, harmonics), result.fallback
+
+    found = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for k, one in enumerate(pool.map(at, map(float, angles)), 1):
+            found.append(one)
+            if progress is not None:
+                progress(k, len(angles))
+    return AngleSweep(scenario, np.array(angles, dtype=float), *zip(*found, strict=True))
+
+
+def angles_in(text: str) -> tuple[Si, ...]:
+    """Angles [rad] of ``0:180:15`` (first, last, step) or ``0,45,90``, in degrees or with a unit at the end. OptionError."""
+    number = text.rstrip("abcdefghijklmnopqrstuvwxyz°µ ")
+    unit = text[len(number) :].strip() or "deg"
+    parts = number.split(":") if ":" in number else number.split(",")
+    values = tuple(quantity("angles", f"{part.strip()} {unit}", "rad", example="deg") for part in parts)
+    if ":" not in number:
+        return values if len(values) <= MOST_ANGLES else _refused(text)
+    if len(values) != 3 or values[2] == 0.0 or (values[1] - values[0]) / values[2] < 0.0:
+        example = "write FIRST:LAST:STEP in degrees, such as 0:180:15, or a list, 0,45,90"
+        raise OptionError("angles", f"{text!r} is not a range; {example}")
+    count = int((values[1] - values[0]) / values[2] + 1e-6) + 1
+    return tuple(Si(values[0] + k * values[2]) for k in range(count)) if count <= MOST_ANGLES else _refused(text)
+
+
+def _refused(text: str) -> tuple[Si, ...]:
+    raise OptionError("angles", f"{text!r} makes too many runs; at most {MOST_ANGLES} angles are expected")
