@@ -39,7 +39,8 @@ def test_angles_as_they_are_written(text: str, degrees: list[float]) -> None:
     [
         ("0:180", "is not a range"),
         ("0:180:-15", "is not a range"),
-        ("0:1:x", "is not a quantity"),
+        ("0:1:x", "has an unknown unit"),
+        ("a,b", "is not a quantity"),
         ("0:360:0.1", "at most 361"),
     ],
 )

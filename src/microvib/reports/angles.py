@@ -82,6 +82,10 @@ def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) 
     ]
     head, rows = _table(sweep)
     said: Table = table([_head(x) for x in head], rows)
+    brief = table(
+        ["angle [deg]", "largest line", "all lines, rms [nrad]"],
+        [[r[0], r[1], f"{1e9 * float(r[4]):.4g}"] for r in rows],
+    )
     caption = (
         "Left, lines of the line of sight, radial, 0-to-peak; dotted, driving lines of the linearised drive. Right, rms of all"
         " lines."
@@ -89,7 +93,7 @@ def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) 
     title = sweep.scenario.title or "drive"
     return study(
         "Angles", f"Angles of the array: {title}", f"{len(sweep.angles)} angles, one run each", facts=facts,
-        first_page=(drawn(picture, "Lines over the array's angle", caption),), sections=[Section("Every angle", (said,))],
+        first_page=(brief, drawn(picture, "Lines over the array's angle", caption)), sections=[Section("Every angle", (said,))],
         form=form, scenario=sweep.scenario,
     )  # fmt: skip
 
