@@ -173,6 +173,23 @@ def test_percentiles_over_cases() -> None:
     assert "needs 72 cases" in few.why[0]
 
 
+def test_a_campaign_that_lacks_cases_has_no_percentile() -> None:
+    cases = np.zeros((1000, 1, 2))
+    one = source("a", (5.0, 0.5, 0.0), cases=cases, cases_lack="3 cases have no result")
+    found = judged(requirement(percentile="95 percent"), [one], "rss")
+    assert found.verdict == "not judged"
+    assert found.why == ("percentile: 3 cases have no result",)
+
+
+def test_lines_above_a_low_passband_keep_it_from_passing() -> None:
+    """At 8 Hz no driving line is seen, nor the full-step lines, which are the largest."""
+    low = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.sample_rate": Si(8.0), "record.duration": Si(30.0)})
+    one, _ = of_run("drive", low, mv.run(low), 8)
+    found = judged(requirement(limit=Si(1.0)), [one], "rss")
+    assert found.verdict == "not judged"
+    assert any("not even two driving lines" in why for why in found.why)
+
+
 def test_a_wheel_moves_the_whole_system() -> None:
     """Force that turns with the wheel, at its place on the hub, with drive and array on it: the whole matrices."""
     full = whole.FullCraft(bandwidth=0.2)

@@ -273,7 +273,7 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
     begun = all(x.status != TRANSIENT for x in table)  # in the steady state, nothing rings
     ringing = [m for m in coupled_modes(scenario) if begun and start < m.frequency <= limit.high]
     slowest = max((CALM / (2.0 * math.pi * m.frequency * m.damping) for m in ringing if m.damping > 0.0), default=0.0)
-    longer = slowest - _calm_for(scenario)
+    longer = slowest - calm_for(scenario)
     if longer > 0.0:
         gaps.append(f"ringing above {start:.4g} Hz (settle >= {_up(scenario.record.settle + longer)} s)")
     return gaps
@@ -297,7 +297,7 @@ def has_calmed(line: Line, scenario: Scenario | None) -> bool:
     if scenario is None or line.kind != "array mode":
         return False
     mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
-    return mode is not None and 2.0 * math.pi * mode.frequency * mode.damping * _calm_for(scenario) > CALM
+    return mode is not None and 2.0 * math.pi * mode.frequency * mode.damping * calm_for(scenario) > CALM
 
 
 def _is_small(line: Line, limit: Limit) -> bool:
@@ -310,10 +310,10 @@ def _may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
     if scenario is None or line.kind != "other":
         return False
     modes = [m for m in coupled_modes(scenario) if abs(m.frequency - line.frequency_hz) * table.duration < SEPARATION]
-    return any(2.0 * math.pi * m.frequency * m.damping * _calm_for(scenario) < CALM for m in modes)
+    return any(2.0 * math.pi * m.frequency * m.damping * calm_for(scenario) < CALM for m in modes)
 
 
-def _calm_for(scenario: Scenario) -> float:
+def calm_for(scenario: Scenario) -> float:
     """Seconds at one rate before the record."""
     times, rates = scenario.tracking.breakpoints()
     settle = scenario.record.settle

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.analysis.limits import BEYOND, OWN_ERROR, driven_by_noise, has_calmed
+from microvib.analysis.limits import BEYOND, CALM, OWN_ERROR, calm_for, driven_by_noise, has_calmed
 from microvib.analysis.lines import expected_in, lines_of_recording
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
@@ -19,11 +19,12 @@ from microvib.errors import MicrovibError, error_context
 from microvib.io.files import check_file, reading
 from microvib.io.tables import finite
 from microvib.model.coupling import MEANINGLESS, chart, craft_in, receiver_of, short_way, transfer_from
+from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import LineTable
+from microvib.signals.line_table import DETECTION, FAINT, LineTable
 from microvib.solve.channels import INTERFACE
 from microvib.studies.budget.files import OtherSource, Wheel
 from microvib.testdata.recording import Recording
@@ -82,6 +83,8 @@ class Contribution:
     scenario: Scenario | None = None
     cases: np.ndarray | None = None
     """Amplitudes of its lines over the cases of a campaign, (cases, k, 2)."""
+    cases_lack: str = ""
+    """What the campaign does not say of its cases, in words; no percentile is judged then."""
     alternatives: tuple[Contribution, ...] = ()
     """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most counts."""
 
@@ -133,7 +136,9 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
         yield open_gap("friction.torque_noise drives it, and one draw is one of many", *noise.band(record.sample_rate))
     if scenario.rate is None:
         yield open_gap("the rate changes within the record, so that there are no lines of the step clock")
-    if table.rest is not None and not steady and table.rest.frequency.size:
+    if table.rest is None:
+        yield open_gap("lines that are not in the table were not sought")
+    elif table.rest.frequency.size:
         craft, at, peaks = craft_in(scenario), table.rest.frequency, table.rest.amplitude
         torque = np.maximum(np.abs(craft.transfer(craft.loads(), at)[:, :, 0] @ craft.axis), 1e-300)
         moved = np.abs(craft.transfer(craft.line_of_sight(), at)[:, :, 0])
@@ -145,19 +150,36 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
             at[known],
             (moved * (peaks / torque)[:, None])[known],
         )
-    yield from _above(scenario, PASSBAND * record.sample_rate)
+    top = PASSBAND * record.sample_rate
+    calm = math.inf if steady else calm_for(scenario)
+    rings = [
+        m.name
+        for m in coupled_modes(scenario)
+        if m.frequency > top and math.tau * m.frequency * m.damping * calm < CALM
+    ]
+    if rings:
+        yield open_gap(
+            f"{rings[0]} above {top:.4g} Hz may ring (a higher record.sample_rate, or record.start: steady)", top
+        )
+    yield from _above(scenario, top)
 
 
 def _above(scenario: Scenario, top: float) -> Iterator[Gap]:
-    """Driving lines above the passband, BEYOND times what the linearised drive makes there."""
-    f_d = scenario.driving_frequency
+    """Driving lines above the passband, BEYOND times what the linearised drive makes there.
+
+    That bounds full-step lines, too, where two driving lines are within: these have long fallen there.
+    """
+    f_d, remedy = scenario.driving_frequency, "a higher record.sample_rate"
     if not f_d or not scenario.rate:
+        return
+    if top < 2.0 * f_d:
+        yield open_gap(f"lines above {top:.4g} Hz, where not even two driving lines are seen ({remedy})", top)
         return
     first = int(top / f_d) + 1
     found = chart(scenario, np.array([scenario.rate]), harmonics=first + 40)
     assert found.los is not None
     orders = slice(first - 1, None)
-    why = f"lines above {top:.4g} Hz (a higher record.sample_rate)"
+    why = f"lines above {top:.4g} Hz ({remedy})"
     yield Gap(why, top, math.inf, found.frequency[0, orders], BEYOND * np.abs(found.los[0, 0, orders]))
 
 
@@ -171,37 +193,41 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
         for x in expected_in(scenario, recording.sample_rate, harmonics)
         if x.kind not in OWN
     ]
-    loads = np.zeros((len(expected), 6), dtype=complex)
-    missing, spread = [c for c in INTERFACE if c not in recording.channels], np.zeros(len(expected))
+    missing = [channel for channel in INTERFACE if channel not in recording.channels]
+    loads, floors = np.zeros((len(expected), 6), dtype=complex), np.zeros((len(expected), 6))
     for k, channel in enumerate(INTERFACE):
         if channel in recording.channels:
             rows = lines_at_known_clock(recording[channel], recording.sample_rate, expected)
             loads[:, k] = [rows[x.name].amplitude_n_m * np.exp(1j * rows[x.name].phase_rad) for x in expected]
+            floors[:, k] = [DETECTION * rows[x.name].floor_n_m for x in expected]
     of_axis = {line.line: line for line in table}
-    seen = np.array([x.name in of_axis and of_axis[x.name].status == "ok" for x in expected]) & np.all(
-        np.isfinite(loads), axis=1
-    )
-    spread = np.array([_relative(of_axis.get(x.name)) for x in expected])
+    found = [of_axis.get(x.name) for x in expected]
+    seen = np.array([x is not None and x.status == "ok" for x in found]) & np.all(np.isfinite(loads), axis=1)
     spacecraft = craft_in(scenario).spacecraft
     turn = np.kron(np.eye(2), spacecraft.interface.turn(scenario.array.drive_axis, spacecraft.array_angle))
-    f = np.array([x.frequency for x in expected])[seen]
-    los = short_way(scenario, f, loads[seen] @ turn.T).los
+    f = np.array([x.frequency for x in expected])
+    los = short_way(scenario, f, np.nan_to_num(loads) @ turn.T).los
     if los is None:
         raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+    by_each = [short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T]
+    most = np.sum([np.abs(by) * floors[:, [k]] for k, by in enumerate(by_each) if by is not None], axis=0)
     known = np.all(np.isfinite(los), axis=1)
+    faint = np.array([x is not None and x.status == FAINT for x in found]) & np.all(np.isfinite(floors), axis=1) & known
     gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")] if missing else []
+    if faint.any():
+        gaps.append(Gap("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint]))
     gaps += [
-        open_gap(f"{x.name} is not seen in the recording (a longer one, or less noise)", x.frequency, x.frequency)
-        for x, ok in zip(expected, seen, strict=True) if not ok
+        open_gap(f"{x.name} ({'not in the table' if row is None else row.status}; a longer recording)", x.frequency, x.frequency)
+        for x, row, ok in zip(expected, found, seen | faint, strict=True) if not ok
     ]  # fmt: skip
     gaps += _below(not np.all(known))
     gaps += list(_above(scenario, PASSBAND * recording.sample_rate))
-    doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[seen], initial=0.0))
-    names = [x.name for x, ok in zip(expected, seen, strict=True) if ok]
-    return Contribution(
-        name, f"recording {recording.title}, the short way", tuple(n for n, ok in zip(names, known, strict=True) if ok), f[known],
-        los[known], gaps=tuple(gaps), doubt=doubt, scenario=scenario,
-    )  # fmt: skip
+    kept = seen & known
+    spread = np.array([_relative(row) for row in found])
+    doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[kept], initial=0.0))
+    names = tuple(x.name for x, ok in zip(expected, kept, strict=True) if ok)
+    how = f"clock lines of the recording {recording.title}, the short way"
+    return Contribution(name, how, names, f[kept], los[kept], gaps=tuple(gaps), doubt=doubt, scenario=scenario)
 
 
 def _relative(line: object) -> float:

@@ -29,6 +29,8 @@ from microvib.testdata.recording import Recording
 RULES: tuple[Rule, ...] = ("rss", "coherent", "bound")
 _SAME = ("motor", "driver", "reducer", "friction", "array", "tracking", "spacecraft")
 """Groups of a scenario in which a campaign must agree with it."""
+FAINT_LINE = 1e-3
+"""Part of the largest line from which a line must be in all cases of a campaign."""
 
 
 @dataclass(frozen=True)
@@ -160,15 +162,21 @@ def with_campaign(drive: Contribution, scenario: Scenario, folder: Path) -> Cont
         raise MicrovibError(
             f"{folder}: has levels, which are no ensemble; a campaign of distributions alone is expected"
         )
-    drawn = independent(design) & (results.state == DONE)
+    counted = independent(design)
+    drawn = counted & (results.state == DONE)
     if not drawn.any():
         raise MicrovibError(f"{folder}: has no independent case that was computed")
-    cases = np.zeros((int(drawn.sum()), len(drive.names), 2))
-    for k, line in enumerate(drive.names):
-        if line in results.lines and not line.startswith("other_"):
-            for axis, figure_name in enumerate(("los_x", "los_y")):
-                cases[:, k, axis] = np.nan_to_num(results.of(line, figure_name)[drawn])
-    return replace(drive, cases=cases)
+    names = [name for name in results.lines if not name.startswith("other_")]
+    known = {name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T for name in names}
+    none = np.full((int(drawn.sum()), 2), np.nan)
+    cases = np.array([known.get(name, none) for name in drive.names]).transpose(1, 0, 2)
+    size = np.hypot(*np.abs(drive.los).T)
+    large = drive.settled & (size > FAINT_LINE * size.max())
+    missing = [n for k, n in enumerate(drive.names) if large[k] and np.isnan(cases[:, k]).any()]
+    more = [n for n in names if n not in drive.names and np.nanmax(known[n], initial=0.0) > FAINT_LINE * size.max()]
+    lack = [f"{int(np.sum(counted & ~drawn))} cases have no result"] if np.any(counted & ~drawn) else []
+    lack += [f"{', '.join((missing + more)[:3])} is not in all cases"] if missing or more else []
+    return replace(drive, cases=np.nan_to_num(cases), cases_lack="; ".join(lack))
 
 
 def _windows(scenario: Scenario, contributions: Sequence[Contribution], rule: Rule) -> Iterator[Window]:

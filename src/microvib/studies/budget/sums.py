@@ -308,7 +308,11 @@ def quantile_of(
     r: Requirement, chosen: Sequence[Contribution], rule: Rule, densities: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> Estimate:
     """The percentile that is required, with its interval; NONE where there is no campaign, or too few cases."""
-    if r.percentile is None or not any(one.cases is not None for one in chosen):
+    if (
+        r.percentile is None
+        or not any(one.cases is not None for one in chosen)
+        or any(one.cases_lack for one in chosen)
+    ):
         return NONE
     return quantile(_values(r, chosen, rule, densities), r.percentile)
 
@@ -325,7 +329,7 @@ def _spread(
     if cases is None:
         needed = r.percentile is not None
         return None, ["percentile: needs an ensemble; name a campaign of the scenario"] if needed else []
-    why = []
+    why = [f"percentile: {one.cases_lack}" for one in chosen if r.percentile is not None and one.cases_lack]
     if r.percentile is not None and len(cases) < draws_needed(r.percentile):
         why = [
             f"percentile: P{100 * r.percentile:g} needs {draws_needed(r.percentile)} cases, and the campaign has {len(cases)}"
