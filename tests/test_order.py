@@ -38,6 +38,10 @@ ERROR = {
         {"order": 200, "amplitude": 1e-5, "phase": -1.1},
     ]
 }
+VARIES = {
+    "friction.viscous": 20.0,
+    "friction.position.harmonics": [{"order": 20_000, "amplitude": 0.6, "phase": 0.7}],
+}
 RAMP = {"driver.microstep_ramp": 1.0}
 CASES = {
     "compliant reducer": {},
@@ -48,6 +52,8 @@ CASES = {
     "rigid reducer": RIGID,
     "rigid reducer, three modes": {**RIGID, **THREE_MODES},
     "rigid reducer, transmission error": {**RIGID, **ERROR},
+    "friction over the angle": VARIES,
+    "rigid reducer, friction over the angle": {**RIGID, **VARIES},
     "derivative gain": {"driver.derivative_gain": 0.01},
     "no integral gain": {"driver.integral_gain": 0.0},
 }

@@ -12,8 +12,8 @@ class Automaton:
     Forces of elements that stick are integrated, dF/dt = k omega_l; those that slip are s(omega_l) times their share.
     """
 
-    def __init__(self, scenario, noise=lambda t: 0.0):
-        self.s, self.noise, f = scenario, noise, scenario.friction
+    def __init__(self, scenario, noise=lambda t: 0.0, grip=lambda angle: 1.0):
+        self.s, self.noise, self.grip, f = scenario, noise, grip, scenario.friction
         self.k, self.nu = np.array(f.memory).reshape(-1, 2).T
         self.mode = np.zeros(self.k.size)
         self.H, self.D, self.Lam = scenario.array.H, scenario.array.D, scenario.array.Lambda
@@ -22,11 +22,9 @@ class Automaton:
     def curve(self, omega):
         return self.slide + self.excess * math.exp(-abs(omega) / self.rate)
 
-    def friction(self, omega, F):
-        return (
-            np.where(self.mode == 0.0, F, self.mode * self.nu * self.curve(omega)).sum()
-            + self.s.friction.viscous * omega
-        )
+    def friction(self, angle, omega, F):
+        slides = self.mode * self.nu * self.curve(omega) * self.grip(angle)
+        return np.where(self.mode == 0.0, F, slides).sum() + self.s.friction.viscous * omega * self.grip(angle)
 
     def __call__(self, t, y, ref):
         s, n = self.s, self.H.size
@@ -44,7 +42,7 @@ class Automaton:
         m = motor.friction
         T_fm = math.copysign(m.sliding_torque, wm) + m.viscous * wm if m.breakaway_torque else m.viscous * wm
         am = (T_e - T_fm + T_g / g.ratio) / s.rotor_inertia
-        al = (T_g - self.friction(wl, F) - self.noise(t) + self.H @ pull) / s.output_inertia
+        al = (T_g - self.friction(tl, wl, F) - self.noise(t) + self.H @ pull) / s.output_inertia
         dF = np.where(self.mode == 0.0, self.k * wl, 0.0)
         return np.concatenate(
             [[(uA - motor.winding_resistance * iA + K * wm * s_) / L, (uB - motor.winding_resistance * iB - K * wm * c_) / L],
@@ -61,7 +59,7 @@ class Automaton:
 
                     def reaches(t, y, ref, e=e):
                         outward = max(math.copysign(1.0, y[first + e]) * y[7], 0.0)
-                        return self.nu[e] * self.curve(outward) - abs(y[first + e])
+                        return self.nu[e] * self.curve(outward) * self.grip(y[6]) - abs(y[first + e])
                 else:
 
                     def reaches(t, y, ref, e=e):
@@ -78,7 +76,7 @@ class Automaton:
                 self.mode[e] = math.copysign(1.0, y[first + e])
             else:
                 slips = self.mode != 0.0
-                y[first:][slips] = ((1.0 - 1e-9) * self.mode * self.nu * self.curve(0.0))[slips]
+                y[first:][slips] = ((1.0 - 1e-9) * self.mode * self.nu * self.curve(0.0) * self.grip(y[6]))[slips]
                 self.mode[slips] = 0.0
                 y[7] = 0.0
         return y

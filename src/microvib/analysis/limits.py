@@ -13,7 +13,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import SEPARATION
-from microvib.signals.line_table import DETECTION, FAINT, Line, LineTable
+from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable, SeedLine
 from microvib.units import Band, Given, Si, band, quantity
 
 Verdict = Literal["pass", "fail", "not judged"]
@@ -161,7 +161,7 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
     found = ((x.frequency_hz if math.isfinite(x.frequency_hz) else x.expected_hz, x) for x in table)
     within = [x for frequency, x in found if limit.holds(frequency) and x.status != TRANSIENT]
-    ringing = [x for x in table if x.status == "decaying"]
+    ringing = [x for x in table if x.status in ("decaying", DRIVEN)]
     margins = [_margin(x, limit, table, ringing, scenario) for x in within if math.isfinite(x.amplitude_n_m)]
     margins.sort(key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
@@ -178,10 +178,7 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     """A sentence for each tone that decays and is above a hundredth of the largest steady line at the start of the record."""
     largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.starting(table.duration)) for x in table if x.status == "decaying"]
-    noisy = [x for x in table if x.status in ("ok", "decaying", "growing") and driven_by_noise(x, scenario)]
-    starts = [(x, start) for x, start in starts if x not in noisy]
-    drawn = [f"{', '.join(x.line for x in noisy)}: {_DRAWN}; other seeds give others."] if noisy else []
-    return drawn + [
+    return [_drawn(x, table) for x in table if x.status == DRIVEN and x.kind == "array mode"] + [
         f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
         f" {_unsettled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
         " record.start=steady."
@@ -190,19 +187,45 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     ]
 
 
-def driven_by_noise(line: Line, scenario: Scenario | None) -> bool:
-    """Whether torque noise makes this line another one with every draw: one that the clock does not make, in the noise's band."""
-    noise = None if scenario is None else scenario.friction.torque_noise
-    if scenario is None or noise is None or noise.density == 0.0 or line.kind not in ("array mode", "other"):
-        return False
-    low, high = noise.band(scenario.record.sample_rate)
-    return low <= line.frequency_hz <= high
+def _drawn(line: Line, table: LineTable) -> str:
+    """What is known of a line of which the record is one draw."""
+    seeds = table.over_seeds(line.line)
+    if seeds is not None:
+        return (
+            f"{line.line}: {DRIVEN}; over {seeds.draws} seeds {1e3 * seeds.mean_n_m:.4g} ± {1e3 * seeds.deviation_n_m:.2g} mN m,"
+            f" 95 % of them below {1e3 * seeds.p95_n_m:.4g} mN m."
+        )
+    alone = (
+        f" the linearised drive gives {1e3 * line.noise_mean_n_m:.3g} ± {1e3 * line.noise_deviation_n_m:.2g} mN m by noise alone,"
+        f" 95 % of the draws below {1e3 * line.noise_p95_n_m:.3g} mN m;"
+        if math.isfinite(line.noise_mean_n_m)
+        else ""
+    )
+    return f"{line.line}: {_DRAWN};{alone} --seeds N runs others."
+
+
+def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> tuple[float, Verdict, str]:
+    """Amplitude that is judged, verdict and reason where many draws of the noise were run: their 95 % quantile."""
+    doubt = max(OWN_ERROR, own_error)
+    largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + doubt)
+    if largest <= most:
+        return seeds.p95_n_m, "pass", ""
+    if seeds.p95_low_n_m * (1.0 - doubt) > most:
+        return seeds.p95_n_m, "fail", ""
+    high = "an unknown amplitude" if math.isnan(seeds.p95_high_n_m) else f"{1e3 * seeds.p95_high_n_m:.4g} mN m"
+    return (
+        seeds.p95_n_m,
+        "not judged",
+        f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; more seeds than {seeds.draws}, at least 59",
+    )
 
 
 def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:
     """The verdict on one line: pass or fail where its amplitude is known well enough, whatever the record was."""
     amplitude, most = line.amplitude_n_m, limit.torque
     spread = line.amplitude_uncertainty_n_m if math.isfinite(line.amplitude_uncertainty_n_m) else 0.0
+    if math.isfinite(line.noise_deviation_n_m):
+        spread = math.hypot(spread, line.noise_deviation_n_m)
     doubt = 2.0 * spread + max(OWN_ERROR, table.own_error) * amplitude
     verdict: Verdict
     if line.status == FAINT:
@@ -216,15 +239,23 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     elif line.status != "ok":
         verdict, why = ("pass" if _LIMITED * amplitude <= most else "not judged"), line.status
     else:
-        rings = sum(x.starting(table.duration) for x in ringing)
+        rings = sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(table.duration) for x in ringing)
         clear, stirred = abs(amplitude - most) - doubt, STIRS * min(rings, amplitude)
         above: Verdict = "fail" if amplitude > most else "pass"
         verdict, why = (above if clear >= stirred else "not judged"), "nearer to the limit than it is known"
         if 0.0 < clear < stirred:
-            slowest = min(ringing, key=lambda x: x.decay_per_s)
-            why = f"so near the limit that ringing may decide; {_unsettled(slowest, stirred / clear, scenario)}"
-    if driven_by_noise(line, scenario):
-        verdict, why = "not judged", _DRAWN
+            falling = [x for x in ringing if x.status != DRIVEN]
+            remedy = (
+                _unsettled(min(falling, key=lambda x: x.decay_per_s), stirred / clear, scenario)
+                if falling
+                else "--seeds N"
+            )
+            why = f"so near the limit that ringing may decide; {remedy}"
+    seeds = table.over_seeds(line.line)
+    if line.status == DRIVEN:
+        verdict, why = "not judged", f"{_DRAWN}; --seeds N judges by its 95 % quantile"
+    if seeds is not None:
+        amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
     if verdict == "fail" and _may_ring(line, table, scenario):
         verdict = "not judged"
         why = "may be an array mode that rings and that the record does not resolve; a longer record.settle"

@@ -16,12 +16,13 @@ import numpy as np
 
 from microvib.analysis.spectra import samples_of
 from microvib.errors import expect
+from microvib.model.driven import bin_noise, driven_lines, noise_density
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
-from microvib.signals.line_table import LineTable
+from microvib.signals.line_table import DRIVEN, SEEN, LineTable
 from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, from_rest, method_of
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
@@ -104,19 +105,55 @@ def lines(
         table = lines_of_samples(source[name], source.sample_rate, scenario, harmonics, measured=True)
         return replace(table, unit=source.units[name])
     x, rate, unit = samples_of(source, channel)
-    return replace(lines_of_samples(x, rate, source.scenario, harmonics), unit=unit)
+    table = lines_of_samples(x, rate, source.scenario, harmonics, disturbance=channel in ("", "T_d"))
+    return replace(table, unit=unit)
 
 
 def lines_of_samples(
-    x: np.ndarray, sample_rate: float, scenario: Scenario | None, harmonics: int = 8, *, measured: bool = False
-) -> LineTable:
+    x: np.ndarray, sample_rate: float, scenario: Scenario | None, harmonics: int = 8, *, measured: bool = False,
+    disturbance: bool = True,
+) -> LineTable:  # fmt: skip
     """Lines of a torque ``x`` (n,) [N m] at ``sample_rate`` [Hz], which need not be that of the ``scenario``'s record.
 
     The clock of a simulated torque is the scenario's. That of a ``measured`` one is searched within CLOCK_TOLERANCE, its array
-    modes within MODE_TOLERANCE. Without a scenario, lines that stand out are found and not named.
+    modes within MODE_TOLERANCE. Without a scenario, lines that stand out are found and not named. What noise alone gives a line is
+    known of the ``disturbance`` torque.
     """
     expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
-    return estimate_lines(x, sample_rate, expected)
+    table = estimate_lines(x, sample_rate, expected)
+    return table if scenario is None else with_noise(table, scenario, disturbance)
+
+
+_MINOR = 0.1
+"""Part of a mode's line below which noise that 95 % of the draws stay below leaves the line to what else makes it."""
+_FAR = 10.0
+"""Times what noise gives a bin of the linearised drive, from which an unlisted line is not made by it."""
+
+
+def with_noise(table: LineTable, scenario: Scenario, disturbance: bool = True) -> LineTable:
+    """Lines with what the noise of the output's friction gives them in closed form; *driven by noise* where that is much of them.
+
+    Of another channel than the ``disturbance`` torque no closed form is known: all that the noise's band reaches is driven by it.
+    """
+    if scenario.friction.torque_noise is None and scenario.friction.position is None:
+        return table
+    alone = {x.line: x for x in driven_lines(scenario, table.duration)} if disturbance else {}
+    rows = []
+    for line in table:
+        noise = alone.get(line.line)
+        if noise is not None:
+            drawn = noise.quantile > _MINOR * line.amplitude_n_m
+            line = replace(
+                line, noise_mean_n_m=noise.mean, noise_deviation_n_m=noise.deviation, noise_p95_n_m=noise.quantile
+            )
+        elif line.kind not in ("array mode", "other") or not line.frequency_hz > 0.0:
+            drawn = False
+        elif disturbance:
+            drawn = line.amplitude_n_m < _FAR * bin_noise(scenario, line.frequency_hz, table.duration)
+        else:
+            drawn = bool(noise_density(scenario, np.array([line.frequency_hz]))[0] > 0.0)
+        rows.append(replace(line, status=DRIVEN) if drawn and line.status in SEEN else line)
+    return replace(table, lines=tuple(rows))
 
 
 def lines_among(x: np.ndarray, sample_rate: float, scenario: Scenario, names: Collection[str]) -> LineTable:

@@ -11,11 +11,10 @@ import numpy as np
 from microvib.analysis.accuracy import account, accuracy, noted
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import Line, LineTable, Rest
+from microvib.signals.line_table import SEEN, Line, LineTable, Rest
 from microvib.solve.integration import Progress, Simulation
 from microvib.solve.motion import Invariants, Motion
 
-SEEN = ("ok", "decaying", "growing")
 BLOCK_SAMPLES = 1 << 19
 """Samples of one block: 128 s at 4096 Hz, 4 MB."""
 

@@ -116,13 +116,14 @@ def _steady_sentence(result: RunResult) -> str:
 
 def _print_lines(loaded: Scenario, table: LineTable) -> None:
     from microvib.analysis.limits import unsettled
+    from microvib.signals.line_table import SEEN
     from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
 
     echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
     echo(table.text(notable=True))
     for sentence in unsettled(table, loaded):
         echo(f"\n{sentence}")
-    if not any(line.status in ("ok", "decaying", "growing") for line in table):
+    if not any(line.status in SEEN for line in table):
         echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
     rows = compare_with_paper(loaded, table)
     if rows:

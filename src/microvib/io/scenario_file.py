@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import math
 from dataclasses import replace
@@ -64,7 +65,7 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
 def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, folder: Path = Path()) -> Scenario:
     """A scenario from the data of a scenario file called ``name``, as ``load_scenario`` makes it; ``data`` is changed.
 
-    Files that ``array`` and ``driver.table`` name are found relative to ``folder``.
+    Files that ``array`` and ``TABLES`` name are found relative to ``folder``.
     """
     if isinstance(data, dict):
         data = with_files(data, folder, name)
@@ -112,32 +113,53 @@ ARRAY_ORIGINS = ("from", "fem")
 
 
 def with_files(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
-    """Scenario data with what files hold in place of their names: ``with_array``, ``with_spacecraft``, and the currents of
-    ``driver.table``."""
+    """Scenario data with what files hold in place of their names: ``with_array``, ``with_spacecraft``, and ``TABLES``."""
     data = with_array(data, folder, origin)
     if isinstance(data.get("spacecraft"), dict):
         from microvib.io.spacecraft_files import with_spacecraft
 
         data = with_spacecraft(data, folder, origin)
-    name = table_file(data)
-    if name is None:
-        return data
+    for key, name in named_tables(data).items():
+        with error_context(origin):
+            if "\0" in name:
+                raise ScenarioError(f"{key}: {shown(name)} is not allowed; the name of a file is expected")
+            data = _with_table(data, key, folder / name)
+        given = data.get("sources")
+        sources = {key: name, **given} if isinstance(given, dict) else given or {key: name}
+        data = {**data, "sources": sources}
+    return data
+
+
+TABLES = {
+    "driver.table": (),
+    "friction.torque_noise.table": ("Hz", "N^2*m^2/Hz"),
+    "friction.position.roughness.table": ("", ""),
+}
+"""Keys that may name a file with a table, and the units of its columns where these are fixed."""
+
+
+def named_tables(data: Any) -> dict[str, str]:
+    """Names of the files that scenario data name as tables, by their keys."""
+    named = {}
+    for key in TABLES:
+        node = data
+        for part in key.split("."):
+            node = node.get(part) if isinstance(node, dict) else None
+        if isinstance(node, str):
+            named[key] = node
+    return named
+
+
+def _with_table(data: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
+    """Scenario data with what a file holds in place of its name at the ``key``."""
     from microvib.io.current_table import read_current_table
+    from microvib.io.density_table import read_density_table
 
-    with error_context(origin):
-        if "\0" in name:
-            raise ScenarioError(f"driver.table: {shown(name)} is not allowed; the name of a file is expected")
-        table = read_current_table(folder / name)
-    given = data.get("sources")
-    sources = {"driver.table": name, **given} if isinstance(given, dict) else given or {"driver.table": name}
-    return {**data, "driver": {**data["driver"], "table": table}, "sources": sources}
-
-
-def table_file(data: Any) -> str | None:
-    """Name of the file that scenario data name as ``driver.table``, if they do."""
-    driver = data.get("driver") if isinstance(data, dict) else None
-    table = driver.get("table") if isinstance(driver, dict) else None
-    return table if isinstance(table, str) else None
+    table = read_density_table(path, *TABLES[key]) if TABLES[key] else read_current_table(path)
+    first, *rest = key.split(".")
+    changed = copy.deepcopy(data[first])
+    set_key(changed, ".".join(rest), table)
+    return {**data, first: changed}
 
 
 def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:

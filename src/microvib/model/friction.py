@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from microvib.model.noise import FrictionPosition, TorqueNoise
 from microvib.model.part import Part
 from microvib.units import Quantity
 
@@ -44,27 +45,6 @@ class Presliding(Part):
         | None
     ) = None
     elements: Annotated[int, Field(ge=1, le=10, strict=True, description="number of elements")] = 6
-
-
-class TorqueNoise(Part):
-    """Gaussian torque noise of a friction, with a flat density within a band."""
-
-    density: Annotated[
-        float, Quantity("N^2*m^2/Hz", "one-sided power spectral density of the torque", ge=0, usual=(1e-12, 1e-2))
-    ]
-    lowest: Annotated[float, Quantity("Hz", "lowest frequency of the noise", ge=0)] = 0.0
-    highest: (
-        Annotated[float, Quantity("Hz", "highest frequency of the noise; half the sample rate if none", gt=0)] | None
-    ) = None
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1, strict=True, description="of the random draw")] = 1
-
-    def _misfits(self) -> Iterator[str]:
-        if self.highest is not None and self.highest <= self.lowest:
-            yield f"highest: {self.highest:g} Hz is not above lowest, {self.lowest:g} Hz; it must be"
-
-    def band(self, sample_rate: float) -> tuple[float, float]:
-        """Lowest and highest frequency [Hz] in a record of ``sample_rate`` [Hz]."""
-        return self.lowest, 0.5 * sample_rate if self.highest is None else self.highest
 
 
 def maxwell_elements(
@@ -122,9 +102,11 @@ class Friction(Part):
     presliding: Presliding | None = Field(
         default=None, description="friction with memory; without it, what sticks is rigid"
     )
-
     torque_noise: TorqueNoise | None = Field(
         default=None, description="noise of the torque, on the output; without it, none"
+    )
+    position: FrictionPosition | None = Field(
+        default=None, description="how friction varies with the angle of the output; without it, not at all"
     )
 
     def _misfits(self) -> Iterator[str]:

@@ -96,7 +96,7 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     if not f_d:
         return ()
     M, C, K = matrices(scenario)
-    inertia = _momentum_row(scenario)
+    inertia = momentum_row(scenario)
     voltage, lines = scenario.driver.drive == "voltage", []
     for k in range(1, harmonics + 1):
         omega = 2.0 * math.pi * k * f_d
@@ -137,7 +137,7 @@ def _by_voltage(scenario: Scenario, s: complex) -> tuple[complex, complex]:
     return complex(K_m * q[0]), complex(K_m * (z * current * math.cos(a) - q[1]))
 
 
-def _momentum_row(scenario: Scenario) -> np.ndarray:
+def momentum_row(scenario: Scenario) -> np.ndarray:
     """Angular momentum about the drive axis for unit rates of the coordinates of ``matrices`` (Eq. 20)."""
     load, h = scenario.load, scenario.reducer.h
     rotor, output = load.rotor + load.cross, load.output + load.cross

@@ -43,6 +43,8 @@ class Motor(Part):
     friction: Friction = Field(description="friction on the rotor, against omega_m")
 
     def _misfits(self) -> Iterator[str]:
+        if self.friction.position is not None:
+            yield "friction.position: slip ring and bearing are on the output; give it as friction.position of the scenario"
         if self.friction.torque_noise is not None:
             yield "friction.torque_noise: noise acts on the output; give it as friction.torque_noise of the scenario"
         if self.detent_periods % self.full_steps:

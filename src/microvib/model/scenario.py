@@ -58,10 +58,11 @@ class Scenario(Part):
                 f" {self.output_inertia:.3g} kg*m^2, under a millionth of the inertia); a compliant"
                 " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
             )
-        noise, most = self.friction.torque_noise, 0.5 * self.record.sample_rate
-        if noise is not None and noise.highest is None and noise.lowest >= most:
+        noise, rate = self.friction.torque_noise, self.record.sample_rate
+        low, high = noise.band(rate) if noise else (0.0, rate)
+        if low >= high:
             yield (
-                f"friction.torque_noise.lowest: {noise.lowest:g} Hz is not below half the sample rate, {most:g} Hz, where noise"
+                f"friction.torque_noise.lowest: {low:g} Hz is not below half the sample rate, {0.5 * rate:g} Hz, where noise"
                 " without a highest frequency ends; lower it, or give friction.torque_noise.highest"
             )
         driver, motor = self.driver, self.motor

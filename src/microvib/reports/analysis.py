@@ -13,7 +13,7 @@ from microvib.reports.document import Block, Document, Fact, Figure, Form, Secti
 from microvib.reports.numbers import brief, format_number, milli
 from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
-from microvib.signals.line_table import Line, LineTable
+from microvib.signals.line_table import SEEN, Line, LineTable
 from microvib.studies.analyse import Analysis
 
 
@@ -96,7 +96,7 @@ def _facts(a: Analysis) -> list[Fact]:
 
 
 def _largest(a: Analysis) -> list[Line]:
-    seen = [line for line in a.table or () if line.status in ("ok", "decaying", "growing")]
+    seen = [line for line in a.table or () if line.status in SEEN]
     return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MAX_FIRST_PAGE]
 
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 DETECTION = 6.0  # a line is seen when it stands this many times above the floor about it
 FAINT = "below the floor"  # status of a line that was looked for and not found
+DRIVEN = "driven by noise"  # status of a line that is another one with every draw of the noise
+SEEN = ("ok", "decaying", "growing", DRIVEN)
+"""Statuses of lines that stand out and have figures of their own."""
 
 
 _ROW = "{:16s} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}"
@@ -54,6 +57,12 @@ class Line:
     status: str
     background_n_m: float = float("nan")
     """Amplitude of the background recording at this frequency; nan without one."""
+    noise_mean_n_m: float = float("nan")
+    """Amplitude that noise alone gives the line, by the linearised drive: its mean over draws; nan without noise there."""
+    noise_deviation_n_m: float = float("nan")
+    """Its standard deviation."""
+    noise_p95_n_m: float = float("nan")
+    """What 95 % of the draws stay below."""
 
     def starting(self, duration: float) -> float:
         """Amplitude [N m] at the first sample of a record of ``duration`` [s]."""
@@ -88,6 +97,27 @@ class Rest:
 
 
 @dataclass(frozen=True)
+class SeedLine:
+    """A line over many draws of the noise; amplitudes in N m, 0-to-peak."""
+
+    line: str
+    frequency_hz: float
+    """Median."""
+    draws: int
+    """In how many it has a figure of its own."""
+    mean_n_m: float
+    deviation_n_m: float
+    p95_n_m: float
+    """What 95 % of the draws stay below, as estimated from these."""
+    p95_low_n_m: float
+    """With 95 % confidence that quantile is not below this."""
+    p95_high_n_m: float
+    """With 95 % confidence it is not above this; nan with fewer draws than 59, which cannot tell."""
+    hidden_n_m: float
+    """What the line may have where a floor hides it; 0 if none does."""
+
+
+@dataclass(frozen=True)
 class LineTable:
     """All lines of one record, and how they were estimated."""
 
@@ -104,6 +134,8 @@ class LineTable:
     """What is left; None where that was not looked at."""
     own_error: float = field(default=0.0, compare=False)
     """Part of every amplitude that the record itself is known to be off, as by its integration."""
+    seeds: tuple[SeedLine, ...] = field(default=(), compare=False)
+    """The lines over many draws of the noise, of which this table is the first; empty where none were run."""
 
     @property
     def duration(self) -> float:
@@ -140,6 +172,10 @@ class LineTable:
             for kind, row in zip(kinds, [head, *rows], strict=True)
         )
         return f"<table>{''.join(html)}</table>{self._left_out(shown, '(print shows them)')}"
+
+    def over_seeds(self, name: str) -> SeedLine | None:
+        """A line over many draws of the noise; None where that was not run, or is not known."""
+        return next((seed for seed in self.seeds if seed.line == name), None)
 
     def _ipython_key_completions_(self) -> list[str]:
         return [line.line for line in self.lines]
@@ -185,7 +221,20 @@ class LineTable:
 
     def _text(self, shown: Sequence[Line], where: str) -> str:
         rows = [_ROW.format(*cells) for cells in self._cells(shown)]
-        return "\n".join([*rows, *filter(None, [self._left_out(shown, where)])])
+        return "\n".join([*rows, *filter(None, [self._left_out(shown, where)]), *self._seed_rows(shown)])
+
+    def _seed_rows(self, shown: Sequence[Line]) -> Iterator[str]:
+        """Mean, deviation and 95 % quantile over the draws of the noise."""
+        names = {line.line for line in shown}
+        rows = [seed for seed in self.seeds if seed.line in names]
+        if rows:
+            yield ""
+            head = f"{'line':16s} {'draws':>6s} {'mean':>12s} {'deviation':>12s} {'95 %':>12s}"
+            yield f"{head}  95 % lies within ({pretty(self.unit)})"
+        for x in rows:
+            high = "?" if np.isnan(x.p95_high_n_m) else f"{x.p95_high_n_m:.4e}"
+            figures = f"{x.mean_n_m:12.4e} {x.deviation_n_m:12.4e} {x.p95_n_m:12.4e}"
+            yield f"{x.line:16s} {x.draws:6d} {figures}  {x.p95_low_n_m:.4e} to {high}"
 
     def _cells(self, shown: Sequence[Line]) -> Iterator[Sequence[str]]:
         """A head and a row for each line."""

@@ -14,7 +14,7 @@ import math
 from typing import Any, NamedTuple
 
 from microvib.compiled import Counts, Matrix, Unit, Vector
-from microvib.solve.vector import exp, sincos, some, where
+from microvib.solve.vector import exp, floor, picked, sincos, some, where
 
 code = Unit(__name__, "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
@@ -110,6 +110,9 @@ class Drive(NamedTuple):
     elements: Matrix  # (m_elements + l_elements + g_elements, 2)
     noise: Vector  # torque noise of the output's friction: value and slope at each knot
     noise_rate: float  # knots per second
+    grip: Vector  # order, cosine and sine amplitude of each harmonic of the output's friction over its angle
+    rough: Vector  # what is random in it: value and slope at each knot of a turn
+    rough_rate: float  # knots per radian
     H: Vector  # (s,)
     H_m: Vector  # participation in the rotor's motion, (s,) on a craft, else (0,)
     D: Vector
@@ -219,11 +222,68 @@ def _direction(body, stick, p):
     return 1.0
 
 
+@code.inner(**INLINE)
+def _cubic_at(x, table):
+    """Value and slope by ``x``, in knots, of cubics through values and slopes at knots, round and round."""
+    count = float(table.size // 2)
+    knot = floor(x)
+    u, first = x - knot, knot - count * floor(knot / count)
+    after = where(first + 1.0 < count, first + 1.0, 0.0 * x)
+    v0, d0 = picked(table, 2.0 * first), picked(table, 2.0 * first + 1.0)
+    v1, d1 = picked(table, 2.0 * after), picked(table, 2.0 * after + 1.0)
+    rise = v1 - v0
+    square, cube = 3.0 * rise - 2.0 * d0 - d1, d0 + d1 - 2.0 * rise
+    return v0 + u * (d0 + u * (square + u * cube)), d0 + u * (2.0 * square + 3.0 * u * cube)
+
+
+@code.inner(**INLINE)
+def varies(p):
+    """Whether the output's friction varies with its angle."""
+    return p.grip.size + p.rough.size > 0
+
+
 @code.inner(**COMPILE)
-def with_memory(theta_m, omega_m, theta_l, omega_l, e0, stick, p, T_fm, T_f):
+def grip(theta_l, p):
+    """What the output's friction is multiplied by at an angle, and its slope: harmonics and roughness of slip ring and bearing.
+
+    Never negative.
+    """
+    value, slope = 1.0 + 0.0 * theta_l, 0.0 * theta_l
+    for j in range(p.grip.size // 3):
+        n = p.grip[3 * j]
+        s, c = sincos(n * theta_l)
+        value += p.grip[3 * j + 1] * c + p.grip[3 * j + 2] * s
+        slope += n * (p.grip[3 * j + 2] * c - p.grip[3 * j + 1] * s)
+    if p.rough.size > 0:
+        more, rise = _cubic_at(theta_l * p.rough_rate, p.rough)
+        value, slope = value + more, slope + rise * p.rough_rate
+    return where(value > 0.0, value, 0.0 * value), where(value > 0.0, slope, 0.0 * slope)
+
+
+@code.inner(**COMPILE)
+def _grip_in(y, p):
+    angle = y[TL]
+    if p.rigid:
+        e0, _, _, _ = transmission_error(y[TM], p.te)
+        angle = e0 - y[TM] * p.inv_h
+    return grip(angle, p)[0]
+
+
+@code.inner(**INLINE)
+def grip_in(y, p):
+    """The same in the state ``y``; 1 where friction does not vary."""
+    value = 0.0 * y[TM] + 1.0
+    if varies(p):
+        value = _grip_in(y, p)
+    return value
+
+
+@code.inner(**COMPILE)
+def with_memory(theta_m, omega_m, theta_l, omega_l, e0, gripped, stick, p, T_fm, T_f):
     """Torques of the generalised Maxwell-slip elements: friction of rotor and output, which stay where there are none; gear.
 
-    Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``, frictions that slide.
+    Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``, frictions that slide. ``gripped``
+    is the part of its mean that the output's friction has there.
     """
     turned = e0 - theta_m * p.inv_h
     if p.m_elements > 0:
@@ -232,7 +292,7 @@ def with_memory(theta_m, omega_m, theta_l, omega_l, e0, stick, p, T_fm, T_f):
         T_fm = torque + math.fabs(share) * (T_fm - viscous) + viscous
     if p.l_elements > 0:
         torque, share = springs(1, turned if p.rigid else theta_l, stick, p)
-        viscous = p.l_viscous * omega_l
+        viscous = gripped * p.l_viscous * omega_l
         T_f = torque + math.fabs(share) * (T_f - viscous) + viscous
     return T_fm, T_f, gear_hysteresis(turned - theta_l, stick, p)
 
@@ -320,9 +380,11 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
         sign_m, sign_l = sliding_signs(stick, p)
     T_fm, _ = _friction(sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     T_f, _ = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
-    T_h = 0.0 * T_f
+    T_h, gripped = 0.0 * T_f, grip_in(y, p)
+    if varies(p):
+        T_f = T_f * gripped
     if p.elements.shape[0] > 0:
-        T_fm, T_f, T_h = with_memory(theta_m, omega_m, y[TL], omega_l, e0, stick, p, T_fm, T_f)
+        T_fm, T_f, T_h = with_memory(theta_m, omega_m, y[TL], omega_l, e0, gripped, stick, p, T_fm, T_f)
     if p.rigid:
         stuck = stick[0] == 0.0
         bias = G * e2 * p.J_L * omega_m * omega_m
@@ -330,7 +392,7 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
         alpha_m = where(stuck, 0.0, pull / (p.J_m + 2.0 * G * p.J_c + G * G * p.J_L))
         if some(stuck):
             # One degree of freedom, two frictions: the hold is shared in proportion to what each can hold.
-            limit_m, limit_l = held_m(p), math.fabs(G) * held_l(p)
+            limit_m, limit_l = held_m(p), math.fabs(G) * held_l(p) * gripped
             held = T_e + on_rotor + G * modal
             if p.m_elements > 0 or p.l_elements > 0:
                 held = held - (T_fm if p.m_elements > 0 else G * T_f)
@@ -538,8 +600,11 @@ def _holds(y, modal, on_rotor, stick, p):
         sign_m, sign_l = sliding_signs(stick, p)
         T_fm, _ = _friction(sign_m, y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
         T_f, _ = _friction(sign_l, y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+        gripped = grip_in(y, p)
+        if varies(p):
+            T_f = T_f * gripped
         if p.elements.shape[0] > 0:
-            T_fm, T_f, _ = with_memory(theta_m, y[WM], y[TL], y[WL], e0, stick, p, T_fm, T_f)
+            T_fm, T_f, _ = with_memory(theta_m, y[WM], y[TL], y[WL], e0, gripped, stick, p, T_fm, T_f)
         alpha_m = where(stick[0] == 0.0, 0.0, (hold_m - T_fm) * p.inv_J_m)
         alpha_l = where(stick[1] == 0.0, 0.0, (hold_l - T_f) * p.inv_J_L)
         hold_m, hold_l = hold_m - p.J_c * alpha_l, hold_l - p.J_c * alpha_m
@@ -563,9 +628,9 @@ def held_l(p):
 
 
 @code.inner(**INLINE)
-def _limits(p, G):
+def _limits(p, G, gripped):
     """Breakaway torques of rotor and output; with a rigid reducer both act on the one degree of freedom."""
-    limit_m, limit_l = held_m(p), held_l(p)
+    limit_m, limit_l = held_m(p), held_l(p) * gripped
     return (limit_m + math.fabs(G) * limit_l, 0.0) if p.rigid else (limit_m, limit_l)
 
 
@@ -588,10 +653,10 @@ def drive_margins(y, modal, on_rotor, stick, p):
     e_m, e_l = stick[0] * y[WM], stick[1] * y[WL]
     if some((stick[0] == 0.0) | (stick[1] == 0.0)):
         hold_m, hold_l, G = _holds(y, modal, on_rotor, stick, p)
-        limit_m, limit_l = _limits(p, G)
+        limit_m, limit_l = _limits(p, G, grip_in(y, p))
         e_m = where(slips_m, e_m, limit_m - math.fabs(hold_m))
         e_l = where(slips_l, e_l, limit_l - math.fabs(hold_l))
-    acts_m, acts_l = _limits(p, -p.inv_h)
+    acts_m, acts_l = _limits(p, -p.inv_h, 1.0)
     return where(acts_m > 0.0, e_m, 1.0), where(acts_l > 0.0, e_l, 1.0)
 
 
@@ -605,7 +670,7 @@ def decide_friction(which, x, p):
         _stick_elements(1, x, p)
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
-    limit_m, limit_l = _limits(p, G)
+    limit_m, limit_l = _limits(p, G, grip_in(x.y, p))
     hold, limit = (hold_m, limit_m) if which == 0 else (hold_l, limit_l)
     if math.fabs(hold) <= limit and not was_stuck:
         x.stick[which] = 0.0
@@ -621,7 +686,7 @@ def initial_friction(x: State, p: Drive) -> None:
     """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
-    limit_m, limit_l = _limits(p, G)
+    limit_m, limit_l = _limits(p, G, grip_in(x.y, p))
     for which in range(2):
         hold, limit, rate = (hold_m, limit_m, x.y[WM]) if which == 0 else (hold_l, limit_l, x.y[WL])
         if rate == 0.0 and limit > 0.0:
@@ -673,6 +738,8 @@ def element_margin(e, y, stick, p):
     if body == 1:
         curve = p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape
     limit, _ = _friction(1.0, speed, curve[0], curve[1], curve[2], curve[3], 0.0, p.shaped)
+    if body == 1 and varies(p):
+        limit = limit * grip_in(y, p)
     return p.elements[e, 1] * limit - math.fabs(torque)
 
 
@@ -681,6 +748,8 @@ def _stick_elements(body, x, p):
     """All elements of a body that slip stick, a hair below their limit, so that rounding does not make them slip at once."""
     count, (angle, _) = p.elements.shape[0], _angle_and_rate(body, x.y, p)
     limit = p.g_limit if body == 2 else p.m_slide + p.m_stribeck if body == 0 else p.l_slide + p.l_stribeck
+    if body == 1:
+        limit *= grip_in(x.y, p)
     for e in elements_of(body, p):
         if x.stick[2 + e] != 0.0:
             torque = x.stick[2 + e] * (1.0 - 1e-9) * p.elements[e, 1] * limit
@@ -697,7 +766,9 @@ def decide_element(e, x, p):
         angle, _ = _angle_and_rate(body, x.y, p)
         x.stick[2 + e] = math.copysign(1.0, angle - x.stick[2 + p.elements.shape[0] + e])
         x.counters[BREAKAWAYS] += 1
-    elif p.rigid and _limits(p, -p.inv_h)[0] > 0.0:  # rotor and output come to rest together, and so do both frictions
+    elif (
+        p.rigid and _limits(p, -p.inv_h, 1.0)[0] > 0.0
+    ):  # rotor and output come to rest together, and so do both frictions
         decide_friction(0, x, p)
     else:
         _stick_elements(body, x, p)

@@ -1,4 +1,4 @@
-"""Torque noise of the output's friction: one draw of a Gaussian process with a given density, smooth in time."""
+"""What is random in the output's friction: one draw of a Gaussian process with a given density, smooth in time or in angle."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def torque_noise(scenario: Scenario) -> tuple[np.ndarray, float]:
     length of the run is another draw. Raises SimulationError where a run needs more knots than can be kept.
     """
     noise, record = scenario.friction.torque_noise, scenario.record
-    if noise is None or noise.density == 0.0:
+    if noise is None or noise.silent:
         return np.zeros(0), 0.0
-    low, high = noise.band(record.sample_rate)
+    high = noise.band(record.sample_rate)[1]
     rate = KNOTS * high
     needed = (record.settle + record.duration) * rate
     if needed > MOST_KNOTS:
@@ -33,9 +33,23 @@ def torque_noise(scenario: Scenario) -> tuple[np.ndarray, float]:
             f" {needed:.2g} values; at most {MOST_KNOTS:.2g} are kept; lower friction.torque_noise.highest"
         )
     n = 1 << max(math.ceil(needed) + 1, 16).bit_length()
+    return _draw(noise.at(np.fft.rfftfreq(n, 1.0 / rate), record.sample_rate), n, rate, noise.seed), rate
+
+
+def roughness(scenario: Scenario) -> tuple[np.ndarray, float]:
+    """The same of friction over the angle, for one turn of the output, and knots per radian; parts of the friction."""
+    position = scenario.friction.position
+    rough = position.roughness if position else None
+    if rough is None or rough.deviation == 0.0:
+        return np.zeros(0), 0.0
+    n = 1 << (max(math.ceil(KNOTS * rough.band[1]), 16) - 1).bit_length()
+    return _draw(rough.at(np.arange(n // 2 + 1.0)), n, n, rough.seed), n / (2.0 * math.pi)
+
+
+def _draw(density: np.ndarray, n: int, rate: float, seed: int) -> np.ndarray:
+    """Values and slopes per knot, (2 n,), of a process with a one-sided ``density`` (n/2 + 1,) at the multiples of rate / n."""
     f = np.fft.rfftfreq(n, 1.0 / rate)
-    draw = np.random.default_rng(noise.seed).standard_normal((f.size, 2)) @ np.array([1.0, -1j])
-    inside = (f > 0.0) & (f >= low) & (f <= high)
-    spectrum = np.where(inside, 0.5 * n * np.sqrt(noise.density * rate / n) * draw, 0.0)
+    draw = np.random.default_rng(seed).standard_normal((f.size, 2)) @ np.array([1.0, -1j])
+    spectrum = np.where(density > 0.0, 0.5 * n * np.sqrt(density * rate / n) * draw, 0.0)
     values, slopes = (np.fft.irfft(x, n) for x in (spectrum, spectrum * 2j * np.pi * f / rate))
-    return np.column_stack([values, slopes]).ravel(), rate
+    return np.column_stack([values, slopes]).ravel()

@@ -13,7 +13,7 @@ from microvib.model.friction import Friction
 from microvib.model.record import Solver
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, propagate, propagators, rodas4
-from microvib.solve.noise import torque_noise
+from microvib.solve.noise import roughness, torque_noise
 
 FIRST_LEVEL = 4
 """Level of the first steps."""
@@ -235,6 +235,7 @@ def _drive(scenario: Scenario) -> Any:
     load = scenario.load
     J_m, J_L, J_c = load.rotor_left, load.output_left, load.cross_left
     noise, noise_rate = torque_noise(scenario)
+    rough, rough_rate = roughness(scenario)
     memories = motor.friction.memory, scenario.friction.memory, reducer.memory
     elements = [np.array(memory, dtype=float).reshape(-1, 2) for memory in memories]
     fast = driver.time_constant(motor)
@@ -289,6 +290,9 @@ def _drive(scenario: Scenario) -> Any:
         elements=np.concatenate(elements),
         noise=noise,
         noise_rate=noise_rate,
+        grip=_harmonics(scenario.friction),
+        rough=rough,
+        rough_rate=rough_rate,
         H=load.H,
         H_m=load.R if load.moves else np.zeros(0),
         D=load.D,
@@ -296,6 +300,13 @@ def _drive(scenario: Scenario) -> Any:
         te=_transmission_error(scenario),
         scale=_scale(scenario),
     )
+
+
+def _harmonics(friction: Friction) -> np.ndarray:
+    """Order, cosine and sine amplitude of each harmonic of friction over the angle."""
+    listed = friction.position.harmonics if friction.position else ()
+    rows = [[h.order, h.amplitude * math.cos(h.phase), -h.amplitude * math.sin(h.phase)] for h in listed if h.amplitude]
+    return np.array(rows, dtype=float).ravel()
 
 
 def _transmission_error(scenario: Scenario) -> np.ndarray:

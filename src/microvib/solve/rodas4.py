@@ -61,12 +61,14 @@ from microvib.solve.kernel import (
     derivative,
     follow,
     follower,
+    grip,
     health,
     margins,
     pass_time,
     references_after,
     take_microstep,
     transmission_error,
+    varies,
 )  # fmt: skip
 from microvib.solve.vector import sincos, where
 
@@ -170,6 +172,7 @@ GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, ov
 #        a21 u_m + a22 u_l = b2,    a21 = -gear_m,    a22 = J_L g + gear_l + slope_l + sum of H^2 kappa g/delta
 #                                   b1 = J_m r_m + K_m (c alpha_B - s alpha_A) + stiffness r_theta/g - G gear
 #                                   b2 = J_L r_l + gear + sum of H (...) as in 3.
+#    Friction that varies with the angle is a spring on the output, of stiffness s: a22 gains s/g, b2 loses s r_tl/g.
 #    On a craft omega_m drives the modes too, by R: in 3. H u_l becomes H u_l + R u_m, a11 gains the sum of R^2 kappa g/delta, a12
 #    and a21 that of H R kappa g/delta and J_c g, b1 the sum of R (...) and J_c r_l, b2 J_c r_m.
 #    with rotor = K_m (s beta_A - c beta_B) - stiffness/g + slope_m. ``stiffness`` is the slope of the rotor's torque by theta_m at
@@ -195,7 +198,11 @@ def linearise(x, p, w):
     G = e1 - p.inv_h
     _, slope_m = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     omega_l, sign_l = (G * omega_m, follower(stick[0], p)) if p.rigid else (y[WL], stick[1])
-    _, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+    T_f, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+    by_angle = 0.0
+    if varies(p):
+        gripped, steepness = grip(y[TL], p)
+        slope_l, by_angle = slope_l * gripped, T_f * steepness
     if p.rigid:
         modal = p.J_L * q[6] + p.J_c * w.f0[WM] + q[2] - q[3]
         lever = G * p.J_L + p.J_c
@@ -203,10 +210,12 @@ def linearise(x, p, w):
             e2 * (modal - q[2]) - (e2 * e2 * p.J_L + lever * e3) * omega_m * omega_m - 2.0 * e2 * lever * w.f0[WM]
         )
         slope_m += 2.0 * lever * e2 * omega_m
+        stiffness -= G * G * by_angle
     else:
         stiffness -= e2 * q[3]
     jac[0], jac[1], jac[2], jac[3], jac[4], jac[5], jac[6] = s, c, stiffness, slope_m, slope_l, G, e2 * omega_m
     jac[7], jac[8], jac[9] = where(limited_A, 1.0, 0.0), where(limited_B, 1.0, 0.0), omega_m
+    jac[10] = by_angle
 
 
 @code.inner(**INLINE)
@@ -256,6 +265,7 @@ def _factor(g, stick, p, w):
     gear_theta = p.K_g * G + p.C_g * jac[6]
     gear_m, gear_l = gear_theta * inv_g + p.C_g * G, p.C_g + p.K_g * inv_g
     a11, a12, a22 = p.J_m * g + rotor + G * gear_m, both - G * gear_l, p.J_L * g + gear_l + slope_l + modal
+    a22 += jac[10] * inv_g
     # Inverse of the 2 x 2 system (5.); a stuck body has no equation and is coupled to nothing.
     slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
     a12, a21 = where(slips_m & slips_l, a12, 0.0), where(slips_m & slips_l, both - gear_m, 0.0)
@@ -289,7 +299,7 @@ def _solve(inv_g, stick, p, w, r):
     else:
         gear = (lu[16] * r[TM] - p.K_g * r[TL]) * inv_g
         b1 = p.J_m * r[WM] + rotor - G * gear + p.J_c * r[WL]
-        b2 = p.J_L * r[WL] + gear + modal + p.J_c * r[WM]
+        b2 = p.J_L * r[WL] + gear + modal + p.J_c * r[WM] - jac[10] * r[TL] * inv_g
         u_m, u_l = lu[12] * b1 + lu[13] * b2, lu[14] * b1 + lu[15] * b2
         r[TL] = where(stick[1] == 0.0, 0.0, (r[TL] + u_l) * inv_g)
         r[WL] = u_l
@@ -396,7 +406,7 @@ def first_trial(which, h, e_hi, x, p, w, search):
     zero: a thousandth of the tolerance in rate, or a millionth of the breakaway torque.
     """
     slips = x.stick[which] != 0.0
-    enough = 1e-3 / p.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h)[which]
+    enough = 1e-3 / p.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h, 1.0)[which]
     e_lo = margins(x.y, 0.0, x.stick, p)[which]
     search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = 0.0, h, e_lo, e_hi, enough, 0.0
     s_lo, s_hi, g_lo, g_hi = 0.0, 1.0, e_lo, e_hi

@@ -42,6 +42,11 @@ def exp(x: Any) -> Any:
     return math.exp(x)
 
 
+def picked(array: Any, index: Any) -> Any:
+    """Entry of an array (n,) of numbers at a whole number, which is a float."""
+    return array[int(index)]
+
+
 def floor(x: float) -> float:
     """The whole number below."""
     return math.floor(x)

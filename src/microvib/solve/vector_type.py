@@ -22,7 +22,7 @@ from numba.extending import (
     register_model,
 )
 
-from microvib.solve.vector import WIDTH, exp, exponent, floor, nearest, rows, sincos, some, where
+from microvib.solve.vector import WIDTH, exp, exponent, floor, nearest, picked, rows, sincos, some, where
 
 CALLED: Any = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
 """How an overload is compiled: like the kernel that calls it."""
@@ -124,6 +124,14 @@ def _two_to(builder: Any, n: Any) -> Any:
     words = builder.bitcast(builder.fadd(n, _same(1.5 * 2.0**52 + 1023.0)), _WORDS)
     return builder.bitcast(builder.shl(words, ir.Constant(_WORDS, [52] * WIDTH)), _DOUBLES)
 
+
+# before that for lanes, which a number may become
+_define(
+    floor,
+    types.float64,
+    (types.float64,),
+    lambda builder, x: builder.call(builder.module.declare_intrinsic("llvm.floor", [_DOUBLE]), [x]),
+)
 
 _function: Any
 for _function, _build in (
@@ -231,6 +239,29 @@ def _exp(x):
         return e * exponent(n)
 
     return lanes
+
+
+@intrinsic
+def _picked(typingctx: Any, array: Any, index: Any) -> Any:
+    """Entries of an array (n,), lane by lane."""
+
+    def build(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        base = context.make_array(sig.args[0])(context, builder, values[0]).data
+        places, result = builder.fptosi(values[1], _WORDS), ir.Constant(_DOUBLES, ir.Undefined)
+        for k in range(WIDTH):
+            lane = ir.Constant(ir.IntType(32), k)
+            entry = builder.load(builder.gep(base, [builder.extract_element(places, lane)]))
+            result = builder.insert_element(result, entry, lane)
+        return result
+
+    return LANES(array, LANES), build
+
+
+@overload(picked, jit_options=CALLED)
+def _picked_of(array, index):
+    if index == types.float64:
+        return lambda array, index: array[int(index)]
+    return lambda array, index: _picked(array, index)  # type: ignore[call-arg]
 
 
 @intrinsic

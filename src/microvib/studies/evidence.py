@@ -17,7 +17,7 @@ from microvib.io.sources import Source
 from microvib.io.tables import PAPER_LINES, PaperLines, read_table
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import DETECTION, Line, LineTable
+from microvib.signals.line_table import DETECTION, SEEN, Line, LineTable
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band
@@ -119,7 +119,7 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
     period, frequency and decay of modes; and one turn, since relative phases have all that a second would tell."""
     found = []
     sure = {x.line: x for x in table if x.status == "ok"}
-    seen = (x for x in table if x.kind != "other" and x.status in ("ok", "decaying", "growing"))
+    seen = (x for x in table if x.kind != "other" and x.status in SEEN)
     for x in (x for x in seen if not x.amplitude_n_m < 2 * DETECTION * x.floor_n_m):
         found.append(Observation(x.line, "amplitude", x.amplitude_n_m, x.amplitude_uncertainty_n_m))
         if x.kind == "array mode":

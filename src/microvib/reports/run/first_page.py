@@ -14,7 +14,7 @@ from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, given, milli, short, torque
 from microvib.reports.run.trust import failing, invariants_sentence
-from microvib.signals.line_table import Line, LineTable
+from microvib.signals.line_table import DRIVEN, SEEN, Line, LineTable
 from microvib.solve.motion import Motion
 
 MOST = 10
@@ -35,7 +35,9 @@ def facts(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[F
 
 def _where(line: Line) -> str:
     """Name and frequency of a line, and that it decays, since it is then not part of the settled motion."""
-    settled = {"decaying": ", decaying: not settled", "growing": ", growing"}.get(line.status, "")
+    settled = {"decaying": ", decaying: not settled", "growing": ", growing", DRIVEN: f", {DRIVEN}: one draw"}.get(
+        line.status, ""
+    )
     return f"{line.line} at {format_number(line.frequency_hz)} Hz{settled}"
 
 
@@ -57,7 +59,7 @@ def _verdict(judged: Judgement) -> list[Fact]:
 
 
 def _largest(lines: LineTable) -> list[Line]:
-    seen = [x for x in lines.notable() if x.status in ("ok", "decaying", "growing")]
+    seen = [x for x in lines.notable() if x.status in SEEN]
     return sorted(seen, key=lambda x: -x.amplitude_n_m)
 
 

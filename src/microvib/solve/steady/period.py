@@ -57,6 +57,8 @@ class PeriodMap:
             )
         if scenario.friction.torque_noise is not None:
             raise NotPeriodic("torque noise does not repeat with the command")
+        if scenario.friction.position is not None and scenario.friction.position.acts:
+            raise NotPeriodic("friction that varies with the angle does not repeat with the command")
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
         self._rest = self.packed.state.y.copy()

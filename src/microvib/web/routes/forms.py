@@ -18,14 +18,14 @@ from microvib.io.scenario_file import (
     catalog_text,
     dump_scenario,
     hub_names,
+    named_tables,
     parse_value,
     reference_names,
     scenario_of,
-    table_file,
 )
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import nested, part_in, whole_numbers
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, set_key
 from microvib.reports.parameters import derived
 from microvib.units import Quantity
 
@@ -168,11 +168,11 @@ def names_elements(spec: Spec) -> bool:
     groups = [data.get("array") if isinstance(data, dict) else None, changes.get("array")]
     named = [group for group in groups if isinstance(group, dict)]
     named.append({key.removeprefix("array."): value for key, value in changes.items() if key.startswith("array.")})
-    drivers = [{"driver": {"table": changes.get("driver.table")}}, {"driver": changes.get("driver")}, data]
-    if any(table_file(each) is not None for each in drivers):
-        raise ScenarioError(
-            "driver.table: the page opens no files; write the table itself, harmonics or currents, in the scenario"
-        )
+    told: dict[str, Any] = copy.deepcopy(data) if isinstance(data, dict) else {}
+    for key, value in changes.items():
+        set_key(told, key, value)
+    for key in named_tables(told):
+        raise ScenarioError(f"{key}: the page opens no files; write the table itself in the scenario")
     found = [(key, group[key]) for group in named for key in ARRAY_ORIGINS if key in group]
     for key, value in found:
         if key != "fem" or value not in reference_names():

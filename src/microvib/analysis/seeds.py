@@ -1,0 +1,90 @@
+"""Lines over many draws of the noise: mean, deviation and 95 % quantile, with what so many draws can tell of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from microvib.analysis.lines import lines_among
+from microvib.errors import OptionError
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import DETECTION, FAINT, Line, LineTable, SeedLine
+from microvib.solve.batch import Torque, simulate_torques
+
+QUANTILE, CONFIDENCE = 0.95, 0.95
+_MOST = 100_000
+
+
+def draws(scenario: Scenario) -> Iterator[Scenario]:
+    """The scenario with its seeds, and with the following ones."""
+    noise, position = scenario.friction.torque_noise, scenario.friction.position
+    keys = {"friction.torque_noise.seed": noise.seed} if noise and not noise.silent else {}
+    if position and position.roughness and position.acts:
+        keys["friction.position.roughness.seed"] = position.roughness.seed
+    if not keys:
+        raise OptionError(
+            "seeds", "says how many draws of the noise to run, and this scenario has none (friction.torque_noise)"
+        )
+    k = 0
+    while True:
+        yield scenario.with_({key: (seed + k) % 2**63 for key, seed in keys.items()})
+        k += 1
+
+
+def with_seeds(
+    table: LineTable, scenario: Scenario, count: int, progress: Callable[[int], None] | None = None
+) -> LineTable:
+    """The table with its lines over ``count`` draws, those of its seeds and of the following ones, each from rest.
+
+    Unlisted lines are others in every draw and are left out. Raises OptionError without noise, and what ``simulate`` raises.
+    """
+    if not 2 <= count <= _MOST:
+        raise OptionError("seeds", f"{count} is not allowed; 2 to {_MOST} draws are expected")
+    names = [line.line for line in table if line.kind != "other"]
+    found: dict[str, list[Line]] = {name: [] for name in names}
+    for k, drawn in zip(range(count), draws(scenario), strict=False):
+        (torque,) = simulate_torques([drawn.with_({"record.start": "rest"})])
+        if not isinstance(torque, Torque):
+            raise torque
+        for line in lines_among(torque.T_d, torque.sample_rate, scenario, names):
+            if line.line in found and math.isfinite(line.amplitude_n_m):
+                found[line.line].append(line)
+        if progress:
+            progress(k + 1)
+    return replace(table, seeds=tuple(_over(rows) for rows in found.values() if len(rows) > 0.9 * count))
+
+
+def _over(rows: list[Line]) -> SeedLine:
+    amplitude = np.sort([x.amplitude_n_m for x in rows])
+    low, high = quantile_bounds(amplitude)
+    return SeedLine(
+        line=rows[0].line,
+        frequency_hz=float(np.median([x.frequency_hz for x in rows])),
+        draws=len(rows),
+        mean_n_m=float(amplitude.mean()),
+        deviation_n_m=float(amplitude.std(ddof=1)),
+        p95_n_m=float(np.quantile(amplitude, QUANTILE)),
+        p95_low_n_m=low,
+        p95_high_n_m=high,
+        hidden_n_m=max((DETECTION * x.floor_n_m for x in rows if x.status == FAINT), default=0.0),
+    )
+
+
+def quantile_bounds(values: np.ndarray) -> tuple[float, float]:
+    """Bounds of the quantile of which sorted ``values`` (n,) are draws, each with CONFIDENCE, whatever their distribution.
+
+    The m-th smallest of n draws is below the quantile as often as a binomial distribution says; nan where n is too small.
+    """
+    from scipy.special import bdtr
+
+    n = values.size
+    below = bdtr(np.arange(n), n, QUANTILE)  # of at most so many draws being below the quantile
+    low = np.flatnonzero(below <= 1.0 - CONFIDENCE)
+    high = np.flatnonzero(below >= CONFIDENCE)
+    return (
+        float(values[low[-1]]) if low.size else 0.0,
+        float(values[high[0]]) if high.size else math.nan,
+    )

@@ -1,0 +1,163 @@
+"""What is random in a friction, and what varies with the shaft's angle: torque noise, harmonics and roughness."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from microvib.model.part import Part
+from microvib.units import Quantity
+
+MAX_ROWS = 16_384  # of a table of densities, at most
+Rows = tuple[tuple[float, float], ...]
+_SURE = 3.0
+"""Standard deviations of a roughness that must leave some friction."""
+_SEED = Field(ge=0, le=2**63 - 1, strict=True, description="of the random draw")
+
+
+def table_misfits(density: float | None, table: Rows) -> Iterator[str]:
+    """Sentences on a density that is to be a number or a table."""
+    if (density is None) == (not table):
+        yield "density: give either density or table, a file or rows of frequency and density"
+    f = [row[0] for row in table]
+    if table and not (f[0] > 0.0 and all(a < b for a, b in pairwise(f)) and math.isfinite(f[-1])):
+        yield "table: frequencies must be above 0 and ascend"
+    if any(not 0.0 <= row[1] < math.inf for row in table):
+        yield "table: densities must be at least 0"
+
+
+def density_at(frequency: np.ndarray, density: float | None, table: Rows) -> np.ndarray:
+    """The density at each ``frequency`` (n,); between rows of a table straight in logarithms, beyond them 0."""
+    if density is not None:
+        return np.full(frequency.shape, density)
+    f, S = np.log(np.maximum(np.array(table), 1e-300)).T
+    result: np.ndarray = np.exp(np.interp(np.log(np.maximum(frequency, 1e-300)), f, S, -np.inf, -np.inf))
+    return result
+
+
+class TorqueNoise(Part):
+    """Gaussian torque noise of a friction, with a flat density within a band or the densities of a table."""
+
+    density: (
+        Annotated[
+            float, Quantity("N^2*m^2/Hz", "one-sided power spectral density of the torque", ge=0, usual=(1e-12, 1e-2))
+        ]
+        | None
+    ) = None
+    table: Rows = Field(
+        default=(),
+        max_length=MAX_ROWS,
+        description="in place of density: rows of frequency [Hz] and density [N^2*m^2/Hz], or the name of a CSV file",
+    )
+    lowest: Annotated[float, Quantity("Hz", "lowest frequency of the noise", ge=0)] = 0.0
+    highest: (
+        Annotated[float, Quantity("Hz", "highest frequency of the noise; half the sample rate if none", gt=0)] | None
+    ) = None
+    seed: Annotated[int, _SEED] = 1
+
+    def _misfits(self) -> Iterator[str]:
+        yield from table_misfits(self.density, self.table)
+        low, high = self.band(math.inf)
+        if high <= low:
+            yield f"highest: {high:g} Hz is not above lowest, {low:g} Hz; it must be"
+
+    @property
+    def silent(self) -> bool:
+        """Whether there is no noise at all."""
+        return self.density == 0.0 or (self.density is None and not any(S for _, S in self.table))
+
+    def band(self, sample_rate: float) -> tuple[float, float]:
+        """Lowest and highest frequency [Hz] in a record of ``sample_rate`` [Hz]."""
+        first, last = (self.table[0][0], self.table[-1][0]) if self.table else (0.0, math.inf)
+        highest = 0.5 * sample_rate if self.highest is None else self.highest
+        return max(self.lowest, first), min(highest, last)
+
+    def at(self, frequency: np.ndarray, sample_rate: float) -> np.ndarray:
+        """Density [N^2 m^2/Hz] at each ``frequency`` (n,) [Hz], in a record of ``sample_rate`` [Hz]."""
+        low, high = self.band(sample_rate)
+        inside = (frequency > 0.0) & (frequency >= low) & (frequency <= high)
+        return np.where(inside, density_at(frequency, self.density, self.table), 0.0)
+
+
+class FrictionHarmonic(Part):
+    """One harmonic of friction over the angle: amplitude x cos(order theta_l + phase), as a part of the friction."""
+
+    order: Annotated[int, Field(ge=1, le=1_000_000, strict=True, description="cycles per turn of the output")]
+    amplitude: Annotated[float, Quantity("", "amplitude, as a part of the friction", ge=0, le=1, usual=(1e-5, 0.5))]
+    phase: Annotated[float, Quantity("rad", "phase at theta_l = 0", display="deg")] = 0.0
+
+
+class Roughness(Part):
+    """A random field in angle, the same in every turn: parts of the friction, Gaussian, with a given density."""
+
+    density: (
+        Annotated[
+            float,
+            Quantity("", "one-sided power spectral density per cycle per turn, of parts of the friction", ge=0, le=1),
+        ]
+        | None
+    ) = None
+    table: Rows = Field(
+        default=(),
+        max_length=MAX_ROWS,
+        description="in place of density: rows of cycles per turn and density, or the name of a CSV file",
+    )
+    lowest: Annotated[float, Quantity("", "fewest cycles per turn", ge=0)] = 0.0
+    highest: (
+        Annotated[float, Quantity("", "most cycles per turn; the table's last if none", gt=0, le=1_000_000)] | None
+    ) = None
+    seed: Annotated[int, _SEED] = 1
+
+    def _misfits(self) -> Iterator[str]:
+        yield from table_misfits(self.density, self.table)
+        if self.highest is None and not self.table:
+            yield "highest: a density without a table needs it, the most cycles per turn"
+        elif self.band[1] <= self.band[0]:
+            yield f"highest: {self.band[1]:g} cycles per turn are not more than lowest, {self.band[0]:g}; they must be"
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Fewest and most cycles per turn."""
+        first, last = (self.table[0][0], self.table[-1][0]) if self.table else (0.0, math.inf)
+        return max(self.lowest, first), min(last, math.inf if self.highest is None else self.highest)
+
+    def at(self, order: np.ndarray) -> np.ndarray:
+        """Density at each ``order`` (n,) [cycles per turn]."""
+        low, high = self.band
+        inside = (order > 0.0) & (order >= low) & (order <= high)
+        return np.where(inside, density_at(order, self.density, self.table), 0.0)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation, as a part of the friction: whole cycles per turn alone occur."""
+        return math.sqrt(float(np.sum(self.at(np.arange(1.0, math.floor(min(self.band[1], 1e6)) + 1.0)))))
+
+
+class FrictionPosition(Part):
+    """How friction varies with the shaft's angle: it is multiplied by 1 + harmonics + roughness. Assumed, if not measured."""
+
+    harmonics: tuple[FrictionHarmonic, ...] = Field(
+        default=(), max_length=1000, description="variation over the angle, harmonic by harmonic"
+    )
+    roughness: Roughness | None = Field(default=None, description="random variation over the angle; without it, none")
+
+    def _misfits(self) -> Iterator[str]:
+        periodic = sum(h.amplitude for h in self.harmonics)
+        random = _SURE * self.roughness.deviation if self.roughness else 0.0
+        if periodic + random > 1.0:
+            yield (
+                f"harmonics: amplitudes add up to {periodic:.3g} and {_SURE:g} standard deviations of roughness to {random:.3g};"
+                " together they must be at most 1, or friction would change its sign"
+            )
+
+    @property
+    def acts(self) -> bool:
+        """Whether friction varies at all."""
+        return any(h.amplitude > 0.0 for h in self.harmonics) or (
+            self.roughness is not None and self.roughness.deviation > 0.0
+        )

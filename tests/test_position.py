@@ -1,0 +1,180 @@
+"""Friction that varies with the angle: its field, both integrations, an independent integrator, what refuses it, tables as files."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from support.automaton import Automaton
+
+import microvib as mv
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.noise import roughness
+from microvib.solve.pack import no_samples, pack
+from microvib.solve.steady.state import steady_state
+
+ROUGH = {"density": 1e-6, "lowest": 2000.0, "highest": 30_000.0, "seed": 3}
+FIELD = {
+    "harmonics": [{"order": 3, "amplitude": 0.2, "phase": 0.5}, {"order": 20_000, "amplitude": 0.1}],
+    "roughness": ROUGH,
+}
+
+
+def field(scenario):
+    """Factor on the friction at an angle, from its definition."""
+    listed = scenario.friction.position.harmonics
+    table, per_radian = roughness(scenario)
+    values, slopes = table.reshape(-1, 2).T
+    angles = np.arange(values.size + 1) / per_radian
+    g = CubicHermiteSpline(angles, np.r_[values, values[0]], np.r_[slopes, slopes[0]] * per_radian)
+    return lambda angle: (
+        1.0 + sum(h.amplitude * math.cos(h.order * angle + h.phase) for h in listed) + float(g(angle % (2 * math.pi)))
+    )
+
+
+def test_the_field_has_the_density_asked_for_and_repeats_after_a_turn(state_1):
+    scenario = state_1.with_si({"friction.position.roughness": ROUGH})
+    values = roughness(scenario)[0][::2]
+    power = 2.0 * np.abs(np.fft.rfft(values) / values.size) ** 2
+    orders = np.arange(power.size)
+    inside = (orders >= 2000) & (orders <= 30_000)
+    assert power[inside].mean() == pytest.approx(1e-6, rel=0.03)
+    assert power[~inside].max() < 1e-20
+    assert np.std(values) == pytest.approx(scenario.friction.position.roughness.deviation, rel=0.02)
+    other = roughness(scenario.with_si({"friction.position.roughness.seed": 4}))[0][::2]
+    assert abs(np.corrcoef(values, other)[0, 1]) < 0.05
+
+
+def test_friction_is_its_law_times_the_field(state_1):
+    scenario = state_1.with_si({"friction.position": FIELD})
+    factor, packed, command = field(scenario), pack(scenario), Command(scenario)
+    names, seen = kernel.CHANNELS, 0
+    for stop in np.arange(1, 400) * 1.3e-3:
+        packed.advance(
+            stop, no_samples(packed.channels), *command.microsteps(float(packed.state.clock[kernel.NOW]), stop)
+        )
+        now = dict(zip(names, packed.snapshot().tolist(), strict=False))
+        if not now["stuck_output"]:
+            law = scenario.friction.torque(now["omega_l"])
+            assert now["T_f"] == pytest.approx(factor(now["theta_l"]) * law, rel=1e-9)
+            seen += 1
+    assert seen > 20
+
+
+def test_an_independent_integration_with_the_same_field_agrees(state_1):
+    memory = {"stiffness": 6e3, "elements": 4}
+    scenario = state_1.with_si(
+        {
+            "friction.position": FIELD, "friction.presliding": memory, "solver.accuracy": 1e-5,
+            "motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "tracking.rate": 0.02,
+        }
+    )  # fmt: skip
+    end = 20.0 / scenario.driving_frequency
+    times, refs = Command(scenario).microsteps(0.0, end)
+    found = []
+    for factor in (field(scenario), lambda angle: 1.0):
+        packed, automaton = pack(scenario), Automaton(scenario, grip=factor)
+        y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2], np.zeros(automaton.k.size)])
+        begin, ref = 0.0, packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy()
+        for stop, following in zip([*times, end], [*refs, refs[-1]], strict=True):
+            y, begin, ref = automaton.through(y, begin, stop, ref), stop, following[:2]
+        found.append(y)
+    assert packed.advance(end, no_samples(packed.channels), times, refs) == kernel.OK
+    same, without = found
+    moved = abs(same[6] - without[6])
+    assert moved > 1e-7
+    assert packed.state.y[6] == pytest.approx(same[6], abs=1e-3 * moved)
+    assert packed.state.counters[kernel.BREAKAWAYS] > 2
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_both_integrations_and_batches_take_it(state_1, rigid):
+    changes = {"friction.position": FIELD, "record.settle": 0.3, "record.duration": 0.5}
+    scenario = state_1.with_({"reducer.stiffness": "rigid"} if rigid else {}).with_si(changes)
+    motion = mv.simulate(scenario)
+    reference = mv.simulate(scenario.with_si({"solver.method": "rodas4", "solver.refinement": 2}), channels=("T_d",))[
+        "T_d"
+    ]
+    plain = mv.simulate(scenario.with_si({"friction.position": None}), channels=("T_d",))["T_d"]
+    effect = np.std(plain - reference)
+    assert effect > 0.01 * np.std(reference)
+    assert np.std(motion["T_d"] - reference) < 0.02 * effect
+    assert motion.invariants.torque_forms < 1e-9
+    assert motion.invariants.energy_mechanical < 1e-3
+    (alone,) = mv.batch([scenario])
+    assert np.std(alone.T_d - motion["T_d"]) < 0.02 * effect
+
+
+def test_without_amplitude_nothing_changes_to_the_last_bit(state_1):
+    short = state_1.with_si({"record.settle": 0.2, "record.duration": 0.3})
+    none = {"harmonics": [{"order": 2, "amplitude": 0.0}], "roughness": {**ROUGH, "density": 0.0}}
+    assert np.array_equal(mv.simulate(short)["T_d"], mv.simulate(short.with_si({"friction.position": none}))["T_d"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"friction.position.harmonics": [{"order": 1, "amplitude": 1.2}]}, "amplitude"),
+        ({"friction.position.harmonics": [{"order": 1, "amplitude": 0.6}, {"order": 2, "amplitude": 0.5}]}, "change its sign"),
+        ({"friction.position.harmonics": [{"order": 0, "amplitude": 0.1}]}, "order"),
+        ({"friction.position.roughness": {"density": 1e-3, "highest": 1e4}}, "change its sign"),
+        ({"friction.position.roughness": {"density": 1e-9}}, "highest: a density without a table needs it"),
+        ({"friction.position.roughness": {"highest": 100.0}}, "give either density or table"),
+        ({"friction.position.roughness": {"density": 1e-9, "lowest": 9.0, "highest": 8.0}}, "are not more than lowest"),
+        ({"friction.torque_noise": {"density": 1e-9, "table": [[1.0, 1e-6]]}}, "give either density or table"),
+        ({"friction.torque_noise": {"table": [[2.0, 1e-6], [1.0, 1e-6]]}}, "must be above 0 and ascend"),
+        ({"friction.torque_noise": {"table": [[1.0, -1e-6], [2.0, 1e-6]]}}, "densities must be at least 0"),
+        ({"motor.friction.position": {}}, "slip ring and bearing are on the output"),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_together_is_a_sentence(state_1, changes, said):
+    with pytest.raises(mv.ScenarioError, match=re.escape(said)):
+        state_1.with_si(changes)
+
+
+def test_the_steady_search_says_why_not(state_1):
+    with pytest.raises(mv.SimulationError, match="does not repeat"):
+        steady_state(state_1.with_si({"friction.position": FIELD}))
+
+
+def test_a_density_comes_from_a_file(tmp_path, state_1):
+    (tmp_path / "psd.csv").write_text("frequency [Hz],PSD [mN^2*m^2/Hz]\n0,9\n0.5,4.0\n5,0.04\n")
+    scenario = mv.load_scenario("state-1", {"friction.torque_noise": {"table": str(tmp_path / "psd.csv"), "seed": 2}})
+    noise = scenario.friction.torque_noise
+    assert noise.table == ((0.5, pytest.approx(4e-6)), (5.0, pytest.approx(4e-8)))
+    # straight in logarithms: 1/f^2 between the rows, nothing beyond them
+    assert noise.at(np.array([0.4, 1.0, 5.1]), 4096.0) == pytest.approx([0.0, 1e-6, 0.0])
+    assert scenario.source_of("friction.torque_noise.table") == str(tmp_path / "psd.csv")
+    again = tmp_path / "again.yaml"
+    again.write_text(mv.dump_scenario(scenario))
+    assert mv.load_scenario(again) == scenario
+    same = {
+        "friction.torque_noise": {"table": [[0.01, 2e-6], [50.0, 2e-6]]},
+        "record.settle": 0.1,
+        "record.duration": 0.2,
+    }
+    flat = {**same, "friction.torque_noise": {"density": 2e-6, "lowest": 0.01, "highest": 50.0}}
+    assert np.allclose(
+        mv.simulate(state_1.with_si(same))["T_d"], mv.simulate(state_1.with_si(flat))["T_d"], rtol=1e-9, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "has 0 rows"),
+        ("1,2,3\n", "row 1: has 3 columns"),
+        ("f,S\n1,x\n", "row 2: density 'x' is not a number"),
+        ("f [Hz],S [N*m]\n1,2\n", "column 'S [N*m]' has the wrong dimension"),
+        ("1,inf\n", "a finite number is expected"),
+    ],
+)
+def test_a_file_that_is_no_density_is_a_sentence(tmp_path, text, said):
+    (tmp_path / "psd.csv").write_text(text)
+    with pytest.raises(mv.ScenarioError, match=re.escape(said)):
+        mv.load_scenario("state-1", {"friction.torque_noise.table": str(tmp_path / "psd.csv")})
+    (tmp_path / "rough.csv").write_text("order,density\n10,1e-9\n1000,1e-9\n")
+    rough = mv.load_scenario("state-1", {"friction.position.roughness.table": str(tmp_path / "rough.csv")})
+    assert rough.friction.position.roughness.band == (10.0, 1000.0)
