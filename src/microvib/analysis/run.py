@@ -7,6 +7,7 @@ from typing import Any
 
 from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
 from microvib.analysis.lines import lines
+from microvib.analysis.seeds import draws, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
@@ -39,12 +40,25 @@ class RunResult:
 
 
 def solve_run(
-    scenario: Scenario, *, harmonics: int = 8, lines_only: bool = False, progress: Progress | None = None
+    scenario: Scenario,
+    *,
+    harmonics: int = 8,
+    lines_only: bool = False,
+    seeds: int = 0,
+    progress: Progress | None = None,
 ) -> RunResult:
     """Simulate ``scenario``, from its steady state if ``record.start`` says so and there is one, and find its lines.
 
-    With ``lines_only`` memory stays bounded however long the record. Raises what ``simulate`` raises.
+    With ``lines_only`` memory stays bounded however long the record. With ``seeds`` so many draws of the noise are run, and the
+    table knows its lines over them. Raises what ``simulate`` raises, OptionError for seeds without noise.
     """
+    if seeds:
+        next(draws(scenario))
+    result = _solved(scenario, harmonics, lines_only, progress)
+    return replace(result, table=with_seeds(result.table, scenario, seeds)) if seeds else result
+
+
+def _solved(scenario: Scenario, harmonics: int, lines_only: bool, progress: Progress | None) -> RunResult:
     state, fallback = find_steady(scenario) if scenario.record.start == "steady" else (None, "")
     not_used = {"steady": f"not used: {fallback}"} if fallback else {}
     if lines_only and state is not None:

@@ -40,11 +40,17 @@ _KINDS = (".html", ".pdf")  # files of a report
     metavar="FIRST:LAST:STEP",
     help="One run at each angle of the array on its craft, e.g. 0:180:15 (degrees), or a list, 0,45,90; one table and picture.",
 )
+@click.option(
+    "--seeds",
+    default=0,
+    type=click.IntRange(2, 100_000),
+    help="Run so many draws of the noise: mean, deviation, 95 % quantile of each line, by which a limit then judges.",
+)
 @limit_options
 @report_options
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
-    steady: bool, angles: str | None, limit: str | None, band: str | None, form: Form,
+    steady: bool, angles: str | None, seeds: int, limit: str | None, band: str | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.limits import Limit, judge
@@ -58,14 +64,14 @@ def run(
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     if angles is not None:
-        if lines_only or allowed is not None:
-            raise OptionError("angles", "goes neither with a limit nor with lines alone; leave them out")
+        if lines_only or seeds or allowed is not None:
+            raise OptionError("angles", "goes neither with a limit nor with lines alone nor with seeds; leave them out")
         _run_angles(loaded, angles, harmonics, Target(out, overwrite, form))
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         result, files = run_scenario(
-            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, limit=allowed, form=form,
-            progress=progress,
+            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds, limit=allowed,
+            form=form, progress=progress,
         )  # fmt: skip
     _print_lines(loaded, result.table)
     if allowed is not None:

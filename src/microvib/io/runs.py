@@ -20,7 +20,7 @@ from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import package_versions, rows_csv
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import Line, LineTable, Rest
+from microvib.signals.line_table import Line, LineTable, Rest, SeedLine
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
 
@@ -66,6 +66,12 @@ def lines_csv(table: LineTable) -> str:
     first = ("line", *figures)
     names = [*first, *(f.name for f in fields(Line) if f.name not in first)]
     return rows_csv(names, ([getattr(line, name) for name in names] for line in table))
+
+
+def seeds_csv(table: LineTable) -> str:
+    """CSV text of the lines over many draws of the noise."""
+    names = [f.name for f in fields(SeedLine)]
+    return rows_csv(names, ([getattr(line, name) for name in names] for line in table.seeds))
 
 
 def scenario_hash(scenario: Scenario) -> str:
@@ -122,6 +128,7 @@ def read_run(folder: Path | str) -> Run:
             _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
             rest=left and Rest(*(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))),
             own_error=said.get("own_error", 0.0),
+            seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip
     return Run(motion, table, versions, limit)
 
@@ -144,10 +151,19 @@ def _limit(data: dict[str, float | None] | None) -> tuple[float, float, float] |
 
 
 def _lines(path: Path) -> tuple[Line, ...]:
-    texts = {field.name for field in fields(Line) if field.type == "str"}
+    return tuple(Line(**row) for row in _rows(path, Line))
+
+
+def _seeds(path: Path) -> tuple[SeedLine, ...]:
+    rows = _rows(path, SeedLine) if path.is_file() else []
+    return tuple(SeedLine(**{**row, "draws": int(row["draws"])}) for row in rows)
+
+
+def _rows(path: Path, of: type) -> list[dict[str, Any]]:
+    """Rows of a CSV table as keywords of a dataclass, of texts and numbers."""
+    texts = {field.name for field in fields(of) if field.type == "str"}
     with path.open(encoding="utf-8", newline="") as stream:
-        rows: list[dict[str, Any]] = [
+        return [
             {key: text if key in texts else float(text or math.nan) for key, text in row.items()}
             for row in csv.DictReader(stream)
         ]
-    return tuple(Line(**row) for row in rows)

@@ -26,7 +26,13 @@ class Record(Part):
         description="how the motion begins: at rest at t = 0, or in the steady state of the window's rate where there is one",
     )
 
+    rotor_offset: Annotated[
+        float, Quantity("", "angle of the rotor off its first command when currents come on, in full steps")
+    ] = 0.0
+
     def _misfits(self) -> Iterator[str]:
+        if self.start == "steady" and self.rotor_offset != 0.0:
+            yield "rotor_offset: belongs to a start at rest, and start is steady; leave one of them out"
         samples = self.duration * self.sample_rate
         product = f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is"
         if samples < 8:

@@ -66,6 +66,11 @@ class Scenario(Part):
                 " without a highest frequency ends; lower it, or give friction.torque_noise.highest"
             )
         driver, motor = self.driver, self.motor
+        if not abs(self.record.rotor_offset) < 0.5 * driver.beats:
+            yield (
+                f"record.rotor_offset: {self.record.rotor_offset:g} full steps are half an electrical turn or more, from where the"
+                f" rotor aligns with another tooth; it must be between -{0.5 * driver.beats:g} and {0.5 * driver.beats:g}"
+            )
         voltage = driver.drive == "voltage"
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0 and not voltage:
             yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"

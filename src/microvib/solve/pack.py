@@ -98,6 +98,8 @@ def pack(scenario: Scenario) -> Packed:
             " motor.friction.presliding, reducer.hysteresis, friction.torque_noise); use propagators"
         )
     tables = _propagators(scenario, drive, state) if exact else None
+    if scenario.record.rotor_offset != 0.0:
+        _hold(scenario, drive, state, scenario.record.rotor_offset * scenario.driver.full_step(scenario.motor))
     lanes = np.zeros((70 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
     by_node = np.zeros((4, kernel.N_CHANNELS + size - kernel.MODES))
     return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
@@ -196,13 +198,14 @@ def _finite(drive: Any) -> Any:
     return drive
 
 
-def _hold(scenario: Scenario, drive: Any, state: Any) -> None:
-    """State before t = 0: at rest at theta_m = 0, the phases at their holding currents, the loop in equilibrium."""
+def _hold(scenario: Scenario, drive: Any, state: Any, theta_m: float = 0.0) -> None:
+    """State before t = 0: at rest, the rotor at ``theta_m``, the phases at their holding currents, the loop in equilibrium."""
     A, B = (float(x) for x in scenario.driver.references(scenario.motor, np.zeros(())))
     state.y[kernel.IA], state.y[kernel.XA] = _held(scenario, A)
     state.y[kernel.IB], state.y[kernel.XB] = _held(scenario, B)
-    # The transmission error may be non-zero at theta_m = 0; the gear is relaxed there.
-    state.y[kernel.TL] = scenario.reducer.kinematic_error(0.0)
+    # The transmission error may be non-zero there; the gear is relaxed.
+    state.y[kernel.TM] = theta_m
+    state.y[kernel.TL] = scenario.reducer.kinematic_error(theta_m) - theta_m * drive.inv_h
     state.clock[kernel.REF_A], state.clock[kernel.REF_B] = A, B
     state.clock[kernel.NEXT_STEP] = drive.layer
     kernel.initial_friction(state, drive)

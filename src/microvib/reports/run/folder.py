@@ -13,7 +13,7 @@ from microvib.analysis.limits import Limit
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError, expect
-from microvib.io.runs import lines_csv, summary, write_motion
+from microvib.io.runs import lines_csv, seeds_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
@@ -30,6 +30,7 @@ def run_scenario(
     overwrite: bool = False,
     lines_only: bool = False,
     harmonics: int = 8,
+    seeds: int = 0,
     limit: Limit | None = None,
     form: Form | None = None,
     progress: Progress | None = None,
@@ -41,7 +42,7 @@ def run_scenario(
     begun = time.perf_counter()
     if not lines_only:
         _check_size(scenario, out)
-    result = solve_run(scenario, harmonics=harmonics, lines_only=lines_only, progress=progress)
+    result = solve_run(scenario, harmonics=harmonics, lines_only=lines_only, seeds=seeds, progress=progress)
     return result, write_run(result, out, overwrite=overwrite, limit=limit, form=form, begun=begun)
 
 
@@ -88,6 +89,7 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
         summed = summed | {"pointing": of_hub.summary()}
     return {
         "lines.csv": lines_csv(result.table),
+        **({"seeds.csv": seeds_csv(result.table)} if result.table.seeds else {}),
         **({} if of_hub is None else {"loads.csv": rows_csv(*of_hub.loads_table())}),
         **({} if of_hub is None or of_hub.los is None else {"pointing.csv": rows_csv(*of_hub.pointing_table())}),
         "scenario.yaml": dump_scenario(result.scenario),

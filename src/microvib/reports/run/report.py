@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -93,7 +93,32 @@ def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
         " record. Phases are those of a cosine at the first sample."
     )
     listed = table(header, rows, _left_out(lines, shown), marks(shown, judged))
-    return Section("All lines", (Text(text), listed), new_page=True)
+    return Section("All lines", (Text(text), listed, *_over_seeds(lines, shown)), new_page=True)
+
+
+def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> tuple[Text | Table, ...]:
+    """The lines over many draws of the noise."""
+    found = [seed for x in shown if (seed := lines.over_seeds(x.line))]
+    if not found:
+        return ()
+    text = (
+        f"Over {found[0].draws} draws of the noise, this record's and those of the following seeds. The 95 % quantile is given with"
+        " what so many draws say of it, each bound with 95 % confidence; fewer than 59 do not bound it from above."
+    )
+    header = [
+        "line",
+        "draws [1]",
+        "mean [mN m]",
+        "deviation [mN m]",
+        "95 % [mN m]",
+        "at least [mN m]",
+        "at most [mN m]",
+    ]
+    rows = [
+        [x.line, str(x.draws), *map(milli, (x.mean_n_m, x.deviation_n_m, x.p95_n_m, x.p95_low_n_m, x.p95_high_n_m))]
+        for x in found
+    ]
+    return Text(text), table(header, rows)
 
 
 def _line_cells(x: Line) -> list[str]:

@@ -1,0 +1,130 @@
+"""Lines driven by noise: closed form against draws, what turns a verdict round, quantiles over seeds, a start off the command."""
+
+import math
+
+import numpy as np
+import pytest
+from support.scenarios import limit_of
+
+import microvib as mv
+from microvib.analysis.limits import judge
+from microvib.analysis.seeds import quantile_bounds
+from microvib.model.driven import driven_lines, noise_density, response
+from microvib.signals.line_table import DRIVEN
+
+NOISE = {"density": 2e-6, "lowest": 0.3, "highest": 5.0, "seed": 1}
+SHORT = {"record.settle": 30.0, "record.duration": 16.0, "record.sample_rate": 512.0}
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """State 1 with a mode that noise alone keeps ringing: nothing is left of its start."""
+    return mv.load_scenario("state-1").with_si(
+        {**SHORT, "friction.torque_noise": NOISE, "array.modes.0.damping": 0.02, "record.settle": 60.0}
+    )
+
+
+@pytest.fixture(scope="module")
+def drawn(noisy):
+    return mv.run(noisy, lines_only=True, seeds=60).table
+
+
+def test_the_closed_form_is_what_draws_read_within_their_scatter(noisy, drawn):
+    (alone,) = driven_lines(noisy, 16.0)
+    seeds = drawn.over_seeds("array_mode_1")
+    assert seeds.draws == 60
+    error = seeds.deviation_n_m / math.sqrt(seeds.draws)
+    stuck = mv.batch([noisy])[0].stuck_output  # swallows its part of the noise
+    assert (1.0 - stuck) * alone.mean - 3.0 * error < seeds.mean_n_m < alone.mean + 3.0 * error
+    assert seeds.deviation_n_m == pytest.approx(alone.deviation, rel=0.3)  # of 60 draws it is known to 9 %
+    assert drawn["array_mode_1"].status == DRIVEN
+    assert drawn["array_mode_1"].noise_mean_n_m == alone.mean
+
+
+def test_the_response_is_the_energy_of_the_mode(noisy):
+    # H^2 omega^2 / (2 xi K) of the design's estimate is the response near resonance, K the springs of gear and motor in series
+    mode = mv.coupled_modes(noisy)[0]
+    K = 1.0 / (1.0 / noisy.reducer.stiffness + 1.0 / (noisy.motor.electromagnetic_stiffness * noisy.reducer.ratio**2))
+    estimate = noisy.array.H[0] ** 2 * (2 * math.pi * mode.frequency) ** 2 / (2 * mode.damping * K)
+    assert abs(response(noisy, mode.frequency)) == pytest.approx(estimate, rel=0.2)
+
+
+def test_roughness_is_the_noise_that_the_output_turns_past(noisy):
+    turns = noisy.rate / (2 * math.pi)
+    friction = noisy.friction.torque(noisy.rate)
+    rough = {"density": 1e-9, "lowest": 0.3 / turns, "highest": 5.0 / turns}
+    scenario = noisy.with_si({"friction.torque_noise": None, "friction.position.roughness": rough})
+    f = np.array([0.2, 1.0, 6.0])
+    assert noise_density(scenario, f) == pytest.approx([0.0, friction**2 * 1e-9 / turns, 0.0])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"friction.torque_noise": {**NOISE, "lowest": 3.0}},  # the band does not reach the mode
+        {"friction.torque_noise": {**NOISE, "density": 1e-14}},  # nor does so little of it
+        {"friction.torque_noise": None},
+    ],
+)
+def test_a_mode_that_noise_does_not_reach_decays(changes):
+    scenario = mv.load_scenario("state-1").with_si({**SHORT, "record.settle": 5.0, **changes})
+    assert mv.run(scenario, lines_only=True).table["array_mode_1"].status == "decaying"
+
+
+def test_a_line_of_the_clock_is_not_driven_by_noise(noisy, drawn):
+    assert {drawn[name].status for name in ("drive_1", "full_step_1")} == {"ok"}
+    assert math.isnan(drawn["drive_1"].noise_mean_n_m)
+
+
+def test_verdicts_rest_on_the_quantile_where_seeds_were_run(noisy, drawn):
+    mode, seeds = drawn["array_mode_1"], drawn.over_seeds("array_mode_1")
+    one = mv.LineTable(drawn.lines, drawn.clock_ratio, None, drawn.samples, drawn.sample_rate)
+    for torque in (0.1 * mode.amplitude_n_m, 100.0 * mode.amplitude_n_m):
+        assert judge(one, limit_of(torque), noisy).of(mode).verdict == "not judged"
+    verdicts = {
+        1.05 * seeds.p95_high_n_m: "pass",
+        0.5 * (seeds.p95_low_n_m + seeds.p95_high_n_m): "not judged",
+        0.95 * seeds.p95_low_n_m: "fail",
+    }
+    for torque, expected in verdicts.items():
+        assert judge(drawn, limit_of(torque), noisy).of(mode).verdict == expected
+
+
+@pytest.mark.parametrize(("n", "bounded"), [(58, False), (59, True), (200, True)])
+def test_bounds_of_a_quantile_hold_as_often_as_they_say(n, bounded):
+    rng, truth, low, high = np.random.default_rng(1), math.sqrt(2.0 * math.log(20.0)), 0, 0
+    for _ in range(1000):
+        a, b = quantile_bounds(np.sort(rng.rayleigh(size=n)))
+        low, high = low + (a <= truth), high + (b >= truth)
+    assert low > 940
+    assert high > 940 if bounded else high == 0
+
+
+def test_seeds_without_noise_are_a_sentence(state_1):
+    with pytest.raises(mv.OptionError, match="this scenario has none"):
+        mv.run(state_1, seeds=3)
+
+
+def test_a_rotor_off_its_first_command_aligns_with_it(state_1):
+    short = {"record.settle": 0.0, "record.duration": 1.0}
+    peaks = []
+    for offset in (0.0, 1.0, -1.0, 1.9):
+        scenario = state_1.with_si({**short, "record.rotor_offset": offset})
+        exact = np.abs(mv.simulate(scenario)["T_d"]).max()
+        reference = mv.simulate(scenario.with_({"solver.method": "rodas4"}))["T_d"]
+        assert np.abs(reference).max() == pytest.approx(exact, rel=2e-3)
+        peaks.append(exact)
+    assert peaks[0] < 0.2
+    assert peaks[1:] == pytest.approx([1.08, 1.08, 1.99], rel=0.05)  # of an independent prototype
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"record.rotor_offset": 2.0}, "must be between -2 and 2"),
+        ({"record.rotor_offset": 1.0, "record.start": "steady"}, "leave one of them out"),
+    ],
+)
+def test_an_offset_out_of_reach_is_a_sentence(state_1, changes, said):
+    with pytest.raises(mv.ScenarioError, match=said):
+        state_1.with_si(changes)
