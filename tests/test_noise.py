@@ -110,7 +110,7 @@ def test_what_cannot_take_noise_says_so(state_1):
 
 def test_a_line_that_noise_drives_is_not_judged_by_one_draw(state_1):
     loud = {"density": 4e-6, "lowest": 0.0, "highest": 20.0, "seed": 1}
-    scenario = state_1.with_si({"friction.torque_noise": loud, "record.settle": 2.0, "record.duration": 8.0})
+    scenario = state_1.with_si({"friction.torque_noise": loud, "record.settle": 40.0, "record.duration": 8.0})
     table = mv.lines(mv.simulate(scenario, channels=("T_d",)))
     mode, drive = table["array_mode_1"], table["drive_1"]
     assert mode.amplitude_n_m > 0.0

@@ -22,7 +22,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
-from microvib.signals.line_table import DRIVEN, SEEN, LineTable
+from microvib.signals.line_table import DRIVEN, FAINT, SEEN, LineTable
 from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, from_rest, method_of
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
@@ -142,7 +142,7 @@ def with_noise(table: LineTable, scenario: Scenario, disturbance: bool = True) -
     for line in table:
         noise = alone.get(line.line)
         if noise is not None:
-            drawn = noise.quantile > _MINOR * line.amplitude_n_m
+            drawn = noise.quantile > (line.floor_n_m if line.status == FAINT else _MINOR * line.amplitude_n_m)
             line = replace(
                 line, noise_mean_n_m=noise.mean, noise_deviation_n_m=noise.deviation, noise_p95_n_m=noise.quantile
             )
@@ -152,7 +152,8 @@ def with_noise(table: LineTable, scenario: Scenario, disturbance: bool = True) -
             drawn = line.amplitude_n_m < _FAR * bin_noise(scenario, line.frequency_hz, table.duration)
         else:
             drawn = bool(noise_density(scenario, np.array([line.frequency_hz]))[0] > 0.0)
-        rows.append(replace(line, status=DRIVEN) if drawn and line.status in SEEN else line)
+        own = line.status in SEEN or (noise is not None and line.status == FAINT)
+        rows.append(replace(line, status=DRIVEN) if drawn and own else line)
     return replace(table, lines=tuple(rows))
 
 
