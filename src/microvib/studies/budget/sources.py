@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.analysis.limits import BEYOND, CALM, OWN_ERROR, calm_for, driven_by_noise, has_calmed
+from microvib.analysis.limits import BEYOND, CALM, OWN_ERROR, calm_for, has_calmed
 from microvib.analysis.lines import expected_in, lines_of_recording
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
@@ -24,7 +24,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import DETECTION, FAINT, LineTable
+from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, LineTable
 from microvib.solve.channels import INTERFACE
 from microvib.studies.budget.files import OtherSource, Wheel
 from microvib.testdata.recording import Recording
@@ -103,7 +103,7 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
         raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
     rows = {line.line: line for line in result.table}
     own = [rows[name] for name in found.names]
-    rings = np.array([(x.kind in OWN and x.status != "ok") or driven_by_noise(x, scenario) for x in own], dtype=bool)
+    rings = np.array([(x.kind in OWN and x.status != "ok") or x.status == DRIVEN for x in own], dtype=bool)
     # Of what dies away the amplitude at the start of the record.
     T = result.table.duration
     start = [x.starting(T) / x.amplitude_n_m if x.status == "decaying" else 1.0 for x in own]
@@ -132,7 +132,7 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
             f = line.expected_hz
             yield open_gap(f"{line.line} ({line.status}; a longer record.duration, or record.start: steady)", f, f)
     noise = scenario.friction.torque_noise
-    if noise is not None and noise.density > 0.0:
+    if noise is not None and not noise.silent:
         yield open_gap("friction.torque_noise drives it, and one draw is one of many", *noise.band(record.sample_rate))
     if scenario.rate is None:
         yield open_gap("the rate changes within the record, so that there are no lines of the step clock")
