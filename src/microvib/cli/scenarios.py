@@ -166,14 +166,17 @@ def scenarios() -> None:
 @click.argument("scenario")
 @set_option
 def show(scenario: str, settings: tuple[str, ...]) -> None:
-    """Print SCENARIO checked and complete, with derived values."""
+    """Print SCENARIO checked and complete, with derived values and the orders of drive and gears."""
     from microvib.io.scenario_file import dump_scenario
-    from microvib.reports.parameters import derived
+    from microvib.reports.parameters import derived, order_lines
 
     loaded = load(scenario, settings)
     click.echo(dump_scenario(loaded), nl=False)
     click.echo("\n# Derived:")
     for text in derived(loaded):
+        click.echo(f"#   {text}")
+    click.echo("\n# Orders:")
+    for text in order_lines(loaded):
         click.echo(f"#   {text}")
 
 

@@ -118,17 +118,15 @@ class Driver(Part):
         gains = ("proportional_gain", "integral_gain", "derivative_gain")
         if self.drive == "voltage" and any(getattr(self, gain) for gain in gains):
             yield f"drive: voltage has no current loop; set {', '.join(gains)} to 0, or leave them out"
-        for gain in gains[:2] if self.drive == "current" else ():
-            if gain not in self.model_fields_set:
-                quantity = self.quantity_of(gain)
-                assert quantity is not None
-                yield f"{gain}: missing ({quantity.meaning}, in {quantity.display or quantity.unit})"
         rows, turn = len(self.table.currents) if self.table else 0, self.beats * self.microsteps
         if rows not in (0, turn):
             yield (
                 f"table.currents: has {rows} rows; one for each microstep of an electrical turn is expected,"
                 f" beats x microsteps = {turn}"
             )
+
+    def _needed(self) -> tuple[str, ...]:
+        return ("proportional_gain", "integral_gain") if self.drive == "current" else ()
 
     def full_step(self, motor: Motor) -> float:
         """Full step of the rotor Delta theta [rad] (Eq. 25)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import lru_cache
 from typing import Literal
 
@@ -13,10 +14,11 @@ import numpy as np
 from microvib.model.driver import Driver, Imperfections, electrical_turn
 from microvib.model.linear import coupled_modes
 from microvib.model.motor import Motor
+from microvib.model.reducer import KinematicError
 from microvib.model.scenario import Scenario
 from microvib.units import Given, quantity
 
-Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "sideband", "other"]
+Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "gear train", "sideband", "other"]
 
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
@@ -58,23 +60,23 @@ def expected_lines(
     if not f_d:
         return tuple(modes)
     driver, motor = scenario.driver, scenario.motor
-    errors = tuple(e.order for e in scenario.reducer.transmission_error)
+    errors = tuple(e._replace(phase=0.0) for e in scenario.reducer.errors)
     turn, orders = _orders(driver, motor, errors, harmonics)
     base, low, high = f_d / turn, 1.0 - clock_tolerance, 1.0 + clock_tolerance
     clock = [
-        ExpectedLine(name, kind, order * base, low * (order * base), high * (order * base), origin)
+        ExpectedLine(name, kind, float(order) * base, low * (float(order) * base), high * (float(order) * base), origin)
         for order, (name, kind, origin) in orders.items()
-        if order * base <= highest
+        if float(order) * base <= highest
     ]
     return (*modes, *clock)
 
 
 @lru_cache(maxsize=64)
 def _orders(
-    driver: Driver, motor: Motor, errors: tuple[int, ...], harmonics: int
-) -> tuple[int, dict[int, tuple[str, Kind, str]]]:
-    """Microsteps per turn of the wave generator, in which every line of the clock has a whole order; and name, kind and origin of
-    the line of each order, that of the first family where several have it."""
+    driver: Driver, motor: Motor, errors: tuple[KinematicError, ...], harmonics: int
+) -> tuple[int, dict[Fraction | int, tuple[str, Kind, str]]]:
+    """Microsteps per turn of the rotor; and name, kind and origin of the line of each order of such a turn, a whole one but of
+    gear trains, that of the first family where several have it."""
     b, z, steps = driver.beats, motor.rotor_teeth, motor.full_steps
     turn = b * driver.microsteps * z
     makers = {error.order: error.causes for error in angle_errors(driver, motor.phases)}
@@ -82,13 +84,15 @@ def _orders(
         ("drive", "drive", turn, range(1, harmonics + 1), "microstep"),
         ("full_step", "full step", steps * z, range(1, harmonics + 1), "full step" if b == steps else "detent period"),
         ("electrical", "electrical", z, range(1, (harmonics if driver.distorted else 3) + 1), "electrical period"),
-        ("wave_generator", "wave generator", 1, errors, "transmission error"),
     ]
-    orders: dict[int, tuple[str, Kind, str]] = {}
+    orders: dict[Fraction | int, tuple[str, Kind, str]] = {}
     for stem, kind, unit, members, origin in families:
         for k in members:
             made = ", ".join(makers.get(k * unit // z, ())) if stem in ("full_step", "electrical") else ""
             orders.setdefault(k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}{made and f': {made}'}"))
+    for e in errors:
+        of: Kind = "wave generator" if e.line.startswith("wave_generator") else "gear train"
+        orders.setdefault(e.order, (e.line, of, f"transmission error, {e.origin}"))
     detent = motor.detent_periods * z
     if motor.detent_torque > 0.0 and turn > 2 * SIDEBANDS * detent:
         for k in range(1, harmonics + 1):

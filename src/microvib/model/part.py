@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cache
 from typing import TYPE_CHECKING, Any, Self, get_args
@@ -51,11 +52,35 @@ class Part(_Base):
         """Sentences on what does not go together, which begin with the key; the first is told."""
         yield from ()
 
+    def _following(self) -> dict[str, Any]:
+        """Fields that follow from others here, with their values; a file leaves them out."""
+        return {}
+
+    def _needed(self) -> tuple[str, ...]:
+        """Fields that must be given though others would do without them."""
+        return ()
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        following = self._following()
+        for name, value in following.items():
+            if name in self.model_fields_set and not _alike(getattr(self, name), value):
+                raise ValueError(
+                    f"{name}: {getattr(self, name):g} is not what the others make, {value:g}; leave it out"
+                )
+            object.__setattr__(self, name, value)
+        for name in self._needed():
+            if name not in self.model_fields_set | set(following):
+                quantity = self.quantity_of(name)
+                unit = f", in {quantity.display or quantity.unit}" if quantity and quantity.unit else ""
+                raise ValueError(f"{name}: missing ({quantity.meaning if quantity else name}{unit})")
         for sentence in self._misfits():
             raise ValueError(sentence)
         return self
+
+
+def _alike(given: Any, value: float) -> bool:
+    return isinstance(given, float) and math.isclose(given, value, rel_tol=1e-6)
 
 
 def nested(annotation: Any) -> Iterator[Any]:
@@ -88,7 +113,12 @@ def plain(value: Any, quantity: Quantity | None = None, *, text: bool = False) -
     Its quantities are known to be in SI or, with ``text``, are texts with units that read back exactly.
     """
     if isinstance(value, Part):
-        given = {name: x for name in type(value).model_fields if (x := getattr(value, name)) is not None}
+        left_out = value._following()
+        given = {
+            name: x
+            for name in type(value).model_fields
+            if name not in left_out and (x := getattr(value, name)) is not None
+        }
         return {name: plain(x, value.quantity_of(name), text=text) for name, x in given.items()}
     if isinstance(value, (tuple, list)):
         return [plain(item, quantity, text=text) for item in value]

@@ -1,14 +1,17 @@
-"""Harmonic reducer: ratio, torsional compliance, transmission error (Eq. 19, and beyond the paper)."""
+"""Harmonic reducer or gear train: ratio, torsional compliance, transmission error (Eq. 19, and beyond the paper)."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from fractions import Fraction
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
 from microvib.model.friction import maxwell_elements
+from microvib.model.gear_train import GearStage, input_inertia, speeds, stiffness
 from microvib.model.part import Part
 from microvib.units import Quantity
 
@@ -19,6 +22,18 @@ class TransmissionError(Part):
     order: Annotated[int, Field(ge=1, le=1000, strict=True, description="cycles per turn of the wave generator")]
     amplitude: Annotated[float, Quantity("rad", "amplitude at the output", ge=0, display="arcsec", usual=(1e-7, 0.02))]
     phase: Annotated[float, Quantity("rad", "phase at the wave generator's zero", display="deg")] = 0.0
+
+
+class KinematicError(NamedTuple):
+    """A harmonic of the transmission error."""
+
+    order: Fraction
+    """Cycles per turn of the rotor."""
+    amplitude: float
+    """At the output [rad]."""
+    phase: float
+    line: str
+    origin: str
 
 
 class Hysteresis(Part):
@@ -35,21 +50,21 @@ class Hysteresis(Part):
 
 
 class Reducer(Part):
-    """Harmonic reducer; ``stiffness: rigid`` is the paper's, which has no compliance and no loss."""
+    """Harmonic reducer, or a train of gears; ``stiffness: rigid`` is the paper's, which has no compliance and no loss."""
 
-    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1, le=1e5, usual=(1.0, 5000.0))]
+    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1, le=1e5, usual=(1.0, 5000.0))] = 1.0
     wave_generator_inertia: Annotated[
         float,
         Quantity(
             "kg*m^2", "moment of inertia of the wave generator", "J_wg", ge=0, display="kg*cm^2", usual=(1e-10, 1e-2)
         ),
-    ]
+    ] = 0.0
     stiffness: (
         Annotated[
             float, Quantity("N*m/rad", "torsional stiffness at the output, or rigid", "K_g", gt=0, usual=(1.0, 1e7))
         ]
         | Literal["rigid"]
-    )
+    ) = "rigid"
     damping: Annotated[
         float,
         Quantity("N*m*s/rad", "torsional damping at the output; no part if rigid", "C_g", ge=0, usual=(1e-4, 1e4)),
@@ -63,6 +78,11 @@ class Reducer(Part):
     hysteresis: Hysteresis | None = Field(
         default=None, description="torque that lags behind the twist; without it, none"
     )
+    train: tuple[GearStage, ...] = Field(
+        default=(),
+        max_length=10,
+        description="stages of a gear train, from the rotor to the output; they make the ratio",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -72,10 +92,23 @@ class Reducer(Part):
             return {**data, "stiffness": "rigid"}
         return data
 
+    def _following(self) -> dict[str, Any]:
+        if not self.train:
+            return {}
+        K = stiffness(self.train)
+        return {"ratio": abs(float(1 / speeds(self.train)[-1]))} | ({} if K is None else {"stiffness": K})
+
+    def _needed(self) -> tuple[str, ...]:
+        return ("stiffness",) if self.train else ("ratio", "wave_generator_inertia", "stiffness")
+
     def _misfits(self) -> Iterator[str]:
+        if not 1.0 <= self.ratio <= 1e5:
+            yield f"train: its ratio is {self.ratio:g}; 1 to 100 000 is expected, a train that turns slower than the rotor"
+        if self.train and self.train[-1].output_inertia:
+            yield f"train.{len(self.train) - 1}.output_inertia: is on the output; give it as reducer.output_inertia"
         if self.rigid and self.hysteresis is not None:
             yield "hysteresis: a rigid reducer has no twist that torque could lag behind; give stiffness in N*m/rad"
-        slope = sum(e.order * e.amplitude for e in self.transmission_error)
+        slope = sum(float(e.order) * e.amplitude for e in self.errors)
         if slope >= 1.0 / self.ratio:
             yield (
                 f"transmission_error: the sum of order x amplitude is {slope:g} rad; it must be below 1/ratio,"
@@ -85,12 +118,30 @@ class Reducer(Part):
     @property
     def h(self) -> float:
         """The ratio of Eq. 19, theta_m = -h theta_l."""
-        return self.ratio
+        return math.copysign(self.ratio, -speeds(self.train)[-1]) if self.train else self.ratio
 
     @property
     def input_inertia(self) -> float:
-        """What of the reducer turns with the rotor [kg m^2]."""
-        return self.wave_generator_inertia
+        """Inertia of the reducer as the rotor feels it, of a train that of its wheels [kg m^2]."""
+        return self.wave_generator_inertia + input_inertia(self.train)
+
+    @property
+    def errors(self) -> tuple[KinematicError, ...]:
+        """Harmonics of the transmission error: those of the wave generator's turns, then those of the train's stages."""
+        found = [
+            KinematicError(Fraction(e.order), e.amplitude, e.phase, f"wave_generator_{e.order}", f"order {e.order}")
+            for e in self.transmission_error
+        ]
+        through = speeds(self.train)
+        for k, stage in enumerate(self.train):
+            for e in stage.errors:
+                amplitude = e.amplitude * abs(float(through[-1] / through[k + 1]))
+                name = re.sub(r"[^a-z0-9]+", "_", e.order.strip().replace("+", " plus ").replace("-", " minus "))
+                order = abs(through[k]) * stage.order(e.order)
+                found.append(
+                    KinematicError(order, amplitude, e.phase, f"stage_{k + 1}_{name}", f"stage {k + 1}, {e.order}")
+                )
+        return tuple(found)
 
     @property
     def hysteresis_torque(self) -> float:
@@ -111,4 +162,4 @@ class Reducer(Part):
 
     def kinematic_error(self, theta_m: float) -> float:
         """Transmission error epsilon(theta_m) [rad at the output]."""
-        return sum(e.amplitude * math.sin(e.order * theta_m + e.phase) for e in self.transmission_error)
+        return sum(e.amplitude * math.sin(float(e.order) * theta_m + e.phase) for e in self.errors)

@@ -11,6 +11,7 @@ from typing import Any
 
 from microvib.model.expected import angle_errors
 from microvib.model.linear import coupled_modes
+from microvib.model.orders import drive_orders
 from microvib.model.part import Part, entries
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Block, Row, Table, Text, pairs, table
@@ -112,14 +113,19 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
     """Values that follow from a scenario and that an engineer wants to see before running it: name, value, how."""
     driver, array, f_d = scenario.driver, scenario.array, scenario.driving_frequency
     step, spring = math.degrees(driver.full_step(scenario.motor)), scenario.motor.electromagnetic_stiffness
+    half = "" if scenario.motor.phases == 2 else f"{scenario.motor.phases}/2 "
     breakaway = scenario.friction.breakaway_torque
     rate = (f"{f_d:.6g} Hz", "Eq. 26") if f_d else ("none", "the rate is zero or changes in the record")
     values = [
         ("full step at the rotor", f"{step:.6g} deg", "Eq. 25"),
         ("microstep at the rotor", f"{step / driver.microsteps:.6g} deg", "Eq. 25"),
         ("driving frequency f_d", *rate),
-        ("electromagnetic spring at the rotor", f"{spring:.6g} N m/rad", "z K_m I"),
-        ("electromagnetic spring at the output", f"{spring * scenario.reducer.ratio**2:.6g} N m/rad", "h² z K_m I"),
+        ("electromagnetic spring at the rotor", f"{spring:.6g} N m/rad", f"{half}z K_m I"),
+        (
+            "electromagnetic spring at the output",
+            f"{spring * scenario.reducer.ratio**2:.6g} N m/rad",
+            f"h² {half}z K_m I",
+        ),
         ("breakaway torque of the output", f"{breakaway:.6g} N m", "slip ring included, Eq. 6 and 7"),
         ("rigidly attached inertia J_h", f"{array.J_h:.6g} kg m²", f"of J {array.inertia:.6g} kg m²"),
     ]
@@ -147,6 +153,18 @@ def _driver_orders(scenario: Scenario) -> list[tuple[str, str, str]]:
             )
         )
     return rows
+
+
+def order_lines(scenario: Scenario) -> list[str]:
+    """Orders of the drive as a table of text: name, cycles per turn of the output, frequency, what it is and which mode is near."""
+    rate = "rate changes" if scenario.rate is None else f"Hz at {math.degrees(scenario.rate):.6g} deg/s"
+    rows = [("name", "per output turn", rate, "what it is")]
+    for order in drive_orders(scenario):
+        near = f" <- near {', '.join(order.near)}" if order.near else ""
+        at = "-" if math.isnan(order.frequency) else f"{order.frequency:.7g}"
+        rows.append((order.name, f"{order.per_turn:.9g}", at, f"{order.words}{near}"))
+    wide = [max(len(row[k]) for row in rows) for k in range(3)]
+    return [f"{a:{wide[0]}s}  {b:>{wide[1]}s}  {c:>{wide[2]}s}  {d}" for a, b, c, d in rows]
 
 
 def derived(scenario: Scenario) -> list[str]:

@@ -314,8 +314,8 @@ def _harmonics(friction: Friction) -> np.ndarray:
 
 def _transmission_error(scenario: Scenario) -> np.ndarray:
     rows = [
-        [e.order, e.amplitude * math.cos(e.phase), e.amplitude * math.sin(e.phase)]
-        for e in scenario.reducer.transmission_error
+        [float(e.order), e.amplitude * math.cos(e.phase), e.amplitude * math.sin(e.phase)]
+        for e in scenario.reducer.errors
     ]
     return np.array(rows, dtype=float).ravel()
 

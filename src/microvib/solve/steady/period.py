@@ -31,8 +31,8 @@ def repeats_after(scenario: Scenario) -> tuple[int, int]:
     """Microsteps after which drive and command are as before, but turned; and those of the motor and its driver alone."""
     own = scenario.driver.repeats_after(scenario.motor)
     turn = scenario.driver.beats * scenario.driver.microsteps * scenario.motor.rotor_teeth
-    orders = [e.order for e in scenario.reducer.transmission_error if e.amplitude > 0.0]
-    return math.lcm(own, *(turn // math.gcd(turn, order) for order in orders)), own
+    orders = [e.order for e in scenario.reducer.errors if e.amplitude > 0.0]
+    return math.lcm(own, *((order / turn).denominator for order in orders)), own
 
 
 class Turn(NamedTuple):
