@@ -316,6 +316,6 @@ def test_show_prints_the_orders_and_marks_those_near_a_mode():
     assert [x.per_turn for x in turn] == [6 * 5000, 6 * 5000, 5000]
     changing = {
         "tracking.rate": None,
-        "tracking.profile": [{"duration": 50.0, "rate": 0.001}, {"duration": 90.0, "rate": 0.002}],
+        "tracking.profile": [{"rate": 0.001, "hold": 35.0}, {"rate": 0.002, "ramp": 20.0}],
     }
     assert "rate changes" in order_lines(geared(**changing))[0]
