@@ -12,7 +12,7 @@ from microvib.errors import ScenarioError
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.gear_train import GearStage, speeds, train_orders
-from microvib.model.linear import _momentum_row, matrices
+from microvib.model.linear import momentum_row, matrices
 from microvib.model.orders import drive_orders
 from microvib.model.reducer import Reducer
 from microvib.reports.parameters import order_lines
@@ -149,7 +149,7 @@ def by_linear_drive(scenario, frequency, amplitude):
     M, C, K = matrices(scenario)
     gear, omega = np.r_[-1.0 / scenario.reducer.h, -1.0, np.zeros(M.shape[0] - 2)], 2 * math.pi * frequency
     pushed = np.linalg.solve(K - omega**2 * M + 1j * omega * C, -gear * (9000.0 + 5.0j * omega) * amplitude)
-    return abs(omega**2 * (_momentum_row(scenario) @ pushed))
+    return abs(omega**2 * (momentum_row(scenario) @ pushed))
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0], ids=["forward", "backward"])
