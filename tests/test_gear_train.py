@@ -12,7 +12,7 @@ from microvib.errors import ScenarioError
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.gear_train import GearStage, speeds, train_orders
-from microvib.model.linear import momentum_row, matrices
+from microvib.model.linear import matrices, momentum_row
 from microvib.model.orders import drive_orders
 from microvib.model.reducer import Reducer
 from microvib.reports.parameters import order_lines
