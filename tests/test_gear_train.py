@@ -12,7 +12,7 @@ from microvib.errors import ScenarioError
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.gear_train import GearStage, speeds, train_orders
-from microvib.model.linear import matrices, momentum_row
+from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.orders import drive_orders
 from microvib.model.reducer import Reducer
 from microvib.reports.parameters import order_lines
@@ -146,9 +146,9 @@ def geared(**changes):
 
 def by_linear_drive(scenario, frequency, amplitude):
     """Line of an error at the output [rad]: spring and damper of the gear push with it on both shafts."""
-    M, C, K = matrices(scenario)
-    gear, omega = np.r_[-1.0 / scenario.reducer.h, -1.0, np.zeros(M.shape[0] - 2)], 2 * math.pi * frequency
-    pushed = np.linalg.solve(K - omega**2 * M + 1j * omega * C, -gear * (9000.0 + 5.0j * omega) * amplitude)
+    dynamic, omega = dynamic_stiffness(scenario, frequency), 2 * math.pi * frequency
+    gear = np.r_[-1.0 / scenario.reducer.h, -1.0, np.zeros(len(dynamic) - 2)]
+    pushed = np.linalg.solve(dynamic, -gear * (9000.0 + 5.0j * omega) * amplitude)
     return abs(omega**2 * (momentum_row(scenario) @ pushed))
 
 

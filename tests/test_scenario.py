@@ -286,6 +286,18 @@ def test_schema_names_every_key(state_1):
             assert f"'x-unit': '{quantity.unit}'" in text
 
 
+def test_schema_allows_a_craft_that_is_left_free():
+    def allowed(node, name):
+        if isinstance(node, dict):
+            found = [node[name]] if name in node else []
+            return found + [x for value in node.values() for x in allowed(value, name)]
+        return [x for item in node for x in allowed(item, name)] if isinstance(node, list) else []
+
+    (of_control,) = allowed(json_schema()["$defs"]["Spacecraft"]["properties"], "attitude_control")
+    assert {"const": "none", "type": "string"} in of_control["anyOf"]
+    assert "AttitudeControl" in str(of_control)
+
+
 def test_a_changed_copy_is_what_its_whole_data_give(state_1):
     before = state_1.model_dump()
     changed = state_1.with_({"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": "1.3 Hz"})

@@ -8,7 +8,7 @@ from support.commands import microvib
 
 import microvib as mv
 from microvib.errors import MicrovibError
-from microvib.studies.sensitivity import noted_ranges, sensitivities
+from microvib.studies.sensitivity import _effect, noted_ranges, sensitivities
 
 BRIEF = {"record.settle": "0.5 s", "record.duration": "2 s"}
 RANGES = {
@@ -55,6 +55,36 @@ def test_a_scenario_that_notes_no_range_is_told_how():
         sensitivities(mv.load_scenario("state-1", BRIEF))
 
 
+def test_a_jump_is_no_derivative():
+    smooth = _effect("key", 2.0, (1.0, 3.0), 1.0, [0.98**1.5, 1.02**1.5, 0.4, 1.8])
+    assert smooth.sensitivity == pytest.approx(1.5)
+    jumps = _effect("key", 2.0, (1.0, 3.0), 1.0, [0.98**1.5, 1.3, 0.4, 1.8])
+    assert math.isnan(jumps.sensitivity)
+    assert jumps.slopes == pytest.approx((1.5, math.log(1.3) / math.log(1.02)))
+    assert jumps.span(1.0) == pytest.approx(1.4)
+    flat = _effect("key", 2.0, (1.0, 3.0), 1.0, [1.0, 1.001, 1.0, 1.0])
+    assert flat.sensitivity == pytest.approx(0.025, rel=0.02)
+
+
+def test_what_fails_and_what_is_left_out_is_said(scenario):
+    sources = {
+        "motor.current": "assumed: no range: by product",
+        "driver.microsteps": "assumed: typical; range 4 to 64",
+        "motor.torque_constant": "assumed: very weak at one end; range 0.001 N*m/A to 0.31 N*m/A",
+    }
+    found = sensitivities(scenario.with_sources(sources))
+    assert found.left_out == {
+        "motor.current": "assumed, without a range",
+        "driver.microsteps": "not a continuous value",
+    }
+    (case,) = found.failed
+    assert (case.key, case.value) == ("motor.torque_constant", 0.001)
+    assert "loss of synchronism" in case.reason
+    effect = next(line for line in found if line.line == "drive_1").effects[0]
+    assert math.isnan(effect.amplitudes[0])
+    assert effect.amplitudes[1] > 0.0
+
+
 def test_the_command_prints_a_table_or_json(tmp_path):
     done = microvib("new", "my.yaml", "--gear", "size 14 ratio 100", cwd=tmp_path)
     assert done.exit_code == 0, done.output
@@ -62,6 +92,7 @@ def test_the_command_prints_a_table_or_json(tmp_path):
     table = microvib("sensitivity", "my.yaml", *brief, cwd=tmp_path)
     assert table.exit_code == 0, table.output
     assert "3290 N m/rad to 6110 N m/rad" in table.stdout
+    assert "Not ranked:\n  array.rigid_inertia: assumed, without a range" in table.stdout
     data = json.loads(microvib("sensitivity", "my.yaml", "--json", *brief, cwd=tmp_path).stdout)
     drive = next(line for line in data["lines"] if line["line"] == "drive_1")
     assert {e["key"] for e in drive["effects"]} == {

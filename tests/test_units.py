@@ -105,6 +105,7 @@ def test_units_are_read_as_people_and_print_write_them(written, unit, value):
         ("5", "kg*m^2", "needs a unit"),
         ("5 kg", "kg*m^2", "wrong dimension"),
         ("banana", "kg*m^2", "is not a quantity"),
+        ("banana", "", "is not a number; write one without a unit, such as 0.5, or a percentage, such as '50 percent'"),
         ("0,6 A", "A", "write a decimal point, not a comma"),
         ("0.6 A + 1 A", "A", "is not a quantity"),
         ("2 60 A", "A", "is not a quantity"),

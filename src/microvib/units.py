@@ -106,9 +106,7 @@ def convert(text: str, unit: str, example: str = "") -> float:
     plain = written if written in _COMMON.get(unit, ()) else plain_unit(written)
     if match is None or (written and not _UNIT.fullmatch(plain)):
         comma = "; write a decimal point, not a comma" if "," in text else ""
-        raise ValueError(
-            f"is not a quantity; write one number and a unit, such as '{f'1 {example or unit}'.strip()}'{comma}"
-        )
+        raise ValueError(f"{_no_quantity(example or unit)}{comma}")
     if not written and unit:
         raise ValueError(f"needs a unit, such as '{text.strip()} {example or unit}'")
     number = float(match[1])
@@ -118,6 +116,13 @@ def convert(text: str, unit: str, example: str = "") -> float:
     if value == 0.0 and re.search("[1-9]", re.split("[eE]", match[1])[0]):
         raise ValueError("is too small for a number")
     return value
+
+
+def _no_quantity(unit: str) -> str:
+    """What is said of something that is no quantity in ``unit``, or no number where there is none."""
+    if not unit:
+        return "is not a number; write one without a unit, such as 0.5, or a percentage, such as '50 percent'"
+    return f"is not a quantity; write one number and a unit, such as '1 {unit}'"
 
 
 @lru_cache(maxsize=1024)
@@ -197,7 +202,7 @@ def _number_or_text(given: Any, unit: str, example: str) -> float:
     if isinstance(given, str):
         return convert(given, unit, example)
     if isinstance(given, bool) or not isinstance(given, Real):
-        raise ValueError(f"is not a quantity; write a number and a unit, such as '1 {example or unit}'")
+        raise ValueError(_no_quantity(example or unit))
     if unit:
         number = shown(float(given))
         raise ValueError(f"needs a unit, such as '{number} {example or unit}'; for {unit} write Si({number})")
@@ -264,7 +269,7 @@ class Quantity:
             except ValueError as error:
                 raise self._error(value, str(error)) from error
         if isinstance(value, bool) or not isinstance(value, Real):
-            raise self._error(value, f"is not a quantity; write a number and a unit, such as '1 {self.unit}'".rstrip())
+            raise self._error(value, _no_quantity(self.display or self.unit))
         try:
             number = float(value)
         except OverflowError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 
 import click
@@ -27,7 +28,7 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
     with progress_bar("simulating", "runs") as progress:
         found = sensitivities(loaded, progress=progress)
     if as_json:
-        click.echo(to_json({"lines": [asdict(line) for line in found]}), nl=False)
+        click.echo(to_json(asdict(found)), nl=False)
         return
     quantities = {key: quantity for key, _, quantity in loaded.entries()}
     for line in found:
@@ -38,4 +39,17 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
             ends = [quantity.show(x) if quantity else f"{x:g}" for x in effect.range]
             low, high = (1e3 * x for x in effect.amplitudes)
             moved = f"{low:.4g} to {high:.4g}"
-            echo(f"  {effect.key:42s} {effect.sensitivity:9.3g} {moved:>22s}  {ends[0]} to {ends[1]}")
+            none = math.isnan(effect.sensitivity) and not math.isnan(effect.slopes[0])
+            slope = "none *" if none else f"{effect.sensitivity:.3g}"
+            echo(f"  {effect.key:42s} {slope:>9s} {moved:>22s}  {ends[0]} to {ends[1]}")
+            if none:
+                echo(
+                    f"    * {effect.slopes[0]:.3g} below and {effect.slopes[1]:.3g} above: the line jumps or bends there"
+                )
+    for case in found.failed:
+        quantity = quantities[case.key]
+        echo(f"\nNo run with {case.key} {quantity.show(case.value) if quantity else case.value}: {case.reason}")
+    if found.left_out:
+        echo("\nNot ranked:")
+    for key, why in found.left_out.items():
+        echo(f"  {key}: {why}")

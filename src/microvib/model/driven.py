@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.model.linear import coupled_modes, matrices, momentum_row
+from microvib.model.linear import coupled_modes, dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
 
 LONGEST = 4.0
@@ -48,13 +48,13 @@ def noise_density(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
 
 def response(scenario: Scenario, frequency: float) -> complex:
     """T_d over a torque of friction on the output at a ``frequency`` [Hz], by the linearised drive."""
-    M, C, K = matrices(scenario)
-    omega, pull = 2.0 * math.pi * frequency, np.zeros(M.shape[0])
+    dynamic, omega = dynamic_stiffness(scenario, frequency), 2.0 * math.pi * frequency
+    pull = np.zeros(dynamic.shape[0])
     if scenario.reducer.rigid:
         pull[0] = 1.0 / scenario.reducer.h
     else:
         pull[1] = -1.0
-    motion = np.linalg.solve(K - omega**2 * M + 1j * omega * C, pull)
+    motion = np.linalg.solve(dynamic, pull)
     return complex(omega**2 * (momentum_row(scenario) @ motion))
 
 

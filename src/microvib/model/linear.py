@@ -95,21 +95,27 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     f_d = scenario.driving_frequency
     if not f_d:
         return ()
-    M, C, K = matrices(scenario)
     inertia = momentum_row(scenario)
-    voltage, lines = scenario.driver.drive == "voltage", []
+    lines = []
     for k in range(1, harmonics + 1):
-        omega = 2.0 * math.pi * k * f_d
-        dynamic, pull = K - omega**2 * M + 1j * omega * C, np.zeros(M.shape[0], dtype=complex)
+        dynamic, omega = dynamic_stiffness(scenario, k * f_d), 2.0 * math.pi * k * f_d
+        pull = np.zeros(dynamic.shape[0], dtype=complex)
         pull[0] = pulls(scenario, np.array(k))
-        if voltage:
-            by_command, spring = _by_voltage(scenario, 1j * omega)
-            held = scenario.motor.electromagnetic_stiffness
-            pull[0] *= by_command / held
-            dynamic[0, 0] += spring - held
+        if scenario.driver.drive == "voltage":
+            pull[0] *= _by_voltage(scenario, 1j * omega)[0] / scenario.motor.electromagnetic_stiffness
         motion = np.linalg.solve(dynamic, pull)
         lines.append(LinearLine(k, k * f_d, complex(omega**2 * (inertia @ motion))))
     return tuple(lines)
+
+
+def dynamic_stiffness(scenario: Scenario, frequency: float) -> np.ndarray:
+    """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` [Hz], complex, (n, n)."""
+    M, C, K = matrices(scenario)
+    omega = 2.0 * math.pi * frequency
+    dynamic: np.ndarray = K - omega**2 * M + 1j * omega * C
+    if scenario.driver.drive == "voltage":
+        dynamic[0, 0] += _by_voltage(scenario, 1j * omega)[1] - scenario.motor.electromagnetic_stiffness
+    return dynamic
 
 
 def pulls(scenario: Scenario, order: np.ndarray) -> np.ndarray:

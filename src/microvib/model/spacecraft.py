@@ -170,7 +170,12 @@ class Spacecraft(Part):
         Quantity("rad", "angle of the array from the mounting's zero, about the drive axis", "psi", display="deg"),
     ] = 0.0
     interface: Interface
-    attitude_control: Annotated[AttitudeControl | None, BeforeValidator(lambda x: None if x == "none" else x)] = Field(
+    attitude_control: Annotated[
+        AttitudeControl | None,
+        BeforeValidator(
+            lambda x: None if x == "none" else x, json_schema_input_type=AttitudeControl | Literal["none"] | None
+        ),
+    ] = Field(
         default=None, description="none leaves the craft free; lines far below the array's first mode mean nothing then"
     )
     line_of_sight: LineOfSight | None = None

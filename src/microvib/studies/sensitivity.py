@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -18,6 +18,8 @@ from microvib.units import Quantity, convert
 
 STEP = 0.02
 """Part by which a value is changed for the derivative, to both sides."""
+BENDS = 0.2, 0.5
+"""By how much the slopes on both sides may differ, and by what part of the larger, for a derivative."""
 MAX_LINES = 8
 """Lines that are looked at, the largest."""
 _RANGE = re.compile(r"; range (.+) to (.+)$")
@@ -32,7 +34,10 @@ class Effect:
     """In SI, like the range."""
     range: tuple[float, float]
     sensitivity: float
-    """d ln amplitude / d ln value, by central difference over STEP."""
+    """d ln amplitude / d ln value, by central difference over STEP; nan where the slopes on both sides differ beyond BENDS: there
+    the line jumps to another motion, or bends, and has no derivative."""
+    slopes: tuple[float, float]
+    """The same below and above the value."""
     amplitudes: tuple[float, float]
     """Amplitudes [N m] at both ends of the range."""
 
@@ -50,6 +55,43 @@ class LineEffects:
     frequency: float
     amplitude: float
     effects: tuple[Effect, ...]
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A changed scenario that could not be simulated."""
+
+    key: str
+    value: float
+    """In SI."""
+    reason: str
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Effects on each line; what was looked at without result, and what was not looked at."""
+
+    lines: tuple[LineEffects, ...]
+    failed: tuple[Failed, ...]
+    left_out: dict[str, str]
+    """Values of which the file says that they are assumed, or notes a range, by dotted key, and why they do not take part."""
+
+    def __iter__(self) -> Iterator[LineEffects]:
+        return iter(self.lines)
+
+
+def left_out(scenario: Scenario) -> dict[str, str]:
+    """Values with a source of their own that are not ranked though they are assumed or have a range, and why."""
+    found, ranked = {}, noted_ranges(scenario)
+    for key, value, _ in scenario.entries():
+        source = scenario.sources.get(key, "")
+        if key in ranked or value is None:
+            continue
+        if _RANGE.search(source):
+            found[key] = "not a continuous value"
+        elif source.startswith("assumed"):
+            found[key] = "assumed, without a range"
+    return found
 
 
 def noted_ranges(scenario: Scenario) -> dict[str, tuple[float, float]]:
@@ -73,11 +115,11 @@ def _ends(key: str, quantity: Quantity | None, low: str, high: str) -> tuple[flo
     return ends
 
 
-def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> tuple[LineEffects, ...]:
+def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ranking:
     """Effect of every value whose source notes a range on each of the MAX_LINES largest lines, by four runs a value.
 
     Runs begin at rest and have the scenario's record. MicrovibError where no source notes a range; raises what ``simulate`` raises
-    for the scenario itself, while a changed one that fails has no amplitudes.
+    for the scenario itself, while a changed one that fails has no amplitudes and is listed. Integers are not ranked.
     """
     ranges = noted_ranges(scenario)
     if not ranges:
@@ -94,46 +136,61 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> tu
         key=lambda x: -x.amplitude_n_m,
     )[:MAX_LINES]
 
-    def run(point: tuple[str, float]) -> dict[str, float]:
+    def run(point: tuple[str, float]) -> dict[str, float] | str:
         return _amplitudes(scenario, *point)
 
-    amplitudes = []
+    amplitudes, failed = [], []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         for k, found in enumerate(pool.map(run, points), 1):
-            amplitudes.append(found)
+            amplitudes.append({} if isinstance(found, str) else found)
+            if isinstance(found, str):
+                failed.append(Failed(*points[k - 1], found))
             if progress is not None:
                 progress(k, len(points))
     by_key = {key: amplitudes[4 * k : 4 * k + 4] for k, key in enumerate(ranges)}
     result = []
     for line in main:
         effects = [
-            _effect(key, values[key], ranges[key], [found.get(line.line, math.nan) for found in by_key[key]])
+            _effect(
+                key,
+                values[key],
+                ranges[key],
+                line.amplitude_n_m,
+                [found.get(line.line, math.nan) for found in by_key[key]],
+            )
             for key in ranges
         ]
         ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude_n_m)))
         result.append(LineEffects(line.line, line.frequency_hz, line.amplitude_n_m, ranked))
-    return tuple(result)
+    return Ranking(tuple(result), tuple(failed), left_out(scenario))
 
 
 def _near(value: float) -> tuple[float, float]:
     return value * (1.0 - STEP), value * (1.0 + STEP)
 
 
-def _effect(key: str, value: float, ends: tuple[float, float], found: Sequence[float]) -> Effect:
+def _effect(key: str, value: float, ends: tuple[float, float], amplitude: float, found: Sequence[float]) -> Effect:
     below, above, low, high = found
-    known = below > 0.0 and above > 0.0 and value != 0.0
-    slope = math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP)) if known else math.nan
-    return Effect(key, value, ends, slope, (low, high))
+    known = below > 0.0 and above > 0.0 and amplitude > 0.0 and value != 0.0
+    slope, sides = math.nan, (math.nan, math.nan)
+    if known:
+        sides = (
+            math.log(below / amplitude) / math.log(1.0 - STEP),
+            math.log(above / amplitude) / math.log(1.0 + STEP),
+        )
+        if abs(sides[1] - sides[0]) <= max(BENDS[0], BENDS[1] * max(map(abs, sides))):
+            slope = math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP))
+    return Effect(key, value, ends, slope, sides, (low, high))
 
 
-def _amplitudes(scenario: Scenario, key: str, value: float) -> dict[str, float]:
-    """Amplitudes [N m] of lines with one value changed; none where it cannot be simulated."""
+def _amplitudes(scenario: Scenario, key: str, value: float) -> dict[str, float] | str:
+    """Amplitudes [N m] of lines with one value changed; the reason where it cannot be simulated."""
     try:
         changed = scenario.with_si({key: value})
-    except MicrovibError:
-        return {}
+    except MicrovibError as error:
+        return str(error)
     torque = simulate_torques([changed])[0]
     if isinstance(torque, SimulationError):
-        return {}
+        return str(torque)
     table = lines_of_samples(torque.T_d, torque.sample_rate, changed)
     return {line.line: line.amplitude_n_m for line in table}
