@@ -223,7 +223,7 @@ def test_a_range_of_speeds_counts_with_its_worst() -> None:
     }
     one = of_other(OtherSource(name="w", wheel=wheel, position=["0 m"] * 3), scenario, Path())
     assert len(one.alternatives) > 50
-    for keys in ({}, {"metric": "rpe", "window": "10 ms"}):
+    for keys in ({}, {"metric": "rpe", "window": "10 ms"}, {"statistic": "bound", "metric": "rpe", "window": "0.2 s"}):
         r = requirement(**keys)
         each = [judged(r, [x], "rss").value for x in one.alternatives]
         assert judged(r, [one], "rss").value == pytest.approx(max(each))

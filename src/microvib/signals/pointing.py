@@ -30,7 +30,7 @@ METRICS: tuple[Metric, ...] = get_args(Metric)
 _TERMS = 14  # terms of the sum over (2 n + 1) j_n(u)^2, which is 1; at u < 1 the next is below 1e-40
 _PER_PERIOD = 16.0  # pieces in which a density is integrated, for each period that a weight goes through
 _MOST_PIECES = 20_000_000
-_TERMS_OF_LEVEL = 1 << 13  # of the Fourier series of a distribution
+_TERMS_OF_LEVEL = 1 << 12  # of the Fourier series of a distribution
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
 MIDDLES, EVERYWHERE = (np.arange(24) + 0.5) / 24.0, np.linspace(0.0, 1.0, 201)
 """Instants in half a window."""

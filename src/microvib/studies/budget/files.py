@@ -19,16 +19,13 @@ from microvib.units import Quantity
 
 AXES = ("x", "y", "radial")
 Statistic = Literal["rms", "level", "bound"]
-_Seconds = Annotated[float, Quantity("s", "length of time", gt=0, display="ms")]
-_Hertz = Annotated[float, Quantity("Hz", "frequency", ge=0)]
-_Angle = Annotated[float, Quantity("rad", "angle of the line of sight", gt=0, display="urad")]
 
 
 class CurvePoint(Part):
     """A point of a curve of allowed amplitudes; between points it is straight on logarithmic scales."""
 
     frequency: Annotated[float, Quantity("Hz", "frequency", gt=0)]
-    amplitude: _Angle = Field(description="largest amplitude of a line, 0-to-peak")
+    amplitude: Annotated[float, Quantity("rad", "largest amplitude of a line, 0-to-peak", gt=0, display="urad")]
 
 
 class Requirement(Part):
@@ -36,8 +33,13 @@ class Requirement(Part):
 
     name: str = Field(default="", max_length=200, description="its number or name in the specification")
     metric: Metric = Field(default="ape", description="what is required: of the error itself, or in a window")
-    window: _Seconds | None = Field(default=None, description="exposure T; all metrics but ape and stability need it")
-    apart: _Seconds | None = Field(default=None, description="T_s of stability and pde; without it the window")
+    window: (
+        Annotated[float, Quantity("s", "exposure T; all metrics but ape and stability need it", gt=0, display="ms")]
+        | None
+    ) = None
+    apart: (
+        Annotated[float, Quantity("s", "T_s of stability and pde; without it the window", gt=0, display="ms")] | None
+    ) = None
     axis: Literal["x", "y", "radial"] = Field(
         default="radial", description="axis of the line of sight, or both together"
     )
@@ -46,15 +48,17 @@ class Requirement(Part):
         description="rms; level, within which the error is for a part confidence of the time; bound, all lines at their crests",
     )
     confidence: Annotated[float, Quantity("", "part of the time", gt=0, display="percent", le=0.999999)] = 0.997
-    percentile: Annotated[float, Quantity("", "part of the ensemble", gt=0, display="percent", le=0.9999)] | None = (
-        Field(
-            default=None,
-            description="part of a campaign's cases that must comply; without it the nominal case is judged",
-        )
-    )
-    lowest: _Hertz = Field(default=0.0, description="frequency below which nothing counts")
-    highest: _Hertz | None = Field(default=None, description="frequency above which nothing counts")
-    limit: _Angle | None = Field(default=None, description="largest value allowed")
+    percentile: (
+        Annotated[
+            float,
+            Quantity("", "part of a campaign's cases that must comply; without it the nominal case is judged", gt=0,
+                     display="percent", le=0.9999),
+        ]
+        | None
+    ) = None  # fmt: skip
+    lowest: Annotated[float, Quantity("Hz", "frequency below which nothing counts", ge=0)] = 0.0
+    highest: Annotated[float, Quantity("Hz", "frequency above which nothing counts", ge=0)] | None = None
+    limit: Annotated[float, Quantity("rad", "largest value allowed", gt=0, display="urad")] | None = None
     curve: tuple[CurvePoint, ...] | None = Field(
         default=None, max_length=1000, description="in place of limit, for each line: amplitudes allowed over frequency"
     )

@@ -190,8 +190,8 @@ def _windows(scenario: Scenario, contributions: Sequence[Contribution], rule: Ru
                 Requirement.model_construct(metric=metric, window=window, apart=window, axis=axis)
                 for axis in ("x", "y", "radial")
             ]
-            sums = [merged([costliest(r, one) for one in contributions], rule, doubtful=False) for r in asked]
-            lines = [figure(r, x.frequency, x.value) for r, x in zip(asked, sums, strict=True)]
+            tones = merged([costliest(asked[-1], one) for one in contributions], rule, doubtful=False)
+            lines = [figure(r, tones.frequency, tones.value) for r in asked]
             noise = [figure(r, np.zeros(0), np.zeros((0, 2)), densities) for r in asked]
             both = np.hypot(lines, noise)
             yield Window(metric, window, *((float(x[0]), float(x[1]), float(x[2])) for x in (lines, noise, both)))

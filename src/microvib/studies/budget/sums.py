@@ -24,6 +24,7 @@ from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, q
 Rule = Literal["rss", "coherent", "bound"]
 SAME = 1e-6
 """Relative distance of frequencies up to which lines are of one frequency."""
+_AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 WORTH = 0.01
 """Part of a figure's square from which what it leaves open is told."""
 
@@ -123,7 +124,7 @@ def figure(
     densities: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> float:
     """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and densities."""
-    r, axes = requirement, {"x": [0], "y": [1], "radial": [0, 1]}[requirement.axis]
+    r, axes = requirement, _AXES[requirement.axis]
     window = r.window or r.apart or 1.0
     inside = _inside(r, frequency)
     f, A = frequency[inside], amplitude[inside]
@@ -176,10 +177,12 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
         f = np.concatenate([tones.frequency, *(gap.frequency for gap in hidden)])
         most = figure(requirement, f, np.vstack([tones.most, *(gap.most for gap in hidden)]), densities)
     least = figure(requirement, tones.frequency, tones.least, densities)
-    spread, quantile_needed = _spread(requirement, chosen, rule, densities, value)
-    why = [*_reasons(requirement, chosen, gaps, value), *quantile_needed]
+    cases = _values(requirement, chosen, rule, densities)
+    lacking = _lacking(requirement, chosen, cases)
+    why = [*_reasons(requirement, chosen, gaps, value), *lacking]
+    spread = None if cases is None else (quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99))
     if requirement.percentile is not None:
-        wanted = quantile_of(requirement, chosen, rule, densities)
+        wanted = NONE if lacking or cases is None else quantile(cases, requirement.percentile)
         scale = wanted.value / value if value > 0.0 else 1.0
         least, most = (
             least * (wanted.low / value if value > 0.0 else 1.0),
@@ -203,7 +206,25 @@ def costliest(requirement: Requirement, one: Contribution) -> Contribution:
         return one
     if requirement.curve is not None:
         return max(one.alternatives, key=lambda x: _over(requirement, x.frequency, np.abs(x.los)).max(initial=0.0))
-    return max(one.alternatives, key=lambda x: figure(requirement, x.frequency, np.abs(x.los)))
+    rms, most = _of_each(requirement, one.alternatives)
+    if requirement.statistic != "level":
+        return one.alternatives[int(np.argmax(rms if requirement.statistic == "rms" else most))]
+    # A level lies between both, and takes long: it is computed of those that come first in either.
+    near = {int(k) for sizes in (rms, most) for k in np.argsort(-sizes)[:3]}
+    return max((one.alternatives[k] for k in near), key=lambda x: figure(requirement, x.frequency, np.abs(x.los)))
+
+
+def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.ndarray, np.ndarray]:
+    """Rms and bound of each of a source's alternatives [rad], (n,) each."""
+    f = np.concatenate([one.frequency for one in alternatives])
+    A = np.abs(np.concatenate([one.los for one in alternatives]))[:, _AXES[r.axis]] * _inside(r, f)[:, None]
+    starts, window = np.cumsum([0, *(len(one.names) for one in alternatives[:-1])]), r.window or r.apart or 1.0
+    squares = mean_square_of_lines(r.metric, f, A, window, r.apart).sum(axis=1)
+    crests = [
+        np.add.reduceat(in_window(r.metric, f, column, window, r.apart, EVERYWHERE), starts, axis=1).max(axis=0)
+        for column in A.T
+    ]
+    return np.sqrt(np.add.reduceat(squares, starts)), np.sqrt(np.sum(np.square(crests), axis=0))
 
 
 def _overlaps(r: Requirement, gap: Gap) -> bool:
@@ -292,49 +313,26 @@ def _by_curve(r: Requirement, chosen: Sequence[Contribution], rule: Rule) -> Jud
 
 def _values(
     r: Requirement, chosen: Sequence[Contribution], rule: Rule, densities: Sequence[tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    """The figure of each case of a campaign, (cases,); lines keep the phases of the nominal case."""
-    k, drawn = next((k, one) for k, one in enumerate(chosen) if one.cases is not None)
-    phases = np.exp(1j * np.angle(drawn.los))
-    assert drawn.cases is not None
-    found = []
+) -> np.ndarray | None:
+    """The figure of each case of a campaign, (cases,), with the phases of the nominal one; None without one, and of levels."""
+    k, drawn = next(((k, one) for k, one in enumerate(chosen) if one.cases is not None), (0, None))
+    if drawn is None or drawn.cases is None or r.statistic == "level":
+        return None
+    phases, found = np.exp(1j * np.angle(drawn.los)), []
     for case in drawn.cases:
         tones = merged([*chosen[:k], replace(drawn, los=case * phases), *chosen[k + 1 :]], rule, doubtful=False)
         found.append(figure(r, tones.frequency, tones.value, densities))
     return np.array(found)
 
 
-def quantile_of(
-    r: Requirement, chosen: Sequence[Contribution], rule: Rule, densities: Sequence[tuple[np.ndarray, np.ndarray]]
-) -> Estimate:
-    """The percentile that is required, with its interval; NONE where there is no campaign, or too few cases."""
-    if (
-        r.percentile is None
-        or not any(one.cases is not None for one in chosen)
-        or any(one.cases_lack for one in chosen)
-    ):
-        return NONE
-    return quantile(_values(r, chosen, rule, densities), r.percentile)
-
-
-def _spread(
-    r: Requirement,
-    chosen: Sequence[Contribution],
-    rule: Rule,
-    densities: Sequence[tuple[np.ndarray, np.ndarray]],
-    value: float,
-) -> tuple[tuple[Estimate, Estimate, Estimate] | None, list[str]]:
-    """Median, P95 and P99 over a campaign, and why a percentile cannot be judged."""
-    cases = next((one.cases for one in chosen if one.cases is not None), None)
+def _lacking(r: Requirement, chosen: Sequence[Contribution], cases: np.ndarray | None) -> list[str]:
+    """Why a percentile that is required cannot be judged."""
+    if r.percentile is None:
+        return []
     if cases is None:
-        needed = r.percentile is not None
-        return None, ["percentile: needs an ensemble; name a campaign of the scenario"] if needed else []
-    why = [f"percentile: {one.cases_lack}" for one in chosen if r.percentile is not None and one.cases_lack]
-    if r.percentile is not None and len(cases) < draws_needed(r.percentile):
-        why = [
-            f"percentile: P{100 * r.percentile:g} needs {draws_needed(r.percentile)} cases, and the campaign has {len(cases)}"
-        ]
-    if r.statistic == "level":
-        return None, why
-    x = _values(r, chosen, rule, densities)
-    return (quantile(x, 0.5), quantile(x, 0.95), quantile(x, 0.99)), why
+        return ["percentile: needs an ensemble; name a campaign of the scenario"]
+    why = [f"percentile: {one.cases_lack}" for one in chosen if one.cases_lack]
+    if len(cases) < draws_needed(r.percentile):
+        needed = draws_needed(r.percentile)
+        why += [f"percentile: P{100 * r.percentile:g} needs {needed} cases, and the campaign has {len(cases)}"]
+    return why
