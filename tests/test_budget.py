@@ -258,7 +258,10 @@ def test_torque_noise_is_one_draw_of_many() -> None:
     one, _ = of_run("drive", noisy, mv.run(noisy), 8)
     found = judged(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"
-    assert any("one draw is one of many" in why for why in found.why)
+    assert any("a run is one draw of many" in why for why in found.why)
+    # Lines and noise are kept apart, and add as mean squares.
+    assert found.noise > 0.0
+    assert found.value == pytest.approx(math.hypot(found.lines, found.noise))
 
 
 def test_a_free_hub_is_not_judged_below_its_lowest() -> None:

@@ -11,9 +11,10 @@ from test_craft import FLEXIBLE, scenario_of
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
 from microvib.analysis.short_way import differences, short_way_of
-from microvib.model.coupling import Source, about_axis, chart, coupled, receiver_of, short_way, source_of
+from microvib.model.coupling import Source, about_axis, chart, coupled, noise_density, receiver_of, short_way, source_of
 from microvib.model.linear import linear_lines, pulls
 from microvib.model.rigid import motion_of
+from microvib.units import Si
 
 FREQUENCY = np.array([0.07, 0.4, 0.46, 1.1, 1.23, 3.3, 8.9, 17.2, 53.3, 160.0])
 CRAFTS = [whole.FullCraft(), whole.FullCraft(bandwidth=0.3), FLEXIBLE, replace(FLEXIBLE, bandwidth=0.0)]
@@ -162,6 +163,21 @@ def test_the_short_way_of_a_run_against_the_coupled_run() -> None:
                      receiver_of(scenario))  # fmt: skip
     worse = differences(lines, locked, hub_lines(result.motion, result.table))
     assert max(row.los_error for row in worse[:3]) > 2.0 * max(row.los_error for row in rows[:3])
+
+
+@pytest.mark.parametrize("stiffness", [8400.0, None])
+def test_torque_noise_through_the_linearised_drive(stiffness: float | None) -> None:
+    """On the output, positive and negative on both sides of it: the whole matrices."""
+    full = whole.FullCraft(bandwidth=0.3)
+    changes = {"friction.torque_noise": {"density": Si(2e-6), "lowest": Si(0.05), "highest": Si(200.0)}}
+    scenario = scenario_of(full, **changes, **({} if stiffness else {"reducer.stiffness": "rigid"}))
+    found = noise_density(scenario, FREQUENCY)
+    K, C = powered(full if stiffness else replace(full, stiffness=1e9))
+    for k, f in enumerate(FREQUENCY):
+        s, on = 2j * math.pi * f, np.zeros(full.n)
+        on[-2] = 1.0
+        angle = np.linalg.solve(s**2 * full.M + s * C + K, on)[3:5]
+        assert found[k] == pytest.approx(2e-6 * np.abs(angle) ** 2, rel=1e-7 if stiffness else 1e-3)
 
 
 def test_more_mass_in_modes_than_there_is_is_refused() -> None:

@@ -68,10 +68,13 @@ class Source:
         """Load that moves the interface by its acceleration at each frequency (m,) [Hz], (m, 6, 6)."""
         return np.asarray(self.mass - self.G @ self._moved(frequency, self.G.T[None]))
 
-    def blocked(self, frequency: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """Loads on ground that does not move, (m, 6), of complex torques on the rotor (m,) [N m]."""
-        on = np.zeros((len(frequency), self.M.shape[0], 1), dtype=complex)
-        on[:, 0, 0] = torque
+    def blocked(self, frequency: np.ndarray, torque: np.ndarray, by: np.ndarray | None = None) -> np.ndarray:
+        """Loads on ground that does not move, (m, 6), of complex torques (m,) [N m].
+
+        They act on the rotor, the first coordinate, or on what turns by ``by`` (n,) with the coordinates.
+        """
+        way = np.eye(self.M.shape[0])[0] if by is None else by
+        on = np.asarray(torque, dtype=complex)[:, None, None] * way[:, None]
         return np.asarray(-(self.G @ self._moved(frequency, on))[:, :, 0])
 
     def turned(self, turn: np.ndarray) -> Source:
@@ -207,6 +210,22 @@ def short_way(scenario: Scenario, frequency: np.ndarray, blocked: np.ndarray) ->
     """Blocked loads (m, 6) on the hub of a scenario, in hub axes about the interface point, with its own drive and array."""
     frequency = np.asarray(frequency, dtype=float)
     return coupled(frequency, blocked, source_of(scenario).apparent_mass(frequency), receiver_of(scenario))
+
+
+def noise_density(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+    """One-sided densities of both angles of the line of sight (m, 2) [rad^2/Hz] by the torque noise of the output's friction.
+
+    Through the linearised drive, as if the shaft always slid: where it sticks, friction takes the noise up.
+    """
+    f, noise = np.asarray(frequency, dtype=float), scenario.friction.torque_noise
+    if noise is None or noise.silent:
+        return np.zeros((f.size, 2))
+    source = source_of(scenario)
+    output = coordinates(scenario.reducer, len(scenario.array.modes))[1]
+    los = short_way(scenario, f, source.blocked(f, np.ones(f.size), output)).los
+    if los is None:
+        raise MicrovibError("spacecraft.line_of_sight: missing; its density is asked for")
+    return np.asarray(np.nan_to_num(np.abs(los)) ** 2 * noise.at(f, scenario.record.sample_rate)[:, None])
 
 
 @dataclass(frozen=True)
