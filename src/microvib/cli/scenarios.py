@@ -42,7 +42,6 @@ _KINDS = (".html", ".pdf")  # files of a report
 )
 @click.option(
     "--seeds",
-    default=0,
     type=click.IntRange(2, 100_000),
     help="Run so many draws of the noise: mean, deviation, 95 % quantile of each line, by which a limit then judges.",
 )
@@ -50,7 +49,7 @@ _KINDS = (".html", ".pdf")  # files of a report
 @report_options
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
-    steady: bool, angles: str | None, seeds: int, limit: str | None, band: str | None, form: Form,
+    steady: bool, angles: str | None, seeds: int | None, limit: str | None, band: str | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.limits import Limit, judge
@@ -70,7 +69,7 @@ def run(
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         result, files = run_scenario(
-            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds, limit=allowed,
+            loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds or 0, limit=allowed,
             form=form, progress=progress,
         )  # fmt: skip
     _print_lines(loaded, result.table)
