@@ -5,7 +5,7 @@ import math
 import re
 import time
 from importlib import resources
-from itertools import pairwise
+from itertools import combinations, pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +78,7 @@ def test_the_commented_file_stays_as_it_is_but_for_the_gear():
     assert new_text() == catalog_text("new")
     plain, geared = (set(text.splitlines()) for text in (new_text(), new_text("size 14 ratio 100")))
     assert {line.split(":")[0].strip(" #") for line in plain - geared} == {
-        "reducer.stiffness", "reducer.damping", "stiffness", "damping", "transmission_error", "- {order",
+        "reducer.stiffness", "reducer.damping", "stiffness", "damping", "transmission_error", "- {order", "hysteresis",
     }  # fmt: skip
 
 
@@ -131,6 +131,39 @@ def test_a_holding_torque_is_what_the_motor_then_holds(on, currents):
     assert scenario.motor.current == 0.8
     assert largest_torque(scenario, *currents) == pytest.approx(0.5, rel=1e-5)
     assert scenario.motor.detent_torque == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("phases", "on"), [(3, 1), (3, 2), (3, 3), (5, 4), (5, 5)])
+def test_a_holding_torque_of_more_phases_is_what_they_then_hold(phases, on):
+    """Over all ways to feed I forward or backward into so many of the phases, and over the rotor's angle."""
+    scenario = mv.new_scenario(**{**SHEET, "phases": str(phases), "phases_on": str(on), "step_angle": "0.01 deg"})
+    assert (scenario.motor.phases, scenario.driver.beats) == (phases, 2 * phases)
+    assert scenario.motor.rotor_teeth == 360 / (2 * phases * 120 * 0.01)
+    axes = np.exp(2j * math.pi * np.arange(phases) / phases)
+    best = max(
+        abs(sum(sign * axes[k] for sign, k in zip(signs, chosen, strict=True)))
+        for chosen in combinations(range(phases), on)
+        for signs in product((1, -1), repeat=on)
+    )
+    assert scenario.motor.torque_constant * 0.8 * best == pytest.approx(0.5, rel=1e-5)
+
+
+def test_a_data_sheet_of_a_drive_without_a_loop_has_no_gains():
+    scenario = mv.new_scenario(**SHEET, drive="voltage")
+    assert scenario.driver.drive == "voltage"
+    assert (scenario.driver.proportional_gain, scenario.driver.integral_gain) == (0.0, 0.0)
+    assert scenario.driver.time_constant(scenario.motor) == pytest.approx(9e-3 / 5.0)
+
+
+def test_a_gear_brings_its_hysteresis_as_a_comment_that_can_be_made_to_act(tmp_path):
+    text = new_text("size 17 ratio 100")
+    line = next(line for line in text.splitlines() if "hysteresis:" in line and "loss" in line)
+    assert line.startswith("  # hysteresis: {loss: 1 arcmin, stiffness: 10000 N*m/rad}  #")
+    path = tmp_path / "my.yaml"
+    path.write_text(text.replace("  # hysteresis:", "  hysteresis:"))
+    reducer = mv.load_scenario(path).reducer
+    assert reducer.hysteresis.loss == pytest.approx(math.radians(1 / 60))
+    assert reducer.hysteresis_torque == pytest.approx(0.5 * math.radians(1 / 60) * 10_000)
 
 
 def test_a_data_sheet_becomes_a_scenario():
@@ -194,7 +227,8 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
     answers = [
         "0.5",
         "0.5 N*m",
-        "3",
+        "",
+        "6",
         "2",
         "0.8 A",
         "4 percent",
@@ -203,13 +237,14 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
         "5 ohm",
         "9 mH",
         "",
+        "",
         "32",
         "size 17",
     ]
     shown = in_terminal("new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers)
     assert shown.status == 0, shown.text
     assert "needs a unit, such as '0.5 N*m'" in shown.text
-    assert "3 is not allowed; a whole number from 1 to 2 is expected" in shown.text
+    assert "6 is not allowed; a whole number from 1 to 5 is expected" in shown.text
     sheet = {key: text for key, text in SHEET.items() if key != "rotor_inertia"}
     assert mv.load_scenario(tmp_path / "my.yaml") == mv.new_scenario(**sheet)
 
@@ -240,7 +275,10 @@ def test_nobody_is_asked_through_a_pipe(tmp_path):
     [
         (["--holding-torque", "0.5"], "--holding-torque: '0.5' needs a unit, such as '0.5 N*m'"),
         (["--detent", "80 percent"], "--detent: '80 percent' is not allowed; it must be at least 0 and at most 0.5"),
-        (["--phases-on", "3"], "--phases-on: 3 is not allowed; a whole number from 1 to 2 is expected"),
+        (["--phases-on", "6"], "--phases-on: 6 is not allowed; a whole number from 1 to 5 is expected"),
+        (["--phases-on", "3"], "--phases-on: 3 is not allowed with 2 phases; 1 to that number is expected"),
+        (["--phases", "4"], "--phases: 4 is not allowed; write 2, 3 or 5"),
+        (["--drive", "power"], "--drive: 'power' is not allowed; write 'current' or 'voltage'"),
         (["--resistance", "-1 ohm"], "--resistance: '-1 ohm' is not allowed; it must be greater than 0 ohm"),
         (["--microsteps", "many"], "--microsteps: 'many' is not allowed; a whole number from 1 to 65536 is expected"),
         (["--step-angle", "1.8 deg"], "--step-angle: 1.8 deg at the output would be ratio 1"),

@@ -13,7 +13,8 @@ from microvib.errors import OptionError, OutputError
 
 _SHEET = {
     "holding_torque": ("TORQUE", "Holding torque of the motor, e.g. '0.5 N*m'."),
-    "phases_on": ("1|2", "Phases on at the holding torque [usual: 2]."),
+    "phases": ("2|3|5", "Phases of the motor [usual: 2]."),
+    "phases_on": ("1|2|...", "Phases on at the holding torque [usual: 2 of two phases]."),
     "current": ("CURRENT", "Current per phase at the holding torque, e.g. '0.6 A'."),
     "detent": ("PART", "Detent torque over holding torque, e.g. '5 percent'."),
     "step_angle": ("ANGLE", "Full step at the output, e.g. '0.018 deg'."),
@@ -21,10 +22,16 @@ _SHEET = {
     "resistance": ("RESISTANCE", "Resistance of one winding, e.g. '6 ohm'."),
     "inductance": ("INDUCTANCE", "Inductance of one winding, e.g. '13 mH'."),
     "rotor_inertia": ("INERTIA", "Moment of inertia of the rotor, e.g. '0.2 kg*cm^2'."),
+    "drive": ("current|voltage", "What the driver commands; voltage is without a current loop."),
     "microsteps": ("NUMBER", "Microsteps per full step, e.g. 16."),
     "gear": ("GEAR", "A harmonic gear of the catalog, e.g. 'size 14 ratio 100'; also without --from-datasheet."),
 }
 """What a data sheet may say, in the order in which it is asked for: how it is written in the help, and what it is."""
+
+
+_HYSTERESIS = (
+    "The gear's hysteresis stands in the file as a comment, under reducer: a maker's bound, which stiffens and damps."
+)
 
 
 @click.command()
@@ -49,8 +56,11 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
             raise OptionError(stray, "is of a data sheet; it goes with --from-datasheet")
         write_file(file, new_text(**sheet))
         echo(f"Written: {file}. Edit it, then: microvib run {file}")
+        if sheet:
+            echo(_HYSTERESIS)
         return
-    text, missing = sheet_text(sheet or _asked())
+    sheet = sheet or _asked()
+    text, missing = sheet_text(sheet)
     write_file(file, text)
     echo("Assumed, as the data sheet does not say it:" if missing else "Nothing of the drive had to be assumed.")
     for key, entry in missing.items():

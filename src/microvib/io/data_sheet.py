@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -25,8 +25,12 @@ class DataSheet(Part):
     """Entries of a data sheet; what it does not state is left out."""
 
     holding_torque: Annotated[float, Quantity("N*m", "holding torque of the motor", gt=0)] | None = None
-    phases_on: Annotated[int, Field(ge=1, le=2, strict=True, description="phases on at the holding torque")] | None = (
+    phases: Literal[2, 3, 5] | None = Field(default=None, description="number of phases")
+    phases_on: Annotated[int, Field(ge=1, le=5, strict=True, description="phases on at the holding torque")] | None = (
         None
+    )
+    drive: Literal["current", "voltage"] | None = Field(
+        default=None, description="current loop, or voltages without one"
     )
     current: Annotated[float, Quantity("A", "current per phase at the holding torque", gt=0)] | None = None
     detent: (
@@ -69,12 +73,14 @@ INERTIA = Between(1e-5, 3e-5, 1e-4)  # of the rotor over the holding torque of h
 BANDWIDTH = Between(300.0, 1000.0, 3000.0)  # of current loops [Hz]
 STIFFNESS = (2000.0, 16_000.0)  # K1 of gears up to size 20, of any ratio [N m/rad]
 CURRENT, TEETH, RATIO, SIZE = 0.6, 50, 100.0, 14  # assumed where the data sheet is silent
-_STEPS = 4  # full steps per rotor tooth of a motor with two phases
+PHASES_ON = {2: 2, 3: 2, 5: 4}  # assumed of the holding torque
 
 
 def read_entry(key: str, text: str) -> Any:
     """Value of one entry in SI from what a user wrote; OptionError with a sentence that names the option."""
-    given: Any = int(text) if key in ("phases_on", "microsteps") and text.strip().isdecimal() else text.strip()
+    given: Any = (
+        int(text) if key in ("phases", "phases_on", "microsteps") and text.strip().isdecimal() else text.strip()
+    )
     try:
         value = getattr(validated(DataSheet, {key: given[:200] if isinstance(given, str) else given}), key)
     except ScenarioError as error:
@@ -93,10 +99,16 @@ def read_sheet(texts: dict[str, str]) -> DataSheet:
 def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
     """Dotted key to value and source, for a scenario with ``inertia`` [kg m^2] rigidly on the output.
 
-    The holding torque is sqrt(2) K_m I with both phases on and K_m I with one (Eq. 4). Sources begin with ``data sheet`` or
+    The holding torque is that of currents I in so many of the phases, in the directions that add up best (Eq. 4): with two phases
+    sqrt(2) K_m I if both are on and K_m I with one. Sources begin with ``data sheet`` or
     ``assumed``, and what is assumed notes its range. OptionError where entries contradict each other.
     """
     torque = _known(sheet, "holding_torque")
+    if (sheet.phases_on or 1) > (sheet.phases or 2):
+        raise OptionError(
+            "phases_on",
+            f"{sheet.phases_on} is not allowed with {sheet.phases or 2} phases; 1 to that number is expected",
+        )
     return dict([*_motor(sheet, torque), *_windings(sheet), *_train(sheet, inertia), *_examples()])
 
 
@@ -109,10 +121,14 @@ _Found = tuple[str, Entry]
 
 
 def _motor(sheet: DataSheet, torque: Between) -> Iterator[_Found]:
-    on = "both phases on" if sheet.phases_on != 1 else "one phase on"
-    usual = ", the usual statement" if sheet.phases_on is None else ""
-    current = sheet.current or CURRENT
-    spring = math.sqrt(2.0 if sheet.phases_on != 1 else 1.0) * current
+    phases, current = sheet.phases or 2, sheet.current or CURRENT
+    count = sheet.phases_on or PHASES_ON[phases]
+    on = "one phase on" if count == 1 else "both phases on" if phases == 2 else f"{count} of {phases} phases on"
+    usual = "" if sheet.phases_on else ", the usual statement" if phases == 2 else ", assumed"
+    spring = math.sin(0.5 * math.pi * count / phases) / math.sin(0.5 * math.pi / phases) * current
+    if sheet.phases is not None:
+        yield "motor.phases", Entry(f"{phases}", "data sheet: phases")
+        yield "driver.beats", Entry(f"{2 * phases}", "data sheet: twice the phases, full steps per electrical period")
     stated = "data sheet: current per phase at the holding torque, taken for the amplitude of microsteps"
     lacking = (
         "assumed: no range: torque depends on its product with motor.torque_constant, which the holding torque gives"
@@ -141,7 +157,17 @@ def _windings(sheet: DataSheet) -> Iterator[_Found]:
     yield "motor.winding_inductance", _entry(Motor, "winding_inductance", inductance, said)
     loop = f"2π f_c {{}}, bandwidth f_c of the current loop {BANDWIDTH.value:g} Hz"
     rate = BANDWIDTH.times(_exactly(2.0 * math.pi))
-    for key, name, winding in (("proportional_gain", "L", inductance), ("integral_gain", "R", resistance)):
+    if sheet.drive is not None:
+        yield "driver.drive", Entry(sheet.drive, "data sheet: drive")
+    gains: tuple[tuple[str, str, Between], ...] = (
+        ("proportional_gain", "L", inductance),
+        ("integral_gain", "R", resistance),
+    )
+    if sheet.drive == "voltage":
+        gains = ()
+        yield "driver.proportional_gain", Entry("0 V/A", "data sheet: no current loop")
+        yield "driver.integral_gain", Entry("0 V/(A*s)", "data sheet: no current loop")
+    for key, name, winding in gains:
         yield f"driver.{key}", _entry(Driver, key, rate.times(winding), loop.format(name))
     steps = _known(sheet, "microsteps")
     range_ = f"; range {steps.low:g} to {steps.high:g}" if steps.low < steps.high else ""
@@ -153,19 +179,19 @@ def _windings(sheet: DataSheet) -> Iterator[_Found]:
 
 def _train(sheet: DataSheet, inertia: float) -> Iterator[_Found]:
     """Rotor teeth, ratio and gear."""
-    gear, stated = None, sheet.ratio
+    gear, stated, steps = None, sheet.ratio, 2 * (sheet.phases or 2)
     if sheet.gear is not None:
-        usual = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle)
+        usual = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle, steps)
         gear, ratio = find_gear(sheet.gear, sheet.ratio or (None if "ratio" in sheet.gear.lower() else usual))
         stated = stated or (ratio if "ratio" in sheet.gear.lower() else None)
     elif sheet.ratio is not None:
         ratio = sheet.ratio
     else:
-        ratio = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle)
-    yield "motor.rotor_teeth", _teeth(sheet.step_angle, ratio, stated is not None)
+        ratio = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle, steps)
+    yield "motor.rotor_teeth", _teeth(sheet.step_angle, ratio, stated is not None, steps)
     yield from (gear or catalog_gears()[SIZE]).entries(ratio, inertia).items()
     if stated is None:
-        why = "a usual one" if sheet.step_angle is None else "of a motor with steps of 1.8 deg"
+        why = "a usual one" if sheet.step_angle is None else f"of a motor with steps of {_usual_step(steps):g} deg"
         yield "reducer.ratio", Entry(f"{ratio:g}", f"assumed: no range: {why}")
     elif gear is None:
         yield "reducer.ratio", Entry(f"{ratio:g}", "data sheet: reduction ratio")
@@ -174,30 +200,36 @@ def _train(sheet: DataSheet, inertia: float) -> Iterator[_Found]:
         yield "reducer.stiffness", _entry(Reducer, "stiffness", K, f"K1 of a harmonic gear of size {SIZE}")
 
 
-def _teeth(step_angle: float | None, ratio: float, known: bool) -> Entry:
+def _usual_step(steps: int) -> float:
+    """Full step [deg] of the usual motor."""
+    return 360.0 / (steps * TEETH)
+
+
+def _teeth(step_angle: float | None, ratio: float, known: bool, steps: int) -> Entry:
     """Rotor teeth from the step at the output [rad]; OptionError where they are not a whole number."""
     if step_angle is None:
-        return Entry(f"{TEETH}", "assumed: no range: steps of 1.8 deg, the usual motor")
-    exact, step = 2.0 * math.pi / (_STEPS * ratio * step_angle), math.degrees(step_angle)
+        return Entry(f"{TEETH}", f"assumed: no range: steps of {_usual_step(steps):g} deg, the usual motor")
+    exact, step = 2.0 * math.pi / (steps * ratio * step_angle), math.degrees(step_angle)
     teeth = round(exact)
     if not 1 <= teeth <= 1000 or abs(exact - teeth) > 0.01 * teeth:
         raise OptionError(
             "step_angle",
-            f"{step:g} deg at the output is {step * ratio:g} deg at the motor with ratio {ratio:g}: 90 deg over a whole"
-            f" number of rotor teeth from 1 to 1000 is expected there, at the output such as {1.8 / ratio:g} deg",
+            f"{step:g} deg at the output is {step * ratio:g} deg at the motor with ratio {ratio:g}: {360 // steps} deg over a whole"
+            f" number of rotor teeth from 1 to 1000 is expected there, at the output such as {_usual_step(steps) / ratio:g} deg",
         )
     said = f"step of {step:g} deg at the output, ratio {ratio:g}: {step * ratio:.4g} deg at the motor"
     return Entry(f"{teeth}", f"{'data sheet' if known else 'assumed: no range'}: {said}")
 
 
-def _usual_ratio(step_angle: float) -> float:
+def _usual_ratio(step_angle: float, steps: int) -> float:
     """Ratio with which a step of the usual motor is ``step_angle`` [rad] at the output; OptionError where that is no reducer's."""
-    ratio = float(f"{2.0 * math.pi / (_STEPS * TEETH * step_angle):.6g}")
+    ratio = float(f"{2.0 * math.pi / (steps * TEETH * step_angle):.6g}")
     if not 5.0 <= ratio <= 1000.0:
         raise OptionError(
             "step_angle",
-            f"{math.degrees(step_angle):g} deg at the output would be ratio {ratio:g} with a motor of 1.8 deg per step;"
-            " 0.0018 to 0.36 deg at the output is expected, or the ratio too",
+            f"{math.degrees(step_angle):g} deg at the output would be ratio {ratio:g} with a motor of {_usual_step(steps):g}"
+            f" deg per step; {_usual_step(steps) / 1000:g} to {_usual_step(steps) / 5:g} deg at the output is expected, or the"
+            " ratio too",
         )
     return ratio
 

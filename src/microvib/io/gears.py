@@ -62,13 +62,15 @@ class Gear:
             "reducer.stiffness": Entry(
                 f"{K:g} N*m/rad",
                 f"data sheet: K1 of size {self.size}, {SOURCE}, which holds up to T1 = {T1:g} N m: torques of tracking in"
-                f" orbit are far below; an average, to ± {100 * SPREAD:g} %; {ends}",
+                f" orbit are far below; above T1 K2 = {self.stiffnesses[1]:g}, above T2 = {self.torques[1]:g} N m K3 ="
+                f" {self.stiffnesses[2]:g} N m/rad, which are not used; an average, to ± {100 * SPREAD:g} %; {ends}",
             ),
             "reducer.damping": Entry(
                 f"{damping:.3g} N*m*s/rad",
                 f"assumed: {100 * DAMPING[1]:g} % of critical for the hub on the gear, {100 * DAMPING[0]:g} to"
                 f" {100 * DAMPING[2]:g} %; range {low:.3g} N*m*s/rad to {high:.3g} N*m*s/rad",
             ),
+            "reducer.hysteresis": Entry(f"{{loss: {self.hysteresis:g} arcmin, stiffness: {K:g} N*m/rad}}", ""),
             error: Entry("", "assumed: two per turn of the wave generator, the usual order; phase 0"),
             f"{error}.0.amplitude": Entry(
                 f"{self.amplitude:g} arcsec",

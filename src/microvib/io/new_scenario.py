@@ -13,7 +13,7 @@ from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 
 _LINE = re.compile(r"(?P<start>  (?P<key>\w+): )(?P<value>[^#]*?)(?P<space> *)(?P<comment>#.*)?")
-_ERROR = "reducer.transmission_error"
+_ERROR, _HYSTERESIS = "reducer.transmission_error", "reducer.hysteresis"
 
 
 def new_text(gear: str | None = None, **sheet: str) -> str:
@@ -55,7 +55,7 @@ def filled(entries: Mapping[str, Entry], source: str = "") -> str:
     text = catalog_text("new")
     example = parse_yaml(text, "new")
     sources = {key: said for key, said in example["sources"].items() if key not in entries}
-    sources |= {key: entry.source for key, entry in entries.items()}
+    sources |= {key: entry.source for key, entry in entries.items() if entry.source}
     lines, group = [], ""
     for line in text.splitlines():
         if not line.startswith((" ", "#")):
@@ -77,6 +77,9 @@ def _with_value(line: str, group: str, entries: Mapping[str, Entry]) -> str:
         return line.replace("# transmission_error:", "transmission_error:  ")
     if amplitude is not None and line.startswith("  #   - {order:"):
         return f"    - {{order: 2, amplitude: {amplitude.text}, phase: 0 deg}}"
+    hysteresis = entries.get(_HYSTERESIS)
+    if hysteresis is not None and line.startswith("  # hysteresis:"):
+        return f"  # hysteresis: {hysteresis.text}  # a maker's bound on the loss; without the first # it acts"
     found = _LINE.fullmatch(line)
     entry = entries.get(f"{group}.{found['key']}") if found else None
     if found is None or entry is None or not entry.text:
