@@ -99,6 +99,36 @@ def test_what_was_not_looked_at_keeps_it_from_passing_within_its_band_only() -> 
     assert bounded.most == pytest.approx(math.hypot(0.5, 0.1) * URAD / math.sqrt(2.0))
 
 
+def test_gaps_of_several_sources_are_all_told() -> None:
+    two = [source(n, (f, 0.5, 0.0), gaps=(open_gap(f"gap of {n}", 1.0, 2.0),)) for n, f in (("a", 5.0), ("b", 6.0))]
+    assert judged(requirement(), two, "rss").why == ("a: gap of a", "b: gap of b")
+
+
+def test_two_drives_on_one_craft() -> None:
+    """A second wing on the other side with the same clock: phases decide, and are known only where the clock is one."""
+    near = scenario_of(whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1), **{"record.start": "steady"})
+    place, axis = near.spacecraft.interface.position, near.spacecraft.interface.drive_axis  # type: ignore[union-attr]
+    far = near.with_si({
+        "spacecraft.interface.position": [place[0], -place[1], place[2]],
+        "spacecraft.interface.drive_axis": [-x for x in axis],
+    })  # fmt: skip
+    limit = Requirements(requirements=[{"metric": "ape", "limit": "1 urad"}])
+    apart, together = (pointing_budget([near, far], limit, one_clock=x) for x in (False, True))
+    one, both = apart.judged[0], together.judged[0]
+    assert one.least < both.value < one.most
+    assert one.value == pytest.approx(math.hypot(*(c.rms for c in one.sources)))
+    a, b = (c.los[c.names.index("drive_1")] for c in together.contributions)
+    k = int(
+        np.argmin(
+            np.abs(
+                together.tones.frequency
+                - together.contributions[0].frequency[together.contributions[0].names.index("drive_1")]
+            )
+        )
+    )
+    assert together.tones.value[k] == pytest.approx(np.abs(a + b), rel=1e-9)
+
+
 def test_a_limit_within_the_doubt_is_not_judged() -> None:
     one = source("a", (5.0, 1.0, 0.0), doubt=0.03)
     exact = URAD / math.sqrt(2.0)

@@ -179,7 +179,7 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
     least = figure(requirement, tones.frequency, tones.least, densities)
     cases = _values(requirement, chosen, rule, densities)
     lacking = _lacking(requirement, chosen, cases)
-    why = [*_reasons(requirement, chosen, gaps, value), *lacking]
+    why = [*_reasons(requirement, chosen, value), *lacking]
     spread = None if cases is None else (quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99))
     if requirement.percentile is not None:
         wanted = NONE if lacking or cases is None else quantile(cases, requirement.percentile)
@@ -231,13 +231,13 @@ def _overlaps(r: Requirement, gap: Gap) -> bool:
     return gap.high >= r.lowest and (r.highest is None or gap.low <= r.highest)
 
 
-def _reasons(r: Requirement, chosen: Sequence[Contribution], gaps: Sequence[Gap], value: float) -> list[str]:
+def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> list[str]:
     """What may turn the verdict round, a sentence without a stop each."""
     found = []
     for one in chosen:
         for gap in one.gaps:
             bounded = np.all(np.isfinite(gap.most))
-            if gap in gaps and not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
+            if _overlaps(r, gap) and not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
                 found.append(f"{one.source}: {gap.why}")
         ringing = ~one.settled & _inside(r, one.frequency)
         size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
@@ -304,7 +304,7 @@ def _by_curve(r: Requirement, chosen: Sequence[Contribution], rule: Rule) -> Jud
     least, most = (limit * float(x.max(initial=0.0)) for x in (over[0], over[2]))
     most = math.inf if unbounded else max(most, limit * max(hidden, default=0.0))
     verdict: Verdict = "pass" if most <= limit else "fail" if least > limit else "not judged"
-    why = (_reasons(own, chosen, gaps, size) or [NEAR]) if verdict == "not judged" else []
+    why = (_reasons(own, chosen, size) or [NEAR]) if verdict == "not judged" else []
     return Judged(r, size, least, most, size, math.nan, limit, verdict, tuple(why), *_costs(own, chosen))
 
 
