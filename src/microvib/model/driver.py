@@ -80,6 +80,9 @@ class CurrentTable(Part):
                 yield f"currents.{k}: {pair[0]:g}, {pair[1]:g} is not allowed; currents over I from -2 to 2 are expected"
 
 
+PERFECT = Imperfections()
+
+
 class Driver(Part):
     """Microstepping current driver with one PI(D) loop per phase (Table 3)."""
 
@@ -163,7 +166,7 @@ class Driver(Part):
     @property
     def distorted(self) -> bool:
         """Whether references after a microstep are not I cos theta_e and I sin theta_e."""
-        return self.table is not None or self.imperfections != Imperfections()
+        return self.table is not None or self.imperfections != PERFECT
 
     @property
     def ideal(self) -> bool:

@@ -74,6 +74,7 @@ class PeriodMap:
         self.times, self.commands = self.command.microsteps(self.start, self.start + microsteps / f_d)
         step = driver.microstep(motor)
         self._begun, self._step = gone * step, turned * step
+        self._references = np.column_stack(self.references(self.angle(np.arange(-1, microsteps + 1))))
         self.sizes = _sizes(self.packed.drive.scale, scenario)
         p = self.packed.drive
         self.idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
@@ -170,12 +171,12 @@ class PeriodMap:
 
     def _refer(self, microstep: int, clock: np.ndarray) -> None:
         """Set references before a ``microstep`` of the period, and the ramp that may be on its way there."""
-        goal, lasts = self.references(self.angle(microstep)), self.scenario.driver.microstep_ramp * self.microstep_time
+        goal, lasts = self._references[microstep + 1], self.scenario.driver.microstep_ramp * self.microstep_time
         clock[kernel.REF_A], clock[kernel.REF_B] = goal
         left = lasts - (1.0 - SECTION) * self.microstep_time
         if left <= 0.0:
             return
-        before = self.references(self.angle(microstep - 1))
+        before = self._references[microstep]
         for ref, rate, at, a, b in (
             (kernel.REF_A, kernel.RATE_A, kernel.GOAL_A, before[0], goal[0]),
             (kernel.REF_B, kernel.RATE_B, kernel.GOAL_B, before[1], goal[1]),
