@@ -44,8 +44,8 @@ from microvib.solve.kernel import (
     XA,
     XB,
     drive_derivative,
-    drive_margins,
     element_margin,
+    margins_known,
     modal_torques,
     noise_at,
     output_rate,
@@ -197,8 +197,11 @@ def _listen(T, x, p, w):
 
 
 @code.inner(**FORCED)
-def _iterate(level, s, c, x, p, t, w):
-    """Solve the step's equation from the deficits in ``w.r``; the last change of the deficits, over what a microstep moves."""
+def _iterate(level, afresh, s, c, x, p, t, w):
+    """Solve the step's equation; the last change of the deficits, over what a microstep moves.
+
+    It begins from the deficits in ``w.r`` or, ``afresh``, from those at the start of the step, taken for all of it.
+    """
     r, before, sums = rows(w.r, 0, 6, 1), rows(w.before, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1)
     free, T, block = (
         rows(w.free, 0, N, 1),
@@ -213,20 +216,32 @@ def _iterate(level, s, c, x, p, t, w):
             total += E[j, i] * w.x[j]
         free[i] = total
     _free_modes(level, x, p, t, w)
-    _listen(T, x, p, w)
-    last = math.inf
-    for _ in range(ITERATIONS):
-        _states_at_nodes(K, x, p, t, w)
-        modal, on_rotor = sums[FREE_TORQUE], sums[FREE_ON_ROTOR]
-        for j in range(4):
-            modal += coupling[S_OUTPUT + j] * w.at[WL, j]
-        if p.H_m.size > 0:
+    last, change, first = math.inf, math.inf, 0 if afresh else 1
+    if afresh:
+        _listen(0.0, x, p, w)
+    else:
+        _listen(T, x, p, w)
+    for n in range(first, ITERATIONS + 1):
+        if n == 0:
+            modal, on_rotor = _at_start(x, p, w)
+        else:
+            if n == 1:
+                _weigh(x, p, t, w)  # by the start of the step
+            _states_at_nodes(K, x, p, t, w)
+            modal, on_rotor = sums[FREE_TORQUE], sums[FREE_ON_ROTOR]
             for j in range(4):
-                modal += coupling[S_BOTH + j] * w.at[WM, j]
-                on_rotor += coupling[S_BOTH + j] * w.at[WL, j] + coupling[S_ROTOR + j] * w.at[WM, j]
+                modal += coupling[S_OUTPUT + j] * w.at[WL, j]
+            if p.H_m.size > 0:
+                for j in range(4):
+                    modal += coupling[S_BOTH + j] * w.at[WM, j]
+                    on_rotor += coupling[S_BOTH + j] * w.at[WL, j] + coupling[S_ROTOR + j] * w.at[WM, j]
         for k in range(t.inputs):
             before[k] = r[k]
-        _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w)
+        # One copy of the equations serves both: it is most of what is compiled.
+        _evaluate_deficits(T if n > 0 else 0.0, s, c, modal, on_rotor, x, p, t, w)
+        if n == 0:
+            _listen(T, x, p, w)
+            continue
         x.counters[ITERATIONS_MADE] += 1
         largest = math.fabs(r[0] - before[0]) * w.per_size[0]
         for k in range(1, t.inputs):
@@ -239,6 +254,17 @@ def _iterate(level, s, c, x, p, t, w):
         last = change
     _states_at_nodes(K, x, p, t, w)
     return change
+
+
+@code.inner(**INLINE)
+def _at_start(x, p, w):
+    """States at the nodes as at the start of the step; torques of the modes there."""
+    at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
+    nothing, rate = sums[CHANGE] * 0.0, output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
+    for i in range(N):
+        at[i] = nothing + w.x[i]
+    modal, on_rotor = modal_torques(x.y, rate, p)
+    return nothing + modal, nothing + on_rotor
 
 
 @code.inner(**FORCED)
@@ -311,18 +337,6 @@ def _weigh(x, p, t, w):
 
 
 @code.inner(**FORCED)
-def _begin(s, c, x, p, t, w):
-    """Deficits at the start of a step, taken for all of it."""
-    at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
-    nothing, rate = sums[CHANGE] * 0.0, output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
-    for i in range(N):
-        at[i] = nothing + w.x[i]
-    modal, on_rotor = modal_torques(x.y, rate, p)
-    _listen(0.0, x, p, w)
-    _evaluate_deficits(0.0, s, c, nothing + modal, nothing + on_rotor, x, p, t, w)
-
-
-@code.inner(**FORCED)
 def _continue(how, t, w):
     """Deficits of another step, from those of the last."""
     r, by = rows(w.r, 0, 6, 1), rows(t.onwards, 4 * how, 4, 1)
@@ -335,8 +349,7 @@ def _judge(p, x, w):
     """Margins of both frictions, momentum and disturbance torque at the nodes."""
     y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
     sums, margins = rows(w.sums, 0, N_SUMS, 1), rows(w.margins, 0, w.margins.shape[0], 1)
-    on_output = sums[TORQUE] - rows(w.noise, 0, 1, 1)[0]
-    sums[MARGIN_M], sums[MARGIN_L] = drive_margins(y, on_output, sums[ON_ROTOR], x.stick, p)
+    sums[MARGIN_M], sums[MARGIN_L] = margins_known(y, q, x.stick, p)
     for e in range(p.elements.shape[0]):
         margins[e] = element_margin(e, y, x.stick, p)
     sums[TORQUE_D] = sums[TORQUE] - p.J_L * q[6] - p.J_m * f[WM]

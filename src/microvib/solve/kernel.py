@@ -13,7 +13,7 @@ The functions take floats, for one state, or lanes, for the four nodes of a step
 import math
 from typing import Any, NamedTuple
 
-from microvib.compiled import Counts, Matrix, Unit, Vector
+from microvib.compiled import Counts, Cube, Matrix, Unit, Vector
 from microvib.solve.vector import exp, floor, picked, sincos, some, where
 
 code = Unit(__name__, "vector.py", "vector_type.py", types="microvib.solve.vector_type")
@@ -616,6 +616,15 @@ def _holds(y, modal, on_rotor, stick, p):
 
 
 @code.inner(**INLINE)
+def _slope(y, p):
+    """How the output turns with the rotor where the gear does not twist; where both have one degree of freedom, at this angle."""
+    if p.rigid:
+        _, e1, _, _ = transmission_error(y[TM], p.te)
+        return e1 - p.inv_h
+    return 0.0 * y[TM] - p.inv_h
+
+
+@code.inner(**INLINE)
 def held_m(p):
     """Torque that the rotor's friction holds at rest, without memory."""
     return 0.0 if p.m_elements > 0 else p.m_slide + p.m_stribeck
@@ -640,22 +649,28 @@ def margins(y, noise, stick, p):
 
     Rotor and output; always 1 where there is no friction.
     """
-    modal = on_rotor = 0.0
-    if some((stick[0] == 0.0) | (stick[1] == 0.0)):
+    hold_m = hold_l = 0.0 * y[WM]
+    if stick[0] == 0.0 or stick[1] == 0.0:
         modal, on_rotor = modal_torques(y, output_rate(y[TM], y[WM], y[WL], p), p)
-    return drive_margins(y, modal - noise, on_rotor, stick, p)
+        hold_m, hold_l, _ = _holds(y, modal - noise, on_rotor, stick, p)
+    return _margins(y, hold_m, hold_l, stick, p)
 
 
 @code.inner(**FORCED)
-def drive_margins(y, modal, on_rotor, stick, p):
-    """The same, with the torques of the modes on output, less torque noise, and rotor."""
-    slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
-    e_m, e_l = stick[0] * y[WM], stick[1] * y[WL]
-    if some((stick[0] == 0.0) | (stick[1] == 0.0)):
-        hold_m, hold_l, G = _holds(y, modal, on_rotor, stick, p)
-        limit_m, limit_l = _limits(p, G, grip_in(y, p))
-        e_m = where(slips_m, e_m, limit_m - math.fabs(hold_m))
-        e_l = where(slips_l, e_l, limit_l - math.fabs(hold_l))
+def margins_known(y, q, stick, p):
+    """The same, with the instantaneous ``q`` of ``derivative``: the friction of what sticks is the torque that holds it."""
+    hold_m, hold_l = q[1], q[2]
+    if p.rigid:
+        on_rotor = _slope(y, p) * q[2]
+        hold_m = (0.0 if p.m_elements > 0 else q[1]) + (0.0 * on_rotor if p.l_elements > 0 else on_rotor)
+    return _margins(y, hold_m, hold_l, stick, p)
+
+
+@code.inner(**INLINE)
+def _margins(y, hold_m, hold_l, stick, p):
+    limit_m, limit_l = _limits(p, _slope(y, p), grip_in(y, p))
+    e_m = where(stick[0] != 0.0, stick[0] * y[WM], limit_m - math.fabs(hold_m))
+    e_l = where(stick[1] != 0.0, stick[1] * y[WL], limit_l - math.fabs(hold_l))
     acts_m, acts_l = _limits(p, -p.inv_h, 1.0)
     return where(acts_m > 0.0, e_m, 1.0), where(acts_l > 0.0, e_l, 1.0)
 
@@ -812,19 +827,25 @@ def snapshot(x: State, p: Drive, scratch: Matrix, out: Vector) -> None:
     )
 
 
-@code.entry(**COMPILE | {"fastmath": {"contract", "arcp", "reassoc"}})  # so that a sum becomes one of vectors
-def filter_and_decimate(rows: Matrix, taps: Vector, factor: int, out: Matrix) -> None:
-    """``out[m] = sum over k of taps[k] rows[factor m + k]`` for each channel; rows (n, channels), out (m, channels)."""
-    if rows.shape[1] == 1:
-        for m in range(out.shape[0]):
-            total = 0.0
-            for k in range(taps.size):
-                total += taps[k] * rows[factor * m + k, 0]
-            out[m, 0] = total
-        return
-    for m in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[m, j] = 0.0
-        for k in range(taps.size):
-            for j in range(out.shape[1]):
-                out[m, j] += taps[k] * rows[factor * m + k, j]
+@code.entry(**COMPILE)
+def filter_and_decimate(phases: Cube, taps: Vector, out: Matrix) -> None:
+    """``out[c, m] = sum over k of taps[k] rows[factor m + k, c]``; ``phases[c, p, m] = rows[factor m + p, c]``; out (channels, m).
+
+    Sums over m lie side by side in memory, so that four go in a vector, and four taps at a time, because what is summed up is
+    read and written for each.
+    """
+    factor, count, whole = phases.shape[1], out.shape[1], taps.size - taps.size % 4
+    for c in range(out.shape[0]):
+        total = out[c]
+        for m in range(count):
+            total[m] = 0.0
+        for k in range(0, whole, 4):
+            t0, t1, t2, t3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
+            p0, p1 = phases[c, k % factor, k // factor :], phases[c, (k + 1) % factor, (k + 1) // factor :]
+            p2, p3 = phases[c, (k + 2) % factor, (k + 2) // factor :], phases[c, (k + 3) % factor, (k + 3) // factor :]
+            for m in range(count):
+                total[m] += (t0 * p0[m] + t1 * p1[m]) + (t2 * p2[m] + t3 * p3[m])
+        for k in range(whole, taps.size):
+            t0, p0 = taps[k], phases[c, k % factor, k // factor :]
+            for m in range(count):
+                total[m] += t0 * p0[m]

@@ -6,7 +6,7 @@ A step is ``microvib.solve.collocation``'s. Read from the end: ``advance`` is th
 import math
 
 from microvib.compiled import Matrix, Unit, Vector
-from microvib.solve.collocation import N_SUMS, Work, _begin, _continue, _error, _iterate, _judge, _momentum, _weigh
+from microvib.solve.collocation import N_SUMS, Work, _continue, _error, _iterate, _judge, _momentum, _weigh
 from microvib.solve.ends import (
     _end_at_event,
     _evaluate,
@@ -27,6 +27,8 @@ from microvib.solve.kernel import (
     STEP_TOO_SMALL,
     STEPS,
     TM,
+    WL,
+    WM,
     Drive,
     Samples,
     State,
@@ -67,6 +69,12 @@ code = Unit(
 AFTER_MICROSTEP, AFTER_EVENT, FURTHER, KINDS = range(4)
 TORQUE_SHOWN = 0.2
 """Weight of what moves inside a step where nothing but the torque is sampled, which is that of polynomials of degree 7."""
+AFRESH = -1
+"""In place of the step whose deficits go on in the next: none."""
+ALMOST_AT_REST = 0.3
+"""Rate, over the Stribeck rate, below which a step may go beyond the stop as far as it likes."""
+BEFORE_LAYER, IN_LAYER = 0.9, 1.5
+"""Longest step while friction brings a body to rest, over the time that this takes at its present deceleration."""
 UNRESOLVED = 1e-4
 """Change of the deficits, over what a microstep moves, that is accepted in the shortest steps: where equations jump."""
 
@@ -88,11 +96,32 @@ def _work(x, elements, lanes, flat, by_node, room):
 
 
 @code.inner(**INLINE)
-def _first_level(kind, left, x, p, t):
-    """Level at which the last step of this kind succeeded, or the one that just reaches the end of what is ``left``."""
+def _before_stop(sign, rate, alpha, stribeck, inv_rate):
+    """Longest step [s] that is worth a try while friction brings a body to rest; ``alpha`` is that of the last step's end.
+
+    One that runs into the layer where friction rises steeply, or far beyond the stop, would fail after all its iterations.
+    """
+    slips = sign * rate * inv_rate
+    if stribeck == 0.0 or slips < ALMOST_AT_REST or sign * alpha >= 0.0:
+        return math.inf
+    return (BEFORE_LAYER if slips > 1.0 else IN_LAYER) * math.fabs(rate / alpha)
+
+
+@code.inner(**INLINE)
+def _first_level(kind, left, x, p, t, w):
+    """Level at which the last step of this kind succeeded; at most the one that just reaches the end of what is ``left``, or that
+    suits a body which comes to rest."""
     remembered = x.levels[kind * PATTERNS + _pattern(x.stick, p)]
     level = remembered
     while level < t.levels - 1 and t.longest * 0.5 ** (level + 1) >= left:
+        level += 1
+    rate, alpha, sign = w.x[WM], w.f[WM, 3], x.stick[0]
+    longest = _before_stop(sign, rate, alpha, p.m_stribeck, p.m_inv_rate)
+    if p.rigid:
+        longest = min(longest, _before_stop(sign, rate, alpha, p.l_stribeck, p.l_inv_rate * p.inv_h))
+    else:
+        longest = min(longest, _before_stop(x.stick[1], w.x[WL], w.f[WL, 3], p.l_stribeck, p.l_inv_rate))
+    while level < t.levels - 1 and t.longest * 0.5**level > longest:
         level += 1
     return remembered, level
 
@@ -103,15 +132,14 @@ def _solved_step(kind, left, last_level, shown, s, c, x, p, t, w):
 
     ``last_level`` is that of the step before, whose deficits go on in this one, or -1.
     """
-    remembered, level = _first_level(kind, left, x, p, t)
+    (remembered, level), onwards = _first_level(kind, left, x, p, t, w), AFRESH
     if kind == FURTHER and last_level >= 0 and last_level - 1 <= level <= last_level + 1:
-        _continue(HALF + last_level + 1 - level, t, w)
-    else:
-        _begin(s, c, x, p, t, w)
+        onwards = HALF + last_level + 1 - level
     while True:
-        _weigh(x, p, t, w)  # by the start, for the iteration
-        change, shortest = _iterate(level, s, c, x, p, t, w), level >= t.levels - 1
-        _weigh(x, p, t, w)  # by the end
+        if onwards >= 0:
+            _continue(onwards, t, w)
+        change, shortest = _iterate(level, onwards < 0, s, c, x, p, t, w), level >= t.levels - 1
+        _weigh(x, p, t, w)  # by the end of the step
         error, converged = _error(level, shown, t, w), change <= CONVERGED * t.accuracy
         if converged and error <= t.accuracy:
             break
@@ -121,11 +149,9 @@ def _solved_step(kind, left, last_level, shown, s, c, x, p, t, w):
         if shortest:
             return level, STEP_TOO_SMALL if math.isfinite(change) and math.isfinite(error) else NOT_FINITE
         if converged and error <= 30.0 * t.accuracy:
-            level += 1
-            _continue(FIRST_HALF, t, w)
+            level, onwards = level + 1, FIRST_HALF
         else:
-            level = min(level + (2 if not error <= 1e3 * t.accuracy else 1), t.levels - 1)
-            _begin(s, c, x, p, t, w)
+            level, onwards = min(level + (2 if not error <= 1e3 * t.accuracy else 1), t.levels - 1), AFRESH
         remembered = level
     grows = 1 if error < GROW_BELOW * t.accuracy else 0
     pattern = _pattern(x.stick, p)

@@ -99,8 +99,13 @@ class Decimator:
     def push(self, rows: np.ndarray) -> np.ndarray:
         """Samples that ``rows`` (n, channels) complete; the first belongs to input row ``half_length(factor)``."""
         rows = np.concatenate([self._left, rows]) if self._left.size else rows
-        out = np.empty((max((rows.shape[0] - self._taps.size) // self._factor + 1, 0), rows.shape[1]))
+        n, channels = rows.shape
+        out = np.empty((channels, max((n - self._taps.size) // self._factor + 1, 0)))
+        phases = np.zeros((channels, self._factor, -(-n // self._factor)))
+        for p in range(self._factor):
+            own = rows[p :: self._factor]
+            phases[:, p, : len(own)] = own.T
         # Compiled, not a matrix product: threads of BLAS collapse where other processes keep the cores busy.
-        filter_and_decimate(rows, self._taps, self._factor, out)
-        self._left = rows[out.shape[0] * self._factor :].copy()
-        return out
+        filter_and_decimate(phases, self._taps, out)
+        self._left = rows[out.shape[1] * self._factor :].copy()
+        return out.T
