@@ -33,6 +33,7 @@ NOT_RUN = {
     "curl ": "asks a server that runs; tests/serve asks",
     "/shared/batch": "a cluster with Slurm; tests/campaign/test_killed.py looks at what it is given",
     "microvib validate": "seconds; tests/test_commands.py runs it, in a terminal and in a pipe",
+    "microvib statements": "a minute a draw; tests/test_validate.py makes one with fewer records",
     "microvib identify state-1 paper": "minutes, as its page says; tests/test_studies.py identifies",
 }
 """Lines that are left out, by words that they have, and why."""

@@ -78,6 +78,7 @@ REFUSED = {
     "measure": (["measure", "state-1", "-o", "x.wav"], "'.wav' is not known"),
     "identify": (["identify", "state-1", "paper", "--fit", "reducer.stifness"], "reducer.stifness"),
     "validate": (["validate", "--out", "old"], "already holds results"),
+    "statements": (["statements", "modes.csv"], "is not a table of draws"),
     "rates": ([*RATES[:2], "--from", "1 kg", *RATES[4:]], "'1 kg' has the wrong dimension"),
     "modes": (["modes", "reference-arry"], "reference-arry"),
     "sas size": (["sas", "size", "--inertia", "8 m", "--frequency", "1 Hz"], "'8 m' has the wrong dimension"),

@@ -63,7 +63,7 @@ def main() -> None:
 
 for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
-    test_data.validate, rates.rates, campaign.campaign, structures.modes, structures.sas, serve.serve, scenarios.scenarios,
-    scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
+    test_data.validate, test_data.statements, rates.rates, campaign.campaign, structures.modes, structures.sas,
+    serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
 ):  # fmt: skip
     main.add_command(_command)
