@@ -69,7 +69,7 @@ DONE = {
     "docs": ["docs", "--path"],
 }
 """A command line of each command, in the folder of ``worked``."""
-LONG = {"validate": ["validate"]}
+LONG = {"validate": ["validate"], "statements": ["statements", "draws.csv", "--draws", "1", "--seeds", "1"]}
 REFUSED = {
     "run": (["run", "state-9"], "no such file and no catalog scenario"),
     "report": (["report", "nowhere"], "nowhere"),
