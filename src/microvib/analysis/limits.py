@@ -148,7 +148,7 @@ class Judgement:
         return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
 
 
-_DRAWN = "driven by torque noise, one draw of many"
+_DRAWN = "driven by noise, one draw of many"
 
 
 def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> Judgement:
@@ -224,8 +224,9 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     """The verdict on one line: pass or fail where its amplitude is known well enough, whatever the record was."""
     amplitude, most = line.amplitude_n_m, limit.torque
     spread = line.amplitude_uncertainty_n_m if math.isfinite(line.amplitude_uncertainty_n_m) else 0.0
-    if math.isfinite(line.noise_deviation_n_m):
-        spread = math.hypot(spread, line.noise_deviation_n_m)
+    seeds = table.over_seeds(line.line)
+    drawn = seeds.deviation_n_m if seeds else line.noise_deviation_n_m
+    spread = math.hypot(spread, drawn if math.isfinite(drawn) else 0.0)
     doubt = 2.0 * spread + max(OWN_ERROR, table.own_error) * amplitude
     verdict: Verdict
     if line.status == FAINT:
@@ -251,10 +252,9 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
                 else "--seeds N"
             )
             why = f"so near the limit that ringing may decide; {remedy}"
-    seeds = table.over_seeds(line.line)
     if line.status == DRIVEN:
         verdict, why = "not judged", f"{_DRAWN}; --seeds N judges by its 95 % quantile"
-    if seeds is not None:
+    if seeds is not None and (line.status == DRIVEN or math.isfinite(seeds.p95_high_n_m)):
         amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
     if verdict == "fail" and _may_ring(line, table, scenario):
         verdict = "not judged"
