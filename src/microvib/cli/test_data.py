@@ -206,7 +206,7 @@ def validate(target: Target) -> None:
 
 @click.command()
 @click.argument("table", type=PATH)
-@click.option("--draws", default=40, type=click.IntRange(1, 100_000), help="How many draws of what is assumed.")
+@click.option("--draws", default=40, type=click.IntRange(0, 100_000), help="How many draws of what is assumed.")
 @click.option("--seeds", default=24, type=click.IntRange(1, 1000), help="Draws of the noise in each, state by state.")
 def statements(table: Path, draws: int, seeds: int) -> None:
     """Try the paper's statements on states 1 to 5 over what is assumed of its test.
