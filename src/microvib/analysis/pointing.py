@@ -145,12 +145,15 @@ class HubLines:
         ]
 
 
-def hub_lines(source: Motion | SteadyState, table: LineTable, harmonics: int = 8) -> HubLines:
+def hub_lines(
+    source: Motion | SteadyState, table: LineTable, harmonics: int = 8, *, los_only: bool = False
+) -> HubLines:
     """Lines of loads and line of sight of a run on a craft: those that are expected, and those found in T_d (its ``table``).
 
     Lines of the clock follow from those of the two shafts' accelerations, through the craft's linear response with its whole
     damping matrix. What rings by itself, and what is not expected, is found in each channel; of the angles in their second
-    derivatives, which no drift leaks into. MicrovibError where the scenario has no spacecraft.
+    derivatives, which no drift leaks into. With ``los_only`` loads are not estimated, and nan, which takes a third of the time.
+    MicrovibError where the scenario has no spacecraft.
     """
     scenario, craft = source.scenario, source.scenario.craft
     if craft is None:
@@ -161,12 +164,15 @@ def hub_lines(source: Motion | SteadyState, table: LineTable, harmonics: int = 8
         *(ExpectedLine(x.line, "other", x.frequency_hz, x.frequency_hz, x.frequency_hz, x.origin) for x in others),
     )
     looks = craft.spacecraft.line_of_sight is not None
-    frequency, ringing = _ringing(source, expected, (*INTERFACE, *(("los_ax", "los_ay") if looks else ())))
+    channels = (*(() if los_only else INTERFACE), *(("los_ax", "los_ay") if looks else ()))
+    frequency, ringing = _ringing(source, expected, channels)
     shafts = np.array([tones_of(lines_in(source, name, expected)) for name in ("alpha_l", "alpha_m")]).T
     own = np.array([line.kind in ("array mode", "other") for line in expected])
-    rows = [craft.loads(), *([craft.line_of_sight()] if looks else [])]
+    rows = [*([] if los_only else [craft.loads()]), *([craft.line_of_sight()] if looks else [])]
     forced = np.hstack([np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows])
     tones = np.where(own[:, None], ringing, forced)
+    if los_only:
+        tones = np.hstack([np.full((len(expected), 6), np.nan), tones])
     free = craft.spacecraft.attitude_control is None
     keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~(free & (frequency < MEANINGLESS))
     names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
@@ -188,7 +194,8 @@ def _ringing(
     best = np.argmax(size / np.maximum(size.max(axis=0), 1e-300), axis=1)
     shared = found[np.arange(given.size), best]
     root = -decay + 2j * np.pi * np.where(np.isfinite(found), found, given[:, None])
-    tones[:, len(INTERFACE) :] /= root[:, len(INTERFACE) :] ** 2
+    angles = [name not in INTERFACE for name in channels]
+    tones[:, angles] /= root[:, angles] ** 2
     return np.where(np.isfinite(shared), shared, given), tones
 
 

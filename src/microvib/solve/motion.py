@@ -114,11 +114,17 @@ class Motion:
         return xr.Dataset(data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate})
 
 
-def interface_loads(channels: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray | None:
-    """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md)."""
+def interface_loads(
+    channels: Mapping[str, np.ndarray], scenario: Scenario, component: slice = slice(None)
+) -> np.ndarray | None:
+    """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md).
+
+    ``component`` says which are wanted.
+    """
     array, craft = scenario.array, scenario.craft
     if craft is not None:
-        return None if missing(channels, "Fx") else values_of(craft.loads(), channels, scenario)
+        rows = craft.loads().through(np.eye(6)[component])
+        return None if missing(channels, "Fx") else values_of(rows, channels, scenario)
     P = array.interface
     if P is None or not set(OF_INTERFACE) <= set(channels):
         return None
@@ -129,7 +135,7 @@ def interface_loads(channels: Mapping[str, np.ndarray], scenario: Scenario) -> n
     if array.coupling is not None:
         loads -= np.outer(alpha, array.coupling)
     loads[:, 3 + "xyz".index(array.drive_axis)] = channels["T_d"]
-    return loads
+    return loads[:, component]
 
 
 def unit_of(name: str) -> str:
@@ -152,10 +158,12 @@ def channel_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario
     angle = line_of_sight(name, channels, scenario, time)
     if angle is not None:
         return angle
-    loads = interface_loads(channels, scenario) if name in INTERFACE else None
-    if loads is not None:
-        column: np.ndarray = loads[:, INTERFACE.index(name)]
-        return column
+    if name in INTERFACE:
+        k = INTERFACE.index(name)
+        loads = interface_loads(channels, scenario, slice(k, k + 1))
+        if loads is not None:
+            column: np.ndarray = loads[:, 0]
+            return column
     raise ChannelError(
         f"channel '{name}' is not in this motion{_why(channels, name, scenario)}; there are {_names(channels, scenario)}"
     )

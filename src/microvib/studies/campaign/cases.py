@@ -260,7 +260,7 @@ def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
     source = state or from_rest(scenario, channels=("T_d", "stuck_output", *ACCELERATIONS))
     table = lines_of(source, harmonics=harmonics)
     stuck = float(np.mean(source["stuck_output"])) if state is None else state.stuck_output
-    on_hub = hub_lines(source, table, harmonics)
+    on_hub = hub_lines(source, table, harmonics, los_only=True)
     los = dict(zip(on_hub.names, on_hub.amplitude, strict=True))
     return replace(_result(work.study, scenario, table, source["T_d"], stuck, fallback), los=los)
 
