@@ -215,12 +215,20 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
     wider = again.with_({"reducer.train.0.wheel": 54})
     assert wider.reducer.ratio == pytest.approx(54 / 20 * 5)
     assert again.with_({"reducer.ratio": 13.25}).reducer == scenario.reducer
+    stages = {
+        "reducer.train": [{"pinion": 20, "wheel": 60, "stiffness": 50.0}],
+        "reducer.ratio": None,
+        "reducer.stiffness": None,
+    }
+    assert baseline().with_si({**stages, "sources": {}}).reducer.stiffness == 50.0
+    with pytest.raises(ScenarioError, match=r"reducer\.ratio: missing"):
+        baseline().with_({"reducer.ratio": None})
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"reducer.ratio": 13.0}, r"reducer\.ratio: 13 is not what the others make, 13\.25; leave it out"),
+        ({"reducer.ratio": 13.0}, r"reducer\.ratio: 13 is not what follows from the other keys, 13\.25; leave it out"),
         (
             {"reducer.train.0.wheel": None},
             r"reducer\.train\.0: has the teeth of pinion; pinion and wheel are expected, or sun",
@@ -244,7 +252,11 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
         ),
         (
             {"reducer.train.0.stiffness": 50.0},
-            r"reducer\.stiffness: 9000 is not what the others make, 1250; leave it out",
+            r"reducer\.stiffness: 9000 is not what follows from the other keys, 1250; leave it out",
+        ),
+        (
+            {"reducer.train.0.stiffness": 50.0, "reducer.stiffness": "rigid"},
+            r"reducer\.stiffness: rigid is not what follows from the other keys, 1250; leave it out",
         ),
         ({"reducer.train": []}, r"reducer\.ratio: missing \(reduction ratio\)"),
         (

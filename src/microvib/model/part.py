@@ -65,9 +65,9 @@ class Part(_Base):
         following = self._following()
         for name, value in following.items():
             if name in self.model_fields_set and not _alike(getattr(self, name), value):
-                raise ValueError(
-                    f"{name}: {getattr(self, name):g} is not what the others make, {value:g}; leave it out"
-                )
+                given = getattr(self, name)
+                told = f"{given:g}" if isinstance(given, float) else given
+                raise ValueError(f"{name}: {told} is not what follows from the other keys, {value:g}; leave it out")
             object.__setattr__(self, name, value)
         for name in self._needed():
             if name not in self.model_fields_set | set(following):

@@ -15,6 +15,8 @@ from microvib.model.gear_train import GearStage, input_inertia, speeds, stiffnes
 from microvib.model.part import Part
 from microvib.units import Quantity
 
+_LEFT_OUT = ("ratio", "wave_generator_inertia", "stiffness")  # keys that null leaves out, as a train may make them
+
 
 class TransmissionError(Part):
     """One harmonic of the kinematic error, in turns of the wave generator."""
@@ -87,7 +89,10 @@ class Reducer(Part):
     @model_validator(mode="before")
     @classmethod
     def _name_the_other_choice(cls, data: Any) -> Any:
-        stiffness = data.get("stiffness") if isinstance(data, dict) else None
+        if not isinstance(data, dict):
+            return data
+        data = {key: value for key, value in data.items() if value is not None or key not in _LEFT_OUT}
+        stiffness = data.get("stiffness")
         if isinstance(stiffness, str) and stiffness.strip().lower() == "rigid":
             return {**data, "stiffness": "rigid"}
         return data

@@ -200,7 +200,7 @@ def draw_torques(output: Axes, rotor: Axes, motion: Motion) -> None:
     names = {"T_d": "on the spacecraft", "T_g": "gear", "T_f": "friction", "T_l": "array"}
     _draw_curves(output, motion, {label: motion[name] - motion[name].mean() for name, label in names.items()})
     output.set(ylabel="torque less its mean [mN m]", title="At the output")
-    gear = motion["T_g"] / motion.scenario.reducer.ratio
+    gear = motion["T_g"] / motion.scenario.reducer.h
     _draw_curves(rotor, motion, {"motor": motion["T_e"], "friction": motion["T_f_m"], "gear over ratio": gear})
     rotor.set(ylabel="torque [mN m]", title="At the rotor")
 

@@ -86,10 +86,13 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
     array, record = scenario.array, scenario.record
     stiffness = "rigid" if reducer.rigid else f"{float(reducer.stiffness):.5g} N m/rad"
     first = f", the first clamped at {array.modes[0].frequency:.5g} Hz" if array.modes else ""
-    steps = f"{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step"
+    phases = "" if motor.phases == 2 else f"{motor.phases} phases, "
+    steps = f"{phases}{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step"
+    gears = f"gear train of {count(len(reducer.train), 'stage')}" if reducer.train else "reducer"
+    steps += ", driven by voltages" if driver.drive == "voltage" else ""
     estimate = estimate_in(motion.solver)
     rows = {
-        "Drive": f"{steps}, reducer {reducer.ratio:g}:1, {stiffness}",
+        "Drive": f"{steps}, {gears} {reducer.ratio:.6g}:1, {stiffness}",
         "Array": f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}",
         "Motion": _motion(motion),
         "Record": f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s",
