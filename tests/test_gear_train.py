@@ -12,12 +12,13 @@ from microvib.errors import ScenarioError
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.model.expected import expected_lines
 from microvib.model.gear_train import GearStage, speeds, train_orders
-from microvib.model.linear import dynamic_stiffness, momentum_row
+from microvib.model.linear import coupled_modes, dynamic_stiffness, momentum_row
 from microvib.model.orders import drive_orders
 from microvib.model.reducer import Reducer
 from microvib.reports.parameters import order_lines
 from microvib.solve.steady.period import NotPeriodic, repeats_after
 from microvib.solve.steady.state import steady_state
+from microvib.studies.rates import _meetings
 
 
 def stage(**keys):
@@ -331,3 +332,11 @@ def test_show_prints_the_orders_and_marks_those_near_a_mode():
         "tracking.profile": [{"rate": 0.001, "hold": 35.0}, {"rate": 0.002, "ramp": 20.0}],
     }
     assert "rate changes" in order_lines(geared(**changing))[0]
+
+
+def test_rates_at_which_a_mesh_meets_a_mode_are_looked_at():
+    mode = {"frequency": 2.0, "damping": 0.02, "effective_inertia": 0.02}
+    scenario = geared(**{"array.modes": [mode], "array.inertia": 0.04})
+    (seen,) = (x for x in coupled_modes(scenario) if x.fixed_frequency)
+    found = {x.line: x.rate for x in _meetings(scenario, 4, [seen], math.radians(1.0), math.radians(20.0))}
+    assert found["stage_1_mesh"] == pytest.approx(seen.frequency / 265 * 2 * math.pi)

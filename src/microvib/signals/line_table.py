@@ -24,7 +24,7 @@ SEEN = ("ok", "decaying", "growing", DRIVEN)
 """Statuses of lines that stand out and have figures of their own."""
 
 
-_ROW = "{:16s} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}"
+_ROW = "{} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}"
 _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
 """What the ends of a line's fields say of their units."""
 
@@ -220,7 +220,9 @@ class LineTable:
         return self._text(self.notable() if notable else self.lines, "in lines.csv")
 
     def _text(self, shown: Sequence[Line], where: str) -> str:
-        rows = [_ROW.format(*cells) for cells in self._cells(shown)]
+        cells = list(self._cells(shown))
+        wide = max(16, *(len(name) for name, *_ in cells))
+        rows = [_ROW.format(name.ljust(wide), *rest) for name, *rest in cells]
         return "\n".join([*rows, *filter(None, [self._left_out(shown, where)]), *self._seed_rows(shown)])
 
     def _seed_rows(self, shown: Sequence[Line]) -> Iterator[str]:

@@ -267,13 +267,15 @@ def _solver(scenario: Scenario, linear: bool, progress: Progress | None) -> Iter
 def _meetings(
     scenario: Scenario, microsteps: int, modes: Sequence[CoupledMode], low: float, high: float
 ) -> list[Resonance]:
-    """Rates within a range at which driving and full-step lines meet a mode."""
+    """Rates within a range at which driving and full-step lines, and those of the gears' errors, meet a mode."""
     driver, motor, members = scenario.driver, scenario.motor, range(1, HARMONICS + 1)
     per_rate = microsteps * scenario.reducer.ratio * scenario.tracking.clock_ratio / driver.full_step(motor)
     detent = motor.full_steps / (driver.beats * microsteps)
     orders = [(f"drive_{k}", float(k)) for k in members]
     if motor.detent_torque > 0.0:
         orders += [(f"full_step_{k}", k * detent) for k in members if (k * detent) % 1.0 != 0.0]
+    turn = driver.beats * microsteps * motor.rotor_teeth
+    orders += [(e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0]
     return [
         Resonance(microsteps, rate, mode.name, mode.frequency, line, mode.frequency, math.nan)
         for mode in modes
