@@ -61,6 +61,8 @@ def test_a_helicopter_planetary_has_its_published_frequencies():
     assert found[1, "ring_pass"] == pytest.approx(21.5)
     assert found[1, "mesh - ring_pass"] == pytest.approx(980.4 - 21.5)
     assert found[1, "mesh + ring_tooth"] == pytest.approx(980.4 + 4.3)
+    assert found[1, "2 planet"] == pytest.approx(2 * 980.4 / 83)
+    assert found[1, "5 mesh"] == pytest.approx(5 * 980.4)
 
 
 @pytest.mark.parametrize(

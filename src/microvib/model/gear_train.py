@@ -219,7 +219,12 @@ def train_orders(train: tuple[GearStage, ...]) -> list[StageOrder]:
     rows = []
     for k, (stage, speed) in enumerate(zip(train, speeds(train), strict=False), 1):
         told = {name: order.words for name, order in stage.orders.items()}
-        told |= {f"{n} mesh": f"harmonic {n} of the mesh" for n in (2, 3)}
+        if stage.planetary:
+            told |= {
+                "2 planet": "a tooth of a planet meets sun and ring",
+                f"{stage.planets} mesh": "mesh of all planets",
+            }
+        told |= {f"{n} mesh": f"harmonic {n} of the mesh" for n in (2, 3) if f"{n} mesh" not in told}
         aside = ("ring_tooth", "ring_pass", "sun_tooth") if stage.planetary else ("pinion", "wheel")
         told |= {f"mesh {sign} {name}": f"sideband of the mesh, {name}" for name in aside for sign in "-+"}
         rows += [StageOrder(k, name, words, abs(speed) * stage.order(name)) for name, words in told.items()]
