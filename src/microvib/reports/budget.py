@@ -24,6 +24,8 @@ from microvib.studies.campaign.statistics import NONE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MOST_REASONS = 4
+"""Reasons that are told on the first page; all are in the tables."""
 RANKED = 8
 """Lines that a ranking shows."""
 _RULES = {
@@ -58,7 +60,7 @@ def budget_text(budget: Budget) -> str:
     if budget.judged:
         head = ("requirement", "limit", "value", "at most", "margin dB", "median", "P95", "P99", "verdict")
         parts.append(text_table(head, [[*_cells(one), _WORDS[one.verdict]] for one in budget.judged]))
-        parts += [f"{_name(one)}, not judged: {'; '.join(one.why)}." for one in budget.judged if one.why]
+        parts += _not_judged(budget)
     rows = [(w.metric, f"{w.window:g}", *(f"{x[2]:.4g}" for x in (w.lines, w.noise, w.both))) for w in budget.windows]
     parts.append(
         "Radial rms of all sources:\n" + text_table(("metric", "window s", "lines rad", "noise rad", "both rad"), rows)
@@ -70,6 +72,18 @@ def budget_text(budget: Budget) -> str:
     if budget.short_way:
         parts.append(short_way_text(budget))
     return "\n\n".join(parts)
+
+
+def _not_judged(budget: Budget) -> list[str]:
+    """Why requirements are not judged, those of the same reasons together, the first MOST_REASONS of them."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for one in budget.judged:
+        if one.why:
+            groups.setdefault(one.why, []).append(_name(one))
+    more = {why: f"; and {len(why) - MOST_REASONS} more" if len(why) > MOST_REASONS else "" for why in groups}
+    return [
+        f"{', '.join(names)}, not judged: {'; '.join(why[:MOST_REASONS])}{more[why]}." for why, names in groups.items()
+    ]
 
 
 def short_way_text(budget: Budget) -> str:
@@ -159,7 +173,7 @@ def write_budget(out: Path, budget: Budget, overwrite: bool, form: Form | None =
 
 def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> Document:
     """The report of a budget: decision, requirements and sources on the first page."""
-    notes = [Text(f"{_name(one)} is not judged: {'; '.join(one.why)}.", note=True) for one in budget.judged if one.why]
+    notes = [Text(text, note=True) for text in _not_judged(budget)]
     caption = (
         "Left, lines by source, radial, 0-to-peak, and curves that limit them. Right, radial rms of all sources over the length"
         " of the window; dots are limits on it."
@@ -210,10 +224,12 @@ def _facts(budget: Budget) -> list[Fact]:
     status: Status = "pass" if budget.verdict == "pass" else "fail"
     word = _WORDS[budget.verdict]
     facts = [Fact(word[0].upper() + word[1:], _counted(budget), status)]
-    known = [one for one in budget.judged if math.isfinite(one.margin) and one.value > 0.0]
+    known = [
+        one for one in budget.judged if math.isfinite(one.margin) and one.value > 0.0 and one.verdict != "not judged"
+    ]
     if known:
         worst = min(known, key=lambda one: one.margin)
-        facts.append(Fact(f"{_margin(worst)} dB", f"smallest margin: {_name(worst)}"))
+        facts.append(Fact(f"{_margin(worst)} dB", f"smallest margin judged: {_name(worst)}"))
         if worst.ranking:
             top = worst.ranking[0]
             facts.append(

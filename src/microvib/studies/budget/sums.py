@@ -244,7 +244,7 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
         if size**2 > WORTH * value**2:
             names = ", ".join(np.array(one.names)[ringing])
             remedy = "record.start: steady, or a longer record.settle"
-            found.append(f"{one.source}: {names} rings or is driven by noise, up to {size:.3g} rad ({remedy})")
+            found.append(f"{one.source}: {names} rings or is driven by noise ({remedy})")
     return found
 
 
