@@ -93,6 +93,15 @@ def test_verdicts_rest_on_the_quantile_where_seeds_were_run(noisy, drawn):
         assert judge(drawn, limit_of(torque), noisy).of(mode).verdict == expected
 
 
+def test_what_is_left_of_the_start_is_not_passed_as_noise(noisy):
+    # ringing of the start, as large as the limit when the record begins, over a mode that noise drives, too
+    scenario = noisy.with_si({"record.settle": 1.0, "friction.torque_noise.density": 2e-5})
+    table = mv.run(scenario, lines_only=True, seeds=59).table
+    mode, seeds = table["array_mode_1"], table.over_seeds("array_mode_1")
+    assert seeds.mean_n_m > 1.5 * mode.noise_mean_n_m
+    assert judge(table, limit_of(1.05 * seeds.p95_high_n_m), scenario).of(mode).verdict == "not judged"
+
+
 @pytest.mark.parametrize(("n", "bounded"), [(58, False), (59, True), (200, True)])
 def test_bounds_of_a_quantile_hold_as_often_as_they_say(n, bounded):
     rng, truth, low, high = np.random.default_rng(1), math.sqrt(2.0 * math.log(20.0)), 0, 0

@@ -148,6 +148,8 @@ class Judgement:
         return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
 
 
+_LEFT = 1.5
+"""Times what noise alone gives a mode, above which its mean over draws holds something that decays."""
 _DRAWN = "driven by noise, one draw of many"
 
 
@@ -208,16 +210,23 @@ def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> t
     """Amplitude that is judged, verdict and reason where many draws of the noise were run: their 95 % quantile."""
     doubt = max(OWN_ERROR, own_error)
     largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + doubt)
+    if seeds.mean_n_m > _LEFT * line.noise_mean_n_m:
+        return (
+            seeds.p95_n_m,
+            "not judged",
+            "more than noise gives it, as of the start's ringing; a longer record.settle",
+        )
     if largest <= most:
         return seeds.p95_n_m, "pass", ""
     if seeds.p95_low_n_m * (1.0 - doubt) > most:
         return seeds.p95_n_m, "fail", ""
-    high = "an unknown amplitude" if math.isnan(seeds.p95_high_n_m) else f"{1e3 * seeds.p95_high_n_m:.4g} mN m"
-    return (
-        seeds.p95_n_m,
-        "not judged",
-        f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; more seeds than {seeds.draws}, at least 59",
-    )
+    high, needed = f"{1e3 * seeds.p95_high_n_m:.4g} mN m", f"more seeds than {seeds.draws}"
+    if math.isnan(seeds.p95_high_n_m):
+        high, needed = "an unknown amplitude", "59 seeds or more"
+    why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
+    if seeds.p95_high_n_m * (1.0 + doubt) <= most:
+        why = "hidden by its floor in some draws; a longer record.duration"
+    return seeds.p95_n_m, "not judged", why
 
 
 def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:
@@ -254,7 +263,8 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
             why = f"so near the limit that ringing may decide; {remedy}"
     if line.status == DRIVEN:
         verdict, why = "not judged", f"{_DRAWN}; --seeds N judges by its 95 % quantile"
-    if seeds is not None and (line.status == DRIVEN or math.isfinite(seeds.p95_high_n_m)):
+    steady = line.status in ("ok", FAINT) and seeds is not None and math.isfinite(seeds.p95_high_n_m)
+    if seeds is not None and (line.status == DRIVEN or steady):
         amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
     if verdict == "fail" and _may_ring(line, table, scenario):
         verdict = "not judged"
