@@ -5,8 +5,8 @@
 Each recording is of a drive of its own (reducer, rotor friction, inertia and clock drawn), with noise, and with figures that
 are wrong by random parts of the size that the identification states for them. The search starts from the catalog's state 1. With
 ``--mismatch`` the rotor's inertia is wrong by that part in the model: then no parameter must be called identifiable. With
-``--driver`` errors of the driver are drawn and identified, and the time before the recording, which is known to SETTLE_ERROR. Nothing
-is asserted.
+``--driver`` errors of the driver are drawn and identified, and the time before the recording, which is known to SETTLE_ERROR.
+Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -60,11 +60,11 @@ def made(start: Scenario, random: np.random.Generator, driver: bool) -> Made:
     clock = {"tracking.clock_ratio": start.tracking.clock_ratio * random.uniform(0.995, 1.005)}
     torque = mv.simulate(start.with_si({**truth, **clock}), channels=("T_d",))["T_d"]
     table = lines_of_samples(torque + random.normal(0.0, NOISE, torque.size), RATE, start, measured=True)
-    found = tuple(_wrong(o, random) for o in observations(table))
+    found = tuple(wrong(o, random) for o in observations(table))
     return Made(Evidence("made", found, table.clock_ratio, start.record.duration, RATE), {**own, **truth})
 
 
-def _wrong(o: Observation, random: np.random.Generator) -> Observation:
+def wrong(o: Observation, random: np.random.Generator) -> Observation:
     """A figure that is wrong by as much as a model and an instrument chain are trusted to be."""
     error = random.normal()
     if o.is_angle:

@@ -16,10 +16,11 @@ from microvib.reports.comparison import write_comparison
 from microvib.reports.identification import fit_json, fit_text, write_fit
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
-from microvib.studies.identify import Trust, identify, parse_fit
+from microvib.studies.identify import Trust, effects_of, identify, parse_fit, switched
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import Descent
+from microvib.studies.identify.selection import EFFECTS
 from microvib.testdata.recording import Recording
 
 
@@ -98,6 +99,16 @@ def test_what_an_identification_writes(fit, tmp_path):
     written = json.loads((tmp_path / "fit" / "fit.json").read_text())
     assert set(written["parameters"]["reducer.stiffness"]) >= {"estimate", "standard_error", "unit"}
     assert written["goodness"]["explained"] is True
+    (left,) = written["left"]
+    frequency, amplitude, floor = (np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m", "floor_n_m"))
+    mains = np.argmin(np.abs(frequency - 50.0))
+    assert frequency[mains] == pytest.approx(50.0, abs=0.1)  # no line of the drive
+    assert amplitude[mains] == pytest.approx(1e-3, rel=0.2)
+    noise = np.sqrt(np.log(4.0)) * 1e-3 * np.sqrt(1.5 * 2.0 / (8.0 * 4096.0))  # median of bins, with the window's
+
+    assert np.quantile(floor, 0.1) == pytest.approx(noise, rel=0.2)  # elsewhere there are lines that are not listed
+    assert "something no line accounts for stands out; the highest above the floor is" in fit_text(fit)
+    assert "What is left" in (tmp_path / "fit" / "report.html").read_text()
     again = mv.load_scenario(tmp_path / "fit" / "scenario.yaml")
     assert again.reducer.stiffness == fit.scenario.reducer.stiffness
     assert fit_json(fit)["status"].startswith("calibrated")
@@ -441,3 +452,54 @@ def test_what_is_shared_must_be_fitted_and_in_every_scenario(recording, start):
     rigid = start.with_({"reducer.hysteresis": {"loss": "10 arcsec", "stiffness": "1000 N*m/rad"}})
     with pytest.raises(MicrovibError, match=r"^fit reducer\.hysteresis\.loss: the scenario of .* does not have it"):
         identify(rigid, [one, (one, start)], ["reducer.hysteresis.loss"])
+
+
+def test_candidates_are_switched_on_and_off(start):
+    on = switched(start, list(EFFECTS), list(EFFECTS))
+    assert on.friction.presliding is not None
+    assert on.reducer.hysteresis is not None
+    assert on.reducer.transmission_error
+    assert on.driver.distorted
+    assert on.motor.detent_torque == start.motor.detent_torque
+    off = switched(on, list(EFFECTS), [])
+    assert off.motor.detent_torque == 0.0
+    assert off.with_si({"motor.detent_torque": start.motor.detent_torque}) == start
+    assert switched(off, list(EFFECTS), ["motor.detent_torque"]).motor.detent_torque > 0.0
+    assert effects_of(["all"]) == list(EFFECTS)
+    with pytest.raises(
+        MicrovibError, match=r"^select friction\.presliging: is not a candidate; did you mean friction\.presliding"
+    ):
+        effects_of(["friction.presliging"])
+    with pytest.raises(MicrovibError, match=r"^select friction\.torque_noise: lines do not tell it"):
+        effects_of(["friction.torque_noise"])
+
+
+def test_what_is_fitted_is_no_candidate(recording, start):
+    told = [read_evidence(recording, start)]
+    with pytest.raises(MicrovibError, match=r"^select motor\.detent_torque: is fitted, and so taken for granted"):
+        identify(start, told, ["motor.detent_torque"], select=["motor.detent_torque"])
+
+
+@pytest.mark.long
+def test_the_evidence_asks_for_what_the_drive_has(start):
+    """Of a drive with offsets and without detent torque."""
+    start = start.with_si({"record.settle": 2.0, "record.duration": 8.0})
+    offsets = {"driver.imperfections.offset_a": 0.006, "driver.imperfections.offset_b": -0.004}
+    true = start.with_si({**offsets, "motor.detent_torque": 0.0, "reducer.stiffness": 7000.0})
+    torque = mv.simulate(true, channels=("T_d",))["T_d"]
+    torque = torque + np.random.default_rng(2).normal(0.0, 1e-3, torque.size)
+    made = Recording({"Mz": torque}, 4096.0, {"Mz": "N*m"}, "made")
+    candidates = ["driver.imperfections", "motor.detent_torque"]
+    fit = identify(start, [made], ["reducer.stiffness"], select=candidates, starts=8, finishes=1)
+    assert [one.selected for one in fit.selection] == [True, False]
+    assert fit.selection[0].gain > 10.0 * fit.selection[0].limit
+    assert fit.usable
+    assert fit.scenario.motor.detent_torque == 0.0
+    found = {e.key: e for e in fit.estimates}
+    assert abs(found["reducer.stiffness"].estimate - 7000.0) < max(
+        0.01 * 7000.0, 2.0 * found["reducer.stiffness"].standard_error
+    )
+    said = fit_text(fit)
+    assert "driver.imperfections: the evidence asks for it" in said
+    assert "motor.detent_torque: the evidence does not ask for it" in said
+    assert [one["selected"] for one in fit_json(fit)["selection"]] == [True, False]

@@ -110,6 +110,12 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     metavar="KEY[,KEY]",
     help="With several recordings: a fitted key that has one value in all, where others then have one in each [default: all].",
 )
+@click.option(
+    "--select",
+    multiple=True,
+    metavar="EFFECT[,EFFECT]",
+    help="Effects that are taken in, and fitted, where the evidence asks for them, such as motor.detent_torque; or all.",
+)
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
 @click.option("--starts", default=96, type=click.IntRange(2, 100_000), help="Points of the global search.")
 @click.option("--seed", default=1, help="Seed of the global search; the same seed gives the same result.")
@@ -131,7 +137,8 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
     prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...], starts: int, seed: int, model_error: str,
-    common_error: str, settle_error: str | None, share: tuple[str, ...], target: Target,
+    common_error: str, settle_error: str | None, share: tuple[str, ...],
+    select: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
 
@@ -142,8 +149,8 @@ def identify(
     from microvib.io.sources import open_source
     from microvib.reports.identification import fit_text, write_fit
     from microvib.studies.evidence import chosen, evidence_of
+    from microvib.studies.identify import effects_of, parse_fit, switched
     from microvib.studies.identify import identify as run_identification
-    from microvib.studies.identify import parse_fit
 
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
@@ -152,6 +159,7 @@ def identify(
     if not late > 0.0:
         raise OptionError("settle_error", f"{settle_error} is not allowed; it must be greater than 0 s")
     prepared = preparation(prepare)
+    effects = effects_of(_listed(select))
     read, owned, tests = [], [], []
     for item in evidence:
         name, *own = item.split("@")
@@ -160,17 +168,23 @@ def identify(
         test = load(scenarios[-1], settings) if scenarios else loaded
         tests.append(test.with_(changes) if changes else test)
         owned.append(tests[-1] if scenarios else changes)
+        tests[-1] = switched(tests[-1], effects, effects)  # whose lines are to be looked for
         read.append(evidence_of(open_source(name, prepared), tests[-1], channel, name))
     told = list(zip(chosen(read, tests, bands, without), owned, strict=True))
-    shared = [key.strip() for keys in share for key in keys.split(",")] or None
     with progress_bar("searching") as progress:
         fit = run_identification(
-            loaded, told, fit_keys, share=shared, seed=seed, starts=starts, model_error=each, common_error=common,
+            loaded, told, fit_keys, share=_listed(share) or None, select=effects, seed=seed, starts=starts,
+            model_error=each, common_error=common,
             settle_error=late, progress=_best_so_far(progress),
         )  # fmt: skip
     target.deliver(fit_text(fit), write_fit, fit)
     if fit.interrupted:
         sys.exit(INTERRUPTED)
+
+
+def _listed(given: tuple[str, ...]) -> list[str]:
+    """Names that were given one by one, or with commas."""
+    return [name.strip() for names in given for name in names.split(",")]
 
 
 def _part(option: str, text: str, above: float) -> float:

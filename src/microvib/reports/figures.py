@@ -340,3 +340,17 @@ def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[flo
     ax.set_ylabel("amplitude, 0-to-peak [mN m]")
     _headroom(ax)
     ax.legend(loc="upper right", fontsize=7.5, ncols=len(groups))
+
+
+def draw_rest(
+    ax: Axes, frequency: np.ndarray, curves: Mapping[str, np.ndarray], lines: Sequence[float],
+    dots: Mapping[str, Sequence[float]],
+) -> None:  # fmt: skip
+    """Curves [N m] over ``frequency`` (n,) [Hz], and dots at those of lines, (m,); drawn in mN m."""
+    for (label, values), colour, width in zip(curves.items(), COLOURS, (0.8, 1.6), strict=False):
+        ax.plot(frequency, 1e3 * values, color=colour, linewidth=width, label=label)
+    for (label, amplitudes), colour, marker in zip(dots.items(), COLOURS[2:], "ox", strict=False):
+        ax.plot(lines, 1e3 * np.asarray(amplitudes), marker, color=colour, markersize=4, label=label)
+    ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
+    _headroom(ax)
+    ax.legend(loc="upper right", fontsize=6.5, ncols=2)

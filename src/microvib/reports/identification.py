@@ -8,6 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import package_versions, to_json
 from microvib.reports import figures, sheets
@@ -16,7 +18,8 @@ from microvib.reports.document import Document, Fact, Form, Mark, Section, Table
 from microvib.reports.numbers import brief, format_number, percent, plain, signed, with_error
 from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
-from microvib.studies.evidence import predicted
+from microvib.signals.line_table import Rest
+from microvib.studies.evidence import Evidence, predicted
 from microvib.studies.identify import Deviation, Estimate, Fit
 from microvib.units import pretty
 
@@ -36,7 +39,13 @@ _LEANING = (
     "Relative change of an estimate for a relative change of a parameter that was not fitted, to first order: 2 means that"
     " 1 % moves it by 2 %. An error of such a parameter is in no interval."
 )
-_MAX_OFF, _MAX_LEANING = 12, 8
+_SELECTION = (
+    "Candidates, each beside all that the evidence asks for: by how much chi-square is lower with it than without, and what it must"
+    " exceed, so that evidence without any of them asks for one in a hundred cases."
+)
+_MAX_OFF, _MAX_LEANING, _MAX_PICTURES = 12, 8, 6
+OUTSTANDING = 8.0
+"""Times of the floor that the highest of thousands of bins of noise hardly reaches, with what a tone loses between bins."""
 _MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
 
 
@@ -48,7 +57,7 @@ def fit_text(fit: Fit) -> str:
         error = brief(e.standard_error, 2) or "withheld"
         row = f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}"
         lines.append(row.rstrip())
-    lines += _alternatives_text(fit)
+    lines += _alternatives_text(fit) + [one.sentence for one in fit.selection]
     lines += ["", f"{'observed':28s} {'test':>12s} {'before':>12s} {'after':>12s} {'before %':>9s} {'after %':>9s}"]
     lines += [
         f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
@@ -58,7 +67,7 @@ def fit_text(fit: Fit) -> str:
     for one in fit.leanings[:3]:
         moves = (f"{e.key} {shift:+.2g} %" for e, shift in zip(fit.estimates, one.shifts, strict=True))
         lines.append(f"1 % more of {one.key}: {', '.join(moves)}")
-    lines += _prepared(fit)
+    lines += [*_left(fit), *_prepared(fit)]
     lines.append(f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}. {CALIBRATED}")
     return "\n".join(lines)
 
@@ -87,6 +96,44 @@ def _shared(fit: Fit) -> list[str]:
         f"one in each: {', '.join(own)}",
     )
     return ["; ".join(texts[: 2 if own else 1]) + "."]
+
+
+def _left(fit: Fit) -> list[str]:
+    """What no line accounts for, in words: of each recording, between the lowest and the highest of its lines."""
+    told = []
+    for one, rest, floor in _rests(fit):
+        at = [f for f in _frequencies(fit, one) if math.isfinite(f)]
+        times = np.where((rest.frequency >= min(at)) & (rest.frequency <= max(at)), rest.amplitude / floor, 0.0)
+        k, above = int(np.argmax(times)), float(np.max(times))
+        where = (
+            f"{1e3 * rest.amplitude[k]:.3g} mN m at {rest.frequency[k]:.4g} Hz, {above:.2g} times the floor about it"
+        )
+        what = (
+            "nothing stands out beside the lines"
+            if above < OUTSTANDING
+            else "something no line accounts for stands out"
+        )
+        told.append(
+            f"{one.name}: from {min(at):.3g} to {max(at):.3g} Hz {what}; the highest above the floor is {where}."
+        )
+    return told
+
+
+def _frequencies(fit: Fit, evidence: Evidence) -> list[float]:
+    """Frequencies of a test's amplitudes, those of the fitted model's lines."""
+    (after,) = (found for one, found in fit.after if one is evidence)
+    at = {line.line: line.frequency_hz for line in after.table}
+    return [at.get(o.line, math.nan) for o in evidence.observations if o.form == "amplitude"]
+
+
+def _rests(fit: Fit) -> list[tuple[Evidence, Rest, np.ndarray]]:
+    """Of each recording, what is left beside its lines, with the floor."""
+    found = ((one, one.rest) for one, _ in fit.after if np.any(np.isfinite(_frequencies(fit, one))))
+    return [
+        (one, rest, rest.floor)
+        for one, rest in found
+        if rest is not None and rest.floor is not None and rest.floor.all()
+    ]
 
 
 def _prepared(fit: Fit) -> list[str]:
@@ -153,6 +200,12 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             }
             for e in fit.estimates
         },
+        "selection": [asdict(one) | {"sentence": one.sentence} for one in fit.selection],
+        "left": [
+            {"name": one.name, "frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist(),
+             "floor_n_m": floor.tolist()}
+            for one, rest, floor in _rests(fit)
+        ],
         "correlation": {name: by_name(row) for name, row in zip(names, fit.correlation, strict=True)},
         "sensitivities": {figure: by_name(row) for figure, row in fit.sensitivities.items()},
         "evidence": [
@@ -185,12 +238,14 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
         facts=[good, *map(_estimated, fit.estimates[:3])],
         first_page=(
             Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit), *_alternatives(fit),
+            *_selected(fit),
             Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True),
             drawn(draw_before_and_after(fit), "Amplitudes of the test, before and after",
                   "Amplitudes of the lines in the test, before and after the fit."),
         ),
         sections=(
             Section("Before and after", (Text(CALIBRATED), _before_and_after(fit), *prepared), new_page=True),
+            *_what_is_left(fit),
             Section("What the estimates depend on", (Text(_LEANING), _matrix("not fitted", fit, leanings))),
             Section("Correlation of the estimates", (_matrix("parameter", fit, zip(keys, fit.correlation, strict=True)),)),
             Section("Sensitivities", (Text(_SENSITIVITY), _matrix("figure", fit, fit.sensitivities.items()))),
@@ -233,6 +288,42 @@ def _alternatives(fit: Fit) -> tuple[Table, ...]:
     rows = [[str(k), *(format_number(v) for v in other.values())] for k, other in enumerate(fit.alternatives, 1)]
     header = ["", *(f"{_short_key(e.key)} [1]" for e in fit.estimates)]
     return (table(header, rows, "Other values, a row each, that explain the data as well."),) if rows else ()
+
+
+def _selected(fit: Fit) -> tuple[Table, ...]:
+    """What the evidence asks for, of the candidates."""
+    header = ["`effect`", "evidence", "chi-square lower by [1]", "parameters [1]", "asked for above [1]"]
+    rows = [
+        [one.effect, "asks for it" if one.selected else "does not ask for it", f"{one.gain:.3g}", str(one.parameters),
+         f"{one.limit:.3g}"]
+        for one in fit.selection
+    ]  # fmt: skip
+    return (table(header, rows, _SELECTION),) if rows else ()
+
+
+def _what_is_left(fit: Fit) -> tuple[Section, ...]:
+    """Pictures of what neither the fitted model nor any line accounts for, with the floor."""
+    shown = _rests(fit)[:_MAX_PICTURES]
+    drawings = (
+        drawn(draw_what_is_left(fit, one, rest, floor), f"What is left of {one.name}",
+              f"{one.name}: amplitudes of the test, what the fitted model leaves of them, the highest peaks beside all lines, and"
+              " the floor, the median of bins about each.")
+        for one, rest, floor in shown
+    )  # fmt: skip
+    return (Section("What is left", (Text(" ".join(_left(fit))), *drawings)),) if shown else ()
+
+
+def draw_what_is_left(fit: Fit, evidence: Evidence, rest: Rest, floor: np.ndarray) -> Drawing:
+    """Floor and highest peaks beside the lines of a recording, its lines, and what the fitted model leaves of each."""
+    drawing, ax = sheets.one_axes(3.4)
+    (after,) = (found for one, found in fit.after if one is evidence)
+    pairs = [(o, predicted(after, o)) for o in evidence.observations if o.form == "amplitude"]
+    figures.draw_rest(
+        ax, rest.frequency, {"highest peaks beside the lines": rest.amplitude, "floor": floor},
+        _frequencies(fit, evidence),
+        {"lines of the test": [o.value for o, _ in pairs], "left by the model": [abs(v - o.value) for o, v in pairs]},
+    )  # fmt: skip
+    return drawing
 
 
 def _before_and_after(fit: Fit) -> Table:

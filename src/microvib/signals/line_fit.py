@@ -58,7 +58,8 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
 def _left(rest: HannSpectrum) -> Rest:
     """What stands between the lowest frequency that is told from the mean and the highest that is looked at."""
     bins = np.arange(int(SEPARATION) + 1, min(int(PASSBAND * rest.samples), rest.values.size))
-    return Rest.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
+    peaks = Rest.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
+    return replace(peaks, floor=rest.floors(peaks.frequency))
 
 
 def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:

@@ -78,6 +78,8 @@ class Rest:
     """[Hz]."""
     amplitude: np.ndarray
     """[N m], 0-to-peak."""
+    floor: np.ndarray | None = None
+    """Floor there [N m], without lines: the median of bins 4 to 20 away; None of exact lines, which have none."""
 
     @classmethod
     def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> Rest:

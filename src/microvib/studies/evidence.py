@@ -17,7 +17,7 @@ from microvib.io.sources import Source
 from microvib.io.tables import PAPER_LINES, PaperLines, read_table
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import DETECTION, SEEN, Line, LineTable
+from microvib.signals.line_table import DETECTION, SEEN, Line, LineTable, Rest
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band
@@ -63,6 +63,8 @@ class Evidence:
     sample_rate: float
     notes: tuple[str, ...] = ()
     """What reading and preparing a recording did."""
+    rest: Rest | None = None
+    """What is left of a recording beside its lines, and the floor; None of a table."""
 
 
 def chosen(
@@ -108,7 +110,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
         case Prepared(recording, background):
             table, r = lines_of_recording(recording, channel, scenario, background), recording
             found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, r.duration))
-            return Evidence(r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes)
+            return Evidence(r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes, table.rest)
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
             raise MicrovibError(f"{name or 'the source'}: is not evidence; expected {expected}")
@@ -159,6 +161,8 @@ def relative_phase(line: Line, against: Line) -> tuple[float, float]:
     (family, mine), (other, its) = map(_order, (line.line, against.line))
     if family != other and "full_step" in (family, other):  # one is the electrical period's
         per_turn = (line.frequency_hz / mine, against.frequency_hz / its)
+        if not math.isfinite(sum(per_turn)):  # one of them is not there
+            return math.nan, math.nan
         steps = round(max(per_turn) / min(per_turn))
         mine, its = (order * steps if name == "full_step" else order for name, order in ((family, mine), (other, its)))
     common = math.lcm(mine, its)

@@ -12,10 +12,12 @@ from microvib.studies.identify.fit import MODEL_ERROR, Fit, identify
 from microvib.studies.identify.goodness import Deviation, Goodness
 from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Trust
+from microvib.studies.identify.selection import Candidate, effects_of, switched
 from microvib.studies.identify.verdict import Estimate, Leaning
 
 __all__ = [
     "MODEL_ERROR",
+    "Candidate",
     "Deviation",
     "Estimate",
     "Fit",
@@ -24,6 +26,8 @@ __all__ = [
     "Goodness",
     "Leaning",
     "Trust",
+    "effects_of",
     "identify",
     "parse_fit",
+    "switched",
 ]

@@ -20,6 +20,7 @@ from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
 from microvib.studies.identify.search import Optimum, confirm, material, search
+from microvib.studies.identify.selection import EFFECTS, Candidate, Selector, effects_of, switched
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
 
@@ -55,6 +56,8 @@ class Fit:
     """Other values of all fitted keys that explain the evidence as well, in SI units."""
     notes: tuple[str, ...] = ()
     """What was done to the evidence, in words."""
+    selection: tuple[Candidate, ...] = ()
+    """What the evidence asks for, of the effects that were candidates."""
 
     @property
     def scenario(self) -> Scenario:
@@ -77,6 +80,7 @@ def identify(
     keys: Sequence[FitKey | str],
     *,
     share: Sequence[str] | None = None,
+    select: Sequence[str] = (),
     seed: int = 1,
     starts: int = 96,
     finishes: int = 3,
@@ -89,7 +93,8 @@ def identify(
 
     Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in a pair it comes with the changes
     of the scenario that make its test (another state, another rate), or with its own scenario. Keys are as ``parse_fit`` takes
-    them. Those in ``share`` have one value in all recordings, others one in each; without it all are shared. ``model_error`` is
+    them. Those in ``share`` have one value in all recordings, others one in each; without it all are shared. Of the effects in
+    ``select`` (``selection.EFFECTS``) those are taken in, and fitted, that the evidence asks for. ``model_error`` is
     the relative standard deviation that each amplitude is trusted to beyond its own uncertainty, ``common_error`` that of all
     amplitudes of a recording together, ``settle_error`` that of ``record.settle`` [s]: without it nobody knows in which quarter
     of the electrical turn a recording begins, and the driver's errors are known up to such quarters only (``Fit.alternatives``).
@@ -99,10 +104,19 @@ def identify(
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
-    told = [_told(one, scenario) for one in evidence]
-    fitted = _each(scenario, told, keys, share)
+    effects = effects_of(select)
+    every = switched(scenario, effects, effects)
+    told = [_told(one, every) for one in evidence]
+    fitted = _each(every, told, keys, share)
+    for key in fitted:
+        if any(key.key in EFFECTS[name].keys for name in effects):
+            raise OptionError("select", "is fitted, and so taken for granted; name it in one place", key.key)
     trust = Trust(model_error, common_error, settle_error)
     tests, notes = _without_the_start(told, scenario, fitted, trust)
+    asked: tuple[Candidate, ...] = ()
+    if effects:
+        selector = Selector(scenario, tests, fitted, effects, trust, seed, starts, progress)
+        scenario, tests, fitted, asked = selector.run()
     problem = Problem(scenario, tests, fitted, trust, progress)
     if not problem.figures:
         raise MicrovibError("the evidence has no observation above its floor")
@@ -120,7 +134,7 @@ def identify(
             problem = problem.whole
             r = problem.residuals([x])[0]
         found = Findings(problem, Optimum(x, r, cost(r)))
-    return _fit(found, scenario, seed, interrupted, notes)
+    return replace(_fit(found, scenario, seed, interrupted, notes), selection=asked)
 
 
 def _told(test: Test, scenario: Scenario) -> tuple[Evidence, Own]:

@@ -1,0 +1,222 @@
+"""Which of several effects the evidence asks for: likelihood ratios between models with and without each, forwards and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from microvib.errors import OptionError, did_you_mean
+from microvib.model.scenario import Scenario
+from microvib.studies.evidence import Evidence
+from microvib.studies.identify.goodness import goodness
+from microvib.studies.identify.images import ERRORS, PHASES, images
+from microvib.studies.identify.keys import FitKey, parse_fit
+from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, cost
+from microvib.studies.identify.search import Optimum, descend_all
+
+CHANCE = 0.01
+"""Probability that evidence without any of the effects asks for one."""
+POINTS, ENDS = 8, 2
+"""Points at which a new effect is looked at, and how many of them are fitted from."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a drive may have or not, by its key."""
+
+    without: dict[str, object]
+    """Changes that make a drive without it."""
+    typical: Callable[[Scenario], dict[str, object]]
+    """Changes that make one with a typical size of it; unused where the scenario has it already."""
+    keys: tuple[str, ...]
+    """What is fitted of it."""
+
+
+def _detent(scenario: Scenario) -> dict[str, object]:
+    return {"motor.detent_torque": 0.05 * scenario.motor.torque_constant * scenario.motor.current}
+
+
+def _presliding(scenario: Scenario) -> dict[str, object]:
+    return {"friction.presliding": {"stiffness": _stiffness(scenario)}}
+
+
+def _hysteresis(scenario: Scenario) -> dict[str, object]:
+    return {"reducer.hysteresis": {"loss": 1e-4, "stiffness": 0.5 * _stiffness(scenario)}}
+
+
+def _stiffness(scenario: Scenario) -> float:
+    return 1e4 if scenario.reducer.stiffness == "rigid" else scenario.reducer.stiffness
+
+
+_IMPERFECT = tuple(ERRORS + name for name in PHASES)
+EFFECTS = {
+    "driver.imperfections": Effect(
+        dict.fromkeys(_IMPERFECT, 0.0), lambda _: dict.fromkeys(_IMPERFECT[1:3], 1e-3), _IMPERFECT
+    ),
+    "motor.detent_torque": Effect({"motor.detent_torque": 0.0}, _detent, ("motor.detent_torque",)),
+    "friction.presliding": Effect({"friction.presliding": None}, _presliding, ("friction.presliding.stiffness",)),
+    "reducer.hysteresis": Effect(
+        {"reducer.hysteresis": None}, _hysteresis, ("reducer.hysteresis.loss", "reducer.hysteresis.stiffness")
+    ),
+    "reducer.transmission_error": Effect(
+        {"reducer.transmission_error": []},
+        lambda _: {"reducer.transmission_error": [{"order": 2, "amplitude": 1e-4}]},
+        ("reducer.transmission_error.0.amplitude",),
+    ),
+}
+"""The effects that may be candidates."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """How much the evidence asks for one effect."""
+
+    effect: str
+    selected: bool
+    gain: float
+    """By how much chi-square is lower with it: beside all others that were selected."""
+    parameters: int
+    """Fitted for it."""
+    limit: float
+    """What its gain must exceed."""
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        what = "the evidence asks for it" if self.selected else "the evidence does not ask for it"
+        fitted = f"{self.parameters} parameter{'s' if self.parameters > 1 else ''}"
+        return f"{self.effect}: {what} (chi-square lower by {self.gain:.3g} with {fitted}; more than {self.limit:.3g} is asked)"
+
+
+def effects_of(names: Sequence[str]) -> list[str]:
+    """Names of candidates, ``all`` being all of them; OptionError for another."""
+    found = list(dict.fromkeys(one for name in names for one in (EFFECTS if name == "all" else [name])))
+    for name in found:
+        if name == "friction.torque_noise":
+            raise OptionError("select", "lines do not tell it: its own are random; see the floor in the report", name)
+        if name not in EFFECTS:
+            near = did_you_mean(name, list(EFFECTS))
+            raise OptionError("select", f"is not a candidate; {near}allowed are {', '.join(EFFECTS)} and all", name)
+    return found
+
+
+def switched(scenario: Scenario, candidates: Sequence[str], on: Sequence[str]) -> Scenario:
+    """The scenario with those of the candidates that are ``on`` and without the others."""
+    for name in candidates:
+        effect = EFFECTS[name]
+        has = any(scenario[key] != value and scenario[key] != () for key, value in effect.without.items())
+        if name not in on:
+            scenario = scenario.with_si(effect.without)
+        elif not has:
+            scenario = scenario.with_si(effect.typical(scenario))
+    return scenario
+
+
+@dataclass
+class Selector:
+    """Models with some of the candidates, fitted to the evidence."""
+
+    scenario: Scenario
+    evidence: Sequence[tuple[Evidence, Own]]
+    keys: Sequence[FitKey]
+    candidates: Sequence[str]
+    trust: Trust
+    seed: int
+    starts: int
+    progress: FitProgress | None
+    known: dict[frozenset[str], tuple[Problem, Optimum]] = field(default_factory=dict)
+
+    def run(self) -> tuple[Scenario, list[tuple[Evidence, Own]], list[FitKey], tuple[Candidate, ...]]:
+        """Scenario, evidence with what its tests have of their own, the keys, and what is said of each candidate."""
+        chosen: list[str] = []
+        while left := [name for name in self.candidates if name not in chosen]:
+            told = {name: self.raw_gain([*chosen, name], name) for name in left}
+            best = max(left, key=lambda name: told[name] / self.limit(name))
+            if told[best] <= self.limit(best):
+                break
+            chosen.append(best)
+        for name in list(chosen):  # what a later one explains as well
+            if len(chosen) > 1 and self.gain(chosen, name) <= self.limit(name):
+                chosen.remove(name)
+        said = []
+        for name in self.candidates:
+            gain = self.gain([*chosen, *([] if name in chosen else [name])], name)
+            said.append(Candidate(name, name in chosen, gain, len(EFFECTS[name].keys), self.limit(name)))
+        scenario, tests = self.with_(chosen)
+        return scenario, tests, [*self.keys, *self.keys_of(scenario, chosen)], tuple(said)
+
+    def limit(self, name: str) -> float:
+        """Gain that one candidate reaches without reason so seldom that all of them together do in CHANCE of all cases."""
+        from scipy.stats import chi2
+
+        return float(chi2.isf(CHANCE / len(self.candidates), len(EFFECTS[name].keys)))
+
+    def raw_gain(self, models: Sequence[str], name: str) -> float:
+        """By how much chi-square is lower with one of the effects beside the others."""
+        part = self.fitted([one for one in models if one != name])
+        return max(_figures(part) - _figures(self.fitted(models)), 0.0)
+
+    def gain(self, models: Sequence[str], name: str) -> float:
+        """The same over the scatter that the larger model leaves, as what is asked for must be where nothing more comes."""
+        problem, best = self.fitted(models)
+        return self.raw_gain(models, name) / max(goodness(problem, best.r).ratio, 1.0)
+
+    def with_(self, on: Sequence[str]) -> tuple[Scenario, list[tuple[Evidence, Own]]]:
+        """Scenario and tests with those effects."""
+        tests: list[tuple[Evidence, Own]] = [
+            (one, switched(own, self.candidates, on) if isinstance(own, Scenario) else own)
+            for one, own in self.evidence
+        ]
+        return switched(self.scenario, self.candidates, on), tests
+
+    def keys_of(self, scenario: Scenario, on: Sequence[str]) -> list[FitKey]:
+        """What is fitted of those effects."""
+        found = []
+        for key in (key for name in on for key in EFFECTS[name].keys):
+            found.append(parse_fit(scenario, key))
+        return found
+
+    def fitted(self, on: Sequence[str]) -> tuple[Problem, Optimum]:
+        """The model with those effects, from all that is known without one of them; modes' frequencies are fitted in all."""
+        what = frozenset(on)
+        if what not in self.known:
+            scenario, tests = self.with_(on)
+            problem = Problem(scenario, tests, [*self.keys, *self.keys_of(scenario, on)], self.trust, self.progress)
+            while (along := problem.along()) is not None:
+                problem = along
+            before = (self.known.get(what - {name}) for name in on)
+            ends = [self._best(problem, one) for one in [one for one in before if one] or (None,)]
+            self.known[what] = problem, min(ends, key=lambda o: o.cost)
+        return self.known[what]
+
+    def _best(self, problem: Problem, before: tuple[Problem, Optimum] | None) -> Optimum:
+        """The best of local fits from a smaller model's optimum, with what is new without effect and in several sizes."""
+        from scipy.stats import qmc
+
+        then = before[0].named(before[1].x) if before else {}
+        new = [k for k, key in enumerate(problem.keys) if key.label not in then]
+        low, high = np.array([problem.keys[k].range for k in new]).T
+        unit = qmc.Sobol(len(new), seed=self.seed).random(POINTS if before else self.starts)
+        first = problem.point(problem.named(problem.start) | then)
+        none = first.copy()
+        none[new] = (
+            [min(max(0.0, key.range[0]), key.range[1]) for key in (problem.keys[k] for k in new)]
+            if before
+            else first[new]
+        )
+        points = [none, *(first.copy() for _ in unit)]
+        for point, u in zip(points[1:], unit, strict=True):
+            point[new] = low + (high - low) * u
+        points = [problem.tuned(point) for point in points]
+        costs = [cost(r) for r in problem.residuals(points)]
+        ends = descend_all(problem, [points[k] for k in np.argsort(costs, kind="stable")[:ENDS]])
+        best = min(ends, key=lambda o: o.cost)
+        return min([best, *descend_all(problem, images(problem, best.x))], key=lambda o: o.cost)
+
+
+def _figures(fitted: tuple[Problem, Optimum]) -> float:
+    """Cost of the figures, without the prior's."""
+    problem, best = fitted
+    return cost(best.r[: best.r.size - len(problem.keys)])
