@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 from support.server import spec
@@ -121,6 +122,17 @@ def test_no_path_of_a_craft_is_opened(client, group, key, path):
         assert error["key"] == f"spacecraft.{group}.{key}"
         assert "the page opens no files" in error["error"]
         assert client.post("/api/runs", json={"scenario": asked}).status_code == 422
+
+
+def test_modes_of_a_hub_count(client):
+    text = (Path(__file__).parents[2] / "examples" / "spacecraft.yaml").read_text()
+    hub = "modes: reference-hub, count: {}".format
+    told = re.sub(r"  hub: (.*\n)(    .*\n)+", f"  hub: {{{hub(97)}}}\n", text).replace(
+        "position: [0.35 m, 0.9 m, -0.2 m]", "position: root"
+    )
+    told = told.replace("boresight: [0, 0, 1]", "boresight: [0, 0, 1]\n    point: payload")
+    error = client.post("/api/runs", json={"scenario": {"text": told}}).json()
+    assert "spacecraft.hub.modes: has 97 modes, beside 4 of the array" in error["error"]
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,9 @@ def _locked(path: Path) -> int | None:
     return None
 
 
-RUN_FILES = ("motion.nc", "lines.csv", "summary.json", "scenario.yaml", "report.html")
+RUN_FILES = (
+    "motion.nc", "lines.csv", "loads.csv", "pointing.csv", "summary.json", "scenario.yaml", "report.html",
+)  # fmt: skip
 """Files of a run's folder; only a folder that holds nothing else may be replaced."""
 
 STUDY_FILES = (

@@ -11,6 +11,7 @@ from microvib.analysis.accuracy import estimate_in
 from microvib.analysis.limits import Judgement, unsettled
 from microvib.reports import figures
 from microvib.reports.blocks import drawn
+from microvib.reports.craft import craft_words
 from microvib.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, given, milli, short, torque
 from microvib.reports.run.trust import failing, invariants_sentence
@@ -94,6 +95,7 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
     rows = {
         "Drive": f"{steps}, {gears} {reducer.ratio:.6g}:1, {stiffness}",
         "Array": f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}",
+        "Spacecraft": "" if scenario.spacecraft is None else craft_words(scenario.spacecraft),
         "Motion": _motion(motion),
         "Record": f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s",
         "Values": short(scenario.source, 160),

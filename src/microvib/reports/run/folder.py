@@ -62,16 +62,16 @@ def write_run(
     """
     expect(result, RunResult, "what a run found (mv.run)")
     files: dict[str, Any] = {}
-    motion, form = result.motion, form or Form()
+    motion, form, of_hub = result.motion, form or Form(), hub_of(result)
     if motion is not None:
         from microvib.reports.rendering import report_files
         from microvib.reports.run.report import run_report
 
         files = {"motion.nc": lambda path: write_motion(motion, path)}
-        files |= report_files(run_report(motion, result.table, limit=limit, form=form), form)
+        files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit, form=form), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
-    files |= run_texts(result, run_summary(result, **total) | judged_by)
+    files |= run_texts(result, run_summary(result, **total) | judged_by, of_hub)
     write_folder(Path(out), files, overwrite)
     return tuple(files)
 
@@ -82,9 +82,8 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
     return summary(result.scenario, result.invariants, result.solver, result.table, **timings)
 
 
-def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
-    """The files of a run that are text, by name."""
-    of_hub = _of_hub(result)
+def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None) -> dict[str, str]:
+    """The files of a run that are text, by name; ``of_hub`` is what ``hub_of`` gives."""
     if of_hub is not None and of_hub.los is not None:
         summed = summed | {"pointing": of_hub.summary()}
     return {
@@ -97,7 +96,7 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _of_hub(result: RunResult) -> HubLines | None:
+def hub_of(result: RunResult) -> HubLines | None:
     """Lines of what the hub of a craft feels and does; None on firm ground, and where no more than T_d was kept."""
     source = result.state or result.motion
     return None if source is None or result.scenario.spacecraft is None else hub_lines(source, result.table)

@@ -10,10 +10,12 @@ import numpy as np
 from microvib.analysis.accuracy import KEY
 from microvib.analysis.budget import budget
 from microvib.analysis.limits import Judgement, Limit, judge
+from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
+from microvib.reports.craft import craft_sections, pointing_facts
 from microvib.reports.document import Code, Document, Form, Section, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, milli
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
@@ -43,25 +45,32 @@ def run_report(
     motion: Motion,
     lines: LineTable,
     *,
+    hub: HubLines | None = None,
     limit: Limit | None = None,
     versions: Mapping[str, str] | None = None,
     form: Form | None = None,
 ) -> Document:
-    """The report on one run; ``versions`` are those that made the motion, without them today's."""
+    """The report on one run; ``versions`` are those that made the motion, without them today's.
+
+    ``hub`` are the lines of a craft's hub; without them they are found in the motion.
+    """
     scenario, axis = motion.scenario, motion.scenario.array.drive_axis
     again = (
         Text("In the folder of this report (the scenario there is complete):"),
         Code("microvib run scenario.yaml --out again"),
     )
     judged = None if limit is None else judge(lines, limit, scenario)
+    if hub is None and scenario.spacecraft is not None:
+        hub = hub_lines(motion, lines)
     return study(
         "Run report",
         scenario.title or "microvib run",
         f"Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis ({axis}).",
-        facts=facts(motion, lines, judged),
+        facts=(*facts(motion, lines, judged), *pointing_facts(hub)),
         first_page=first_page(motion, lines, judged),
         sections=(
             _all_lines(lines, judged),
+            *(() if hub is None else craft_sections(motion, hub)),
             *_beside_the_paper(scenario, lines),
             *_pictures(motion, lines),
             _torque_budget(motion, lines),

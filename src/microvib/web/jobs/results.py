@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.budget import Share, budget
+from microvib.analysis.pointing import HubLines
 from microvib.model.scenario import Scenario
+from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_text
 from microvib.reports.rates import best_text, found_text
 from microvib.reports.rendering import address
@@ -31,8 +33,8 @@ from microvib.web.routes.forms import values_of
 _POINTS = 6000
 
 
-def run_result(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict[str, Any]:
-    """Everything of a run but its samples; ``summed`` is its ``summary.json``."""
+def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: HubLines | None) -> dict[str, Any]:
+    """Everything of a run but its samples; ``summed`` is its ``summary.json``, ``hub`` the lines of a craft's hub."""
     scenario = motion.scenario
     first = [x.frequency_hz for x in table if x.line == "drive_1" and math.isfinite(x.frequency_hz)]
     shares = budget(motion, first)
@@ -49,10 +51,31 @@ def run_result(motion: Motion, table: LineTable, summed: dict[str, Any]) -> dict
         "standing": comparison_worth(scenario),
         "drivetrain": _drivetrain(motion, shares),
         "modes": summed["natural_frequencies"],
+        "craft": None if hub is None else _craft(hub),
         "channels": [asdict(channel) for channel, x in motion.variables() if x.ndim == 1],
         "t0": float(motion.time[0]),
         "t1": float(motion.time[-1]),
         "sample_rate": motion.sample_rate,
+    }
+
+
+def _craft(hub: HubLines) -> dict[str, Any]:
+    """The craft's drawing, lines of loads and of the line of sight, and what its pixels are."""
+    spacecraft, locked = hub.scenario.spacecraft, hub.scenario.craft
+    assert spacecraft is not None
+    assert locked is not None
+    los = spacecraft.line_of_sight
+    lines = zip(hub.names, hub.frequency.tolist(), np.abs(hub.loads).tolist(), hub.amplitude.tolist(), strict=True)
+    return {
+        "words": craft_words(spacecraft),
+        "notes": list(locked.notes),
+        "drawing": address(svg(draw_craft(hub.scenario))),
+        "lines": [
+            {"line": name, "frequency_hz": f, "loads": loads, "los": angles if los is not None else None}
+            for name, f, loads, angles in lines
+        ],
+        "windows": list(hub.windows),
+        "pixel": None if los is None else los.pixel,
     }
 
 

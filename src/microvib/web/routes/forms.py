@@ -223,9 +223,14 @@ def scenario(spec: Spec) -> Scenario:
     """The scenario that is meant; ScenarioError says what is wrong."""
     names_elements(spec)
     loaded = scenario_of(_data(spec), spec.name, _changes(spec))
-    n = len(loaded.array.modes)
-    if n > MAX_MODES:
-        raise ScenarioError(f"array.modes: has {n} modes; the page takes at most {MAX_MODES}, `microvib run` takes all")
+    n, hub = len(loaded.array.modes), 0 if loaded.spacecraft is None else len(loaded.spacecraft.hub.modes)
+    if n + hub > MAX_MODES:
+        where = (
+            f"array.modes: has {n} modes"
+            if not hub
+            else f"spacecraft.hub.modes: has {hub} modes, beside {n} of the array"
+        )
+        raise ScenarioError(f"{where}; the page takes at most {MAX_MODES}, `microvib run` takes all")
     return loaded
 
 

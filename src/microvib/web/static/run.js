@@ -1,5 +1,6 @@
 // The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
 
+import { craftOf } from "./craft.js";
 import { announce, fixed, h, number, quantity, s } from "./dom.js";
 import { drawing as driveOf } from "./drive.js";
 import * as history from "./history.js";
@@ -21,11 +22,14 @@ const picture = h("section", { class: "card drawing" });
 const caption = h("p", { class: "soft note" });
 const sketch = h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "Drive train" });
 const figures = h("div", { class: "figures" }, spectrum.card, picture, history.card);
+const craft = h("div", {});
 const tables = h("div", {});
 
 const FILES = [
   ["scenario.yaml", "scenario"],
   ["lines.csv", "lines (CSV)"],
+  ["loads.csv", "loads on the hub (CSV)"],
+  ["pointing.csv", "line of sight (CSV)"],
   ["summary.json", "summary"],
   ["motion.nc", "data set (netCDF)"],
   ["report.html", "report (HTML)"],
@@ -35,7 +39,7 @@ const FILES = [
 export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
   picture.append(sketch, slow, caption);
-  place.append(chips, going, head, limit.bar, figures, tables);
+  place.append(chips, going, head, limit.bar, figures, craft, tables);
   limit.makeLimit(judged);
   runs.onChange((what) => {
     if (what === "runs") return show();
@@ -53,6 +57,7 @@ async function show() {
   limit.update();
   const run = runs.selected();
   head.replaceChildren(...(run ? [...(run.result ? headOf(run) : []), ...failure(run)] : [welcome()]));
+  craft.replaceChildren(...craftOf(run));
   tables.replaceChildren(...(run?.result ? tablesOf(run) : []));
   const shown = runs.shown();
   const names = shown.map((item) => item.id).join(" ");
@@ -217,6 +222,8 @@ function menu(run) {
   const asked = Object.entries(limit.query()).filter(([, value]) => value);
   const search = limit.verdictOf(run) ? `?${new URLSearchParams(asked)}` : "";
   const address = (file) => `/api/runs/${run.id}/files/${file}${file.startsWith("report.") ? search : ""}`;
-  const links = FILES.map(([file, words]) => h("a", { href: address(file), download: file }, words));
+  const craft = run.result.craft;
+  const lacks = { "loads.csv": !craft, "pointing.csv": !craft?.lines.some(({ los }) => los) };
+  const links = FILES.filter(([file]) => !lacks[file]).map(([file, words]) => h("a", { href: address(file), download: file }, words));
   return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
 }

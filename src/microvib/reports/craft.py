@@ -1,0 +1,284 @@
+"""The craft in pictures and tables: hub, array at its angle and boresight; loads on the hub; line of sight and what costs it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.analysis.pointing import MEANINGLESS, HubLines
+from microvib.model.rigid import about_center, tensor
+from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import CENTER, Spacecraft
+from microvib.reports.blocks import drawn
+from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
+from microvib.reports.numbers import count, format_number
+from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
+from microvib.signals.pointing import METRICS, cumulative_rms, radial, transfer_in_window
+from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
+from microvib.solve.channels import INTERFACE
+from microvib.solve.motion import Motion
+from microvib.units import Si
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Drawing
+
+_MOST = 12
+"""Lines in the table of loads."""
+_RANKS = 5
+_LEAST_BINS = 4.0
+"""Bins below which an angle says nothing: it is an acceleration over the square of a frequency."""
+_VIEW = np.array([[-0.64, 0.77, 0.0], [-0.29, -0.24, 0.93]])
+"""Hub axes as they are drawn: to the right, and up; the eye looks at their cross product."""
+
+
+def craft_sections(motion: Motion, hub: HubLines) -> tuple[Section, ...]:
+    """What a run's report says of the craft."""
+    found = [Section("The spacecraft", (*_craft(motion.scenario),), new_page=True), _loads(motion, hub)]
+    return (*found, *([_line_of_sight(motion, hub)] if hub.los is not None else []))
+
+
+def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
+    """The leading figure of the line of sight: what is left of it in the longest window."""
+    if hub is None or hub.los is None or not hub.windows:
+        return ()
+    window = max(hub.windows)
+    rms = float(radial(hub.mean_squares("rpe", window).sum(axis=0)))
+    return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {_window(window)}"),)
+
+
+def craft_words(craft: Spacecraft) -> str:
+    """Hub, angle of the array and attitude control in a line."""
+    control, modes = craft.attitude_control, len(craft.hub.modes)
+    held = "no attitude control" if control is None else f"attitude control of {control.bandwidth:g} Hz"
+    kind = f"with {count(modes, 'flexible mode')}" if modes else "rigid"
+    return f"hub of {craft.hub.mass:.5g} kg, {kind}; array at {math.degrees(craft.array_angle):.4g}°; {held}"
+
+
+def _craft(scenario: Scenario) -> tuple[Block, ...]:
+    craft, locked = scenario.spacecraft, scenario.craft
+    assert craft is not None
+    assert locked is not None
+    position = ", ".join(f"{x:.4g}" for x in craft.interface.position)
+    moments = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(tensor(craft.hub.inertia)))
+    frequencies = ", ".join(f"{f:.4g}" for f in locked.frequency[:8]) + (", …" if locked.frequency.size > 8 else "")
+    rows = {
+        "Craft": craft_words(craft),
+        "Principal moments": f"{moments} kg m², about the hub's centre of mass",
+        "Interface": f"[{position}] m from there",
+        "Modes with locked hinges": f"{frequencies} Hz",
+    }
+    caption = (
+        "Hub and array as boxes of their mass and inertia, hub axes; dotted, the array at angle 0. Red, the line of sight;"
+        " dashed, the drive axis."
+    )
+    notes = [Text(note, note=True) for note in locked.notes]
+    return pairs(list(rows.items())), drawn(draw_craft(scenario), "Hub, array and line of sight", caption), *notes
+
+
+def draw_craft(scenario: Scenario) -> Drawing:
+    """Hub, array at its angle, drive axis and line of sight, seen from obliquely above."""
+    craft, array = scenario.spacecraft, scenario.array
+    assert craft is not None
+    assert array.rigid_body is not None
+    figure, axes = new_figure(7.0, 3.4, layout=None)
+    ax, body, root = axes[0, 0], array.rigid_body, np.array(craft.interface.position)
+    figure.subplots_adjust(0.01, 0.01, 0.99, 0.99)
+    ax.set_axis_off()
+    ax.set_aspect("equal")
+    center = np.array(body.center_of_mass)
+    about = about_center(body.mass, center, tensor(body.inertia))
+    bodies = []
+    for angle in (craft.array_angle, 0.0):
+        turn = craft.interface.turn(array.drive_axis, angle)
+        bodies.append(root + (center + _corners(body.mass, about)) @ turn.T)
+    hub = _corners(craft.hub.mass, tensor(craft.hub.inertia))
+    size = float(np.ptp(np.vstack([hub, bodies[0]]), axis=0).max())
+    axis, toward = craft.interface.axis, np.cross(*_VIEW)
+    boxes = [(hub, "#d9d9d9", "#333333"), (bodies[0], "#9ecae1", BLUE)]
+    if craft.array_angle % math.tau:
+        _edges(ax, bodies[1], color=GREY, linewidth=0.6, linestyle=":")
+    _line(ax, root - 0.1 * size * axis, root + 0.75 * size * axis, color="black", linewidth=0.9, linestyle="--")
+    for corners, face, edge in sorted(boxes, key=lambda box: float(box[0].mean(axis=0) @ toward)):
+        _faces(ax, corners, toward, face, edge)
+    _line(ax, root, bodies[0].mean(axis=0), color=BLUE, linewidth=2.0)
+    _names(ax, craft, root, bodies[0].mean(axis=0), size)
+    ax.autoscale_view()
+    ax.margins(0.04)
+    return figure
+
+
+def _names(ax: Axes, craft: Spacecraft, root: np.ndarray, array: np.ndarray, size: float) -> None:
+    """Axes of the hub, interface, angle of the array, and the boresight."""
+    for k, name in enumerate("xyz"):
+        _arrow(ax, np.zeros(3), 0.22 * size * np.eye(3)[k], GREEN, name)
+    ax.plot(*(_VIEW @ root), "o", color=ORANGE, markersize=5, zorder=8)
+    white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.7}
+    ax.annotate(f"ψ = {math.degrees(craft.array_angle):.4g}°", _VIEW @ array, fontsize=9, zorder=9, bbox=white)
+    los = craft.line_of_sight
+    if los is not None and los.boresight is not None:
+        places = {p.name: p.position for p in craft.hub.points} | {CENTER: (0.0, 0.0, 0.0)}
+        start = np.array(places.get(los.point, craft.interface.position))
+        along = np.array(los.boresight) / np.abs(los.boresight).max()
+        _arrow(ax, start, start + 0.4 * size * along / np.linalg.norm(along), RED, "line of sight")
+
+
+def _corners(mass: float, inertia: np.ndarray) -> np.ndarray:
+    """Corners (8, 3) of the box of this mass and inertia (3, 3) about its centre, about which they are."""
+    moments, axes = np.linalg.eigh(inertia)
+    sides = np.sqrt(np.maximum(6.0 / mass * (moments.sum() - 2.0 * moments), 0.0))
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    return np.asarray(0.5 * signs * sides @ axes.T)
+
+
+def _faces(ax: Axes, corners: np.ndarray, toward: np.ndarray, face: str, edge: str) -> None:
+    """Those faces of a box that the eye sees."""
+    middle = corners.mean(axis=0)
+    for k in range(3):
+        for side in (0, 1):
+            bits = [b for b in range(8) if (b >> (2 - k)) & 1 == side]
+            ring = corners[[bits[0], bits[1], bits[3], bits[2]]]
+            if (ring.mean(axis=0) - middle) @ toward > 0.0:
+                ax.fill(*(_VIEW @ ring.T), facecolor=face, edgecolor=edge, linewidth=0.9, alpha=0.85)
+
+
+def _edges(ax: Axes, corners: np.ndarray, **style: Any) -> None:
+    for a in range(8):
+        for bit in (1, 2, 4):
+            if not a & bit:
+                _line(ax, corners[a], corners[a | bit], **style)
+
+
+def _line(ax: Axes, a: np.ndarray, b: np.ndarray, **style: Any) -> None:
+    ax.plot(*np.column_stack([_VIEW @ a, _VIEW @ b]), **style)
+
+
+def _arrow(ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, name: str) -> None:
+    style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", _VIEW @ b, _VIEW @ a, arrowprops=style, zorder=8)
+    ax.plot(*np.column_stack([_VIEW @ a, _VIEW @ b]), linewidth=0)  # so that the axes reach to it
+    ax.annotate(name, _VIEW @ b, (3, 3), textcoords="offset points", color=colour, fontsize=8.5, zorder=9)
+
+
+def _loads(motion: Motion, hub: HubLines) -> Section:
+    sizes = np.nan_to_num(np.abs(hub.loads))
+    share = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
+    kept = sorted(np.argsort(-share, kind="stable")[:_MOST], key=lambda k: hub.frequency[k])
+    header = ["line", "frequency [Hz]", *(f"{name} [mN{' m' if name[0] == 'M' else ''}]" for name in INTERFACE)]
+    rows = [
+        [hub.names[k], format_number(hub.frequency[k], 5), *(format_number(1e3 * v, 4) for v in np.abs(hub.loads[k]))]
+        for k in kept
+    ]
+    left = len(hub.names) - len(kept)
+    caption = "Amplitudes 0-to-peak." + (f" {count(left, 'line')} more and all phases in `loads.csv`." if left else "")
+    text = "Loads on the hub at the interface point, hub axes; about the drive axis this is T_d."
+    drawing, axes = plain_sheet(2.7, 1, 2)
+    for ax, names, unit in ((axes[0, 0], INTERFACE[:3], "mN"), (axes[0, 1], INTERFACE[3:], "mN m")):
+        spectra = {name: amplitude_spectrum(motion[name], motion.sample_rate, "hann") for name in names}
+        curves = {name: (s.frequency, 1e3 * s.amplitude) for name, s in spectra.items()}
+        _curves(ax, curves, f"amplitude, 0-to-peak [{unit}]", 1e-5)
+    picture = drawn(drawing, "Spectra of forces and moments", "Amplitude spectra, one-sided, Hann window.")
+    return Section("Loads on the hub", (Text(text), table(header, rows, caption), picture))
+
+
+def _curves(
+    ax: Axes, curves: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, depth: float, highest: float = 200.0
+) -> None:
+    """Curves over frequency on two logarithmic axes, down to a part ``depth`` of the largest value."""
+    top = 0.0
+    for (name, (f, y)), colour, dashes in zip(curves.items(), COLOURS, ("-", "--", "-."), strict=False):
+        keep = (f > 0.0) & (f <= highest)
+        top = max(top, float(np.nanmax(y[keep], initial=0.0)))
+        ax.plot(f[keep], np.maximum(y[keep], 1e-300), color=colour, linestyle=dashes, linewidth=1.0, label=name)
+    ax.set(
+        xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=label, ylim=(depth * (top or 1.0), 4 * (top or 1.0))
+    )
+    ax.legend(loc="upper left", fontsize=7)
+
+
+def _line_of_sight(motion: Motion, hub: HubLines) -> Section:
+    within = hub.summary()["within"]
+    text = (
+        f"Sums of {count(len(hub.names), 'line')} as mean squares, their phases being unrelated; the line of sight stays within"
+        f" {_micro(within['los_x_rad'])} µrad about x and {_micro(within['los_y_rad'])} µrad about y for"
+        f" {100 * within['confidence']:.4g} % of the time. The mean motion that the command makes is taken out."
+    )
+    return Section("Line of sight", (Text(text), *(_windows(hub) if hub.windows else ()), _angles(motion)))
+
+
+def _window(length: float) -> str:
+    return f"{1e3 * length:g} ms" if length < 1.0 else f"{length:g} s"
+
+
+def _micro(angle: float, digits: int = 3) -> str:
+    return format_number(1e6 * angle, digits)
+
+
+def _windows(hub: HubLines) -> list[Block]:
+    """Radial rms in each window and metric, in pixels, too; which lines cost most; what is left of contrast."""
+    names = [_window(w) for w in hub.windows]
+    sums = {(row["window_s"], row["metric"]): row["radial_rad"] for row in hub.totals()}
+    rms = [
+        [metric.upper() if len(metric) < 4 else metric, *(_micro(sums[w, metric]) for w in hub.windows)]
+        for metric in METRICS
+    ]
+    found: list[Block] = [
+        table(
+            ["metric", *(f"{name} [µrad]" for name in names)], rms, "Radial rms of all lines, by length of the window."
+        )
+    ]
+    los = None if hub.scenario.spacecraft is None else hub.scenario.spacecraft.line_of_sight
+    if los is not None and los.pixel is not None:
+        nyquist = 0.5 / los.pixel
+        pixels = [[row[0], *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
+                  for row, m in zip(rms, METRICS, strict=True)]  # fmt: skip
+        for axis, column in (("x", 0), ("y", 1)):
+            left = (transfer_in_window(hub.frequency, hub.amplitude[:, column], 0.0, w, nyquist) for w in hub.windows)
+            pixels.append([f"contrast (MTF), turns about {axis}", *(f"{float(one):.4f}" for one in left)])
+        caption = f"The same in pixels of {_micro(los.pixel)} µrad; contrast at half a cycle per pixel (below 0 it is reversed)."
+        found.append(table(["metric", *(f"{name} [1]" for name in names)], pixels, caption))
+    ranks = [[x for x in hub.ranking("rpe", w)[:_RANKS] if x[1] > 0.0] for w in hub.windows]
+    rows = [
+        [str(k + 1), *(f"{rank[k][0]}, {_micro(rank[k][1])}" if k < len(rank) else "" for rank in ranks)]
+        for k in range(_RANKS)
+    ]
+    found.append(
+        table(
+            ["", *names],
+            rows,
+            "Lines that cost most in each window: RPE, radial rms in µrad. What rings counts with its mean over the record.",
+        )
+    )
+    return found
+
+
+def _angles(motion: Motion) -> Figure:
+    """Densities of both angles, and what they add up to from either end; out of accelerations, which no drift leaks into."""
+    rate, (drawing, axes) = motion.sample_rate, plain_sheet(2.9, 1, 2)
+    resolution = Si(rate / motion.time.size)  # of the whole record: what rings slowly counts most
+    spacecraft = motion.scenario.spacecraft
+    free = spacecraft is not None and spacecraft.attitude_control is None
+    lowest = MEANINGLESS if free else 0.0
+    densities, total = {}, np.zeros(1)
+    f = np.zeros(0)
+    for name in ("los_x", "los_y"):
+        found = power_spectral_density(motion[name.replace("los_", "los_a")], rate, resolution, "hann")
+        keep = found.frequency >= max(_LEAST_BINS * resolution, lowest)
+        f = found.frequency[keep]
+        density = found.density[keep] / (2.0 * np.pi * f) ** 4
+        densities[name] = (f, 1e12 * density)
+        total = total + density
+    rms = [1e6 * cumulative_rms(f, total, falling=falling) for falling in (False, True)]
+    _curves(axes[0, 0], densities, "density [µrad²/Hz]", 1e-12)
+    for y, label, dashes in zip(rms, ("from low to high", "from high to low"), ("-", "--"), strict=True):
+        axes[0, 1].semilogx(f, y, color=BLUE if dashes == "-" else RED, linestyle=dashes, linewidth=1.3, label=label)
+    axes[0, 1].set(xlabel="frequency [Hz]", ylabel="cumulative rms, radial [µrad]", ylim=(0.0, None))
+    axes[0, 1].legend(loc="center right", fontsize=7)
+    caption = (
+        "Left, power spectral density of both angles (Hann window, bins of"
+        f" {float(resolution):.3g} Hz, from {f[0]:.3g} Hz on). Right, rms of both together, added up from either end."
+    )
+    return drawn(drawing, "Line of sight over frequency", caption)
