@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.analysis.pointing import MEANINGLESS, HubLines
+from microvib.analysis.pointing import HubLines
+from microvib.model.coupling import MEANINGLESS
 from microvib.model.rigid import about_center, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, Spacecraft
@@ -16,7 +17,7 @@ from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
 from microvib.reports.numbers import count, format_number
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
-from microvib.signals.pointing import METRICS, cumulative_rms, radial, transfer_in_window
+from microvib.signals.pointing import METRICS, cumulative_rms, radial
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
 from microvib.solve.channels import INTERFACE
 from microvib.solve.motion import Motion
@@ -232,12 +233,11 @@ def _windows(hub: HubLines) -> list[Block]:
     ]
     los = None if hub.scenario.spacecraft is None else hub.scenario.spacecraft.line_of_sight
     if los is not None and los.pixel is not None:
-        nyquist = 0.5 / los.pixel
         pixels = [[row[0], *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
                   for row, m in zip(rms, METRICS, strict=True)]  # fmt: skip
-        for axis, column in (("x", 0), ("y", 1)):
-            left = (transfer_in_window(hub.frequency, hub.amplitude[:, column], 0.0, w, nyquist) for w in hub.windows)
-            pixels.append([f"contrast (MTF), turns about {axis}", *(f"{float(one):.4f}" for one in left)])
+        for axis in "xy":
+            left = (row["mtf_at_nyquist"] for row in hub.image() if row["axis"] == axis)
+            pixels.append([f"contrast (MTF), turns about {axis}", *(f"{one:.4f}" for one in left)])
         caption = f"The same in pixels of {_micro(los.pixel)} µrad; contrast at half a cycle per pixel (below 0 it is reversed)."
         found.append(table(["metric", *(f"{name} [1]" for name in names)], pixels, caption))
     ranks = [[x for x in hub.ranking("rpe", w)[:_RANKS] if x[1] > 0.0] for w in hub.windows]
