@@ -21,7 +21,7 @@ from microvib.model.rigid import motion_of
 from microvib.signals.pointing import weight
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.sources import Contribution, Gap, of_other, of_run, open_gap
-from microvib.studies.budget.study import pointing_budget, with_campaign
+from microvib.studies.budget.study import ensemble_of, pointing_budget, with_campaign
 from microvib.studies.budget.sums import figure, judged
 from microvib.studies.campaign.cases import compute_bytes
 from microvib.studies.campaign.design import read_design
@@ -336,7 +336,7 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     campaign.write(0, compute_bytes(campaign.work(0)))
     merge(campaign)
     one, _ = of_run("drive", scenario, mv.run(scenario), 8)
-    cases = with_campaign(one, scenario, tmp_path / "c").cases
+    cases = with_campaign(one, ensemble_of(scenario, tmp_path / "c")).cases
     assert cases is not None
     case = campaign.design.scenario(1)
     result = mv.run(case)
@@ -345,7 +345,7 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     for name in ("drive_1", "full_step_1"):
         assert cases[1, one.names.index(name)] == pytest.approx(own.amplitude[own.names.index(name)], rel=1e-6)
     with pytest.raises(mv.MicrovibError, match="another scenario: tracking differs"):
-        with_campaign(one, scenario.with_si({"tracking.rate": 1e-3}), tmp_path / "c")
+        ensemble_of(scenario.with_si({"tracking.rate": 1e-3}), tmp_path / "c")
 
 
 def test_the_example_as_a_command(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.sources import Contribution, of_other, of_recording, of_run
 from microvib.studies.budget.sums import Judged, Rule, Tones, costliest, figure, judged, merged
 from microvib.studies.campaign.folder import open_campaign
-from microvib.studies.campaign.results import DONE, open_results
+from microvib.studies.campaign.results import DONE, Results, open_results
 from microvib.studies.campaign.statistics import independent
 from microvib.testdata.recording import Recording
 
@@ -101,6 +101,10 @@ def pointing_budget(
     )
     others = read_file(Path(sources), Sources).sources if isinstance(sources, str | Path) else tuple(sources)
     folder = Path(sources).parent if isinstance(sources, str | Path) else Path()
+    # What can be refused is looked at before anything is simulated.
+    first = drives[0][1]
+    beside = [of_other(source, first, folder) for source in others]
+    ensemble = None if campaign is None else ensemble_of(first, Path(campaign))
     found: list[Contribution] = []
     compared: tuple[Difference, ...] = ()
     for k, (name, scenario) in enumerate(drives):
@@ -111,10 +115,9 @@ def pointing_budget(
         found.append(replace(one, clock="drives" if one_clock else name))
         if k == 0 and short_way:
             compared = tuple(differences(*short_way_of(scenario, harmonics=harmonics, progress=progress), full))
-    first = drives[0][1]
-    if campaign is not None:
-        found[0] = with_campaign(found[0], first, Path(campaign))
-    found += [of_other(source, first, folder) for source in others]
+    if ensemble is not None:
+        found[0] = with_campaign(found[0], ensemble)
+    found += beside
     judgements = () if required is None else tuple(judged(r, found, rule) for r in required.requirements)
     windows = tuple(_windows(first, found, rule))
     return Budget(
@@ -149,19 +152,22 @@ def _scenarios(
     return found
 
 
-def with_campaign(drive: Contribution, scenario: Scenario, folder: Path) -> Contribution:
-    """A drive with the amplitudes of its lines over the independent cases of a merged campaign of its ``scenario``."""
+def ensemble_of(scenario: Scenario, folder: Path) -> Results:
+    """Results of a merged campaign of a ``scenario`` over distributions alone; MicrovibError where it is none."""
     campaign = open_campaign(folder)
-    base = campaign.design.base
     for key in _SAME:
-        if getattr(base, key) != getattr(scenario, key):
+        if getattr(campaign.design.base, key) != getattr(scenario, key):
             raise MicrovibError(f"{folder}: is a campaign of another scenario: {key} differs")
-    results = open_results(campaign)
-    design = campaign.design
-    if design.cases != design.samples.shape[0]:
+    if campaign.design.cases != campaign.design.samples.shape[0]:
         raise MicrovibError(
             f"{folder}: has levels, which are no ensemble; a campaign of distributions alone is expected"
         )
+    return open_results(campaign)
+
+
+def with_campaign(drive: Contribution, results: Results) -> Contribution:
+    """A drive with the amplitudes of its lines over the independent cases of a campaign."""
+    design, folder = results.campaign.design, results.campaign.folder
     counted = independent(design)
     drawn = counted & (results.state == DONE)
     if not drawn.any():
