@@ -66,8 +66,8 @@ def spacecraft_of(full: whole.FullCraft) -> dict[str, Any]:
         "array_angle": full.angle,
         "interface": {
             "position": whole.PLACE.tolist(),
-            "drive_axis": whole.AXIS.tolist(),
-            "reference": whole.REFERENCE.tolist(),
+            "drive_axis": full.axis.tolist(),
+            "reference": full.reference.tolist(),
         },
         "attitude_control": control,
         "line_of_sight": {
@@ -135,6 +135,10 @@ FLEXIBLE = whole.FullCraft(
     angle=math.radians(-65.0), bandwidth=0.3, flexible=[(17.0, 0.003, BENDING), (31.0, 0.004, -2.0 * BENDING[::-1])]
 )
 
+OBLIQUE = whole.FullCraft(
+    angle=math.radians(137.0), axis=np.array([0.48, 0.6, -0.64]), reference=np.array([0.8, 0.0, 0.6]), bandwidth=0.1,
+)  # fmt: skip
+
 
 @pytest.fixture(scope="module")
 def undamped() -> np.ndarray:
@@ -175,7 +179,7 @@ def test_a_flexible_controlled_hub_is_as_the_whole_system() -> None:
         assert off(seen(scenario, rows, found), np.array([by @ y[:n_q] for y in states])) < 1e-4
 
 
-@pytest.mark.parametrize("full", [whole.FullCraft(bandwidth=0.3), FLEXIBLE])
+@pytest.mark.parametrize("full", [whole.FullCraft(bandwidth=0.3), FLEXIBLE, OBLIQUE])
 def test_lines_of_the_clock_take_the_whole_damping_matrix(full: whole.FullCraft) -> None:
     """Responses to accelerations of both shafts, from the whole matrices, where modes are damped hard and unalike."""
     craft, n = scenario_of(full).craft, full.n - 2

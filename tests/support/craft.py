@@ -43,6 +43,8 @@ class FullCraft:
     """The whole system, M x'' + C x' + K x = loads of the drive, with ``flexible`` hub modes (frequency, damping, shape)."""
 
     angle: float = math.radians(30.0)
+    axis: np.ndarray = field(default_factory=lambda: AXIS)
+    reference: np.ndarray = field(default_factory=lambda: REFERENCE)
     hub_scale: float = 1.0
     bandwidth: float = 0.0
     control_damping: float = 0.7
@@ -68,8 +70,8 @@ class FullCraft:
 
     def __post_init__(self) -> None:
         c, s = math.cos(self.angle), math.sin(self.angle)
-        first = c * REFERENCE + s * np.cross(AXIS, REFERENCE)
-        turn = np.column_stack([first, np.cross(AXIS, first), AXIS])  # array axes x, y, z in hub axes
+        first = c * self.reference + s * np.cross(self.axis, self.reference)
+        turn = np.column_stack([first, np.cross(self.axis, first), self.axis])  # array axes x, y, z in hub axes
         centre, about_root = turn @ ARRAY_CENTER, turn @ ARRAY_INERTIA @ turn.T
         P = np.vstack([turn @ PARTICIPATION[:3], turn @ PARTICIPATION[3:]])
         m, nf, s = ARRAY_MASS, len(self.flexible), P.shape[1]
@@ -82,13 +84,13 @@ class FullCraft:
         # velocities of root (6), modes and shaft by the coordinates; the array's kinetic energy is a quadratic form in them
         at_root = np.zeros((6, n))
         at_root[:, : self.n_q] = root
-        at_root[3:, n - 2] = AXIS
+        at_root[3:, n - 2] = self.axis
         modes = np.zeros((s, n))
         modes[:, self.n_q : self.n_q + s] = np.eye(s)
         rigid = np.block([[m * np.eye(3), -m * cross_matrix(centre)], [m * cross_matrix(centre), about_root]])
-        output, rotor = AXIS @ at_root[3:], np.zeros(n)
-        rotor[:6], rotor[n - 1] = np.r_[0.0, 0.0, 0.0, AXIS], 1.0
-        rotor[6 : self.n_q] = AXIS @ root[3:, 6:]
+        output, rotor = self.axis @ at_root[3:], np.zeros(n)
+        rotor[:6], rotor[n - 1] = np.r_[0.0, 0.0, 0.0, self.axis], 1.0
+        rotor[6 : self.n_q] = self.axis @ root[3:, 6:]
         self.M = np.zeros((n, n))
         self.M[:3, :3], self.M[3:6, 3:6] = self.hub_scale * HUB_MASS * np.eye(3), self.hub_scale * HUB_INERTIA
         self.M[6 : self.n_q, 6 : self.n_q] = np.eye(nf)
