@@ -8,11 +8,14 @@ import pytest
 from support import craft as whole
 
 import microvib as mv
+from microvib.io.hub_sources import COLUMNS
 from microvib.io.scenario_file import load_scenario
-from microvib.io.spacecraft_files import HUB_COLUMNS, SHAPE
 from microvib.io.yaml_text import parse_yaml
 from microvib.structures.hub import FreeModes, hub_of
 from microvib.structures.modal import ModalError
+
+HUB_COLUMNS = ("mode", "frequency_hz", "damping", *COLUMNS[2:])
+SHAPE = COLUMNS[6:]
 
 ORIGIN = np.array([0.3, -0.1, 0.7])  # of the table, from the hub's centre of mass
 POINTS = {"root": whole.PLACE, "payload": np.array([0.1, -0.2, 0.6])}

@@ -8,6 +8,7 @@ from typing import Any
 from microvib.errors import ScenarioError, error_context, shown
 from microvib.io.files import check_file, reading
 from microvib.io.hub_sources import COLUMNS, hub_from
+from microvib.io.scenario_file import hub_names
 from microvib.io.tables import finite, named_rows
 from microvib.model.part import plain
 from microvib.structures.modal import ModalError
@@ -27,7 +28,9 @@ def with_spacecraft(data: dict[str, Any], folder: Path, origin: str) -> dict[str
     with error_context(origin):
         if isinstance(hub, dict) and isinstance(hub.get("modes"), str):
             group["hub"] = plain(hub_from(hub, folder), text=True)
-            sources["spacecraft.hub"] = f"modes of {hub['modes']}"
+            name = hub["modes"]
+            known = name in hub_names()
+            sources["spacecraft.hub"] = f"assumed: finite elements of {name}" if known else f"free-free modes of {name}"
         if isinstance(los, dict) and isinstance(los.get("rows"), str):
             group["line_of_sight"] = {**los, "rows": _rows(folder / los["rows"])}
             sources["spacecraft.line_of_sight"] = str(los["rows"])
