@@ -67,7 +67,7 @@ def bin_noise(scenario: Scenario, frequency: float, duration: float) -> float:
 def driven_lines(scenario: Scenario, duration: float) -> tuple[DrivenLine, ...]:
     """What noise alone gives the lines of the array's modes in a record of ``duration`` [s], those that it reaches.
 
-    A mode of frequency f and decay rate sigma has an envelope of mean square |G(f)|^2 S sigma, with G the ``response`` and S the
+    A mode of frequency f and decay rate sigma has an envelope of mean square abs(G(f))^2 S sigma, with G the ``response`` and S the
     density, averaged over the resonance. It varies as exp(-sigma t), and one decaying tone follows it through ``LONGEST``
     e-foldings of a record: the mean read is that of the envelope, sqrt(pi)/2 of its root mean square (Rayleigh), the deviation
     that of its mean over the record, which has 2 (a - 1 + exp(-a))/a^2 of the variance after a = sigma T.
