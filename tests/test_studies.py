@@ -478,28 +478,3 @@ def test_what_is_fitted_is_no_candidate(recording, start):
     told = [read_evidence(recording, start)]
     with pytest.raises(MicrovibError, match=r"^select motor\.detent_torque: is fitted, and so taken for granted"):
         identify(start, told, ["motor.detent_torque"], select=["motor.detent_torque"])
-
-
-@pytest.mark.long
-def test_the_evidence_asks_for_what_the_drive_has(start):
-    """Of a drive with offsets and without detent torque."""
-    start = start.with_si({"record.settle": 2.0, "record.duration": 8.0})
-    offsets = {"driver.imperfections.offset_a": 0.006, "driver.imperfections.offset_b": -0.004}
-    true = start.with_si({**offsets, "motor.detent_torque": 0.0, "reducer.stiffness": 7000.0})
-    torque = mv.simulate(true, channels=("T_d",))["T_d"]
-    torque = torque + np.random.default_rng(2).normal(0.0, 1e-3, torque.size)
-    made = Recording({"Mz": torque}, 4096.0, {"Mz": "N*m"}, "made")
-    candidates = ["driver.imperfections", "motor.detent_torque"]
-    fit = identify(start, [made], ["reducer.stiffness"], select=candidates, starts=8, finishes=1)
-    assert [one.selected for one in fit.selection] == [True, False]
-    assert fit.selection[0].gain > 10.0 * fit.selection[0].limit
-    assert fit.usable
-    assert fit.scenario.motor.detent_torque == 0.0
-    found = {e.key: e for e in fit.estimates}
-    assert abs(found["reducer.stiffness"].estimate - 7000.0) < max(
-        0.01 * 7000.0, 2.0 * found["reducer.stiffness"].standard_error
-    )
-    said = fit_text(fit)
-    assert "driver.imperfections: the evidence asks for it" in said
-    assert "motor.detent_torque: the evidence does not ask for it" in said
-    assert [one["selected"] for one in fit_json(fit)["selection"]] == [True, False]
