@@ -194,14 +194,14 @@ def linearise(x, p, w):
     _, _, _, limited_B = _winding(y[IB], y[XB], ref_B, -p.K_m * omega_m * c, p)
     _, detent = sincos(p.detent * p.z * theta_m)
     stiffness = -p.z * p.K_m * (y[IB] * s + y[IA] * c) - p.detent * p.z * p.K_d * detent
-    _, e1, e2, e3 = transmission_error(theta_m, p.te)
+    e0, e1, e2, e3 = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     _, slope_m = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     omega_l, sign_l = (G * omega_m, follower(stick[0], p)) if p.rigid else (y[WL], stick[1])
     T_f, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
     by_angle = 0.0
     if varies(p):
-        gripped, steepness = grip(y[TL], p)
+        gripped, steepness = grip(e0 - theta_m * p.inv_h if p.rigid else y[TL], p)
         slope_l, by_angle = slope_l * gripped, T_f * steepness
     if p.rigid:
         modal = p.J_L * q[6] + p.J_c * w.f0[WM] + q[2] - q[3]
