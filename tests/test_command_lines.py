@@ -34,6 +34,11 @@ NOT_RUN = {
     "/shared/batch": "a cluster with Slurm; tests/campaign/test_killed.py looks at what it is given",
     "microvib validate": "seconds; tests/test_commands.py runs it, in a terminal and in a pipe",
     "microvib statements": "a minute a draw; tests/test_validate.py makes one with fewer records",
+    "one.uff two.uff": "recordings of the reader's own; tests/test_driver.py and test_studies.py identify",
+    "--recording table.csv": "a recording of the reader's own; tests/test_budget.py takes one",
+    "--campaign batch --steady": "a campaign of the reader's own; tests/test_budget.py takes one",
+    "microvib sensitivity my-drive.yaml": "the drive's ranges come from a data sheet; tests/test_sensitivity.py",
+    "my-drive.yaml --from-datasheet": "asks in a terminal, or writes what is there already; tests/test_new.py",
     "microvib identify state-1 paper": "minutes, as its page says; tests/test_studies.py identifies",
 }
 """Lines that are left out, by words that they have, and why."""
@@ -42,12 +47,18 @@ DRIVE, ARRAY, BENCH = (
     (CATALOG / name).read_text("utf-8") for name in ("new.yaml", "reference-array.yaml", "benches/force-table.yaml")
 )
 STUDY = "{scenario: state-1, set: {record.settle: 0.5 s, record.duration: 1 s}, vary: {driver.microsteps: [16, 32]}}"
+CRAFT = {
+    name: (ROOT / "examples" / name).read_text("utf-8")
+    for name in ("spacecraft.yaml", "requirement.yaml", "sources.yaml")
+}
 GIVEN: dict[str, dict[str, str]] = {
     "README.md": {"study.yaml": STUDY},
     "docs/fem.md": {"my-array.yaml": ARRAY},
     "docs/howto/array.md": {"my-array.yaml": ARRAY, "my-drive.yaml": DRIVE},
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
+    "docs/howto/pointing.md": CRAFT | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
     "docs/howto/rate.md": {"my-drive.yaml": DRIVE},
+    "docs/theory/spacecraft.md": {f"examples/{name}": text for name, text in CRAFT.items()},
 }
 """Files that a page tells its reader to have written, and does not print."""
 SHORT_BENCH = BENCH.replace("duration: 16 s", "duration: 3 s")
@@ -99,6 +110,7 @@ def words_of(line: str) -> list[str]:
 )
 def test_the_lines_of_a_page_run_as_printed(page, tmp_path):
     for name, text in {"short.yaml": SHORT_BENCH, **GIVEN.get(page, {}), **printed(page)}.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(fewer(text))
     run = [words_of(line) for line in lines_of(page) if entry(NOT_RUN, line) is None]
     done = subprocess.run(
