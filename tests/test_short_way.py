@@ -12,7 +12,7 @@ import microvib as mv
 from microvib.analysis.pointing import hub_lines
 from microvib.analysis.short_way import differences, short_way_of
 from microvib.model.coupling import Source, about_axis, chart, coupled, noise_density, receiver_of, short_way, source_of
-from microvib.model.linear import linear_lines, pulls
+from microvib.model.linear import left_by_diagonal, linear_lines, pulls
 from microvib.model.rigid import motion_of
 from microvib.units import Si
 
@@ -106,6 +106,22 @@ def test_the_linear_lines_of_the_coupled_drive() -> None:
         torque = pulls(scenario, np.arange(1, 9))
         found = short_way(scenario, f, source_of(scenario).blocked(f, torque))
         assert found.loads[:, 4] == pytest.approx(np.array([line.amplitude for line in lines]), rel=within)
+
+
+def test_what_the_diagonal_of_the_damping_leaves_is_bounded() -> None:
+    """``linear_lines`` takes it, the short way all of the damping; bounded also by no more than some ten times."""
+    for full in (
+        whole.FullCraft(bandwidth=0.02, control_damping=0.7),
+        whole.FullCraft(bandwidth=0.4, control_damping=1.0),
+    ):
+        scenario = scenario_of(full)
+        lines = linear_lines(scenario, 2)
+        f, torque = np.array([line.frequency for line in lines]), pulls(scenario, np.arange(1, 3))
+        loads = short_way(scenario, f, source_of(scenario).blocked(f, torque)).loads[:, 4]
+        off, left = np.abs(np.array([line.amplitude for line in lines]) / loads - 1.0), left_by_diagonal(scenario, f)
+        assert np.all(off < left)
+        assert left[0] < 15.0 * off[0]
+    assert left_by_diagonal(scenario.model_copy(update={"spacecraft": None}), f).tolist() == [0.0, 0.0]
 
 
 def test_congruence_turns_and_moves() -> None:

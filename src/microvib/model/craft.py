@@ -296,7 +296,7 @@ def _damping_notes(D: np.ndarray, squares: np.ndarray) -> tuple[str, ...]:
     low, high = sorted(np.sqrt(squares[[i, j]]) / (2.0 * np.pi))
     return (
         f"Damping couples the craft's modes (most at {low:.4g} Hz and {high:.4g} Hz, by {mixing[i, j]:.2g} of their own damping)."
-        " Lines of the clock take all of it; histories and ringing modes take its diagonal.",
+        " Histories, ringing modes and the motion of the shafts take its diagonal; from the shafts on, lines take all of it.",
     )
 
 

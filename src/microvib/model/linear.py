@@ -118,6 +118,26 @@ def dynamic_stiffness(scenario: Scenario, frequency: float) -> np.ndarray:
     return dynamic
 
 
+def left_by_diagonal(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+    """By how much a shaft is off at each frequency (m,) [Hz] where the modes of a craft take the diagonal of their damping.
+
+    Relative, of the shaft that is off most, (m,), with the linearised drive pulled at its rotor; 0 without a ``spacecraft``.
+    """
+    craft, found = scenario.craft, np.zeros(len(frequency))
+    if craft is None or not craft.damping.size:
+        return found
+    modes = len(craft.damping)
+    apart = craft.damping - np.diag(np.diag(craft.damping))
+    for k, f in enumerate(np.asarray(frequency, dtype=float)):
+        taken = dynamic_stiffness(scenario, float(f))
+        whole = taken.copy()
+        whole[-modes:, -modes:] += 2j * math.pi * f * apart
+        pull = np.eye(len(whole))[0]
+        ours, wanted = (np.linalg.solve(side, pull)[:-modes] for side in (taken, whole))
+        found[k] = np.max(np.abs(ours / wanted - 1.0))
+    return found
+
+
 def pulls(scenario: Scenario, order: np.ndarray) -> np.ndarray:
     """Torque of the command's staircase on the rotor at each ``order`` of the driving frequency, complex amplitude [N m]."""
     step = -math.copysign(scenario.driver.microstep(scenario.motor), (scenario.rate or 0.0) * scenario.reducer.h)

@@ -120,7 +120,7 @@ def draw_angles(sweep: AngleSweep) -> Figure:
     right.plot(degrees, 1e6 * sweep.rms("ape", 1.0), "o-", color="black", markersize=3, linewidth=0.9, label="APE")
     for ax, what in ((left, "amplitude, radial [µrad]"), (right, "rms of all lines, radial [µrad]")):
         ax.set(xlabel="angle of the array [deg]", ylabel=what, yscale="log")
-        ax.legend(fontsize=6.5, frameon=False)
+        ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return drawing
 
 

@@ -83,8 +83,9 @@ class Judged:
 def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
     """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
     parts = [
-        (float(f), one.los[k], one.clock or f"{n}:{k}", one.doubt if doubtful else 0.0, bool(one.settled[k]))
+        (float(f), one.los[k], one.clock or f"{n}:{k}", float(doubts[k]) if doubtful else 0.0, bool(one.settled[k]))
         for n, one in enumerate(contributions)
+        for doubts in (np.broadcast_to(one.doubt, len(one.frequency)),)
         for k, f in enumerate(one.frequency)
     ]
     parts.sort(key=lambda part: part[0])
