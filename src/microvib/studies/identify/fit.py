@@ -194,7 +194,7 @@ def _without_the_start(
         kept = [o if o.form != "turn" else _turn(o, scenario, clock, trust) for o in kept if known or o.form != "turn"]
         tests.append((replace(one, observations=tuple(kept)), own))
         notes += [
-            f"{one.name}: the amplitude of {line} is not used, since it depends on the time since the start; its decay is"
+            f"{one.name}: the amplitude of {line} is not used, since it depends on the time since the start; its decay is used."
             for line in sorted(ringing)
         ]
     return tests, tuple(notes)
