@@ -7,7 +7,8 @@ import pytest
 from support.automaton import Automaton
 
 import microvib as mv
-from microvib.model.friction import maxwell_elements, quasi_static_torque
+from microvib.errors import MicrovibError
+from microvib.model.presliding import loop_elements, maxwell_elements, quasi_static_torque
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import no_samples, pack
@@ -124,6 +125,77 @@ def test_a_cycle_dissipates_what_its_elements_slide(amplitude):
     lost = sum(float(np.trapezoid(torque[k], path[k])) for k in (1, 2))
     exact = sum(4.0 * share * limit * max(amplitude - share * limit / k, 0.0) for k, share in memory)
     assert lost == pytest.approx(exact, abs=2e-2 * limit * amplitude)
+
+
+SPLIT, LIMIT = ((4000.0, 0.2), (1500.0, 0.3), (700.0, 0.5)), 0.545  # the last slides at 389 microradians
+
+
+def measured(amplitude, noise=0.0, offset=0.0, first=0, seed=1):
+    """Rows of a loop as a bench writes them: from rest, then twice round, with noise and an offset of the torque sensor."""
+    t = np.linspace(0.0, 2.25, 450)
+    angle = amplitude * np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 1.0, -1.0, 0.0])
+    torque = quasi_static_torque(SPLIT, LIMIT, angle) + offset
+    torque = torque + np.random.default_rng(seed).normal(0.0, noise, angle.size)
+    return tuple(zip(angle[first:].tolist(), torque[first:].tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "noise", "offset", "first", "within"),
+    [
+        (1e-3, 0.0, 0.0, 0, 0.03),
+        (1e-3, 2e-3, 0.05, 130, 0.03),  # begins within a turn
+        (2e-4, 1e-3, -0.02, 0, 0.03),  # its last element never slides
+        (5e-5, 5e-4, 0.0, 40, 0.03),
+    ],
+)
+def test_a_measured_loop_makes_elements_that_go_round_it(amplitude, noise, offset, first, within):
+    found = loop_elements(measured(amplitude, noise, offset, first), LIMIT, 6)
+    assert len(found) <= 6
+    assert sum(share for _, share in found) == pytest.approx(1.0)
+    for part in (1.0, 0.3, 0.1):  # loops in it that were not measured, too
+        angle = loop(part * amplitude).ravel()
+        ours, true = (quasi_static_torque(split, LIMIT, angle) for split in (found, SPLIT))
+        assert np.abs(ours - true).max() < within * np.abs(true).max()
+
+
+def test_a_first_loading_alone_is_enough():
+    angle = np.linspace(0.0, 1e-3, 300)
+    for side in (1.0, -1.0):
+        rows = tuple(zip(side * angle, side * quasi_static_torque(SPLIT, LIMIT, angle), strict=True))
+        ours = quasi_static_torque(loop_elements(rows, LIMIT, 6), LIMIT, angle)
+        assert ours == pytest.approx(quasi_static_torque(SPLIT, LIMIT, angle), abs=0.02 * LIMIT)
+
+
+def test_a_scenario_takes_a_measured_loop_as_csv(state_1, tmp_path):
+    rows = [f"{angle * 1e6:.6f},{torque * 1e3:.6f}" for angle, torque in measured(1e-3)]
+    (tmp_path / "loop.csv").write_text("\n".join(["angle [urad],torque [mN*m]", *rows]))
+    changes = {"friction.presliding.loop": str(tmp_path / "loop.csv"), "friction.breakaway": "0 N*m"}
+    with pytest.raises(MicrovibError, match=r"friction\.presliding: loop levels at 0\.545 N\*m"):
+        mv.load_scenario("state-1", {"friction.presliding.loop": str(tmp_path / "loop.csv")})
+    scenario = mv.load_scenario("state-1", {**changes, "friction.coulomb": "0 N*m"})
+    limit = scenario.friction.breakaway_torque
+    assert limit == pytest.approx(LIMIT, rel=0.01)
+    assert limit != LIMIT
+    assert scenario.friction.memory == loop_elements(scenario.friction.presliding.loop, limit, 6)
+    (tmp_path / "own.yaml").write_text(mv.dump_scenario(scenario))
+    assert mv.load_scenario(tmp_path / "own.yaml").friction == scenario.friction
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"loop": [[0.0, 0.0], [1e-3, 0.5]]}, "loop: at least 5 rows are expected"),
+        ({"loop": [[1e-3 * k, -0.1 * k] for k in range(6)]}, "loop: its torque does not rise with the angle"),
+        ({"loop": [[1e-3 * k, 0.3] for k in range(1, 7)]}, "loop levels at .* is expected"),
+        ({"loop": [[1e-3 * k, 0.4 * k] for k in range(6)]}, "loop reaches 2 N.m; at most"),
+        ({"loop": [[1e-3 * k, 0.1 * k] for k in range(6)], "stiffness": 1e4}, "give either stiffness or loop"),
+        ({"loop": [[1e-3 * k, 0.1 * k] for k in range(6)], "breakaway_angle": 1e-3}, "says where all slides"),
+        ({"elements": 3}, "give either stiffness or loop"),
+    ],
+)
+def test_loops_that_say_nothing_are_told(state_1, changes, sentence):
+    with pytest.raises(MicrovibError, match=rf"^friction\.presliding.*{sentence}"):
+        state_1.with_si({"friction.presliding": changes})
 
 
 def along(scenario, microsteps=12, per_microstep=400):

@@ -130,12 +130,15 @@ def with_files(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     return data
 
 
-TABLES = {
+_LOOP = (("angle", "rad"), ("torque", "N*m"))
+TABLES: dict[str, tuple[tuple[str, str], ...]] = {
     "driver.table": (),
-    "friction.torque_noise.table": ("Hz", "N^2*m^2/Hz"),
-    "friction.position.roughness.table": ("", ""),
+    "friction.torque_noise.table": (("frequency", "Hz"), ("density", "N^2*m^2/Hz")),
+    "friction.position.roughness.table": (("frequency", ""), ("density", "")),
+    "friction.presliding.loop": _LOOP,
+    "motor.friction.presliding.loop": _LOOP,
 }
-"""Keys that may name a file with a table, and the units of its columns where these are fixed."""
+"""Keys that may name a file with a table, and its columns, name and unit, where these are fixed."""
 
 
 def named_tables(data: Any) -> dict[str, str]:
@@ -153,9 +156,11 @@ def named_tables(data: Any) -> dict[str, str]:
 def _with_table(data: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     """Scenario data with what a file holds in place of its name at the ``key``."""
     from microvib.io.current_table import read_current_table
-    from microvib.io.density_table import read_density_table
+    from microvib.io.row_table import read_row_table
 
-    table = read_density_table(path, *TABLES[key]) if TABLES[key] else read_current_table(path)
+    table: Any = read_row_table(path, *TABLES[key]) if TABLES[key] else read_current_table(path)
+    if any(name == "density" for name, _ in TABLES[key]):
+        table = [row for row in table if row[0] != 0.0]  # a density at 0 is nothing that turns or varies
     first, *rest = key.split(".")
     changed = copy.deepcopy(data[first])
     set_key(changed, ".".join(rest), table)

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from microvib.model.noise import FrictionPosition, TorqueNoise
 from microvib.model.part import Part
+from microvib.model.presliding import Presliding
 from microvib.units import Quantity
 
 
@@ -26,66 +26,6 @@ class SlipRing(Part):
     def torque(self) -> float:
         """Friction torque N_c p mu r [N m] (Eq. 6)."""
         return self.contact_pairs * self.contact_force * self.friction_factor * self.ring_radius
-
-
-class Presliding(Part):
-    """Friction with memory before it slides: elements side by side, each a spring up to its share of the limit.
-
-    Generalised Maxwell-slip (F. Al-Bender, V. Lampaert, J. Swevers, IEEE Trans. Automatic Control 50 (11), 2005) without the
-    elements' own attraction: one that slips is at its limit. Elements give way one after another, at angles in a geometric row.
-    """
-
-    stiffness: Annotated[
-        float, Quantity("N*m/rad", "stiffness of what sticks, at zero angle", "k_0", gt=0, usual=(1e-3, 1e7))
-    ]
-    breakaway_angle: (
-        Annotated[
-            float, Quantity("rad", "angle from rest at which all slides", gt=0, display="arcsec", usual=(1e-7, 0.1))
-        ]
-        | None
-    ) = None
-    elements: Annotated[int, Field(ge=1, le=10, strict=True, description="number of elements")] = 6
-
-
-def maxwell_elements(
-    stiffness: float, limit: float, count: int, angle: float | None = None
-) -> tuple[tuple[float, float], ...]:
-    """Stiffness [N m/rad] and share of the limit of ``count`` elements: ``stiffness`` together, all sliding at ``angle`` [rad].
-
-    ``limit`` [N m] is what they transmit then; the angle is four times that over the stiffness if not given. Raises ValueError
-    where the angle does not go with stiffness and limit.
-    """
-    from scipy.optimize import brentq  # imported when needed: it takes half a second
-
-    elastic = limit / stiffness
-    angle = angle or (elastic if count == 1 else 4.0 * elastic)
-    if count == 1:
-        if abs(angle / elastic - 1.0) > 1e-6:
-            raise ValueError(f"one element slides at {elastic:.4g} rad; give that breakaway_angle or more elements")
-        return ((stiffness, 1.0),)
-    if angle <= elastic * (1.0 + 1e-9):
-        raise ValueError(
-            f"breakaway_angle is {angle:.4g} rad; it must be above {elastic:.4g} rad, the breakaway torque over the stiffness"
-        )
-    ends = np.geomspace(min(angle / count, 0.5 * elastic), angle, count)
-    falls = np.linspace(1.0, 0.0, count + 1)[:-1]
-
-    def short_of(power: float) -> float:  # the slope falls from k_0 to 0 so that the limit is reached at the angle
-        return stiffness * float(np.sum(falls**power * np.diff(ends, prepend=0.0))) - limit
-
-    slopes = stiffness * falls ** brentq(short_of, 0.0, 1e4)
-    each = -np.diff(slopes, append=0.0)
-    return tuple((float(k), float(k * end / limit)) for k, end in zip(each, ends, strict=True) if k > 0.0)
-
-
-def quasi_static_torque(memory: tuple[tuple[float, float], ...], limit: float, angles: np.ndarray) -> np.ndarray:
-    """Torque [N m] of elements along slow ``angles`` (n,) [rad], the first of which finds them relaxed, (n,)."""
-    stiffness, share = np.array(memory).T
-    force, torques = np.zeros(share.size), []
-    for turn in np.diff(angles, prepend=angles[0]):
-        force = np.clip(force + stiffness * turn, -share * limit, share * limit)
-        torques.append(float(force.sum()))
-    return np.array(torques)
 
 
 class Friction(Part):
@@ -129,7 +69,7 @@ class Friction(Part):
         own = self.presliding
         if own is None:
             return ()
-        return maxwell_elements(own.stiffness, self.breakaway_torque, own.elements, own.breakaway_angle)
+        return own.split(self.breakaway_torque)
 
     @property
     def sliding_torque(self) -> float:

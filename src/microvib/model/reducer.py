@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
-from microvib.model.friction import maxwell_elements
 from microvib.model.gear_train import GearStage, input_inertia, speeds, stiffness
 from microvib.model.part import Part
+from microvib.model.presliding import maxwell_elements
 from microvib.units import Quantity
 
 _LEFT_OUT = ("ratio", "wave_generator_inertia", "stiffness")  # keys that null leaves out, as a train may make them

@@ -9,8 +9,8 @@ import numpy as np
 
 from microvib.analysis.limits import Judgement
 from microvib.analysis.spectra import spectrum
-from microvib.model.friction import quasi_static_torque
 from microvib.model.linear import coupled_modes
+from microvib.model.presliding import quasi_static_torque
 from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, one_axes, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.signals.screen import extremes
@@ -210,17 +210,24 @@ def draw_friction_loop(loops: Axes, run: Axes, motion: Motion) -> None:
     friction, t = motion.scenario.friction, _beginning(motion)
     memory, limit = friction.memory, friction.breakaway_torque
     slides = memory[-1][1] * limit / memory[-1][0]
-    for amplitude, dashes in ((1.2 * slides, ":"), (0.5 * slides, "--"), (0.1 * slides, "-")):
+    angle, measured = np.array(friction.presliding.loop if friction.presliding else ()).reshape(-1, 2).T
+    within = 0.5 * float(np.ptp(angle)) if angle.size else 0.5 * slides
+    for amplitude, dashes in ((1.2 * slides, ":"), (within, "--"), (0.2 * within, "-")):
         turns = amplitude * np.array([0.0, 1.0, 0.0, -1.0, 0.0, 1.0])
         path = np.interp(np.linspace(0.0, 5.0, 1000), np.arange(6), turns)
         torque = 1e3 * quasi_static_torque(memory, limit, path)
         loops.plot(
             1e6 * path, torque, color=GREY, linestyle=dashes, linewidth=1.2, label=f"±{1e6 * amplitude:.3g} µrad"
         )
+    if angle.size:
+        centred = angle - 0.5 * (angle.min() + angle.max())
+        loops.plot(
+            1e6 * centred, 1e3 * measured, color=RED, marker=".", markersize=3, linestyle="none", label="measured"
+        )
     _headroom(loops, 0.6)
     loops.legend(loc="upper left", fontsize=7)
-    angle = motion["theta_l"][: t.size] - motion["theta_l"][0]
-    run.plot(1e6 * angle, 1e3 * motion["T_f"][: t.size], color=RED, linewidth=1.3)
+    turned = motion["theta_l"][: t.size] - motion["theta_l"][0]
+    run.plot(1e6 * turned, 1e3 * motion["T_f"][: t.size], color=RED, linewidth=1.3)
     for ax, title in ((loops, "Slowly to and fro"), (run, f"In the run, {t[-1] - t[0]:.3g} ms")):
         ax.set(xlabel="angle of the output [µrad]", ylabel="friction torque [mN m]", title=title)
 

@@ -1,4 +1,4 @@
-"""Tables of densities of a noise as CSV: frequency, or cycles per turn, and one-sided power spectral density."""
+"""Tables of two columns as CSV: densities of a noise over frequency or cycles per turn; a measured loop of friction."""
 
 from __future__ import annotations
 
@@ -13,31 +13,28 @@ from microvib.testdata.channels import named_unit
 from microvib.units import convert
 
 
-def read_density_table(path: Path, *units: str) -> list[list[float]]:
-    """The ``table`` of a noise as a file says it, rows of frequency and density in these ``units``; a row at 0 is left out.
+def read_row_table(path: Path, *columns: tuple[str, str]) -> list[list[float]]:
+    """Rows that a scenario keeps of a file, in the units of two ``columns`` (name and unit).
 
     A first line may name the columns, with units such as ``[mN^2*m^2/Hz]``. ScenarioError tells the row and column that is wrong.
     """
-    text = read_text(path, "table of densities", ()).removeprefix("\ufeff")
+    names = [name for name, _ in columns]
+    text = read_text(path, f"table of {' and '.join(names)}", ()).removeprefix("\ufeff")
     rows = [row for row in csv.reader(text.splitlines()) if row and not row[0].lstrip().startswith("#")]
     head = rows.pop(0) if rows and not rows[0][0].strip(" +-.")[:1].isdigit() else []
     if not 0 < len(rows) <= MAX_ROWS:
-        raise ScenarioError(f"{path}: has {len(rows)} rows of frequency and density; 1 to {MAX_ROWS} are expected")
+        raise ScenarioError(f"{path}: has {len(rows)} rows of {' and '.join(names)}; 1 to {MAX_ROWS} are expected")
     for k, row in enumerate([head or ["", ""], *rows]):
         if len(row) != 2:
-            raise ScenarioError(f"{path}, row {k + bool(head)}: has {len(row)} columns; frequency,density are expected")
-    factors = [_factor(f"{path}: column '{name}'", name, unit) for name, unit in zip(head, units, strict=False)] or [
-        1.0,
-        1.0,
-    ]
-    table = [
+            raise ScenarioError(f"{path}, row {k + bool(head)}: has {len(row)} columns; {','.join(names)} are expected")
+    factors = [_factor(f"{path}: column '{name}'", name, unit) for name, (_, unit) in zip(head, columns, strict=False)]
+    return [
         [
             factor * finite(f"{path}, row {k}: {name}", cell, ScenarioError)
-            for name, cell, factor in zip(("frequency", "density"), row, factors, strict=True)
+            for name, cell, factor in zip(names, row, factors or (1.0, 1.0), strict=True)
         ]
         for k, row in enumerate(rows, 1 + bool(head))
     ]
-    return [row for row in table if row[0] != 0.0]
 
 
 def _factor(where: str, name: str, unit: str) -> float:
