@@ -1,4 +1,7 @@
-"""A drive whose output's friction has memory or noise, integrated by SciPy from event to event: shares nothing with the kernel."""
+"""A drive whose output's friction has memory or noise, or whose gear has backlash, integrated by SciPy from event to event.
+
+It shares nothing with the kernel.
+"""
 
 import math
 
@@ -15,7 +18,8 @@ class Automaton:
     def __init__(self, scenario, noise=lambda t: 0.0, grip=lambda angle: 1.0):
         self.s, self.noise, self.grip, f = scenario, noise, grip, scenario.friction
         self.k, self.nu = np.array(f.memory).reshape(-1, 2).T
-        self.mode = np.zeros(self.k.size)
+        self.mode, self.side, self.gap = np.zeros(self.k.size), 0.0, 0.5 * (scenario.reducer.backlash or 0.0)
+        self.contacts = 0
         self.H, self.D, self.Lam = scenario.array.H, scenario.array.D, scenario.array.Lambda
         self.slide, self.excess, self.rate = f.sliding_torque, f.stribeck_torque, f.stribeck_rate
 
@@ -38,7 +42,9 @@ class Automaton:
         T_e = K * (iB * c_ - iA * s_) - motor.detent_torque * math.sin(4 * z * tm)
         rate = w - self.H * wl
         pull = self.D * rate + self.Lam * eta
-        T_g = g.stiffness * (-tm / g.ratio - tl) + g.damping * (-wm / g.ratio - wl)
+        T_g = g.stiffness * (-tm / g.ratio - tl - self.side * self.gap) + g.damping * (-wm / g.ratio - wl)
+        if self.gap and self.side == 0.0:
+            T_g = 0.0
         m = motor.friction
         T_fm = math.copysign(m.sliding_torque, wm) + m.viscous * wm if m.breakaway_torque else m.viscous * wm
         am = (T_e - T_fm + T_g / g.ratio) / s.rotor_inertia
@@ -65,14 +71,25 @@ class Automaton:
                     def reaches(t, y, ref, e=e):
                         return self.mode[e] * y[7]
 
-                reaches.terminal, reaches.direction = True, -1
                 events.append(reaches)
+            if self.gap:
+
+                def meets(t, y, ref):
+                    twist = -y[4] / self.s.reducer.ratio - y[6]
+                    return 1e6 * (self.side * twist - self.gap if self.side else self.gap - abs(twist))
+
+                events.append(meets)
+            for event in events:
+                event.terminal, event.direction = True, -1
             out = solve_ivp(self, (begin, end), y, "LSODA", rtol=1e-10, atol=1e-14, events=events, args=(ref,))
             begin, y = out.t[-1], out.y[:, -1].copy()
             if out.status != 1:
                 break
             e = next(e for e, times in enumerate(out.t_events) if times.size)
-            if self.mode[e] == 0.0:
+            if e == self.k.size:
+                self.side = 0.0 if self.side else math.copysign(1.0, -y[4] / self.s.reducer.ratio - y[6])
+                self.contacts += abs(self.side)
+            elif self.mode[e] == 0.0:
                 self.mode[e] = math.copysign(1.0, y[first + e])
             else:
                 slips = self.mode != 0.0

@@ -73,6 +73,10 @@ class GearStage(Part):
         ]
         | None
     ) = None
+    backlash: Annotated[
+        float,
+        Quantity("rad", "angle between the flanks, at the stage's output", ge=0, display="arcmin", usual=(1e-6, 0.1)),
+    ] = 0.0
     errors: tuple[StageError, ...] = Field(
         default=(), max_length=100, description="kinematic errors at orders of this stage"
     )
@@ -239,6 +243,12 @@ def input_inertia(train: tuple[GearStage, ...]) -> float:
         if stage.planetary:
             total += float(speed * stage.speeds["planet"]) ** 2 * stage.planets * stage.planet_inertia
     return total
+
+
+def backlash(train: tuple[GearStage, ...]) -> float:
+    """Backlash of the stages at the output, one after the other [rad]."""
+    through = speeds(train)
+    return sum(abs(float(through[-1] / speed)) * s.backlash for s, speed in zip(train, through[1:], strict=True))
 
 
 def stiffness(train: tuple[GearStage, ...]) -> float | None:

@@ -10,12 +10,17 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
-from microvib.model.gear_train import GearStage, input_inertia, speeds, stiffness
+from microvib.model.gear_train import GearStage, backlash, input_inertia, speeds, stiffness
 from microvib.model.part import Part
 from microvib.model.presliding import maxwell_elements
 from microvib.units import Quantity
 
-_LEFT_OUT = ("ratio", "wave_generator_inertia", "stiffness")  # keys that null leaves out, as a train may make them
+_LEFT_OUT = (
+    "ratio",
+    "wave_generator_inertia",
+    "stiffness",
+    "backlash",
+)  # keys that null leaves out, as a train may make them
 
 
 class TransmissionError(Part):
@@ -77,6 +82,15 @@ class Reducer(Part):
     transmission_error: tuple[TransmissionError, ...] = Field(
         default=(), description="kinematic error, harmonic by harmonic"
     )
+    backlash: (
+        Annotated[
+            float,
+            Quantity(
+                "rad", "turn without torque, flank to flank, at the output", ge=0, display="arcmin", usual=(1e-6, 0.05)
+            ),
+        ]
+        | None
+    ) = None
     hysteresis: Hysteresis | None = Field(
         default=None, description="torque that lags behind the twist; without it, none"
     )
@@ -100,8 +114,9 @@ class Reducer(Part):
     def _following(self) -> dict[str, Any]:
         if not self.train:
             return {}
-        K = stiffness(self.train)
-        return {"ratio": abs(float(1 / speeds(self.train)[-1]))} | ({} if K is None else {"stiffness": K})
+        K, gap = stiffness(self.train), backlash(self.train)
+        made = {"ratio": abs(float(1 / speeds(self.train)[-1]))} | ({} if K is None else {"stiffness": K})
+        return made | ({"backlash": gap} if gap else {})
 
     def _needed(self) -> tuple[str, ...]:
         return ("stiffness",) if self.train else ("ratio", "wave_generator_inertia", "stiffness")
@@ -113,6 +128,8 @@ class Reducer(Part):
             yield f"train.{len(self.train) - 1}.output_inertia: is on the output; give it as reducer.output_inertia"
         if self.rigid and self.hysteresis is not None:
             yield "hysteresis: a rigid reducer has no twist that torque could lag behind; give stiffness in N*m/rad"
+        if self.rigid and self.backlash:
+            yield "backlash: flanks of a rigid reducer would hit each other with no time to do so; give stiffness in N*m/rad"
         slope = sum(float(e.order) * e.amplitude for e in self.errors)
         if slope >= 1.0 / self.ratio:
             yield (

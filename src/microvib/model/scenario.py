@@ -120,8 +120,9 @@ class Scenario(Part):
 
     @property
     def has_memory(self) -> bool:
-        """Whether a friction or the gear has elements that remember (``presliding``, ``hysteresis``)."""
-        return bool(self.motor.friction.memory or self.friction.memory or self.reducer.memory)
+        """Whether a friction or the gear remembers how it got there (``presliding``, ``hysteresis``, ``backlash``)."""
+        reducer = self.reducer
+        return bool(self.motor.friction.memory or self.friction.memory or reducer.memory or reducer.backlash)
 
     @property
     def rate(self) -> float | None:

@@ -9,6 +9,7 @@ from microvib.compiled import Unit
 from microvib.solve.collocation import MARGIN_M
 from microvib.solve.frame import _pattern, _uncount, _unsee
 from microvib.solve.kernel import (
+    BACKLASH,
     COMPILE,
     FORCED,
     INLINE,
@@ -60,7 +61,7 @@ def _margin_of(which, x, p, w):
     if which < 2:
         return w.sums[MARGIN_M + which], WM if which == 0 else WL, x.stick[which]
     body = body_of(which - 2, p)
-    sign = 0.0 if body == 2 or (body == 1 and p.rigid) else x.stick[which]
+    sign = 0.0 if body >= 2 or (body == 1 and p.rigid) else x.stick[which]
     return w.margins[which - 2], WM if body == 0 else WL, sign
 
 
@@ -343,9 +344,15 @@ def _end_at_event(u, which, level, x, p, t, w):
     """
     body = which if which < 2 else body_of(which - 2, p)
     scale = w.per_size[2 if body == 0 or p.rigid else 3]
-    limit = p.g_limit if body == 2 else (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
+    limit = (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
+    if body >= 2:
+        limit = p.g_limit if body == 2 else p.K_g * p.gap
     # rates that are left are set to 0: momentum lost, where elements come to rest often
-    enough = (1e-4 if which < 2 else 1e-8) * t.accuracy / scale if x.stick[which] != 0.0 else 1e-8 * limit
+    enough = (
+        (1e-4 if which < 2 else 1e-8) * t.accuracy / scale
+        if x.stick[which] != 0.0 and body != BACKLASH
+        else 1e-8 * limit
+    )
     below, above, length = 0.0, 1.0, t.longest * 0.5**level
     last_u, last_e = 0.0, math.inf
     for _ in range(8):

@@ -102,12 +102,13 @@ class Drive(NamedTuple):
     inv_z: float
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
+    gap: float  # half the backlash; its element is the last
     # friction with memory: how many elements act on rotor, output and gear, and of each its stiffness and its share of the limit
     m_elements: int
     l_elements: int
     g_elements: int
     g_limit: float
-    elements: Matrix  # (m_elements + l_elements + g_elements, 2)
+    elements: Matrix  # (m_elements + l_elements + g_elements, 2), and a row for backlash
     noise: Vector  # torque noise of the output's friction: value and slope at each knot
     noise_rate: float  # knots per second
     grip: Vector  # order, cosine and sine amplitude of each harmonic of the output's friction over its angle
@@ -174,7 +175,7 @@ def elements_of(body, p):
         return range(p.m_elements)
     if body == 1:
         return range(p.m_elements, p.m_elements + p.l_elements)
-    return range(p.m_elements + p.l_elements, p.elements.shape[0])
+    return range(p.m_elements + p.l_elements, p.m_elements + p.l_elements + p.g_elements)
 
 
 @code.inner(**COMPILE)
@@ -194,6 +195,24 @@ def gear_hysteresis(twist, stick, p):
     """Torque of the elements beside the gear's spring."""
     torque, share = springs(2, twist, stick, p)
     return torque + share * p.g_limit
+
+
+@code.inner(**COMPILE)
+def flank(stick, p):
+    """Which flanks of teeth with backlash touch: 1 or -1, 0 in the gap; 1 without backlash."""
+    return stick[1 + p.elements.shape[0]] if p.gap > 0.0 else 1.0
+
+
+@code.inner(**INLINE)
+def gear_torque(twist, slip, stick, p):
+    """Torque of the gear at the output, by its twist and the rate of that."""
+    T_g = p.K_g * twist + p.C_g * slip
+    if p.g_elements > 0:
+        T_g = T_g + gear_hysteresis(twist, stick, p)
+    if p.gap > 0.0:
+        side = flank(stick, p)
+        T_g = T_g - (0.0 * twist + p.K_g * p.gap * side if side != 0.0 else p.K_g * twist + p.C_g * slip)
+    return T_g
 
 
 @code.inner(**INLINE)
@@ -280,7 +299,7 @@ def grip_in(y, p):
 
 @code.inner(**COMPILE)
 def with_memory(theta_m, omega_m, theta_l, omega_l, e0, gripped, stick, p, T_fm, T_f):
-    """Torques of the generalised Maxwell-slip elements: friction of rotor and output, which stay where there are none; gear.
+    """Friction of rotor and output with generalised Maxwell-slip elements; it stays where there are none.
 
     Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``, frictions that slide. ``gripped``
     is the part of its mean that the output's friction has there.
@@ -294,7 +313,7 @@ def with_memory(theta_m, omega_m, theta_l, omega_l, e0, gripped, stick, p, T_fm,
         torque, share = springs(1, turned if p.rigid else theta_l, stick, p)
         viscous = gripped * p.l_viscous * omega_l
         T_f = torque + math.fabs(share) * (T_f - viscous) + viscous
-    return T_fm, T_f, gear_hysteresis(turned - theta_l, stick, p)
+    return T_fm, T_f
 
 
 @code.inner(**INLINE)
@@ -380,11 +399,11 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
         sign_m, sign_l = sliding_signs(stick, p)
     T_fm, _ = _friction(sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
     T_f, _ = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
-    T_h, gripped = 0.0 * T_f, grip_in(y, p)
+    gripped = grip_in(y, p)
     if varies(p):
         T_f = T_f * gripped
     if p.elements.shape[0] > 0:
-        T_fm, T_f, T_h = with_memory(theta_m, omega_m, y[TL], omega_l, e0, gripped, stick, p, T_fm, T_f)
+        T_fm, T_f = with_memory(theta_m, omega_m, y[TL], omega_l, e0, gripped, stick, p, T_fm, T_f)
     if p.rigid:
         stuck = stick[0] == 0.0
         bias = G * e2 * p.J_L * omega_m * omega_m
@@ -404,9 +423,7 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
         f[TL], f[WL] = 0.0, 0.0  # follow from the rotor
     else:
         twist = e0 - theta_m * p.inv_h - y[TL]
-        T_g = p.K_g * twist + p.C_g * (G * omega_m - omega_l)
-        if p.g_elements > 0:
-            T_g = T_g + T_h
+        T_g = gear_torque(twist, G * omega_m - omega_l, stick, p)
         if p.J_c == 0.0:
             T_fm = where(stick[0] == 0.0, T_e + on_rotor - G * T_g, T_fm)
             T_f = where(stick[1] == 0.0, T_g + modal, T_f)
@@ -456,8 +473,10 @@ def channels(y, references, noise, stick, p, f, q, out):
     twist, slip = e0 - theta_m * p.inv_h - theta_l, G * omega_m - omega_l
     kinetic = 0.5 * (p.J_m * omega_m * omega_m + p.J_L * omega_l * omega_l) + p.J_c * omega_m * omega_l
     _, c = sincos(p.detent * p.z * theta_m)
-    elastic = 0.5 * p.K_g * twist * twist - p.K_d / (p.detent * p.z) * c
-    damping = p.C_g * slip * slip
+    side = flank(stick, p)
+    bent = twist - p.gap * side if side != 0.0 else 0.0 * twist
+    elastic = 0.5 * p.K_g * bent * bent - p.K_d / (p.detent * p.z) * c
+    damping = p.C_g * slip * slip if side != 0.0 else 0.0 * slip
     if p.g_elements > 0:
         damping = damping + gear_hysteresis(twist, stick, p) * slip
     modal_rate = rotor_rate = 0.0
@@ -591,9 +610,7 @@ def _holds(y, modal, on_rotor, stick, p):
     e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     twist = e0 - theta_m * p.inv_h - y[TL]
-    T_g = p.K_g * twist + p.C_g * (G * y[WM] - y[WL])
-    if p.g_elements > 0:
-        T_g = T_g + gear_hysteresis(twist, stick, p)
+    T_g = gear_torque(twist, G * y[WM] - y[WL], stick, p)
     pull_m, pull_l = T_e + on_rotor, T_g + modal
     hold_m, hold_l = (pull_m + G * modal, 0.0 * T_g) if p.rigid else (pull_m - G * T_g, pull_l)
     if p.J_c != 0.0 and not p.rigid:
@@ -604,7 +621,7 @@ def _holds(y, modal, on_rotor, stick, p):
         if varies(p):
             T_f = T_f * gripped
         if p.elements.shape[0] > 0:
-            T_fm, T_f, _ = with_memory(theta_m, y[WM], y[TL], y[WL], e0, gripped, stick, p, T_fm, T_f)
+            T_fm, T_f = with_memory(theta_m, y[WM], y[TL], y[WL], e0, gripped, stick, p, T_fm, T_f)
         alpha_m = where(stick[0] == 0.0, 0.0, (hold_m - T_fm) * p.inv_J_m)
         alpha_l = where(stick[1] == 0.0, 0.0, (hold_l - T_f) * p.inv_J_L)
         hold_m, hold_l = hold_m - p.J_c * alpha_l, hold_l - p.J_c * alpha_m
@@ -709,18 +726,26 @@ def initial_friction(x: State, p: Drive) -> None:
         else:
             x.stick[which] = math.copysign(1.0, rate) if limit > 0.0 else 1.0
     for e in range(p.elements.shape[0]):
-        x.stick[2 + e] = 0.0
-        x.stick[2 + p.elements.shape[0] + e] = _angle_and_rate(body_of(e, p), x.y, p)[0]
+        body = body_of(e, p)
+        angle, _ = _angle_and_rate(body, x.y, p)
+        x.stick[2 + e] = math.copysign(1.0, angle) if body == BACKLASH and math.fabs(angle) > p.gap else 0.0
+        x.stick[2 + p.elements.shape[0] + e] = angle
 
 
 # Elements of a friction with memory stick or slip as the bodies do above: a stuck one is a spring, which slips where it reaches its
-# share of the limit; all that slip on a body stick where its rate passes zero.
+# share of the limit; all that slip on a body stick where its rate passes zero. Backlash is an element, too: it is in its gap, 0, or
+# one of the flanks touches; its margin is the torque of the gear's spring over the way that is left.
+
+BACKLASH = 3
 
 
 @code.inner(**INLINE)
 def body_of(e, p):
-    """On what an element acts: 0 rotor, 1 output, 2 gear."""
-    return (1 if e >= p.m_elements else 0) + (1 if e >= p.m_elements + p.l_elements else 0)
+    """On what an element acts: 0 rotor, 1 output, 2 gear, 3 the gear's backlash."""
+    before_gear = p.m_elements + p.l_elements
+    return (
+        (1 if e >= p.m_elements else 0) + (1 if e >= before_gear else 0) + (1 if e >= before_gear + p.g_elements else 0)
+    )
 
 
 @code.inner(**INLINE)
@@ -730,7 +755,7 @@ def _angle_and_rate(body, y, p):
         return y[TM], y[WM]
     e0, e1, _, _ = transmission_error(y[TM], p.te)
     angle, rate = e0 - y[TM] * p.inv_h, (e1 - p.inv_h) * y[WM]
-    if body == 2:
+    if body >= 2:
         return angle - y[TL], rate - y[WL]
     if p.rigid:
         return angle, rate
@@ -742,6 +767,9 @@ def element_margin(e, y, stick, p):
     """What stays positive as long as the mode of an element lasts: its slip, or what its spring lacks of its limit."""
     body = body_of(e, p)
     angle, rate = _angle_and_rate(body, y, p)
+    if body == BACKLASH:
+        into = math.fabs(angle) if stick[2 + e] == 0.0 else stick[2 + e] * angle
+        return p.K_g * (p.gap - into if stick[2 + e] == 0.0 else into - p.gap)
     if stick[2 + e] != 0.0:
         return stick[2 + e] * rate
     torque = p.elements[e, 0] * (angle - stick[2 + p.elements.shape[0] + e])
@@ -777,8 +805,10 @@ def _stick_elements(body, x, p):
 def decide_element(e, x, p):
     """The mode after an event of an element: at its limit it slips; where its body comes to rest, all that slip on it stick."""
     body = body_of(e, p)
-    if x.stick[2 + e] == 0.0:
-        angle, _ = _angle_and_rate(body, x.y, p)
+    angle, _ = _angle_and_rate(body, x.y, p)
+    if body == BACKLASH:
+        x.stick[2 + e] = math.copysign(1.0, angle) if x.stick[2 + e] == 0.0 else 0.0
+    elif x.stick[2 + e] == 0.0:
         x.stick[2 + e] = math.copysign(1.0, angle - x.stick[2 + p.elements.shape[0] + e])
         x.counters[BREAKAWAYS] += 1
     elif (

@@ -94,8 +94,8 @@ def pack(scenario: Scenario) -> Packed:
     exact = scenario.solver.method == "propagators"
     if (drive.elements.size or drive.noise.size) and not exact:
         raise SimulationError(
-            "solver.method: rodas4 knows no friction with memory and no torque noise (friction.presliding,"
-            " motor.friction.presliding, reducer.hysteresis, friction.torque_noise); use propagators"
+            "solver.method: rodas4 knows no friction with memory, backlash and torque noise (friction.presliding,"
+            " motor.friction.presliding, reducer.hysteresis, reducer.backlash, friction.torque_noise); use propagators"
         )
     tables = _propagators(scenario, drive, state) if exact else None
     if scenario.record.rotor_offset != 0.0:
@@ -241,6 +241,7 @@ def _drive(scenario: Scenario) -> Any:
     rough, rough_rate = roughness(scenario)
     memories = motor.friction.memory, scenario.friction.memory, reducer.memory
     elements = [np.array(memory, dtype=float).reshape(-1, 2) for memory in memories]
+    gap = 0.5 * (reducer.backlash or 0.0)
     fast = driver.time_constant(motor)
     if driver.integral_gain > 0.0:
         fast = min(fast, math.sqrt(L_D / driver.integral_gain))
@@ -290,7 +291,8 @@ def _drive(scenario: Scenario) -> Any:
         l_elements=len(elements[1]),
         g_elements=len(elements[2]),
         g_limit=reducer.hysteresis_torque,
-        elements=np.concatenate(elements),
+        gap=gap,
+        elements=np.concatenate([*elements, np.zeros((1 if gap > 0.0 else 0, 2))]),
         noise=noise,
         noise_rate=noise_rate,
         grip=_harmonics(scenario.friction),

@@ -1,0 +1,89 @@
+"""Backlash of the gear: an independent integrator, limits without and with load, energy, orders of trains."""
+
+import numpy as np
+import pytest
+from support.automaton import Automaton
+from support.scenarios import in_si
+
+import microvib as mv
+from microvib.errors import MicrovibError
+from microvib.model.part import plain
+from microvib.model.reducer import Reducer
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.pack import no_samples, pack
+
+STEP = 1.2e-5  # rad at the output; a microstep of state 1 is 1.96e-5
+NO_DRY_FRICTION = {
+    "friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.5,
+    "motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "motor.friction.viscous": 0.01,
+}  # fmt: skip
+SHORT = {"record.settle": 0.5, "record.duration": 1.0}
+
+
+@pytest.fixture
+def loose(state_1):
+    """No friction holds a flank: the gear rattles at every microstep."""
+    return state_1.with_si({**NO_DRY_FRICTION, **SHORT, "reducer.backlash": STEP, "solver.accuracy": 1e-5})
+
+
+def test_an_independent_integration_from_contact_to_contact_agrees(loose):
+    packed, command, automaton = pack(loose), Command(loose), Automaton(loose)
+    n = automaton.H.size
+    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2]])
+    times, refs = command.microsteps(0.0, 6.0 / loose.driving_frequency * 1.001)
+    ends, begin = [*times, times[-1] + 0.7 / loose.driving_frequency], 0.0
+    ref = packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy()
+    for end, following in zip(ends, [*refs, refs[-1]], strict=True):
+        y, begin = automaton.through(y, begin, end, ref), end
+        ref = following[:2]
+    assert packed.advance(ends[-1], no_samples(packed.channels), times, refs) == kernel.OK
+    own, step = packed.state.y, loose.driver.microstep(loose.motor)
+    assert automaton.contacts > 5
+    assert own[4] == pytest.approx(y[4], abs=1e-5 * step)
+    assert own[6] == pytest.approx(y[6], abs=1e-5 * step / loose.reducer.ratio)
+    assert own[7] == pytest.approx(y[7], abs=1e-4 * step / loose.reducer.ratio * 200.0)
+    assert own[8 : 8 + 2 * n : 2] == pytest.approx(y[8 : 8 + n], abs=1e-6 * step / loose.reducer.ratio)
+
+
+def test_the_gear_transmits_nothing_in_its_gap_and_the_energy_is_kept(loose):
+    motion = mv.simulate(loose.with_si({"solver.accuracy": 1e-3}))
+    twist = -motion["theta_m"] / loose.reducer.ratio - motion["theta_l"]
+    inside = np.abs(twist) < 0.3 * STEP  # means over a sample's filter may look out of the gap
+    assert 0.02 < np.mean(inside) < 0.98
+    assert np.median(np.abs(motion["T_g"][inside])) < 1e-3 * np.max(np.abs(motion["T_g"]))
+    assert np.abs(twist).max() > 0.5 * STEP
+    assert motion.invariants.energy_mechanical < 1e-3
+
+
+def test_a_gear_loaded_on_one_flank_moves_as_one_without_backlash(state_1):
+    """Friction of state 1 holds the flank: only the angle lags, by half the backlash."""
+    short = state_1.with_si({"record.settle": 60.0, "record.duration": 4.0})
+    tight, loose = mv.batch([short, short.with_si({"reducer.backlash": 1e-4})])
+    lines = [mv.lines(torque)["drive_1"].amplitude_n_m for torque in (tight, loose)]
+    assert lines[1] == pytest.approx(lines[0], rel=1e-5)
+
+
+def test_without_backlash_nothing_changes(state_1):
+    none, tiny = (mv.simulate(state_1.with_si({**SHORT, **more})) for more in ({}, {"reducer.backlash": 0.0}))
+    assert np.array_equal(none["T_d"], tiny["T_d"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"reducer.backlash": 1e-4, "reducer.stiffness": "rigid"}, "backlash: flanks of a rigid reducer"),
+        ({"reducer.backlash": -1e-4}, "backlash: -0.0001"),
+        ({"reducer.backlash": 1e-4, "solver.method": "rodas4"}, "solver.method: rodas4 knows no .*backlash"),
+    ],
+)
+def test_what_backlash_does_not_go_with_is_told(state_1, changes, sentence):
+    with pytest.raises(MicrovibError, match=sentence):
+        mv.simulate(state_1.with_si({**SHORT, **changes}))
+
+
+def test_backlash_of_a_train_adds_up_at_the_output():
+    stage = {"pinion": 20, "wheel": 200, "backlash": 2e-3, "stiffness": 2e4}
+    reducer = in_si(Reducer, train=[stage, {**stage, "backlash": 3e-4}], wave_generator_inertia=0.0, damping=1.0)
+    assert reducer.backlash == pytest.approx(2e-3 / 10.0 + 3e-4)
+    assert "backlash" not in plain(reducer)
