@@ -75,7 +75,7 @@ class GearStage(Part):
     ) = None
     backlash: Annotated[
         float,
-        Quantity("rad", "angle between the flanks, at the stage's output", ge=0, display="arcmin", usual=(1e-6, 0.1)),
+        Quantity("rad", "angle between the flanks, at the stage's output", ge=0, display="arcsec", usual=(1e-6, 0.1)),
     ] = 0.0
     errors: tuple[StageError, ...] = Field(
         default=(), max_length=100, description="kinematic errors at orders of this stage"

@@ -86,7 +86,7 @@ class Reducer(Part):
         Annotated[
             float,
             Quantity(
-                "rad", "turn without torque, flank to flank, at the output", ge=0, display="arcmin", usual=(1e-6, 0.05)
+                "rad", "turn without torque, flank to flank, at the output", ge=0, display="arcsec", usual=(1e-6, 0.05)
             ),
         ]
         | None
