@@ -38,6 +38,8 @@ class HubLines:
     """Fx Fy Fz [N], Mx My Mz [N m] on the hub at the interface point, hub axes, (k, 6); nan where a line is not estimated."""
     los: np.ndarray | None
     """Both angles of the line of sight [rad], (k, 2); None without ``line_of_sight``."""
+    shafts: np.ndarray
+    """Accelerations of output and rotor [rad/s^2], (k, 2)."""
     unknown: tuple[str, ...] = ()
     """Expected lines that could not be estimated in any channel."""
 
@@ -177,7 +179,8 @@ def hub_lines(
     keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~(free & (frequency < MEANINGLESS))
     names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
     unknown = tuple(x.name for x, lost in zip(expected, ~np.any(np.isfinite(tones), axis=1), strict=True) if lost)
-    return HubLines(scenario, names, frequency[keep], tones[keep, :6], tones[keep, 6:] if looks else None, unknown)
+    los = tones[keep, 6:] if looks else None
+    return HubLines(scenario, names, frequency[keep], tones[keep, :6], los, shafts[keep], unknown)
 
 
 def _ringing(

@@ -41,6 +41,11 @@ _KINDS = (".html", ".pdf")  # files of a report
     help="One run at each angle of the array on its craft, e.g. 0:180:15 (degrees), or a list, 0,45,90; one table and picture.",
 )
 @click.option(
+    "--orbit",
+    is_flag=True,
+    help="Lines and windows while the array turns once, in steady states; with --angles from the first of them to the last.",
+)
+@click.option(
     "--seeds",
     type=click.IntRange(2, 100_000),
     help="Run so many draws of the noise: mean, deviation, 95 % quantile of each line, by which a limit then judges.",
@@ -49,7 +54,7 @@ _KINDS = (".html", ".pdf")  # files of a report
 @report_options
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
-    steady: bool, angles: str | None, seeds: int | None, limit: str | None, band: str | None, form: Form,
+    steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.limits import Limit, judge
@@ -62,10 +67,11 @@ def run(
     loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
-    if angles is not None:
+    if angles is not None or orbit:
         if lines_only or seeds or allowed is not None:
-            raise OptionError("angles", "goes neither with a limit nor with lines alone nor with seeds; leave them out")
-        _run_angles(loaded, angles, harmonics, Target(out, overwrite, form))
+            option = "orbit" if orbit else "angles"
+            raise OptionError(option, "goes neither with a limit nor with lines alone nor with seeds; leave them out")
+        (_run_orbit if orbit else _run_angles)(loaded, angles, harmonics, Target(out, overwrite, form))
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         result, files = run_scenario(
@@ -89,14 +95,25 @@ def run(
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
 
 
-def _run_angles(loaded: Scenario, angles: str, harmonics: int, target: Target) -> None:
+def _run_angles(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
     from microvib.reports.angles import angles_text, write_angles
     from microvib.studies.angles import angles_in, sweep_angles
 
-    asked = angles_in(angles)
+    asked = angles_in(angles or "")
     with progress_bar("solving", "angles") as progress:
         sweep = sweep_angles(loaded, asked, harmonics=harmonics, progress=progress)
     target.deliver(angles_text(sweep), write_angles, sweep)
+
+
+def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
+    from microvib.reports.orbit import orbit_text, write_orbit
+    from microvib.studies.angles import angles_in
+    from microvib.studies.orbit import over_orbit
+
+    asked = None if angles is None else angles_in(angles)
+    with progress_bar("solving", "angles") as progress:
+        orbit = over_orbit(loaded, asked, harmonics=harmonics, progress=progress)
+    target.deliver(orbit_text(orbit), write_orbit, orbit)
 
 
 def _of_craft(loaded: Scenario, files: tuple[str, ...]) -> Iterator[str]:

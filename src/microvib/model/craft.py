@@ -148,13 +148,11 @@ class Craft:
     def transfer(self, rows: Rows, frequency: np.ndarray) -> np.ndarray:
         """What is looked at by alpha_l and alpha_m at each ``frequency`` (m,) [Hz], (m, k, 2), with the whole damping matrix."""
         load, free = self.load, np.column_stack([self.by_output, self.by_rotor])
-        drive = np.column_stack([load.H, load.R])
-        found = np.zeros((len(frequency), rows.direct.shape[0], 2), dtype=complex)
-        for k, omega in enumerate(2.0 * np.pi * np.asarray(frequency, dtype=float)):
-            dynamic = np.diag(load.Lambda - omega**2) + 1j * omega * self.damping
-            x = -self.shapes @ np.linalg.solve(dynamic, drive) - free / omega**2
-            found[k] = rows.position @ x - omega**2 * (rows.acceleration @ x) + rows.direct
-        return found
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
+        dynamic = np.diag(load.Lambda) - omega**2 * np.eye(load.Lambda.size) + 1j * omega * self.damping
+        drive = np.broadcast_to(np.column_stack([load.H, load.R]), (len(frequency), load.H.size, 2))
+        x = -self.shapes @ np.linalg.solve(dynamic, drive) - free / omega**2
+        return np.asarray(rows.position @ x - omega**2 * (rows.acceleration @ x) + rows.direct)
 
 
 def load_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float) -> Load:

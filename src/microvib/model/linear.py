@@ -108,13 +108,14 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     return tuple(lines)
 
 
-def dynamic_stiffness(scenario: Scenario, frequency: float) -> np.ndarray:
-    """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` [Hz], complex, (n, n)."""
+def dynamic_stiffness(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
+    """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` (...) [Hz], complex, (..., n, n)."""
     M, C, K = matrices(scenario)
-    omega = 2.0 * math.pi * frequency
+    omega = 2.0 * math.pi * np.asarray(frequency, dtype=float)[..., None, None]
     dynamic: np.ndarray = K - omega**2 * M + 1j * omega * C
     if scenario.driver.drive == "voltage":
-        dynamic[0, 0] += _by_voltage(scenario, 1j * omega)[1] - scenario.motor.electromagnetic_stiffness
+        by_angle = np.vectorize(lambda w: _by_voltage(scenario, 1j * w)[1], otypes=[complex])
+        dynamic[..., 0, 0] += by_angle(omega[..., 0, 0]) - scenario.motor.electromagnetic_stiffness
     return dynamic
 
 

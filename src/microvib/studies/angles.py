@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.analysis.lines import lines
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import solve_run
 from microvib.errors import MicrovibError, OptionError
@@ -16,6 +17,7 @@ from microvib.model.coupling import craft_in
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import Metric, radial
 from microvib.solve.integration import Progress
+from microvib.solve.steady.state import find_steady
 from microvib.units import Si, quantity
 
 MOST_ANGLES = 361
@@ -64,10 +66,13 @@ def sweep_angles(
         raise MicrovibError("spacecraft.line_of_sight: missing; a sweep over angles looks at it")
 
     def at(angle: float) -> tuple[HubLines, str]:
-        result = solve_run(scenario.with_si({"spacecraft.array_angle": angle}), harmonics=harmonics)
-        source = result.state or result.motion
-        assert source is not None
-        return hub_lines(source, result.table, harmonics), result.fallback
+        turned = scenario.with_si({"spacecraft.array_angle": angle})
+        state, why = find_steady(turned) if turned.record.start == "steady" else (None, "")
+        if state is not None:
+            return hub_lines(state, lines(state, harmonics=harmonics), harmonics), ""
+        result = solve_run(turned.with_si({"record.start": "rest"}), harmonics=harmonics)
+        assert result.motion is not None
+        return hub_lines(result.motion, result.table, harmonics), why
 
     found = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:

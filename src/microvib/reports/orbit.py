@@ -1,0 +1,161 @@
+"""Lines and windows over an orbit as text, tables, picture and report."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.io.tables import columns_csv, rows_csv, to_json
+from microvib.reports import sheets
+from microvib.reports.angles import SHOWN
+from microvib.reports.blocks import drawn, study
+from microvib.reports.document import Document, Fact, Form, Section, Text, table
+from microvib.reports.numbers import text_table
+from microvib.reports.rendering import write_study
+from microvib.solve.channels import INTERFACE
+from microvib.studies.orbit import NOT_QUASI_STATIC, TOLERANCE, Orbit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LOADS = tuple(f"{name.lower()}_{'n' if name.startswith('F') else 'n_m'}" for name in INTERFACE)
+_BRIEF = ("ape", "rpe", "smear", "jitter")
+"""Metrics of the text and of the first page; the files have all."""
+
+
+def orbit_text(orbit: Orbit) -> str:
+    """Worst and rms of the windows over the orbit, how it was found, and what is to be known of it."""
+    scenario, head, rows = orbit.sweep.scenario, *_windows(orbit)
+    parts = [
+        f"{scenario.title or 'Orbit'}: line of sight over {orbit.time[-1]:.6g} s, {_travel(orbit)} of the array.",
+        text_table(head, [row for row in rows if row[0] in _BRIEF]),
+        " ".join(_how(orbit)),
+        *orbit.notes(),
+    ]
+    return "\n\n".join(parts)
+
+
+def _travel(orbit: Orbit) -> str:
+    first, last = np.degrees(orbit.sweep.angles[[0, -1]])
+    return f"{first:g} to {last:g} deg"
+
+
+def _windows(orbit: Orbit) -> tuple[list[str], list[list[str]]]:
+    head = ["metric", "window s", "worst rad", "at deg", "at s", "rms over orbit rad", "turning %"]
+    return head, [
+        [w.metric, "" if w.metric == "ape" else f"{w.window:g}", f"{w.worst:.4g}", f"{math.degrees(orbit.sweep.angles[w.at]):.4g}",
+         f"{orbit.time[w.at]:.4g}", f"{w.rms:.4g}", f"{100 * w.turning:.2g}"]
+        for w in orbit.windows
+    ]  # fmt: skip
+
+
+def _how(orbit: Orbit) -> list[str]:
+    """Runs, halvings and the turning, in sentences."""
+    rounds = "; ".join(f"{h.tried} between {h.angles}: {100 * h.error:.2g} %" for h in orbit.halvings)
+    return [
+        f"{len(orbit.runs.angles)} angles run, {len(orbit.time)} evaluated.",
+        f"Steps halved, and largest error half way over the rms of the orbit: {rounds}.",
+        f"While the mode that rings longest falls to 1/e the array turns by {math.degrees(orbit.turned_in_decay):.2g} deg.",
+    ]
+
+
+def write_orbit(out: Path, orbit: Orbit, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
+    """Tables, JSON, picture and report; names of the files."""
+    sweep, degrees = orbit.sweep, np.degrees(orbit.sweep.angles)
+    loads = np.sqrt(0.5 * np.sum(np.abs([one.loads for one in sweep.lines]) ** 2, axis=1))
+    over = {"time_s": orbit.time, "angle_deg": degrees}
+    over |= {
+        f"{w.metric}{'' if w.metric == 'ape' else f'_{w.window:g}s'}_radial_rad": orbit.size(w.metric, w.window)
+        for w in orbit.windows
+    }
+    over |= {f"{name}_rms": column for name, column in zip(_LOADS, loads.T, strict=True)}
+    lines = [
+        (float(t), float(psi), name, float(one.frequency[k]), *np.abs(one.loads[k]).tolist(), *one.amplitude[k].tolist())
+        for t, psi, one in zip(orbit.time, degrees, sweep.lines, strict=True) for k, name in enumerate(one.names)
+    ]  # fmt: skip
+    said = {
+        "time_s": float(orbit.time[-1]),
+        "from_deg": float(degrees[0]),
+        "to_deg": float(degrees[-1]),
+        "windows": [
+            {"metric": w.metric, "window_s": w.window, "worst_rad": w.worst, "worst_deg": float(degrees[w.at]),
+             "worst_s": float(orbit.time[w.at]), "rms_rad": w.rms, "turning": w.turning}
+            for w in orbit.windows
+        ],
+        "loads": {name: {"worst": float(x.max()), "rms": orbit.mean(x**2)} for name, x in zip(_LOADS, loads.T, strict=True)},
+        "angles_run_deg": np.degrees(orbit.runs.angles).tolist(),
+        "halvings": [{"angles": h.angles, "tried": h.tried, "error": h.error} for h in orbit.halvings],
+        "interpolation_error": orbit.interpolation,
+        "turned_in_decay_deg": math.degrees(orbit.turned_in_decay),
+        "quasi_static": orbit.quasi_static,
+        "notes": orbit.notes(),
+    }  # fmt: skip
+    picture = draw_orbit(orbit)
+    head = ["time_s", "angle_deg", "line", "frequency_hz", *_LOADS, "los_x_rad", "los_y_rad"]
+    files: dict[str, Any] = {
+        "orbit.csv": columns_csv(over),
+        "orbit_lines.csv": rows_csv(head, lines),
+        "orbit.json": to_json(said),
+        "orbit.png": sheets.png(picture),
+    }
+    return write_study(out, files, orbit_report(orbit, picture, form), form, overwrite)
+
+
+def orbit_report(orbit: Orbit, picture: Figure, form: Form | None = None) -> Document:
+    """The report: worst instant, rms, what they are worth; picture; every window."""
+    whole, scenario = orbit.windows[0], orbit.sweep.scenario
+    facts = [
+        Fact(
+            f"{1e9 * whole.worst:.4g} nrad",
+            f"worst, at {math.degrees(orbit.sweep.angles[whole.at]):.4g}°, {orbit.time[whole.at]:.0f} s",
+        ),
+        Fact(f"{1e9 * whole.rms:.4g} nrad", "rms over the orbit"),
+        Fact(f"{100 * orbit.interpolation:.2g} %", "of it may be wrong between the angles that were run"),
+    ]  # fmt: skip
+    head, rows = _windows(orbit)
+    units = [f"{stem} [{unit}]" for stem, _, unit in (x.rpartition(" ") for x in head[1:])]
+    heads, notes = [head[0], *units], [Text(text, note=True) for text in orbit.notes()]
+    meaning = (
+        "Turning: size of what the array's rate itself changes (the modes' change while they settle, gyroscopic terms), of the"
+        f" rms; above {100 * NOT_QUASI_STATIC:g} % angle after angle is not allowed. Steps are halved from {100 * TOLERANCE:g} %."
+    )
+    return study(
+        "Orbit", f"Over an orbit: {scenario.title or 'drive'}", f"{orbit.time[-1]:.6g} s, {_travel(orbit)} of the array",
+        facts=facts,
+        first_page=(
+            *notes, table(heads, [row for row in rows if row[0] in _BRIEF], meaning),
+            drawn(picture, "Lines and windows over the orbit", _CAPTION),
+        ),
+        sections=[Section("Every window", (table(heads, rows),)), Section("How it was found", tuple(map(Text, _how(orbit))))],
+        form=form, scenario=scenario,
+    )  # fmt: skip
+
+
+_CAPTION = "Left, lines of the line of sight, radial, 0-to-peak, over the orbit's time; dots were run. Right, rms of all lines."
+
+
+def draw_orbit(orbit: Orbit) -> Figure:
+    """The largest lines over the time, dots where they were run; and the rms in each window."""
+    drawing, axes = sheets.sheet(3.0, 1, 2)
+    left, right = axes[0]
+    sweep, minutes = orbit.sweep, orbit.time / 60.0
+    run = (orbit.runs.angles - sweep.angles[0]) / (sweep.angles[-1] - sweep.angles[0]) * minutes[-1]
+    for k, name in enumerate(sweep.names[:SHOWN]):
+        left.plot(minutes, 1e6 * sweep.los(name), color=sheets.COLOURS[k], linewidth=0.9, label=name)
+        left.plot(run, 1e6 * orbit.runs.los(name), "o", color=sheets.COLOURS[k], markersize=2.5)
+    for k, window in enumerate(sweep.lines[0].windows):
+        right.plot(
+            minutes,
+            1e6 * orbit.size("rpe", window),
+            color=sheets.COLOURS[k % 7],
+            linewidth=0.9,
+            label=f"RPE {1e3 * window:g} ms",
+        )
+    right.plot(minutes, 1e6 * orbit.size("ape", 1.0), color="black", linewidth=0.9, label="APE")
+    for ax, what in ((left, "amplitude, radial [µrad]"), (right, "rms of all lines, radial [µrad]")):
+        ax.set(xlabel="time [min]", ylabel=what, yscale="log")
+        ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    return drawing

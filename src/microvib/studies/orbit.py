@@ -1,0 +1,317 @@
+"""A craft over an orbit, its array turning: lines and windows over the time, the angles that need it run, the others in between.
+
+Lines settle in seconds and the array passes its angles in minutes, so that at each instant the lines are those of the angle that
+the array has then. Steady states are found at some angles, what lies between them follows as in ``analysis.turning``, and the steps
+between the runs are halved until what was expected half way is found there. What the turning itself changes is stated beside it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from microvib.analysis.lines import expected_in
+from microvib.analysis.pointing import HubLines
+from microvib.analysis.turning import Moved, at_angle, moved_by, shaft_torques
+from microvib.errors import MicrovibError, OptionError
+from microvib.model.coupling import craft_in
+from microvib.model.scenario import Scenario
+from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, weight
+from microvib.solve.integration import Progress
+from microvib.studies.angles import MOST_ANGLES, AngleSweep, sweep_angles
+from microvib.units import Si
+
+STEP = math.radians(30.0)
+"""First step between angles that are run, where none are given."""
+TOLERANCE = 0.01
+"""Difference half way between two runs, over the rms of the orbit, from which their step is halved again."""
+NOT_QUASI_STATIC = 0.05
+"""Part of the rms of the orbit from which what the turning itself changes is too much for angle after angle."""
+_CLOSEST = math.radians(0.25)
+"""Step between angles that are run, below which none is halved: there a motion changes its kind."""
+_DENSE, _FINEST = 121, 6
+"""Angles of the orbit, and how often the step between them is halved where the line of sight changes fast."""
+_COUNTS = 1e-8
+"""Part of the mean square in any window below which a line is left out between the runs."""
+
+
+@dataclass(frozen=True)
+class Halving:
+    """One round of halved steps."""
+
+    angles: int
+    """Angles that were run before."""
+    tried: int
+    """Middles of their steps that were run then."""
+    error: float
+    """Largest difference of the line of sight there from what was expected, over the rms of the orbit."""
+
+
+@dataclass(frozen=True)
+class WindowOverOrbit:
+    """One metric in one window over the orbit, radial [rad]."""
+
+    metric: Metric
+    window: float
+    """[s]"""
+    worst: float
+    at: int
+    """Where: index of the angle."""
+    rms: float
+    turning: float
+    """What the turning changes at most, over ``rms``."""
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """Lines over an orbit."""
+
+    sweep: AngleSweep
+    """At angles [rad] as they are passed, (n,)."""
+    runs: AngleSweep
+    """At those that were run."""
+    time: np.ndarray
+    """[s], (n,), from the first angle."""
+    halvings: tuple[Halving, ...]
+    interpolation: float
+    """Largest error half way of the steps that were not halved again, over the rms of the orbit."""
+    turning: np.ndarray
+    """Size of what the turning changes in each line of the line of sight [rad], (n, k, 2), of ``sweep.lines``."""
+
+    @property
+    def rate(self) -> float:
+        """Of the array [rad/s]."""
+        assert self.sweep.scenario.rate is not None
+        return abs(self.sweep.scenario.rate)
+
+    def mean(self, squares: np.ndarray) -> float:
+        """Root of the mean over the orbit's time of ``squares`` (n,)."""
+        return math.sqrt(float(np.trapezoid(squares, self.time)) / float(self.time[-1]))
+
+    def size(self, metric: Metric, window: float) -> np.ndarray:
+        """Radial rms of all lines [rad] in a ``window`` [s], (n,)."""
+        return self._radial(np.array([one.amplitude for one in self.sweep.lines]), metric, window)
+
+    def _radial(self, amplitude: np.ndarray, metric: Metric, window: float) -> np.ndarray:
+        """Of amplitudes (n, k, 2), (n,)."""
+        by = weight(metric, self.sweep.lines[0].frequency, window)
+        return np.asarray(np.sqrt(0.5 * np.sum(amplitude**2, axis=2) @ by))
+
+    @cached_property
+    def windows(self) -> tuple[WindowOverOrbit, ...]:
+        """Worst, where, and rms of each metric in each window."""
+        rows = []
+        for metric, window in _judged(self.sweep.scenario):
+            size = self.size(metric, window)
+            rms, at = self.mean(size**2), int(np.argmax(size))
+            turning = float(self._radial(self.turning, metric, window).max())
+            rows.append(WindowOverOrbit(metric, window, float(size[at]), at, rms, turning / rms if rms else 0.0))
+        return tuple(rows)
+
+    @property
+    def quasi_static(self) -> bool:
+        """Whether angle after angle is good enough."""
+        return all(w.turning <= NOT_QUASI_STATIC for w in self.windows)
+
+    @property
+    def turned_in_decay(self) -> float:
+        """Angle [rad] that the array turns while the mode that rings longest falls to 1/e; infinite without damping."""
+        least = min((float(np.min(craft_in(one.scenario).load.D)) for one in self.runs.lines), default=0.0)
+        return 2.0 * self.rate / least if least > 0.0 else math.inf
+
+    def notes(self) -> list[str]:
+        """What is to be known of the figures, in sentences."""
+        said = []
+        if self.interpolation > TOLERANCE:
+            said.append(
+                f"Not converged: between {len(self.runs.angles)} runs the line of sight is off by up to"
+                f" {100 * self.interpolation:.2g} % of the rms of the orbit."
+            )
+        if not self.quasi_static:
+            worst = max(self.windows, key=lambda w: w.turning)
+            said.append(
+                f"Angle after angle is not allowed here: while a mode settles the array turns by up to"
+                f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in {worst.window:g} s by some"
+                f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed: {100 * NOT_QUASI_STATIC:g} %)."
+            )
+        found = zip(self.runs.angles, self.runs.fallbacks, strict=True)
+        said += [
+            f"{math.degrees(a):g} deg: no steady state: {why}. Lines of a run from rest." for a, why in found if why
+        ]
+        return said
+
+
+def _judged(scenario: Scenario) -> list[tuple[Metric, float]]:
+    """Metrics and windows [s]; the motion itself needs no window."""
+    los = craft_in(scenario).spacecraft.line_of_sight
+    windows = () if los is None else los.windows
+    return [("ape", 1.0), *((metric, window) for window in windows for metric in METRICS if metric != "ape")]
+
+
+def over_orbit(
+    scenario: Scenario, angles: Sequence[Si] | None = None, *, harmonics: int = 8, progress: Progress | None = None
+) -> Orbit:
+    """The craft while its array turns through ``angles`` [rad], one after another, at the scenario's rate.
+
+    Without angles it is one turn from ``array_angle``. Steps between them are halved where it is needed. Raises MicrovibError
+    where the rate is zero or changes, OptionError where the array does not turn this way.
+    """
+    rate, begin = scenario.rate, float(craft_in(scenario).spacecraft.array_angle)
+    if not rate or not scenario.driving_frequency:
+        raise MicrovibError(
+            "tracking: over an orbit the array turns at a constant rate; one other than 0 deg/s is expected"
+        )
+    way = math.copysign(1.0, rate)
+    if angles is None:
+        angles = [Si(begin + way * k * STEP) for k in range(round(2.0 * math.pi / STEP) + 1)]
+    if len(angles) < 2 or np.any(np.diff(angles) * way <= 0.0):
+        raise OptionError(
+            "angles",
+            f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order are expected",
+        )
+    steady = scenario.with_si({"record.start": "steady"})
+    runs, halvings, off = _run(steady, np.array(angles, dtype=float), harmonics, progress)
+    between = _Between(runs)
+    psi, moved = between.dense()
+    lines = tuple(
+        HubLines(at_angle(steady, angle), between.names, between.frequency, one.loads, one.los, np.empty((0, 2)))
+        for angle, one in zip(psi.tolist(), moved, strict=True)
+    )
+    turning = _turning(psi, moved, abs(rate), between.frequency)
+    sweep = AngleSweep(steady, psi, lines, ("",) * psi.size)
+    return Orbit(sweep, runs, (psi - psi[0]) / rate, halvings, off, turning)
+
+
+def _run(
+    scenario: Scenario, angles: np.ndarray, harmonics: int, progress: Progress | None
+) -> tuple[AngleSweep, tuple[Halving, ...], float]:
+    """Runs at ``angles`` (p,) and wherever the steps between them had to be halved; the rounds, and the error that is left."""
+
+    def sweep(at: np.ndarray, before: int) -> AngleSweep:
+        tell = None if progress is None else lambda done, total: progress(before + done, before + total)
+        return sweep_angles(scenario, [Si(float(x)) for x in at], harmonics=harmonics, progress=tell)
+
+    runs, rounds, left = sweep(angles, 0), list[Halving](), 0.0
+    steps = list(itertools.pairwise(angles.tolist()))
+    while steps and len(runs.angles) + len(steps) <= MOST_ANGLES:
+        middles = np.array([0.5 * (a + b) for a, b in steps])
+        between, more = _Between(runs), sweep(middles, len(runs.angles))
+        errors = [between.off(angle, one) for angle, one in zip(middles.tolist(), more.lines, strict=True)]
+        rounds.append(Halving(len(runs.angles), len(middles), max(errors)))
+        # What is no steady state depends on its start, and closer steps say no more of it.
+        again = [
+            error > TOLERANCE and not why and abs(b - a) > _CLOSEST
+            for error, why, (a, b) in zip(errors, more.fallbacks, steps, strict=True)
+        ]
+        left = max([left, *(error for error, halve in zip(errors, again, strict=True) if not halve)])
+        halves = [((a, m), (m, b)) for (a, b), m in zip(steps, middles.tolist(), strict=True)]
+        steps = [step for two, halve in zip(halves, again, strict=True) if halve for step in two]
+        runs = _joined(runs, more)
+    return runs, tuple(rounds), rounds[-1].error if steps else left
+
+
+def _joined(a: AngleSweep, b: AngleSweep) -> AngleSweep:
+    """Both, in the order of their angles as the array passes them."""
+    angles = np.concatenate([a.angles, b.angles])
+    order = np.argsort(angles * math.copysign(1.0, a.angles[-1] - a.angles[0])).tolist()
+    lines, fallbacks = a.lines + b.lines, a.fallbacks + b.fallbacks
+    return AngleSweep(a.scenario, angles[order], tuple(lines[k] for k in order), tuple(fallbacks[k] for k in order))
+
+
+class _Between:
+    """Lines of the clock at any angle, from runs at some."""
+
+    def __init__(self, runs: AngleSweep) -> None:
+        self._runs = runs
+        known = [_steady_lines(one, why) for one, why in zip(runs.lines, runs.fallbacks, strict=True)]
+        judged = _judged(runs.scenario)
+        squares = [{key: one.mean_squares(*key).sum(axis=1) for key in judged} for one in runs.lines]
+        whole = {key: max(float(each[key].sum()) for each in squares) for key in judged}
+        count = {
+            name: float(one.frequency[k])
+            for one, each, rows in zip(runs.lines, squares, known, strict=True) for name, k in rows.items()
+            if any(each[key][k] > _COUNTS * whole[key] for key in judged)
+        }  # fmt: skip
+        self.names, self.frequency = tuple(count), np.array(list(count.values()))
+        self._rms = {key: math.sqrt(np.mean([each[key].sum() for each in squares])) for key in judged}
+        torques = [shaft_torques(one) for one in runs.lines]
+        self._torques = np.array([self._in_order(rows, t) for rows, t in zip(known, torques, strict=True)])
+
+    def _in_order(self, rows: dict[str, int], values: np.ndarray) -> np.ndarray:
+        """Values (..., c) of lines in the order of all names; 0 where a line is not there."""
+        found = np.zeros((len(self.names), values.shape[1]), dtype=complex)
+        for k, name in enumerate(self.names):
+            if name in rows:
+                found[k] = np.nan_to_num(values[rows[name]])
+        return found
+
+    def __call__(self, angle: float) -> Moved:
+        angles = self._runs.angles
+        way = math.copysign(1.0, angles[-1] - angles[0])
+        k = int(np.clip(np.searchsorted(way * angles, way * angle), 1, angles.size - 1))
+        part = (angle - angles[k - 1]) / (angles[k] - angles[k - 1])
+        torque = (1.0 - part) * self._torques[k - 1] + part * self._torques[k]
+        return moved_by(at_angle(self._runs.scenario, angle), self.frequency, torque)
+
+    def off(self, angle: float, found: HubLines) -> float:
+        """Largest rms, over that of all runs, of what a run at an ``angle`` differs by from what is expected there."""
+        assert found.los is not None
+        apart = np.abs(self(angle).los - self._in_order(_steady_lines(found, ""), found.los))
+        errors = (
+            (key, math.sqrt(mean_square_of_lines(key[0], self.frequency, apart, key[1]).sum())) for key in self._rms
+        )
+        return max(error / self._rms[key] for key, error in errors if self._rms[key] > 0.0)
+
+    def dense(self) -> tuple[np.ndarray, list[Moved]]:
+        """Angles as they are passed, (n,), and the lines there, dense enough for straight lines between them."""
+        angles = np.linspace(self._runs.angles[0], self._runs.angles[-1], _DENSE).tolist()
+        moved = {angle: self(angle) for angle in angles}
+        top = max(_size(one) for one in moved.values())
+        steps = list(itertools.pairwise(angles))
+        for _ in range(_FINEST):
+            rough = []
+            for a, b in steps:
+                middle = 0.5 * (a + b)
+                moved[middle] = self(middle)
+                straight = 0.5 * (_size(moved[a]) + _size(moved[b]))
+                if abs(_size(moved[middle]) - straight) > 0.5 * TOLERANCE * top:
+                    rough += [(a, middle), (middle, b)]
+            steps = rough
+        order = sorted(moved, reverse=angles[-1] < angles[0])
+        return np.array(order), [moved[angle] for angle in order]
+
+
+def _size(one: Moved) -> float:
+    return float(np.linalg.norm(one.los))
+
+
+def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
+    """Names and places of lines that last; unlisted ones are ranked by their size, and here told by their frequency.
+
+    Of a run from rest, those of the clock.
+    """
+    rings = {
+        line.name for line in expected_in(one.scenario, one.scenario.record.sample_rate) if line.kind == "array mode"
+    }
+    return {
+        f"other {f:.6g} Hz" if name.startswith("other_") else name: k
+        for k, (name, f) in enumerate(zip(one.names, one.frequency.tolist(), strict=True))
+        if name not in rings and not (fallback and name.startswith("other_"))
+    }
+
+
+def _turning(psi: np.ndarray, moved: list[Moved], rate: float, frequency: np.ndarray) -> np.ndarray:
+    """Size of what the turning changes in each line, (n, k, 2) [rad], of first order in the ``rate`` [rad/s].
+
+    The structure's change while it settles, rate d2 los/(d omega d psi), and the gyroscopic terms left out, which are up to
+    2 rate/omega of those of inertia: times the response's own sensitivity to these, at least its size.
+    """
+    los, slope = (np.array([getattr(one, name) for one in moved]) for name in ("los", "slope"))
+    change = np.abs(np.gradient(slope, psi, axis=0))
+    gyroscopic = np.maximum(np.abs(slope), np.abs(los) / (np.pi * frequency[:, None]))
+    return np.asarray(rate * (change + gyroscopic))
