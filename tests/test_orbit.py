@@ -130,7 +130,8 @@ def test_a_mode_that_rings_too_long_is_no_matter_of_angle_after_angle() -> None:
     assert not orbit.quasi_static
     assert "is not allowed here" in " ".join(orbit.notes())
     calm = over_orbit(near_a_mode(), angles_in("60:120:20"))
-    assert calm.quasi_static and not calm.notes()
+    assert calm.quasi_static
+    assert not calm.notes()
     assert calm.windows[0].turning < NOT_QUASI_STATIC < orbit.windows[0].turning
     # 2/D of the third mode, 0.6 % at 3.1 Hz with clamped root, times the rate; the first rings longer still
     assert math.degrees(calm.turned_in_decay) > 0.0626 / (2.0 * math.pi * 3.1 * 0.006)
