@@ -237,4 +237,4 @@ def statements(table: Path, draws: int, seeds: int) -> None:
         spread, single = held(rows, k)
         echo(f"{statement.item:90s} {100 * spread:5.0f} % of the draws, {100 * single:5.0f} % of single records")
     refused = sum(bool(row["refused"]) for row in rows)
-    echo(f"{refused} of {len(rows)} draws were refused: they do not give state 1's lines.")
+    echo(f"{refused} of {len(rows) - 1} draws were refused: they do not give state 1's lines.")
