@@ -12,8 +12,9 @@ from microvib.signals.tone_kernel import REACH
 from microvib.signals.tones import Joint, mean_of_decay
 
 _NUDGE = 1e-4  # step of difference quotients, in cycles or e-foldings over the record
-_FEW = 1.08
-"""Widens uncertainties, since the floor is itself uncertain by a sixth: a median of some thirty dependent bins."""
+_ABSORBS = 2.0  # distance [bins] from a tone within which its fit takes away much of the noise, a third of it and more
+_AWAY = np.concatenate([np.arange(-20, -3), np.arange(4, 21)])  # bins about a tone over which its noise is taken
+_FEWEST = 6  # bins of those that no tone absorbs, below which all are taken
 _USUAL = 2.0  # RMS of the residual in a tone's own bins, over that of the noise, which noise alone hardly exceeds
 _TELLS = 1e4  # largest entry of an inverse that is taken as it is
 _HIDES = 5.0  # effect of a hidden line on one within a bin, over the residual it leaves: the fit absorbs most of it
@@ -128,7 +129,7 @@ def _noise(joint: Joint, near: np.ndarray) -> np.ndarray:
 def _noise_about(joint: Joint, frequency: np.ndarray) -> np.ndarray:
     """The same about tones at each ``frequency`` [Hz]."""
     floors, left = _floors(joint, frequency)
-    return np.sqrt((_FEW * floors) ** 2 + _HIDES**2 * np.maximum(left**2 - (_USUAL * floors) ** 2, 0.0))
+    return np.sqrt(floors**2 + _HIDES**2 * np.maximum(left**2 - (_USUAL * floors) ** 2, 0.0))
 
 
 def disturbed(joint: Joint) -> np.ndarray:
@@ -138,10 +139,26 @@ def disturbed(joint: Joint) -> np.ndarray:
 
 
 def _floors(joint: Joint, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """RMS of real and imaginary part of the noise about each ``frequency`` (m,) [Hz], and of the residual in its bins."""
+    """RMS of real and imaginary part of the noise about each ``frequency`` (m,) [Hz], and of the residual in its bins.
+
+    The median of the bins that no tone absorbs: what fits take away is not missing in the noise. Of n bins, dependent by the Hann
+    window, it is a scale of n/2 degrees of freedom, and wider by Student's t over a normal deviate, both at 95 %.
+    """
+    rest, size = joint.rest, joint.rest.values.size
+    cycles = joint.tones.frequency * rest.duration
+    near = np.rint(cycles).astype(int)[:, None] + np.arange(-3, 4)
+    quiet = np.ones(size + 1, dtype=bool)
+    quiet[near[(np.abs(near - cycles[:, None]) < _ABSORBS) & (near >= 0) & (near < size)]] = False
+    quiet[[0, 1, size]] = False  # the mean is absorbed, too
+    k = np.rint(frequency * rest.duration).astype(int)[:, None] + _AWAY
+    k = np.where((k >= 1) & (k < size), k, size)
+    free = quiet[k] | (np.count_nonzero(quiet[k], axis=1) < _FEWEST)[:, None] & (k < size)
+    values = np.ma.masked_array(np.append(rest.magnitude, 0.0)[k], ~free)
+    half = np.maximum(np.count_nonzero(free, axis=1), 2) / 2.0
+    student = 1.0 + 1.21 / half + 1.44 / half**2  # Cornish and Fisher's expansion
     # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
-    floors = joint.rest.floors(frequency) / np.sqrt(2.0 * np.log(2.0))
-    return floors, hann.bin_rms(frequency * joint.rest.duration, joint.rest.values) / np.sqrt(2.0)
+    floors = student * np.ma.filled(np.ma.median(values, axis=1), 0.0) / np.sqrt(2.0 * np.log(2.0))
+    return floors, hann.bin_rms(frequency * rest.duration, rest.values) / np.sqrt(2.0)
 
 
 def _estimators(columns: np.ndarray) -> np.ndarray:
