@@ -71,7 +71,7 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     ``fallback`` says why. Raises what ``simulate`` raises.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
-    state, why = find_steady(scenario)
+    state, why = find_steady(scenario, whole=False)  # of T_d, which is the first drive's
     source = state or torque_from_rest(scenario, progress)
     return Steady(lines(source, harmonics=harmonics), source, why)
 

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from microvib.analysis.lines import expected_in
+from microvib.analysis.lines import expected_in, lines
 from microvib.errors import MicrovibError
 from microvib.model.coupling import MEANINGLESS
 from microvib.model.expected import ExpectedLine
+from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import Line, LineTable
 from microvib.signals.pointing import METRICS, Metric, level, mean_square_of_lines, radial, transfer_in_window
-from microvib.solve.channels import INTERFACE
+from microvib.solve.channels import INTERFACE, SECOND_LOADS
 from microvib.solve.motion import Motion
 from microvib.solve.steady.state import SteadyState
 
 CONFIDENCE = 0.997
+SAME = 1e-6
+"""Relative distance of frequencies up to which lines are of one frequency."""
+SECOND = "wing_2"
+"""How names of lines begin that only a second wing's drive makes."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +44,11 @@ class HubLines:
     los: np.ndarray | None
     """Both angles of the line of sight [rad], (k, 2); None without ``line_of_sight``."""
     shafts: np.ndarray
-    """Accelerations of output and rotor [rad/s^2], (k, 2)."""
+    """Accelerations of output and rotor [rad/s^2], of the first drive, (k, 2)."""
     unknown: tuple[str, ...] = ()
     """Expected lines that could not be estimated in any channel."""
+    second: np.ndarray | None = None
+    """Loads on the hub at the second wing's interface, (k, 6); None without a second wing."""
 
     @property
     def windows(self) -> tuple[float, ...]:
@@ -122,14 +129,16 @@ class HubLines:
             },
         }  # fmt: skip
 
-    def loads_table(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows of ``loads.csv``."""
+    def loads_table(self, *, second: bool = False) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of ``loads.csv``; ``second`` those of the second wing's interface."""
+        found = self.second if second else self.loads
+        assert found is not None
         units = ["n", "n", "n", "n_m", "n_m", "n_m"]
         keys = [f"{name.lower()}_{unit}" for name, unit in zip(INTERFACE, units, strict=True)]
         header = ["line", "frequency_hz", *keys, *(f"{name.lower()}_phase_rad" for name in INTERFACE)]
         return header, [
             [name, float(f), *np.abs(values).tolist(), *np.angle(values).tolist()]
-            for name, f, values in zip(self.names, self.frequency, self.loads, strict=True)
+            for name, f, values in zip(self.names, self.frequency, found, strict=True)
         ]
 
     def pointing_table(self) -> tuple[list[str], list[list[Any]]]:
@@ -155,8 +164,18 @@ def hub_lines(
     Lines of the clock follow from those of the two shafts' accelerations, through the craft's linear response with its whole
     damping matrix. What rings by itself, and what is not expected, is found in each channel; of the angles in their second
     derivatives, which no drift leaks into. With ``los_only`` loads are not estimated, and nan, which takes a third of the time.
-    MicrovibError where the scenario has no spacecraft.
+    Where a second wing is driven, too, lines of both drives are added (``together``). MicrovibError where the scenario has no
+    spacecraft.
     """
+    beside = source.beside
+    own = _lines_of_one(source.alone if isinstance(source, Motion) else source, table, harmonics, los_only)
+    if beside is None:
+        return own
+    return together(own, _lines_of_one(beside, lines(beside, harmonics=harmonics), harmonics, los_only))
+
+
+def _lines_of_one(source: Motion | SteadyState, table: LineTable, harmonics: int, los_only: bool) -> HubLines:
+    """``hub_lines`` of one drive's run."""
     scenario, craft = source.scenario, source.scenario.craft
     if craft is None:
         raise MicrovibError("this run is one on firm ground; a scenario with a spacecraft is expected")
@@ -165,12 +184,17 @@ def hub_lines(
         *expected_in(scenario, scenario.record.sample_rate, harmonics),
         *(ExpectedLine(x.line, "other", x.frequency_hz, x.frequency_hz, x.frequency_hz, x.origin) for x in others),
     )
-    looks = craft.spacecraft.line_of_sight is not None
-    channels = (*(() if los_only else INTERFACE), *(("los_ax", "los_ay") if looks else ()))
+    looks, two = craft.spacecraft.line_of_sight is not None, craft.second is not None and not los_only
+    channels = (
+        *(() if los_only else INTERFACE),
+        *(SECOND_LOADS if two else ()),
+        *(("los_ax", "los_ay") if looks else ()),
+    )
     frequency, ringing = _ringing(source, expected, channels)
     shafts = np.array([tones_of(lines_in(source, name, expected)) for name in ("alpha_l", "alpha_m")]).T
     own = np.array([line.kind in ("array mode", "other") for line in expected])
-    rows = [*([] if los_only else [craft.loads()]), *([craft.line_of_sight()] if looks else [])]
+    rows = [*([] if los_only else [craft.loads()]), *([craft.second_loads()] if two else [])]
+    rows += [craft.line_of_sight()] if looks else []
     forced = np.hstack([np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows])
     tones = np.where(own[:, None], ringing, forced)
     if los_only:
@@ -179,8 +203,50 @@ def hub_lines(
     keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~(free & (frequency < MEANINGLESS))
     names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
     unknown = tuple(x.name for x, lost in zip(expected, ~np.any(np.isfinite(tones), axis=1), strict=True) if lost)
-    los = tones[keep, 6:] if looks else None
-    return HubLines(scenario, names, frequency[keep], tones[keep, :6], los, shafts[keep], unknown)
+    tones = tones[keep]
+    los, second = tones[:, -2:] if looks else None, tones[:, 6:12] if two else None
+    return HubLines(scenario, names, frequency[keep], tones[:, :6], los, shafts[keep], unknown, second)
+
+
+def together(first: HubLines, second: HubLines) -> HubLines:
+    """Lines of two drives on one craft: those of one frequency, and natural modes, with their phases; of others both.
+
+    Each drive's run knows the same natural modes, by names that may differ where one of them is the other drive's.
+    """
+    ours, theirs = (sorted(coupled_modes(one.scenario), key=lambda m: m.frequency) for one in (first, second))
+    partner = {b.name: a.name for a, b in zip(ours, theirs, strict=False)} if len(ours) == len(theirs) else {}
+    modes = {m.name for m in theirs}
+    place: dict[str, int] = {}
+    for name, f in zip(second.names, second.frequency, strict=True):
+        near = np.flatnonzero(np.abs(first.frequency - f) <= SAME * f)
+        if name in modes:
+            near = np.array([k for k, own in enumerate(first.names) if own == partner.get(name)], dtype=int)
+        place[name] = (
+            int(near[0]) if near.size else len(first.names) + sum(k >= len(first.names) for k in place.values())
+        )
+    new = [k for k, name in enumerate(second.names) if place[name] >= len(first.names)]
+    to = [place[name] for name in second.names]
+
+    def added(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+        if a is None or b is None:
+            return None
+        both = np.full((2, len(first.names) + len(new), a.shape[1]), np.nan, dtype=complex)
+        both[0, : len(first.names)], both[1, to] = a, b
+        total: np.ndarray = np.where(np.isnan(both).all(axis=0), np.nan, np.nansum(both, axis=0))
+        return total
+
+    loads = added(first.loads, second.loads if second.second is None else second.second)
+    assert loads is not None
+    return replace(
+        first,
+        names=(*first.names, *(f"{SECOND} {second.names[k]}" for k in new)),
+        frequency=np.concatenate([first.frequency, second.frequency[new]]),
+        loads=loads,
+        los=added(first.los, second.los),
+        shafts=np.vstack([first.shafts, np.zeros((len(new), 2))]),
+        second=added(first.second, second.loads),
+        unknown=(*first.unknown, *(f"{SECOND} {name}" for name in second.unknown)),
+    )
 
 
 def _ringing(

@@ -30,7 +30,8 @@ def samples_of(source: Sampled, channel: str = "") -> tuple[np.ndarray, float, s
     expect(source, (Motion, Torque, Recording), SAMPLED)
     if isinstance(source, Motion):
         name = channel or "T_d"
-        return series_of(source.channels, name, source.scenario, source.time), source.sample_rate, unit_of(name)
+        own = series_of(source.channels, name, source.scenario, source.time)
+        return own if source.beside is None else source[name], source.sample_rate, unit_of(name)
     if isinstance(source, Recording):
         name = channel or "Mz"
         return source[name], source.sample_rate, source.units.get(name, "")

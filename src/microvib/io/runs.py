@@ -8,7 +8,7 @@ import json
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,8 @@ from microvib.signals.line_table import Line, LineTable, Rest, SeedLine
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
 
+SECOND_MOTION = "motion_wing_2.nc"
+"""Motion of a second wing's drive that is driven."""
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
 
 
@@ -104,8 +106,6 @@ def summary(
 
 def read_run(folder: Path | str) -> Run:
     """Read the run in ``folder``. MicrovibError if a file is missing, is not a run's, or has been changed since."""
-    import h5netcdf
-
     folder = Path(folder)
     missing = [name for name in _NEEDED if not (folder / name).is_file()]
     if missing:
@@ -119,9 +119,10 @@ def read_run(folder: Path | str) -> Run:
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
         raise MicrovibError(f"{written}: was changed since the run; run it again: microvib run {written}")
     scenario = load_scenario(written)
-    with _expected(folder / "motion.nc", "a motion of a run") as path, h5netcdf.File(path, "r") as f:
-        channels = {name: np.asarray(f[name]) for name in (*CHANNELS, *MODAL) if name in f}
-        motion = Motion(scenario, np.asarray(f["time"]), channels, invariants, solver)
+    motion = _motion(folder / "motion.nc", scenario, invariants, solver)
+    other = scenario.driven_wing
+    if other is not None:
+        motion = replace(motion, beside=_motion(folder / SECOND_MOTION, other, invariants, solver))
     with _expected(folder / "lines.csv", "a table of lines of a run") as path:
         left = said.get("left_by_lines")
         table = LineTable(
@@ -131,6 +132,14 @@ def read_run(folder: Path | str) -> Run:
             seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip
     return Run(motion, table, versions, limit)
+
+
+def _motion(path: Path, scenario: Scenario, invariants: Invariants, solver: dict[str, Any]) -> Motion:
+    import h5netcdf
+
+    with _expected(path, "a motion of a run"), h5netcdf.File(path, "r") as f:
+        channels = {name: np.asarray(f[name]) for name in (*CHANNELS, *MODAL) if name in f}
+        return Motion(scenario, np.asarray(f["time"]), channels, invariants, solver)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What a scenario's ``spacecraft`` names: where its hub comes from, rows of the line of sight, a point of the hub."""
+"""What a scenario's ``spacecraft`` names: where its hub comes from, rows of the line of sight, points of the hub, another drive."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Any
 from microvib.errors import ScenarioError, error_context, shown
 from microvib.io.files import check_file, reading
 from microvib.io.hub_sources import COLUMNS, hub_from
-from microvib.io.scenario_file import hub_names
+from microvib.io.scenario_file import catalog_names, catalog_text, hub_names, read_text, scenario_of, with_array
 from microvib.io.tables import finite, named_rows
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import plain
+from microvib.model.spacecraft import DRIVE
 from microvib.structures.modal import ModalError
 
 SHAPE = COLUMNS[6:]
@@ -19,12 +21,12 @@ LOS_COLUMNS = ("axis", "point", *SHAPE)
 
 def with_spacecraft(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
     """Scenario data with what they stand for in place of the names of ``spacecraft``: of ``hub.modes`` a file or a description,
-    of ``line_of_sight.rows`` a file, of ``interface.position`` a point of the hub.
+    of ``line_of_sight.rows`` a file, of an ``interface.position`` a point of the hub, of ``second_wing.scenario`` another drive.
 
     Files are relative to ``folder``. Raises ScenarioError or ModalError.
     """
     group, sources = dict(data["spacecraft"]), {}
-    hub, los, interface = (group.get(key) for key in ("hub", "line_of_sight", "interface"))
+    hub, los, second = (group.get(key) for key in ("hub", "line_of_sight", "second_wing"))
     with error_context(origin):
         if isinstance(hub, dict) and isinstance(hub.get("modes"), str):
             group["hub"] = plain(hub_from(hub, folder), text=True)
@@ -34,13 +36,45 @@ def with_spacecraft(data: dict[str, Any], folder: Path, origin: str) -> dict[str
         if isinstance(los, dict) and isinstance(los.get("rows"), str):
             group["line_of_sight"] = {**los, "rows": _rows(folder / los["rows"])}
             sources["spacecraft.line_of_sight"] = str(los["rows"])
-        if isinstance(interface, dict) and isinstance(interface.get("position"), str):
-            group["interface"] = {**interface, "position": _place(interface["position"], group.get("hub"))}
+        if isinstance(second, dict):
+            name = second.get("scenario")
+            if name is not None:
+                sources["spacecraft.second_wing"] = str(name)
+            group["second_wing"] = _placed(_with_drive(second, folder), group.get("hub"), "second_wing.")
+        group = _placed(group, group.get("hub"))
     data = {**data, "spacecraft": group}
     if not sources:
         return data
     given = data.get("sources")
     return {**data, "sources": {**(given if isinstance(given, dict) else {}), **sources}}
+
+
+def _with_drive(wing: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A second wing with drive and array of the scenario that it names, but for the groups that it gives itself."""
+    given = dict(with_array(wing, folder, "spacecraft.second_wing"))
+    given.pop("sources", None)
+    name = given.pop("scenario", None)
+    if name is None:
+        return given
+    if not isinstance(name, str) or "\0" in name:
+        raise ScenarioError(
+            f"spacecraft.second_wing.scenario: {shown(name)} is not allowed; a scenario file is expected, or a catalog name"
+        )
+    published = name in catalog_names()
+    data = parse_yaml(catalog_text(name) if published else read_text(folder / name), name)
+    if isinstance(data, dict):
+        data.pop("spacecraft", None)  # whose second wing may be this one's file
+    other = scenario_of(data, name, folder=folder if published else (folder / name).parent)
+    return {**{key: plain(getattr(other, key), text=True) for key in DRIVE}, **given}
+
+
+def _placed(group: dict[str, Any], hub: Any, prefix: str = "") -> dict[str, Any]:
+    """The group with coordinates in place of a point's name in its interface."""
+    interface = group.get("interface")
+    if not isinstance(interface, dict) or not isinstance(interface.get("position"), str):
+        return group
+    with error_context(f"spacecraft.{prefix}interface.position"):
+        return {**group, "interface": {**interface, "position": _place(interface["position"], hub)}}
 
 
 def _place(name: str, hub: Any) -> Any:
@@ -51,7 +85,7 @@ def _place(name: str, hub: Any) -> Any:
         if point.get("name") == name:
             return point.get("position")
     raise ScenarioError(
-        f"spacecraft.interface.position: {shown(name)} is not a point of the hub"
+        f"{shown(name)} is not a point of the hub"
         f" ({', '.join(str(p.get('name')) for p in known) or 'it has none'}); write one of them, or three coordinates from the"
         " hub's centre of mass"
     )

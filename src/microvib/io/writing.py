@@ -169,6 +169,7 @@ def _locked(path: Path) -> int | None:
 
 RUN_FILES = (
     "motion.nc", "lines.csv", "loads.csv", "pointing.csv", "summary.json", "scenario.yaml", "report.html",
+    "motion_wing_2.nc", "lines_wing_2.csv", "loads_wing_2.csv",
 )  # fmt: skip
 """Files of a run's folder; only a folder that holds nothing else may be replaced."""
 

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.model.craft import Craft, array_on_hub, hub_matrices
-from microvib.model.linear import coordinates, matrices, pulls
+from microvib.model.craft import Craft, Held, array_on_hub, held, hub_matrices
+from microvib.model.linear import coordinates, pulls
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import INTERFACE
+from microvib.model.spacecraft import INTERFACE, SECOND
 
 MEANINGLESS = 0.05
 """Frequency [Hz] below which the lines of a hub without attitude control mean nothing, and are left out."""
@@ -30,17 +30,8 @@ SEMIDEFINITE = 1e-6
 
 
 @dataclass(frozen=True)
-class Source:
-    """What hangs on the interface: a mass matrix, and coordinates x that its acceleration stirs, M x'' + C x' + K x = -G' a."""
-
-    mass: np.ndarray
-    """With x = 0, (6, 6) [kg, kg m, kg m^2]."""
-    G: np.ndarray
-    """Momentum at the interface by the rates of the coordinates, (6, n)."""
-    M: np.ndarray
-    C: np.ndarray
-    K: np.ndarray
-    """Of the coordinates, (n, n)."""
+class Source(Held):
+    """What hangs on the interface: a mass matrix, and coordinates that its acceleration stirs."""
 
     def __post_init__(self) -> None:
         """MicrovibError where D_0, what the coordinates leave of the mass, is not positive semi-definite."""
@@ -97,22 +88,17 @@ def source_of(scenario: Scenario, *, powered: bool = True) -> Source:
         raise MicrovibError(
             "driver.drive: voltage is not known to the coupling in closed form; simulate the craft instead"
         )
-    spacecraft, array = craft_in(scenario).spacecraft, scenario.array
-    a = np.concatenate([np.zeros(3), spacecraft.interface.axis])
-    M, P = array_on_hub(array, spacecraft)
-    M = M + scenario.reducer.output_inertia * np.outer(a, a)
-    J_m = scenario.rotor_inertia
-    mass = M + J_m * np.outer(a, a)
-    if not powered:
-        return Source(mass, P, np.eye(P.shape[1]), np.diag(array.D), np.diag(array.Lambda))
-    ground = scenario.model_copy(update={"spacecraft": None})
-    T = coordinates(scenario.reducer, P.shape[1])
-    return Source(mass, np.column_stack([J_m * a, M @ a, P]) @ T, *matrices(ground))
+    spacecraft, s = craft_in(scenario).spacecraft, scenario
+    found = held(s.motor, s.reducer, s.friction, s.array, spacecraft.interface, spacecraft.array_angle)
+    if powered:
+        return Source(found.mass, found.G, found.M, found.C, found.K)
+    _, P = array_on_hub(s.array, spacecraft.interface, spacecraft.array_angle)
+    return Source(found.mass, P, np.eye(P.shape[1]), np.diag(s.array.D), np.diag(s.array.Lambda))
 
 
 @dataclass(frozen=True)
 class Receiver:
-    """The hub alone: coordinates q with M (q'' + damping q' + squares q) = root' F, and what is looked at."""
+    """The hub, and what is looked at: coordinates q with M (q'' + damping q' + squares q) = root' F + second_root' F_2."""
 
     root: np.ndarray
     """Motion of the interface point by the coordinates, (6, n)."""
@@ -126,6 +112,10 @@ class Receiver:
     """Both angles of the line of sight by the coordinates, (2, n)."""
     lowest: float
     """Frequency [Hz] below which its motion means nothing."""
+    second: Source | None = None
+    """The second wing, which puts F_2 on the hub."""
+    second_root: np.ndarray | None = None
+    """Motion of its interface point by the coordinates, (6, n)."""
 
     def moved(self, frequency: np.ndarray, place: np.ndarray | None = None) -> np.ndarray:
         """Coordinates by loads at the interface at each frequency (m,) [Hz], (m, n, 6).
@@ -133,8 +123,12 @@ class Receiver:
         ``place`` is another place where they act: its motion by the coordinates, (6, n).
         """
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None]
-        stirred = np.linalg.solve(self.M, (self.root if place is None else place).T)
-        return np.asarray(stirred / (self.squares - omega**2 + 1j * omega * self.damping)[:, :, None])
+        on = (self.root if place is None else place).T
+        dynamic = self.squares - omega**2 + 1j * omega * self.damping
+        if self.second is None or self.second_root is None:
+            return np.asarray(np.linalg.solve(self.M, on) / dynamic[:, :, None])
+        carried = self.second_root.T @ self.second.apparent_mass(frequency) @ self.second_root
+        return np.asarray(np.linalg.solve(self.M * dynamic[:, None, :] - omega[:, :, None] ** 2 * carried, on))
 
     def accelerance(self, frequency: np.ndarray) -> np.ndarray:
         """Acceleration of the interface point by loads there, (m, 6, 6); its inverse is the apparent mass."""
@@ -151,15 +145,17 @@ class Receiver:
 
 
 def receiver_of(scenario: Scenario) -> Receiver:
-    """The hub of a scenario with a ``spacecraft``."""
-    craft = craft_in(scenario)
+    """The hub of a scenario with a ``spacecraft``, with its second wing."""
+    craft, other = craft_in(scenario), scenario.other_wing
     M, K, C, _ = hub_matrices(craft.spacecraft)
     n, control = M.shape[0], craft.spacecraft.attitude_control
     root = craft.at(INTERFACE)[:, :n]
     # Attitude control is in proportion to the hub's inertia and a mode has its own, so that K = M squares, C = M damping.
     squares, damping = (np.diag(np.linalg.solve(M, X)) for X in (K, C))
     los = None if craft.spacecraft.line_of_sight is None else craft.line_of_sight().position[:, :n]
-    return Receiver(root, M, squares, damping, los, MEANINGLESS if control is None else 0.0)
+    lowest = MEANINGLESS if control is None else 0.0
+    second = (None, None) if other is None else (source_of(other), craft.at(SECOND)[:, :n])
+    return Receiver(root, M, squares, damping, los, lowest, *second)
 
 
 @dataclass(frozen=True)
@@ -262,6 +258,9 @@ def chart(scenario: Scenario, rates: np.ndarray, angles: np.ndarray | None = Non
     Y, seen = hub.accelerance(f), hub.transfer(f)
     found = []
     for angle in psi:
+        if hub.second is not None:  # which may turn, too
+            there = receiver_of(scenario.with_si({"spacecraft.array_angle": float(angle)}))
+            Y, seen = there.accelerance(f), there.transfer(f)
         turn = np.kron(np.eye(2), about_axis(spacecraft.interface.axis, float(angle) - spacecraft.array_angle))
         found.append(_coupled(f, loads @ turn.T, turn @ mass @ turn.T, Y, seen))
     shape = (psi.size, *frequency.shape)

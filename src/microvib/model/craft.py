@@ -7,6 +7,8 @@ axes and at the array's angle, a the unit rotation about the drive axis (docs/th
     M_S = [[M_hub + Phi_I' (M + J_m a a') Phi_I, Phi_I' P], [P' Phi_I, 1]]
     in theta_l: [Phi_I' M a; P' a],     in theta_m: [J_m Phi_I' a; 0]
 
+A second wing adds its own coordinates between q and eta: its array's modes, and both its shafts, which its linearised drive holds.
+
 Motions without stiffness (all six rigid ones, or the three displacements where the attitude is controlled) are split off exactly:
 their momentum is conserved, so that they follow from the two shafts' angles. The others are the modes of the kernel.
 """
@@ -20,9 +22,12 @@ from functools import lru_cache
 import numpy as np
 
 from microvib.model.array import Array
+from microvib.model.friction import Friction
 from microvib.model.load import Load
+from microvib.model.motor import Motor
+from microvib.model.reducer import Reducer
 from microvib.model.rigid import motion_of, tensor
-from microvib.model.spacecraft import CENTER, INTERFACE, Spacecraft
+from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface, Spacecraft
 
 MIXED = 0.1
 """Damping between two modes over the geometric mean of their own, from which it is said that the diagonal leaves something out."""
@@ -64,6 +69,23 @@ class Outputs:
 
 
 @dataclass(frozen=True)
+class Held:
+    """A wing whose shaft is held by its linearised drive: coordinates x that the interface's acceleration stirs.
+
+    M x'' + C x' + K x = -G' a, and the load on the hub is -(mass a + G x''); x are theta_m, theta_l (not if rigid), modes.
+    """
+
+    mass: np.ndarray
+    """With x = 0, about the interface point, hub axes, (6, 6)."""
+    G: np.ndarray
+    """Momentum at the interface by the rates of the coordinates, (6, n)."""
+    M: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    """Of the coordinates, (n, n)."""
+
+
+@dataclass(frozen=True)
 class Craft:
     """The structure with locked hinges: its modes zeta, mass-normalised, and its free motions."""
 
@@ -82,6 +104,8 @@ class Craft:
     participation: np.ndarray
     """Participation of the array's modes, hub axes, (6, s_array)."""
     rotor_inertia: float
+    second: Held | None
+    """The second wing."""
     notes: tuple[str, ...]
 
     @property
@@ -96,7 +120,8 @@ class Craft:
 
     def at(self, point: str) -> np.ndarray:
         """Motion of a named point by the coordinates, (6, n): displacement and rotation, hub axes."""
-        return np.hstack([_motion_of_point(self.spacecraft, point), np.zeros((6, self.participation.shape[1]))])
+        of_hub = _motion_of_point(self.spacecraft, point)
+        return np.hstack([of_hub, np.zeros((6, self.shapes.shape[0] - of_hub.shape[1]))])
 
     def motion(self, point: str) -> Rows:
         """Displacement [m] and rotation [rad] of a named point, hub axes, less the mean motion that the command makes."""
@@ -119,6 +144,15 @@ class Craft:
         of_modes[:, at_root.shape[1] - self.participation.shape[1] :] = self.participation
         acceleration = -(M + J_m * np.outer(a, a)) @ at_root - of_modes
         return Rows(np.zeros_like(at_root), acceleration, -np.column_stack([M @ a, J_m * a]))
+
+    def second_loads(self) -> Rows:
+        """The same at the interface point of the second wing, of the second wing."""
+        if self.second is None:
+            raise ValueError("this craft has no second wing")
+        there, before = self.at(SECOND), 6 + len(self.spacecraft.hub.modes)
+        acceleration = -self.second.mass @ there
+        acceleration[:, before : before + self.second.G.shape[1]] -= self.second.G
+        return Rows(np.zeros_like(there), acceleration, np.zeros((6, 2)))
 
     def line_of_sight(self, *, accelerations: bool = False) -> Rows:
         """Two angles of the line of sight [rad], or their ``accelerations`` [rad/s^2]; see ``LineOfSight``."""
@@ -182,10 +216,19 @@ def craft_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float,
 
 def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, rotor_inertia: float) -> Craft:
     a = _six(spacecraft.interface.axis)
-    M, P = array_on_hub(array, spacecraft)
+    M, P = array_on_hub(array, spacecraft.interface, spacecraft.array_angle)
     M = M + output_inertia * np.outer(a, a)
     hub_mass, hub_stiffness, hub_damping, free = hub_matrices(spacecraft)
-    root = _motion_of_point(spacecraft, INTERFACE)
+    root, second = _motion_of_point(spacecraft, INTERFACE), second_wing(spacecraft)
+    if second is not None:
+        there = _motion_of_point(spacecraft, SECOND)
+        carried, stirred = there.T @ second.mass @ there, there.T @ second.G
+        hub_mass = np.block([[hub_mass + carried, stirred], [stirred.T, second.M]])
+        apart = np.zeros_like(stirred)
+        hub_stiffness, hub_damping = (
+            np.block([[X, apart], [apart.T, Y]]) for X, Y in ((hub_stiffness, second.K), (hub_damping, second.C))
+        )
+        root = np.hstack([root, np.zeros((6, len(second.M)))])
     n, s = root.shape[1], P.shape[1]
     M_S = np.block(
         [
@@ -222,15 +265,41 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
         array_left=left - output_inertia,
     )
     notes = _damping_notes(D_all, squares)
-    return Craft(spacecraft, load, shapes, D_all, by_output, by_rotor, M, P, rotor_inertia, notes)
+    return Craft(spacecraft, load, shapes, D_all, by_output, by_rotor, M, P, rotor_inertia, second, notes)
 
 
-def array_on_hub(array: Array, spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Mass matrix (6, 6) and participation (6, s) of an array about the interface point, at its angle, hub axes."""
+def second_wing(spacecraft: Spacecraft) -> Held | None:
+    """The second wing as its drive holds it; None where there is none. The spacecraft has all its groups (``Scenario.mounted``)."""
+    wing = spacecraft.second_wing
+    if wing is None:
+        return None
+    assert wing.motor is not None
+    assert wing.reducer is not None
+    assert wing.friction is not None
+    assert wing.array is not None
+    assert wing.array_angle is not None
+    return held(wing.motor, wing.reducer, wing.friction, wing.array, wing.interface, wing.array_angle)
+
+
+def held(motor: Motor, reducer: Reducer, friction: Friction, array: Array, interface: Interface, angle: float) -> Held:
+    """A wing at an ``angle`` [rad] of its array on its ``interface``, its shaft held by the linearised drive."""
+    from microvib.model.linear import coordinates, drive_matrices  # which begins with a craft
+
+    a, J_m = _six(interface.axis), motor.rotor_inertia + reducer.input_inertia
+    M, P = array_on_hub(array, interface, angle)
+    M = M + reducer.output_inertia * np.outer(a, a)
+    on_ground = load_of(array, None, reducer.output_inertia, J_m)
+    G = np.column_stack([J_m * a, M @ a, P]) @ coordinates(reducer, P.shape[1])
+    M_x, C_x, K_x = drive_matrices(motor, reducer, friction, on_ground)
+    return Held(M + J_m * np.outer(a, a), G, M_x, C_x, K_x)
+
+
+def array_on_hub(array: Array, interface: Interface, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mass matrix (6, 6) and participation (6, s) of an array about its interface point, at its angle, hub axes."""
     mass, participation = array.mass, array.interface
     if mass is None or participation is None:
         raise ValueError("the array has no six components")
-    turn = np.kron(np.eye(2), spacecraft.interface.turn(array.drive_axis, spacecraft.array_angle))
+    turn = np.kron(np.eye(2), interface.turn(array.drive_axis, angle))
     return turn @ mass @ turn.T, turn @ participation
 
 
@@ -255,13 +324,16 @@ def _motion_of_point(spacecraft: Spacecraft, point: str) -> np.ndarray:
     """Displacement and rotation of a named point by the hub's coordinates, (6, n)."""
     hub = spacecraft.hub
     names = [p.name for p in hub.points]
-    index = spacecraft.interface_point if point == INTERFACE else None
+    interfaces = {INTERFACE: spacecraft.interface}
+    if spacecraft.second_wing is not None:
+        interfaces[SECOND] = spacecraft.second_wing.interface
+    index = spacecraft.point_at(interfaces[point]) if point in interfaces else None
     if point in names:
         index = names.index(point)
-    position = spacecraft.interface.position if point == INTERFACE else (0.0, 0.0, 0.0)
+    position = interfaces[point].position if point in interfaces else (0.0, 0.0, 0.0)
     if index is not None:
         position = hub.points[index].position
-    elif point not in (CENTER, INTERFACE):
+    elif point not in (CENTER, *interfaces):
         raise KeyError(point)
     flexible = np.array([mode.shapes[index] if index is not None else np.zeros(6) for mode in hub.modes])
     return np.hstack([motion_of(np.array(position)), flexible.reshape(len(hub.modes), 6).T])

@@ -86,9 +86,27 @@ class Friction(Part):
         """Largest torque that can be held at rest, slip ring included [N m]."""
         return self.sliding_torque + self.stribeck_torque
 
+    @property
+    def drawn_anew(self) -> Friction:
+        """The same of another unit: its noise and its roughness are other draws."""
+        noise, position = self.torque_noise, self.position
+        rough = None if position is None else position.roughness
+        changed: dict[str, Part] = {}
+        if noise is not None:
+            changed["torque_noise"] = noise.model_copy(update={"seed": _other(noise.seed)})
+        if position is not None and rough is not None:
+            anew = rough.model_copy(update={"seed": _other(rough.seed)})
+            changed["position"] = position.model_copy(update={"roughness": anew})
+        return self.model_copy(update=changed) if changed else self
+
     def torque(self, omega: float) -> float:
         """Friction torque [N m] at the rate ``omega`` != 0 [rad/s] (Eq. 7); at rest it is set-valued and this is 0."""
         if omega == 0.0:
             return 0.0
         stribeck = self.stribeck_torque * math.exp(-(abs(omega / self.stribeck_rate) ** self.stribeck_shape))
         return math.copysign(self.sliding_torque + stribeck + self.viscous * abs(omega), omega)
+
+
+def _other(seed: int) -> int:
+    """A seed far from those that studies count up to."""
+    return (seed + 2**62) % 2**63

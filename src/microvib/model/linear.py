@@ -38,12 +38,13 @@ class CoupledMode:
 
 def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if rigid), modes (Eq. 16-18)."""
-    return _matrices(scenario.motor, scenario.reducer, scenario.friction, scenario.load)
+    return drive_matrices(scenario.motor, scenario.reducer, scenario.friction, scenario.load)
 
 
-def _matrices(
+def drive_matrices(
     motor: Motor, reducer: Reducer, friction: Friction, load: Load
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of a drive with its ``load``."""
     s, h, spring = load.H.size, reducer.h, motor.electromagnetic_stiffness
     M, C, K = (np.zeros((2 + s, 2 + s)) for _ in range(3))
     M[0, 0], M[1, 1] = load.rotor, load.output
@@ -181,7 +182,7 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
     """
     s = scenario
-    return _coupled_modes(s.motor, s.reducer, s.friction, s.array, s.spacecraft, s.driver.drive == "voltage")
+    return _coupled_modes(s.motor, s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage")
 
 
 @lru_cache(maxsize=16)
@@ -197,7 +198,7 @@ def _coupled_modes(
     craft = craft_of(array, spacecraft, J_flex, J_m)
     load = load_of(array, spacecraft, J_flex, J_m)
     locked = [mode.frequency for mode in array.modes] if craft is None else craft.frequency.tolist()
-    M, C, K = _matrices(motor, reducer, friction, load)
+    M, C, K = drive_matrices(motor, reducer, friction, load)
     n, s = M.shape[0], len(locked)
     # torque of the rotor's motion through the windings, K_m i with L di/dt = -R i - K_m omega: none of a current loop
     windings = np.eye(n)[0] * motor.axis_torque_constant * voltage, motor.winding_resistance, motor.winding_inductance

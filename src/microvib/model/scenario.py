@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,7 +19,7 @@ from microvib.model.part import Part, entries, plain
 from microvib.model.record import Record, Solver
 from microvib.model.reducer import Reducer
 from microvib.model.sentences import validated
-from microvib.model.spacecraft import Spacecraft
+from microvib.model.spacecraft import DRIVE, Spacecraft
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
@@ -46,18 +47,31 @@ class Scenario(Part):
     )
 
     def _misfits(self) -> Iterator[str]:
+        yield from self._misfits_of_array()
+        yield from self._misfits_of_wings()
+        yield from self._misfits_of_drive()
+        yield from (f"sources: '{key}' is not a key of this scenario" for key in self.sources if not self._has(key))
+
+    def _misfits_of_array(self) -> Iterator[str]:
         if self.spacecraft is not None and (self.array.mass is None or self.array.interface is None):
             missing = "interface_participation of every mode" if self.array.interface is None else "rigid_body"
             yield (
                 f"array: has no {missing}, and a spacecraft feels six components; give interface_participation of all modes and"
                 " rigid_body, or take the array from finite elements (array.fem, array.from)"
             )
+        if not self.reducer.rigid and self.reducer.output_inertia + self.array.J_h < 1e-6 * self.array.inertia:
+            yield self._hardly_any(self.reducer.output_inertia + self.array.J_h)
+
+    def _hardly_any(self, rigid: float) -> str:
+        return (
+            "array: hardly anything is rigidly attached to the shaft (J_h and reducer.output_inertia add up to"
+            f" {rigid:.3g} kg*m^2, under a millionth of the inertia); a compliant"
+            " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
+        )
+
+    def _misfits_of_drive(self) -> Iterator[str]:
         if not self.reducer.rigid and self.output_inertia < 1e-6 * self.array.inertia:
-            yield (
-                "array: hardly anything is rigidly attached to the shaft (J_h and reducer.output_inertia add up to"
-                f" {self.output_inertia:.3g} kg*m^2, under a millionth of the inertia); a compliant"
-                " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
-            )
+            yield self._hardly_any(self.output_inertia)
         noise, rate = self.friction.torque_noise, self.record.sample_rate
         low, high = noise.band(rate) if noise else (0.0, rate)
         if low >= high:
@@ -93,7 +107,30 @@ class Scenario(Part):
                 f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {largest:g} A through"
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
-        yield from (f"sources: '{key}' is not a key of this scenario" for key in self.sources if not self._has(key))
+
+    def _misfits_of_wings(self) -> Iterator[str]:
+        other, craft = self.other_wing, self.spacecraft
+        if other is None or craft is None or craft.second_wing is None:
+            return
+        for part in (other._misfits_of_array, other._misfits_of_drive):
+            yield from (f"spacecraft.second_wing: {text}" for text in part())
+        wing = craft.second_wing
+        if "voltage" in (other.driver.drive, self.driver.drive if wing.drive == "driven" else ""):
+            yield (
+                "spacecraft.second_wing: a shaft is held by its drive as by springs and dampers, and a driver without a current"
+                " loop (driver.drive: voltage) is none; use drive: current, in both where both step"
+            )
+        if wing.stagger and not other.driving_frequency:
+            yield (
+                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps are no time where the rate is zero or changes in the"
+                " record; leave it out, or track at a constant rate"
+            )
+        late = other.driver.delay - self.driver.delay
+        if wing.stagger > 1.0 and self.record.start == "rest" and late >= self.record.settle:
+            yield (
+                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps take {late:.4g} s, and record.settle is"
+                f" {self.record.settle:g} s; it must be longer, or record.start be steady"
+            )
 
     def __hash__(self) -> int:
         return hash(tuple(getattr(self, name) for name in type(self).model_fields if name != "sources"))  # a dict
@@ -111,12 +148,64 @@ class Scenario(Part):
     @property
     def load(self) -> Load:
         """What hangs on the two shafts: the array on firm ground, or with the craft that carries the drive."""
-        return load_of(self.array, self.spacecraft, self.reducer.output_inertia, self.rotor_inertia)
+        return load_of(self.array, self.mounted, self.reducer.output_inertia, self.rotor_inertia)
 
     @property
     def craft(self) -> Craft | None:
         """Drive, array and hub with both hinges locked; None without a ``spacecraft``."""
-        return craft_of(self.array, self.spacecraft, self.reducer.output_inertia, self.rotor_inertia)
+        return craft_of(self.array, self.mounted, self.reducer.output_inertia, self.rotor_inertia)
+
+    @property
+    def mounted(self) -> Spacecraft | None:
+        """The spacecraft with all that its second wing takes over from the first."""
+        craft = self.spacecraft
+        if craft is None or craft.second_wing is None:
+            return craft
+        wing = craft.second_wing
+        first = {name: getattr(self, name) for name in DRIVE} | {"friction": self.friction.drawn_anew}
+        taken: dict[str, Any] = {name: group for name, group in first.items() if getattr(wing, name) is None}
+        if wing.array_angle is None:
+            taken["array_angle"] = math.copysign(1.0, craft.second_sense) * craft.array_angle
+        return craft.model_copy(update={"second_wing": wing.model_copy(update=taken)})
+
+    @property
+    def other_wing(self) -> Scenario | None:
+        """The second wing's drive on the same craft, on which the first is now the second and holds; None where there is one wing.
+
+        It steps as ``tracking``, ``clock_ratio`` and ``stagger`` say, whether ``drive`` is driven or held; its noise is its own.
+        """
+        craft = self.mounted
+        if craft is None or craft.second_wing is None:
+            return None
+        wing = craft.second_wing
+        tracking = wing.tracking or (self.tracking if craft.second_sense > 0.0 else self.tracking.reversed)
+        tracking = tracking.model_copy(update={"clock_ratio": tracking.clock_ratio * wing.clock_ratio})
+        own = {name: getattr(wing, name) for name in DRIVE}
+        first = {name: getattr(self, name) for name in DRIVE}
+        title = f"{self.title}, second wing" if self.title else "second wing"
+        update = {"title": title, "sources": {}, "spacecraft": craft.from_second(first), "tracking": tracking}
+        other = self.model_copy(update=own | update)
+        f_d = other.driving_frequency
+        if not wing.stagger or not f_d:
+            return other
+        late = other.driver.model_copy(update={"delay": other.driver.delay + wing.stagger / f_d})
+        return other.model_copy(update={"driver": late})
+
+    @property
+    def driven_wing(self) -> Scenario | None:
+        """``other_wing`` where its drive steps; None where it holds."""
+        wing = None if self.spacecraft is None else self.spacecraft.second_wing
+        return None if wing is None or wing.drive == "held" else self.other_wing
+
+    @property
+    def alone(self) -> Scenario:
+        """The same with a second wing that holds, if there is one: what this drive does by itself."""
+        craft = self.spacecraft
+        if craft is None or craft.second_wing is None or craft.second_wing.drive == "held":
+            return self
+        held = {"drive": "held", "stagger": 0.0, "clock_ratio": 1.0, "tracking": None}
+        wing = craft.second_wing.model_copy(update=held)
+        return self.model_copy(update={"spacecraft": craft.model_copy(update={"second_wing": wing})})
 
     @property
     def has_memory(self) -> bool:

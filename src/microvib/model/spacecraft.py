@@ -1,4 +1,4 @@
-"""The spacecraft that carries the drive: hub, where and how the array sits on it, attitude control, line of sight."""
+"""The spacecraft that carries the drive: hub, where and how arrays sit on it, attitude control, line of sight."""
 
 from __future__ import annotations
 
@@ -9,8 +9,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field
 
+from microvib.model.array import Array
+from microvib.model.driver import Driver
+from microvib.model.friction import Friction
+from microvib.model.motor import Motor
 from microvib.model.part import Part, Six
+from microvib.model.reducer import Reducer
 from microvib.model.rigid import Direction, Inertia, Position, inertia_misfit, tensor
+from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
 SQUARE = 1e-3
@@ -19,6 +25,10 @@ SAME_PLACE = 1e-3
 """Distance [m] within which a point with known shapes is the interface point."""
 INTERFACE, CENTER = "interface", "center"
 """Names of points that every hub has: the interface point, and its centre of mass."""
+SECOND = "second_interface"
+"""Name of the interface point of a second wing."""
+DRIVE = ("motor", "driver", "reducer", "friction", "array")
+"""Groups of a scenario that are a drive and its array."""
 
 
 class HubPoint(Part):
@@ -100,6 +110,47 @@ class Interface(Part):
         return turn
 
 
+class SecondWing(Part):
+    """A second drive with its array on the hub: it holds its shaft, or steps as the first does.
+
+    Groups that are not given are those of the first drive.
+    """
+
+    drive: Literal["held", "driven"] = Field(
+        default="held", description="held: its motor stands still under current; driven: it steps, too"
+    )
+    interface: Interface
+    array_angle: (
+        Annotated[
+            float,
+            Quantity(
+                "rad",
+                "angle of its array from its mounting's zero, about its own drive axis; without it that of the first, in the"
+                " same sense about hub axes",
+                "psi_2",
+                display="deg",
+            ),
+        ]
+        | None
+    ) = None
+    stagger: Annotated[
+        float, Quantity("", "microsteps by which the steps of a driven one come later than the first's", ge=0, le=1e5)
+    ] = 0.0
+    clock_ratio: Annotated[
+        float, Quantity("", "step clock of a driven one over the first's", gt=0, le=10, usual=(0.8, 1.25))
+    ] = 1.0
+    tracking: Tracking | None = Field(
+        default=None,
+        description="commanded motion of a driven one, about its own drive axis; without it that of the first, in the same"
+        " sense about hub axes",
+    )
+    motor: Motor | None = None
+    driver: Driver | None = None
+    reducer: Reducer | None = None
+    friction: Friction | None = Field(default=None, description="friction on its output shaft")
+    array: Array | None = None
+
+
 class AttitudeControl(Part):
     """A torque -I (w^2 angle + 2 z w rate) on the hub's rigid rotation, I the hub's own inertia about its centre of mass."""
 
@@ -148,6 +199,11 @@ class LineOfSight(Part):
         else:
             yield from ((f"rows.{k}.point", row.point) for k, row in enumerate(self.rows))
 
+    def renamed(self, names: dict[str, str]) -> LineOfSight:
+        """The same with points called by other ``names``."""
+        rows = self.rows and tuple(x.model_copy(update={"point": names.get(x.point, x.point)}) for x in self.rows)
+        return self.model_copy(update={"point": names.get(self.point, self.point), "rows": rows})
+
     def axes(self) -> np.ndarray:
         """For a boresight, the unit vectors about which los_x and los_y turn, in hub axes, (2, 3).
 
@@ -179,13 +235,21 @@ class Spacecraft(Part):
         default=None, description="none leaves the craft free; lines far below the array's first mode mean nothing then"
     )
     line_of_sight: LineOfSight | None = None
+    second_wing: SecondWing | None = Field(default=None, description="a second array with its drive")
 
     def _misfits(self) -> Iterator[str]:
-        if self.hub.modes and self.interface_point is None:
-            at = ", ".join(f"{x:g}" for x in self.interface.position)
+        second = {} if self.second_wing is None else {"second_wing.": self.second_wing.interface}
+        for key, place in {"": self.interface, **second}.items():
+            if self.hub.modes and self.point_at(place) is None:
+                at = ", ".join(f"{x:g}" for x in place.position)
+                yield (
+                    f"{key}interface.position: no point of the hub's modes lies at [{at}] m (within {1e3 * SAME_PLACE:g} mm);"
+                    " shapes at the interface point are needed"
+                )
+        if self.second_wing is not None and abs(self.second_sense) <= SQUARE:
             yield (
-                f"interface.position: no point of the hub's modes lies at [{at}] m (within {1e3 * SAME_PLACE:g} mm); shapes at"
-                " the interface point are needed"
+                "second_wing.interface.drive_axis: is perpendicular to interface.drive_axis, and two wings that turn with the sun"
+                " have axes along each other, or nearly so"
             )
         for key, name in () if self.line_of_sight is None else self.line_of_sight.wanted():
             if name not in self.points:
@@ -195,12 +259,30 @@ class Spacecraft(Part):
     @property
     def points(self) -> tuple[str, ...]:
         """Names of the points whose motion is known; of a flexible hub the centre of mass is none of them."""
-        return (INTERFACE, *([] if self.hub.modes else [CENTER]), *(point.name for point in self.hub.points))
+        second, center = (() if self.second_wing is None else (SECOND,)), (() if self.hub.modes else (CENTER,))
+        return (INTERFACE, *second, *center, *(point.name for point in self.hub.points))
 
     @property
-    def interface_point(self) -> int | None:
-        """Index of the point of ``hub.points`` that is the interface, or None where none is there."""
-        here = np.array(self.interface.position)
+    def second_sense(self) -> float:
+        """Cosine between both drive axes: which way the second shaft turns where the first turns positively."""
+        return 0.0 if self.second_wing is None else float(self.interface.axis @ self.second_wing.interface.axis)
+
+    def from_second(self, first: dict[str, Part]) -> Spacecraft:
+        """The same with both wings exchanged: the ``first``, told by its groups, is the second and holds."""
+        wing = self.second_wing
+        if wing is None:
+            raise ValueError("this craft has no second wing")
+        plain = {"drive": "held", "stagger": 0.0, "clock_ratio": 1.0, "tracking": None}
+        held = wing.model_copy(update={**first, **plain, "interface": self.interface, "array_angle": self.array_angle})
+        los = self.line_of_sight and self.line_of_sight.renamed(
+            {a: b for a, b in ((INTERFACE, SECOND), (SECOND, INTERFACE)) if a not in {p.name for p in self.hub.points}}
+        )
+        exchanged = {"interface": wing.interface, "array_angle": wing.array_angle, "second_wing": held}
+        return self.model_copy(update={**exchanged, "line_of_sight": los})
+
+    def point_at(self, interface: Interface) -> int | None:
+        """Index of the point of ``hub.points`` that is an interface, or None where none is there."""
+        here = np.array(interface.position)
         near = (k for k, p in enumerate(self.hub.points) if np.linalg.norm(np.array(p.position) - here) <= SAME_PLACE)
         return next(near, None)
 

@@ -48,6 +48,12 @@ class Tracking(Part):
             if leg.hold is None:
                 yield f"profile.{k}.hold: only the last leg may leave hold out; give a time in s"
 
+    @property
+    def reversed(self) -> Tracking:
+        """The same motion the other way round."""
+        legs = self.profile and tuple(leg.model_copy(update={"rate": -leg.rate}) for leg in self.profile)
+        return self.model_copy(update={"rate": None if self.rate is None else -self.rate, "profile": legs})
+
     def breakpoints(self) -> tuple[np.ndarray, np.ndarray]:
         """Piecewise linear rate: times [s] and rates [rad/s] of the array, (m,) each; a jump repeats its time.
 

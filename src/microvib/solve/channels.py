@@ -58,6 +58,11 @@ INTERFACE = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 TIME = Channel("time", "s", "time from the start of the command")
 LOADS = {name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft") for name in INTERFACE}
 """Loads at the interface, of arrays with participation in six components."""
+SECOND_LOADS = {
+    f"{name}_2": Channel(f"{name}_2", load.unit, f"{name} on the spacecraft at the second wing's interface")
+    for name, load in LOADS.items()
+}
+"""The same of a second wing."""
 LINE_OF_SIGHT = {
     "los_x": Channel("los_x", "rad", "first angle of the line of sight, less the mean motion that the command makes"),
     "los_y": Channel("los_y", "rad", "second angle of the line of sight"),
@@ -65,5 +70,5 @@ LINE_OF_SIGHT = {
     "los_ay": Channel("los_ay", "rad/s^2", "second derivative of the second angle of the line of sight"),
 }
 """Of a craft with a line of sight."""
-KNOWN = {**CHANNELS, **MODAL, **LOADS, **LINE_OF_SIGHT}
+KNOWN = {**CHANNELS, **MODAL, **LOADS, **SECOND_LOADS, **LINE_OF_SIGHT}
 """Everything that has a name."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time as clock_time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from microvib.errors import ChannelError, SimulationError, SynchronismLost, did_you_mean
+from microvib.errors import ChannelError, SimulationError, SynchronismLost, did_you_mean, error_context
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
@@ -26,6 +27,8 @@ METHODS = {
     "propagators": "exact propagation of what is linear, with located friction events",
     "rodas4": "RODAS4, order 4(3), with located friction events",
 }
+SECOND_WING = "spacecraft.second_wing"
+"""How sentences on a second wing's run begin."""
 CHUNK_BYTES = 32_000_000
 """Memory of one chunk's rows, at most."""
 
@@ -34,11 +37,34 @@ def from_rest(
     scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None
 ) -> Motion:
     """``simulate`` from rest at t = 0, whatever ``record.start`` says."""
-    run = Simulation(scenario, progress=progress, channels=channels)
-    blocks = list(run)
+    other = scenario.driven_wing if shows_hub(channels) else None
+    first, second = (progress, None) if other is None else halves(progress)
+    run = Simulation(scenario, progress=first, channels=channels)
+    motion = recorded(run)
+    if other is None:
+        return motion
+    with error_context(SECOND_WING):
+        return replace(motion, beside=from_rest(other, progress=second, channels=channels))
+
+
+def shows_hub(channels: tuple[str, ...] | None) -> bool:
+    """Whether the hub's motion follows from the ``channels`` that are kept."""
+    return channels is None or set(ACCELERATIONS) <= set(channels)
+
+
+def recorded(run: Simulation) -> Motion:
+    """All of a simulation as a motion."""
+    record, blocks = run.scenario.record, list(run)
     joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    t = scenario.record.settle + np.arange(scenario.record.samples) / scenario.record.sample_rate
-    return Motion(scenario, t, joined, run.invariants, run.solver, run.beginning)
+    t = record.settle + np.arange(record.samples) / record.sample_rate
+    return Motion(run.scenario, t, joined, run.invariants, run.solver, run.beginning)
+
+
+def halves(progress: Progress | None) -> tuple[Progress | None, Progress | None]:
+    """The ``progress`` of two runs one after the other."""
+    if progress is None:
+        return None, None
+    return (lambda done, total: progress(done, 2.0 * total)), (lambda done, total: progress(total + done, 2.0 * total))
 
 
 def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float) -> np.ndarray:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from microvib.errors import ChannelError
 from microvib.model.scenario import Scenario
-from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LINE_OF_SIGHT, LOADS, TIME, Channel
+from microvib.model.spacecraft import INTERFACE as ROOT
+from microvib.model.spacecraft import SECOND
+from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LINE_OF_SIGHT, LOADS, SECOND_LOADS, TIME, Channel
 from microvib.solve.command import Command
-from microvib.solve.on_craft import hub_motion, line_of_sight, missing, values_of
+from microvib.solve.on_craft import hub_motion, line_of_sight, missing, second_loads, values_of
 
 OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
@@ -46,7 +48,10 @@ class Beginning:
 
 @dataclass(frozen=True)
 class Motion:
-    """Sampled motion of one scenario: channels by name, each (n,), modal ones (n, s), at ``sample_rate`` [Hz]."""
+    """Sampled motion of one scenario: channels by name, each (n,), modal ones (n, s), at ``sample_rate`` [Hz].
+
+    Where a second wing is driven, what the hub feels and does is the sum of both drives' runs, and ``channels`` are the first's.
+    """
 
     scenario: Scenario
     time: np.ndarray
@@ -56,9 +61,18 @@ class Motion:
     solver: dict[str, Any] = field(default_factory=dict)
     beginning: Beginning | None = None
     """None in a motion that was read from a file."""
+    beside: Motion | None = None
+    """Run of the second wing's drive, where it is driven."""
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return channel_of(self.channels, name, self.scenario, self.time)
+        own = channel_of(self.channels, name, self.scenario, self.time)
+        there = _FROM_SECOND.get(name)
+        return own if self.beside is None or there is None else own + self.beside[there]
+
+    @property
+    def alone(self) -> Motion:
+        """What the first drive does by itself."""
+        return replace(self, beside=None)
 
     def __repr__(self) -> str:
         record, title = self.scenario.record, self.scenario.title or "without a title"
@@ -79,6 +93,8 @@ class Motion:
         The drive axis carries T_d; the others are what modes and interface inertia push back with. On firm ground their axes are
         the array's, on a craft the hub's.
         """
+        if self.beside is not None:
+            return np.column_stack([self[name] for name in INTERFACE])
         return interface_loads(self.channels, self.scenario)
 
     def hub(self, point: str = "interface", *, accelerations: bool = False) -> np.ndarray:
@@ -88,7 +104,12 @@ class Motion:
         """
         if self.scenario.craft is None:
             raise ChannelError("this motion is one on firm ground; a scenario with a spacecraft is expected")
-        return hub_motion(self.scenario.craft, point, self.channels, self.scenario, self.time, accelerations)
+        own = hub_motion(self.scenario.craft, point, self.channels, self.scenario, self.time, accelerations)
+        if self.beside is None:
+            return own
+        named = {p.name for p in self.scenario.craft.spacecraft.hub.points}
+        there = point if point in named else {ROOT: SECOND, SECOND: ROOT}.get(point, point)
+        return own + self.beside.hub(there, accelerations=accelerations)
 
     def variables(self) -> Iterator[tuple[Channel, np.ndarray]]:
         """Every channel with its samples, (n,) or modal (n, s); loads at the interface among them where they are known."""
@@ -96,10 +117,8 @@ class Motion:
         loads = self.interface_loads()
         if loads is not None:
             yield from zip(LOADS.values(), loads.T, strict=True)
-        for name in ("los_x", "los_y"):
-            angle = line_of_sight(name, self.channels, self.scenario, self.time)
-            if angle is not None:
-                yield KNOWN[name], angle
+        derived = [name for name in _derived(self.channels, self.scenario) if name in (*SECOND_LOADS, "los_x", "los_y")]
+        yield from ((KNOWN[name], self[name]) for name in derived)
 
     @property
     def dataset(self) -> Any:
@@ -112,6 +131,14 @@ class Motion:
         }
         coords = {"time": ("time", self.time, {"units": TIME.unit, "long_name": TIME.meaning})}
         return xr.Dataset(data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate})
+
+
+_FROM_SECOND = {
+    **dict(zip(INTERFACE, SECOND_LOADS, strict=True)),
+    **dict(zip(SECOND_LOADS, INTERFACE, strict=True)),
+    **{name: name for name in LINE_OF_SIGHT},
+}
+"""What adds up of two wings: of each channel its name in the second's run, where the first is the second."""
 
 
 def interface_loads(
@@ -164,6 +191,10 @@ def channel_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario
         if loads is not None:
             column: np.ndarray = loads[:, 0]
             return column
+    second = second_loads(channels, scenario, [name]) if name in SECOND_LOADS else None
+    if second is not None:
+        at_second: np.ndarray = second[:, 0]
+        return at_second
     raise ChannelError(
         f"channel '{name}' is not in this motion{_why(channels, name, scenario)}; there are {_names(channels, scenario)}"
     )
@@ -178,7 +209,9 @@ def series_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario,
 
 
 def _why(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario) -> str:
-    if scenario.craft is not None and name in (*INTERFACE, *LINE_OF_SIGHT) and missing(channels, name):
+    if name in SECOND_LOADS and (scenario.craft is None or scenario.craft.second is None):
+        return ", whose scenario has no spacecraft with a second_wing"
+    if scenario.craft is not None and name in (*INTERFACE, *SECOND_LOADS, *LINE_OF_SIGHT) and missing(channels, name):
         return f", of which {', '.join(missing(channels, name))} were not kept"
     if name in LINE_OF_SIGHT:
         return ", whose scenario has no spacecraft with a line_of_sight"
@@ -200,4 +233,6 @@ def _derived(channels: Mapping[str, np.ndarray], scenario: Scenario) -> Iterator
     first, at = {key: values[:1] for key, values in channels.items()}, np.zeros(1)
     if interface_loads(first, scenario) is not None:
         yield from INTERFACE
+    if second_loads(first, scenario, ()) is not None:
+        yield from SECOND_LOADS
     yield from (name for name in LINE_OF_SIGHT if line_of_sight(name, first, scenario, at) is not None)

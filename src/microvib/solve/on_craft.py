@@ -6,14 +6,14 @@ that the command makes: a free craft turns against its array as long as it track
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from microvib.errors import ChannelError
 from microvib.model.craft import Craft, Rows
 from microvib.model.scenario import Scenario
-from microvib.solve.channels import LINE_OF_SIGHT
+from microvib.solve.channels import LINE_OF_SIGHT, SECOND_LOADS
 from microvib.solve.command import Command
 
 ACCELERATIONS = ("eta", "eta_rate", "alpha_l", "alpha_m")
@@ -41,6 +41,15 @@ def missing(channels: Mapping[str, np.ndarray], name: str) -> tuple[str, ...]:
     """Channels that were not kept and are needed for ``name``."""
     needed = ACCELERATIONS + (ANGLES if name in ("los_x", "los_y") else ())
     return tuple(one for one in needed if one not in channels)
+
+
+def second_loads(channels: Mapping[str, np.ndarray], scenario: Scenario, names: Sequence[str]) -> np.ndarray | None:
+    """Loads on the hub at the second wing's interface by their channels' ``names``, (n, k); None where there are none."""
+    craft = scenario.craft
+    if craft is None or craft.second is None or missing(channels, "Fx"):
+        return None
+    rows = np.eye(6)[[list(SECOND_LOADS).index(name) for name in names]]
+    return values_of(craft.second_loads().through(rows), channels, scenario)
 
 
 def line_of_sight(

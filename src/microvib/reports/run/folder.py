@@ -10,17 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from microvib.analysis.limits import Limit
+from microvib.analysis.lines import lines
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError, expect
-from microvib.io.runs import lines_csv, seeds_csv, summary, write_motion
+from microvib.io.runs import SECOND_MOTION, lines_csv, seeds_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Form
 from microvib.solve.integration import Progress
-from microvib.solve.motion import record_bytes
+from microvib.solve.motion import Motion, record_bytes
 
 
 def run_scenario(
@@ -68,6 +69,8 @@ def write_run(
         from microvib.reports.run.report import run_report
 
         files = {"motion.nc": lambda path: write_motion(motion, path)}
+        if motion.beside is not None:
+            files |= _files_of_second(motion.beside)
         files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit, form=form), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
@@ -90,10 +93,21 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
         "lines.csv": lines_csv(result.table),
         **({"seeds.csv": seeds_csv(result.table)} if result.table.seeds else {}),
         **({} if of_hub is None else {"loads.csv": rows_csv(*of_hub.loads_table())}),
+        **(
+            {}
+            if of_hub is None or of_hub.second is None
+            else {"loads_wing_2.csv": rows_csv(*of_hub.loads_table(second=True))}
+        ),
         **({} if of_hub is None or of_hub.los is None else {"pointing.csv": rows_csv(*of_hub.pointing_table())}),
         "scenario.yaml": dump_scenario(result.scenario),
         "summary.json": to_json(summed),
     }
+
+
+def _files_of_second(motion: Motion) -> dict[str, Any]:
+    """Motion and lines of the second wing's drive, by the names of their files."""
+    table = lines(motion)
+    return {"lines_wing_2.csv": lines_csv(table), SECOND_MOTION: lambda path: write_motion(motion, path)}
 
 
 def hub_of(result: RunResult) -> HubLines | None:

@@ -7,15 +7,26 @@ that array modes take to settle; friction, stick and detent are the kernel's own
 from __future__ import annotations
 
 import time as clock_time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from microvib.errors import error_context
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
-from microvib.solve.integration import Progress, Simulation, balance, channels_of, method_of
+from microvib.solve.integration import (
+    SECOND_WING,
+    Progress,
+    Simulation,
+    balance,
+    channels_of,
+    halves,
+    method_of,
+    recorded,
+    shows_hub,
+)
 from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search
@@ -31,7 +42,10 @@ MAX_MODES = 100
 
 @dataclass(frozen=True)
 class SteadyState:
-    """One period of a steady motion: its torque and, on demand, all channels of a ``Motion``, as means over equal intervals."""
+    """One period of a steady motion: its torque and, on demand, all channels of a ``Motion``, as means over equal intervals.
+
+    They are of the first drive alone where a second wing is driven, which has a steady state of its own, ``beside``.
+    """
 
     scenario: Scenario
     start: float
@@ -54,6 +68,18 @@ class SteadyState:
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.T_d if name == "T_d" else channel_of(self.channels, name, self.scenario, self.time)
+
+    @cached_property
+    def beside(self) -> SteadyState | None:
+        """Steady state of the second wing's drive, found when it is first needed; None where it is not driven.
+
+        Raises NotPeriodic where there is none.
+        """
+        other = self.scenario.driven_wing
+        if other is None:
+            return None
+        with error_context(SECOND_WING):
+            return steady_state(other)
 
     @property
     def channels(self) -> dict[str, np.ndarray]:
@@ -100,16 +126,14 @@ class SteadyState:
 
     def motion(self, *, channels: tuple[str, ...] | None = None, progress: Progress | None = None) -> Motion:
         """The record of the scenario, integrated from this state instead of from rest."""
+        beside = self.beside if shows_hub(channels) else None
+        first, second = (progress, None) if beside is None else halves(progress)
         period = PeriodMap(self.scenario, self.microsteps)
         period.put(self.state)
-        run = Simulation(
-            self.scenario, progress=progress, channels=channels, packed=period.packed, command=period.command
+        motion = recorded(
+            Simulation(self.scenario, progress=first, channels=channels, packed=period.packed, command=period.command)
         )
-        blocks = list(run)
-        joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-        record = self.scenario.record
-        t = record.settle + np.arange(record.samples) / record.sample_rate
-        return Motion(self.scenario, t, joined, run.invariants, run.solver, run.beginning)
+        return motion if beside is None else replace(motion, beside=beside.motion(channels=channels, progress=second))
 
 
 def steady_state(scenario: Scenario) -> SteadyState:
@@ -139,12 +163,15 @@ def steady_state(scenario: Scenario) -> SteadyState:
     raise NotPeriodic(reason)
 
 
-def find_steady(scenario: Scenario) -> tuple[SteadyState | None, str]:
-    """The steady state of ``scenario``, or None and why there is none."""
+def find_steady(scenario: Scenario, *, whole: bool = True) -> tuple[SteadyState | None, str]:
+    """The steady state of ``scenario``, or None and why there is none: ``whole``, that of a second wing that is driven, too."""
     try:
-        return steady_state(scenario), ""
+        found = steady_state(scenario)
+        if whole:
+            _ = found.beside  # which says why there is none
     except NotPeriodic as why:
         return None, str(why)
+    return found, ""
 
 
 def _found(search: Search, spent: float, seconds: float) -> SteadyState:

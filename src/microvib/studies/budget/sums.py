@@ -16,14 +16,13 @@ from typing import Literal
 import numpy as np
 
 from microvib.analysis.limits import Verdict
+from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import EVERYWHERE, bound, in_window, level, mean_square_of_density, mean_square_of_lines
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution, Gap
 from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, quantile
 
 Rule = Literal["rss", "coherent", "bound"]
-SAME = 1e-6
-"""Relative distance of frequencies up to which lines are of one frequency."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 WORTH = 0.01
 """Part of a figure's square from which what it leaves open is told."""

@@ -1,0 +1,320 @@
+"""A second wing: against both drives in one untransformed system, limits, symmetry, momentum, files, and what is refused."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from support import craft as whole
+from support.two_wings import BothDrives, Wing
+from test_craft import instants, off, scenario_of, seen
+
+import microvib as mv
+from microvib.analysis.pointing import hub_lines
+from microvib.model.coupling import short_way, source_of
+from microvib.model.craft import Craft, Rows
+from microvib.model.linear import coordinates, coupled_modes, dynamic_stiffness
+from microvib.model.scenario import Scenario
+
+OPPOSITE = np.array([0.35, -0.9, -0.2])
+TIMES = np.array([0.05, 0.15, 0.29, 0.4])
+CALM = whole.FullCraft(damping=0.0 * whole.DAMPING, gear_damping=0.0, on_rotor=0.0, on_output=0.0, detent=1e-9)
+"""Drives whose linearisation is all that a held shaft does: no detent torque, no friction."""
+SECOND = {"interface": {"position": OPPOSITE.tolist(), "drive_axis": [0.0, -1.0, 0.0], "reference": [1.0, 0.0, 0.0]}}
+OBLIQUE = {
+    "interface": {"position": [-0.4, -0.8, 0.3], "drive_axis": [0.48, -0.6, -0.64], "reference": [0.8, 0.0, 0.6]},
+    "array_angle": math.radians(71.0),
+}
+
+
+def both(full: whole.FullCraft = CALM, wing: dict[str, Any] | None = None, **changes: Any) -> Scenario:
+    """The craft of ``test_craft`` with a second wing on the other side."""
+    return scenario_of(full, **{"spacecraft.second_wing": {**SECOND, **(wing or {})}, **changes})
+
+
+def system_of(scenario: Scenario, full: whole.FullCraft, **second: Any) -> BothDrives:
+    """The same in one system."""
+    other = scenario.other_wing
+    assert other is not None
+    assert other.spacecraft is not None
+    first = Wing(whole.PLACE, full.axis, full.reference, full.angle, full.rate, drive=full)
+    place, rate = other.spacecraft.interface, float(other.tracking.rate or 0.0) * other.tracking.clock_ratio
+    there = Wing(
+        np.array(place.position), np.array(place.drive_axis), np.array(place.reference), other.spacecraft.array_angle,
+        rate, drive=full,
+    )  # fmt: skip
+    return BothDrives((first, replace(there, **second)), full.bandwidth, full.control_damping)
+
+
+def craft_of(scenario: Scenario) -> Craft:
+    assert scenario.craft is not None
+    return scenario.craft
+
+
+Look = Callable[[Craft], Rows]
+
+
+def added(scenario: Scenario, first: Look, second: Look) -> np.ndarray:
+    """What is looked at in the first drive's run and in the second's, added at ``TIMES``."""
+    runs = [(scenario.alone, first)]
+    if scenario.driven_wing is not None:
+        runs.append((scenario.driven_wing, second))
+    return np.sum([seen(one, look(craft_of(one)), instants(one, TIMES)) for one, look in runs], axis=0)
+
+
+@pytest.mark.parametrize(
+    ("wing", "second", "detent", "most"),
+    [
+        ({"drive": "held"}, {"rate": 0.0}, 1e-9, 1e-3),
+        ({"drive": "driven"}, {}, 1e-9, 1e-4),
+        ({"drive": "driven", "stagger": 0.4}, {"late": 0.4}, 1e-9, 1e-4),
+        ({"drive": "driven", "clock_ratio": 1.1, **OBLIQUE}, {}, 1e-9, 1e-4),
+        ({"drive": "driven"}, {}, 0.01, 0.01),  # what superposition leaves out is the detent torque's stiffness
+    ],
+)
+def test_the_sum_of_two_runs_is_one_system_of_both(
+    wing: dict[str, Any], second: dict[str, Any], detent: float, most: float
+) -> None:
+    full = replace(CALM, detent=detent)
+    scenario = both(full, wing)
+    system = system_of(scenario, full, **second)
+    states = system.run(TIMES)
+    found = [
+        added(scenario, lambda c: c.acceleration("center"), lambda c: c.acceleration("center")),
+        added(scenario, lambda c: c.loads(), lambda c: c.second_loads()),
+        added(scenario, lambda c: c.second_loads(), lambda c: c.loads()),
+    ]
+    wanted = [[system.accelerations(y)[:6] for y in states], *([system.loads(y, k) for y in states] for k in (0, 1))]
+    for one, reference in zip(found, wanted, strict=True):
+        assert off(one, np.array(reference)) < most
+
+
+def test_modes_of_a_craft_with_a_held_wing() -> None:
+    """With the first hinge locked, against the whole matrices; and as the drive gets stiff, with both hinges locked."""
+    scenario = both(CALM, OBLIQUE, **{"spacecraft.attitude_control": {"bandwidth": 0.1, "damping": 0.7}})
+    system = system_of(scenario, replace(CALM, bandwidth=0.1))
+    keep = [k for k in range(system.n) if k not in (system.n - 4, system.n - 3)]
+    squares = eigh(system.springs[np.ix_(keep, keep)], system.M[np.ix_(keep, keep)], eigvals_only=True)
+    assert craft_of(scenario).frequency == pytest.approx(np.sqrt(squares[3:]) / (2.0 * math.pi), rel=1e-8)
+    bolted = eigh(system.K[:-4, :-4], system.M[:-4, :-4], eigvals_only=True)
+    wanted, apart = np.sqrt(bolted[3:]) / (2.0 * math.pi), []
+    for times in (1e3, 1e4):
+        motor = scenario.motor.model_copy(update={"current": times * CALM.current})
+        reducer = scenario.reducer.model_copy(update={"stiffness": times * CALM.stiffness})
+        stiff = scenario.with_si({"spacecraft.second_wing.motor": motor, "spacecraft.second_wing.reducer": reducer})
+        apart.append(1.0 - craft_of(stiff).frequency[: wanted.size] / wanted)
+    assert np.abs(apart[1]).max() < 1e-3
+    assert apart[1][-4:] == pytest.approx(0.1 * apart[0][-4:], rel=0.02)
+
+
+def test_responses_take_the_held_drives_damping() -> None:
+    """Loads of both wings and the hub's motion by the first's shafts, against the whole matrices."""
+    full = whole.FullCraft(bandwidth=0.3)
+    scenario = both(full, OBLIQUE)
+    system, craft = system_of(scenario, full), craft_of(scenario)
+    n, shafts = system.n, [system.n - 4, system.n - 3]
+    keep = [k for k in range(n) if k not in shafts]
+    for f in (0.45, 1.19, 3.33, 53.3):
+        s = 2j * math.pi * f
+        dynamic = s**2 * system.M + s * system.C + system.springs
+        x = np.zeros((n, 2), dtype=complex)
+        x[shafts] = np.eye(2) / s**2
+        x[keep] = -np.linalg.solve(dynamic[np.ix_(keep, keep)], s**2 * system.M[np.ix_(keep, shafts)]) / s**2
+        at = np.array([f])
+        assert craft.transfer(craft.motion("center"), at)[0] == pytest.approx(x[:6], rel=1e-8)
+        for rows, k in ((craft.loads(), 0), (craft.second_loads(), 1)):
+            on_centre = -(s**2) * (system.part[k] @ x)[:6]
+            moment = on_centre[3:] - np.cross(system.wings[k].place, on_centre[:3], axisb=0, axisc=0)
+            assert craft.transfer(rows, at)[0] == pytest.approx(np.vstack([on_centre[:3], moment]), rel=1e-7, abs=1e-9)
+
+
+def test_the_short_way_knows_the_second_wing() -> None:
+    """Apparent masses, in which the second wing is one of its own, against the coupled structure."""
+    scenario = both(CALM, OBLIQUE)
+    f, craft = np.array([0.3, 1.19, 3.1, 53.3]), craft_of(scenario)
+    short = short_way(scenario, f, source_of(scenario).blocked(f, np.ones(f.size)))
+    assert short.los is not None
+    T = coordinates(scenario.reducer, craft.load.H.size)
+    for k, x in enumerate(f):
+        motion = T @ np.linalg.solve(dynamic_stiffness(scenario, x), np.eye(T.shape[1])[0])
+        alpha = -((2.0 * math.pi * x) ** 2) * motion[[1, 0]]
+        loads, los = (craft.transfer(rows, f[[k]])[0] @ alpha for rows in (craft.loads(), craft.line_of_sight()))
+        assert np.abs(loads - short.loads[k]).max() < 1e-8 * np.abs(loads).max()
+        assert np.abs(los - short.los[k]).max() < 1e-8 * np.abs(los).max()
+
+
+def test_momentum_is_exchanged_between_hub_and_both_wings() -> None:
+    """What the hub gains is what both loads put on it, through stick and slip."""
+    friction = {
+        "friction.coulomb": 0.02,
+        "friction.breakaway": 0.3,
+        "motor.friction.coulomb": 2e-4,
+        "motor.friction.breakaway": 5e-4,
+    }
+    scenario = both(whole.FullCraft(), {"drive": "driven", "clock_ratio": 0.9}, **friction)
+    motion = mv.simulate(scenario.with_si({"record.settle": 0.0, "record.duration": 0.5}))
+    assert motion.solver["sticks"] > 0
+    gained = motion.hub("center", accelerations=True) @ np.block(
+        [[whole.HUB_MASS * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), whole.HUB_INERTIA]]
+    )
+    on_centre = np.zeros_like(gained)
+    for place, names in ((whole.PLACE, ("F{}", "M{}")), (OPPOSITE, ("F{}_2", "M{}_2"))):
+        force, moment = (np.column_stack([motion[name.format(k)] for k in "xyz"]) for name in names)
+        on_centre += np.hstack([force, moment + np.cross(place, force)])
+    assert off(on_centre, gained) < 1e-9
+
+
+PLAIN = {
+    "inertia": 12.2,
+    "modes": [{"frequency": 1.19, "damping": 0.05, "interface_participation": [0.0, 0.0, 0.0, 0.0, 0.0, 3.35]}],
+    "rigid_body": {"mass": 36.0, "center_of_mass": [0.0, 0.0, 3.0], "inertia": [420.0, 420.0, 12.2, 0.0, 0.0, 0.0]},
+}  # fmt: skip
+
+
+def symmetric(inertia: float, wing: dict[str, Any] | None) -> Scenario:
+    """Equal wings on one axis through the centre of a hub; what they do is about that axis alone."""
+    hub = {"mass": 420.0, "inertia": [180.0, inertia, 180.0, 0.0, 0.0, 0.0]}
+    place = {"drive_axis": [0.0, -1.0, 0.0], "reference": [1.0, 0.0, 0.0], "position": [0.0, -0.9, 0.0]}
+    on = {"second_wing": None if wing is None else {"interface": place, **wing}}
+    return scenario_of(replace(CALM, on_rotor=0.0255, on_output=0.05, gear_damping=5.0)).with_si(
+        {
+            "array": PLAIN,
+            "spacecraft.hub": hub,
+            "spacecraft.interface.position": [0.0, 0.9, 0.0],
+            "record.start": "steady",
+            **{f"spacecraft.{key}": value for key, value in on.items()},
+        }
+    )
+
+
+def test_wings_that_turn_with_the_sun_double_and_against_each_other_cancel() -> None:
+    """Two wings on a hub of J are each one on a hub of J/2; those that turn against each other stand on firm ground."""
+    driven = {"drive": "driven"}
+    with_sun, half = symmetric(4.0, driven), symmetric(2.0, None)
+    against = symmetric(4.0, {**driven, "tracking": {"rate": with_sun.tracking.rate}})
+    other = with_sun.driven_wing
+    assert other is not None
+    assert other.tracking.rate == -with_sun.tracking.rate  # type: ignore[operator]
+    found = {}
+    for name, scenario in (("sun", with_sun), ("half", half), ("against", against)):
+        state = mv.steady(scenario).state
+        assert state is not None
+        lines = hub_lines(state, mv.steady(scenario).lines)
+        k = lines.names.index("drive_1")
+        assert lines.los is not None
+        found[name] = lines.loads[k, 4], lines.los[k, 1], lines.second, k
+    sun, alone, opposite = found["sun"], found["half"], found["against"]
+    assert sun[2] is not None
+    assert sun[2][sun[3], 4] == pytest.approx(sun[0], rel=1e-6)
+    assert sun[0] == pytest.approx(alone[0], rel=5e-3)
+    assert sun[1] == pytest.approx(alone[1], rel=5e-3)
+    assert opposite[2] is not None
+    assert opposite[2][opposite[3], 4] == pytest.approx(-opposite[0], rel=1e-6)
+    assert abs(opposite[1]) < 1e-6 * abs(sun[1])
+    ground = mv.steady(symmetric(4.0, None).with_({"spacecraft": None})).lines["drive_1"].amplitude_n_m
+    assert abs(opposite[0]) == pytest.approx(ground, rel=2e-3)
+    assert abs(sun[0]) != pytest.approx(ground, rel=0.02)
+
+
+def test_half_a_microstep_cancels_odd_driving_lines() -> None:
+    size = {}
+    for stagger in (0.0, 0.5):
+        found = mv.steady(symmetric(4.0, {"drive": "driven", "stagger": stagger}))
+        assert found.state is not None
+        lines = hub_lines(found.state, found.lines)
+        size[stagger] = {
+            name: lines.amplitude[lines.names.index(name), 1] for name in ("drive_1", "drive_2", "drive_3")
+        }
+    for name in ("drive_1", "drive_3"):
+        assert size[0.5][name] < 1e-4 * size[0.0][name]
+    assert size[0.5]["drive_2"] == pytest.approx(size[0.0]["drive_2"], rel=1e-4)
+
+
+@pytest.mark.parametrize("clock_ratio", [1.0, 1.25])
+def test_a_settled_run_has_the_lines_of_the_steady_state(clock_ratio: float) -> None:
+    wing = {"drive": "driven", "stagger": 0.3, "clock_ratio": clock_ratio}
+    changes = {"record.settle": 20.0, "record.duration": 6.0}
+    scenario = both(whole.FullCraft(damping=np.full(4, 0.08)), wing, **changes)
+    long, found = mv.run(scenario), mv.steady(scenario)
+    assert long.motion is not None
+    assert found.state is not None
+    a, b = hub_lines(long.motion, long.table), hub_lines(found.state, found.lines)
+    names = ["drive_2", "drive_1", "full_step_1"]
+    names += [] if clock_ratio == 1.0 else ["wing_2 drive_1", "wing_2 full_step_1"]
+    assert [name for name in b.names if name.startswith("wing_2")] == [] or clock_ratio != 1.0
+    for name in names:
+        i, j = a.names.index(name), b.names.index(name)
+        for ours, theirs in ((a.loads, b.loads), (a.second, b.second), (a.los, b.los)):
+            assert ours is not None
+            assert theirs is not None
+            assert np.abs(ours[i] - theirs[j]).max() < 3e-3 * np.abs(theirs[j]).max()
+    x, f = long.motion["My_2"], a.frequency[a.names.index(names[-2])]
+    tone = 2.0 * np.mean(np.hanning(x.size) / 0.5 * x * np.exp(-2j * np.pi * f * np.arange(x.size) / 1024.0))
+    assert a.second is not None
+    assert tone == pytest.approx(a.second[a.names.index(names[-2]), 4], rel=0.02)
+
+
+def test_both_methods_agree() -> None:
+    scenario = both(
+        whole.FullCraft(), {"drive": "driven", "stagger": 0.3}, **{"record.settle": 0.0, "record.duration": 0.5}
+    )
+    motions = [mv.simulate(scenario.with_({"solver.method": method})) for method in ("propagators", "rodas4")]
+    for name in ("T_d", "My", "My_2", "Fx", "los_x"):
+        a, b = (motion[name] for motion in motions)
+        assert np.sqrt(np.mean((a - b) ** 2)) < 2e-3 * np.sqrt(np.mean(b**2))
+
+
+def test_one_wing_is_as_before() -> None:
+    scenario = scenario_of(whole.FullCraft())
+    assert scenario.mounted is scenario.spacecraft
+    assert scenario.other_wing is None
+    assert scenario.driven_wing is None
+    assert scenario.alone is scenario
+    assert "second" not in mv.dump_scenario(scenario)
+    assert "Fx_2" not in mv.simulate(scenario.with_si({"record.duration": 0.05}))._ipython_key_completions_()
+    with pytest.raises(mv.ChannelError, match="no spacecraft with a second_wing"):
+        _ = mv.simulate(scenario.with_si({"record.duration": 0.05}))["Fx_2"]
+
+
+def test_what_the_second_takes_over_and_what_is_its_own() -> None:
+    noise = {"friction.torque_noise": {"density": 1e-8, "highest": 100.0, "seed": 5}}
+    scenario = both(whole.FullCraft(), {"drive": "driven", "clock_ratio": 1.01, "stagger": 32.0}, **noise)
+    other = scenario.with_si({"tracking.clock_ratio": 0.99}).driven_wing
+    assert other is not None
+    assert other.spacecraft is not None
+    assert other.motor == scenario.motor
+    assert other.tracking.clock_ratio == pytest.approx(0.99 * 1.01)
+    assert other.driver.delay == pytest.approx(32.0 / other.driving_frequency)  # type: ignore[operator]
+    assert other.spacecraft.array_angle == -whole.FullCraft().angle
+    assert other.friction.torque_noise is not None
+    assert other.friction.torque_noise.seed != 5
+    stiffer = scenario.with_si({"reducer.stiffness": 9000.0}).driven_wing
+    assert stiffer is not None
+    assert stiffer.reducer.stiffness == 9000.0
+    ours, theirs = (sorted(m.frequency for m in coupled_modes(one)) for one in (scenario, other))
+    assert len(ours) == len(theirs)
+
+
+WRONG = {
+    "place": ({"interface": {"position": [0.0, 0.0, 0.0], "drive_axis": [0.0, -1.0, 0.0]}}, "second_wing.interface.reference: missing"),
+    "axis": ({"interface": {**SECOND["interface"], "drive_axis": [1.0, 0.0, 0.0], "reference": [0.0, 1.0, 0.0]}}, "second_wing.interface.drive_axis: is perpendicular"),
+    "drive": ({"drive": "free"}, "second_wing.drive: 'free' is not allowed"),
+    "clock": ({"drive": "driven", "clock_ratio": 0.0}, "second_wing.clock_ratio: 0.0 is not allowed"),
+    "stagger": ({"drive": "driven", "stagger": -0.5}, "second_wing.stagger: -0.5 is not allowed"),
+    "late": ({"drive": "driven", "stagger": 64.0}, "second_wing.stagger: 64 microsteps take 1.2 s, and record.settle is 1 s"),
+    "rest": ({"drive": "driven", "stagger": 0.5, "tracking": {"rate": 0.0}}, "second_wing.stagger: 0.5 microsteps are no time"),
+    "array": ({"array": {"inertia": 8.18, "rigid_inertia": 0.13, "modes": [{"frequency": 1.19, "damping": 0.01}]}}, "spacecraft.second_wing: array: has no interface_participation"),
+    "voltage": ({"driver": {"beats": 4, "microsteps": 16, "drive": "voltage"}}, "driver.drive: voltage"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_cannot_be_a_second_wing_is_one_sentence(case: str) -> None:
+    wing, says = WRONG[case]
+    with pytest.raises(mv.ScenarioError) as caught:
+        both(whole.FullCraft(), wing)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
