@@ -34,9 +34,9 @@ class Moved:
 
 
 def at_angle(scenario: Scenario, angle: float) -> Scenario:
-    """The scenario with its array at an ``angle`` [rad]."""
-    turned = craft_in(scenario).spacecraft.model_copy(update={"array_angle": angle})
-    return scenario.model_copy(update={"spacecraft": turned})
+    """The scenario with its array at an ``angle`` [rad], and a second wing that turns with it."""
+    craft = scenario.spacecraft or craft_in(scenario).spacecraft
+    return scenario.model_copy(update={"spacecraft": craft.model_copy(update={"array_angle": angle})})
 
 
 def shaft_torques(lines: HubLines) -> np.ndarray:

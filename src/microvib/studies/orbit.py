@@ -162,6 +162,11 @@ def over_orbit(
     where the rate is zero or changes, OptionError where the array does not turn this way.
     """
     rate, begin = scenario.rate, float(craft_in(scenario).spacecraft.array_angle)
+    if scenario.driven_wing is not None:
+        raise MicrovibError(
+            "spacecraft.second_wing.drive: driven is not known over an orbit, which follows the shafts of one drive; hold it, or"
+            " sweep angles, which runs both"
+        )
     if not rate or not scenario.driving_frequency:
         raise MicrovibError(
             "tracking: over an orbit the array turns at a constant rate; one other than 0 deg/s is expected"
