@@ -152,7 +152,7 @@ def by_linear_drive(scenario, frequency, amplitude):
     dynamic, omega = dynamic_stiffness(scenario, frequency), 2 * math.pi * frequency
     gear = np.r_[-1.0 / scenario.reducer.h, -1.0, np.zeros(len(dynamic) - 2)]
     pushed = np.linalg.solve(dynamic, -gear * (9000.0 + 5.0j * omega) * amplitude)
-    return abs(omega**2 * (momentum_row(scenario) @ pushed))
+    return abs(omega**2 * (momentum_row(scenario, omega / (2.0 * math.pi)) @ pushed))
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0], ids=["forward", "backward"])

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import craft as whole
-from test_craft import FLEXIBLE, scenario_of
+from test_craft import DAMPED, FLEXIBLE, scenario_of
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
 from microvib.analysis.short_way import differences, short_way_of
 from microvib.model.coupling import Source, about_axis, chart, coupled, noise_density, receiver_of, short_way, source_of
-from microvib.model.linear import left_by_diagonal, linear_lines, pulls
+from microvib.model.linear import coupled_modes, linear_lines, pulls
 from microvib.model.rigid import motion_of
 from microvib.units import Si
 
@@ -97,31 +97,26 @@ def test_a_powered_drive_is_not_a_locked_hinge_below_its_resonances() -> None:
     assert abs(powered_mass[1, 4, 4] / locked[1, 4, 4] - 1.0) > 0.2
 
 
-def test_the_linear_lines_of_the_coupled_drive() -> None:
-    """T_d of ``linear_lines`` on a craft, whose modal damping is the diagonal: the same to rounding where there is none."""
-    for full, within in ((whole.FullCraft(damping=np.zeros(4)), 1e-7), (whole.FullCraft(), 1e-3)):
-        scenario = scenario_of(full)
-        lines = linear_lines(scenario)
-        f = np.array([line.frequency for line in lines])
-        torque = pulls(scenario, np.arange(1, 9))
-        found = short_way(scenario, f, source_of(scenario).blocked(f, torque))
-        assert found.loads[:, 4] == pytest.approx(np.array([line.amplitude for line in lines]), rel=within)
+@pytest.mark.parametrize("full", [whole.FullCraft(damping=np.zeros(4)), *DAMPED.values()])
+def test_the_linear_lines_of_the_coupled_drive(full: whole.FullCraft) -> None:
+    """T_d of ``linear_lines`` on a craft, by its decoupled modes, and the torque about the drive axis by the short way."""
+    scenario = scenario_of(full)
+    lines = linear_lines(scenario)
+    f = np.array([line.frequency for line in lines])
+    torque = pulls(scenario, np.arange(1, 9))
+    found = short_way(scenario, f, source_of(scenario).blocked(f, torque))
+    assert found.loads[:, 3:] @ full.axis == pytest.approx(np.array([line.amplitude for line in lines]), rel=1e-7)
 
 
-def test_what_the_diagonal_of_the_damping_leaves_is_bounded() -> None:
-    """``linear_lines`` takes it, the short way all of the damping; bounded also by no more than some ten times."""
-    for full in (
-        whole.FullCraft(bandwidth=0.02, control_damping=0.7),
-        whole.FullCraft(bandwidth=0.4, control_damping=1.0),
-    ):
-        scenario = scenario_of(full)
-        lines = linear_lines(scenario, 2)
-        f, torque = np.array([line.frequency for line in lines]), pulls(scenario, np.arange(1, 3))
-        loads = short_way(scenario, f, source_of(scenario).blocked(f, torque)).loads[:, 4]
-        off, left = np.abs(np.array([line.amplitude for line in lines]) / loads - 1.0), left_by_diagonal(scenario, f)
-        assert np.all(off < left)
-        assert left[0] < 15.0 * off[0]
-    assert left_by_diagonal(scenario.model_copy(update={"spacecraft": None}), f).tolist() == [0.0, 0.0]
+@pytest.mark.parametrize("full", DAMPED.values())
+def test_modes_with_the_powered_drive_are_those_of_the_whole_system(full: whole.FullCraft) -> None:
+    (K, C), M, n = powered(full), full.M, full.n
+    state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])
+    values = np.linalg.eigvals(state)
+    values = values[values.imag > 1e-3 * np.abs(values)]
+    modes = coupled_modes(scenario_of(full))
+    assert np.sort([mode.frequency for mode in modes]) == pytest.approx(np.sort(values.imag) / math.tau, rel=1e-6)
+    assert np.sort([mode.damping for mode in modes]) == pytest.approx(np.sort(-values.real / np.abs(values)), rel=1e-5)
 
 
 def test_congruence_turns_and_moves() -> None:

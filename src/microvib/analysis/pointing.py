@@ -115,9 +115,7 @@ class HubLines:
         rising = np.sqrt(np.cumsum(squares, axis=0))
         falling = np.sqrt(np.cumsum(squares[::-1], axis=0)[::-1])
         levels = [level(self.amplitude[:, k], 0.0, CONFIDENCE) for k in range(2)]
-        craft = self.scenario.craft
         return {
-            "notes": [] if craft is None else list(craft.notes),
             "windows": list(self.totals()),
             "image": list(self.image()),
             "ranking": list(self.costs()),
@@ -161,11 +159,10 @@ def hub_lines(
 ) -> HubLines:
     """Lines of loads and line of sight of a run on a craft: those that are expected, and those found in T_d (its ``table``).
 
-    Lines of the clock follow from those of the two shafts' accelerations, through the craft's linear response with its whole
-    damping matrix. What rings by itself, and what is not expected, is found in each channel; of the angles in their second
-    derivatives, which no drift leaks into. With ``los_only`` loads are not estimated, and nan, which takes a third of the time.
-    Where a second wing is driven, too, lines of both drives are added (``together``). MicrovibError where the scenario has no
-    spacecraft.
+    Lines of the clock follow from those of the two shafts' accelerations, through the craft's linear response, which no drift leaks
+    into. What rings by itself, and what is not expected, is found in each channel; of the angles in their second derivatives. With
+    ``los_only`` loads are not estimated, and nan, which takes a third of the time. Where a second wing is driven, too, lines of
+    both drives are added (``together``). MicrovibError where the scenario has no spacecraft.
     """
     beside = source.beside
     own = _lines_of_one(source.alone if isinstance(source, Motion) else source, table, harmonics, los_only)

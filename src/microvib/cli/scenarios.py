@@ -118,10 +118,7 @@ def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Tar
 
 def _of_craft(loaded: Scenario, files: tuple[str, ...]) -> Iterator[str]:
     """What is to be known of a run on a craft."""
-    if loaded.craft is None:
-        return
-    yield from loaded.craft.notes
-    if "loads.csv" not in files:
+    if loaded.craft is not None and "loads.csv" not in files:
         yield "Loads and line of sight need the motion, or a steady state: leave --lines-only out, or add --steady."
 
 

@@ -10,7 +10,8 @@ axes and at the array's angle, a the unit rotation about the drive axis (docs/th
 A second wing adds its own coordinates between q and eta: its array's modes, and both its shafts, which its linearised drive holds.
 
 Motions without stiffness (all six rigid ones, or the three displacements where the attitude is controlled) are split off exactly:
-their momentum is conserved, so that they follow from the two shafts' angles. The others are the modes of the kernel.
+their momentum is conserved, so that they follow from the two shafts' angles. The others, which damping couples, are the modes of
+the kernel once they are decoupled (``microvib.model.decoupled``).
 """
 
 from __future__ import annotations
@@ -22,15 +23,13 @@ from functools import lru_cache
 import numpy as np
 
 from microvib.model.array import Array
+from microvib.model.decoupled import Decoupled, decoupled
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
 from microvib.model.rigid import motion_of, tensor
 from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface, Spacecraft
-
-MIXED = 0.1
-"""Damping between two modes over the geometric mean of their own, from which it is said that the diagonal leaves something out."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +50,17 @@ class Rows:
 
 @dataclass(frozen=True)
 class Outputs:
-    """The same by modes and shafts, (k, ...), with which samples become samples."""
+    """The same by the kernel's modes and shafts, (k, ...), with which samples become samples."""
 
     eta: np.ndarray
     """By the modes, (k, s)."""
     rate: np.ndarray
     """By their rates, (k, s)."""
     shafts: np.ndarray
-    """By angle and acceleration of output and rotor: theta_l, theta_m, alpha_l, alpha_m, (k, 4)."""
+    """By angle, acceleration and rate of output and rotor: theta_l, theta_m, alpha_l, alpha_m, omega_l, omega_m, (k, 6)."""
 
     def of(self, eta: np.ndarray, rate: np.ndarray, shafts: np.ndarray) -> np.ndarray:
-        """Values (..., k) for a motion: modes and their rates (..., s), shafts (..., 4).
+        """Values (..., k) for a motion: modes and their rates (..., s), shafts (..., 6).
 
         Angles of the shafts count from their mean motion, which the command makes.
         """
@@ -87,14 +86,20 @@ class Held:
 
 @dataclass(frozen=True)
 class Craft:
-    """The structure with locked hinges: its modes zeta, mass-normalised, and its free motions."""
+    """The structure with locked hinges: its modes zeta, undamped and mass-normalised, and its free motions."""
 
     spacecraft: Spacecraft
     load: Load
     shapes: np.ndarray
     """Coordinates q, eta by the modes, (n, s)."""
+    squares: np.ndarray
+    """Squares of their frequencies, (s,) [1/s^2] ascending."""
     damping: np.ndarray
-    """Damping of the modes, (s, s) [1/s]; the kernel takes its diagonal."""
+    """Their damping, (s, s) [1/s]."""
+    participation_of_shafts: np.ndarray
+    """Their participation in the motion of output and rotor, (s, 2)."""
+    modes: Decoupled
+    """What the kernel takes for them."""
     by_output: np.ndarray
     """Coordinates by theta_l, through the free motions, (n,)."""
     by_rotor: np.ndarray
@@ -106,12 +111,11 @@ class Craft:
     rotor_inertia: float
     second: Held | None
     """The second wing."""
-    notes: tuple[str, ...]
 
     @property
     def frequency(self) -> np.ndarray:
         """Natural frequencies with locked hinges [Hz], (s,) ascending; free motions are not among them."""
-        return self.load.Omega / (2.0 * np.pi)
+        return np.asarray(np.sqrt(self.squares) / (2.0 * np.pi))
 
     @property
     def axis(self) -> np.ndarray:
@@ -169,22 +173,25 @@ class Craft:
         )
 
     def outputs(self, rows: Rows) -> Outputs:
-        """What is looked at by modes and shafts; accelerations by the equations of motion of the modes."""
-        load, free = self.load, np.column_stack([self.by_output, self.by_rotor])
-        by_modes = rows.acceleration @ self.shapes
-        by_alpha = rows.direct + rows.acceleration @ free - by_modes @ np.column_stack([load.H, load.R])
+        """What is looked at by the kernel's modes and shafts; accelerations by the equations of motion of zeta."""
+        y, free = self.modes, np.column_stack([self.by_output, self.by_rotor])
+        by_acceleration = rows.acceleration @ self.shapes
+        by_zeta = rows.position @ self.shapes - by_acceleration * self.squares
+        by_rate = -by_acceleration @ self.damping
+        by_alpha = rows.direct + rows.acceleration @ free - by_acceleration @ self.participation_of_shafts
+        # zeta = p y + q y' + q a' omega,   zeta' = p y' - q (d y' + k y + g' omega)
         return Outputs(
-            rows.position @ self.shapes - by_modes * load.Lambda,
-            -by_modes * load.D,
-            np.hstack([rows.position @ free, by_alpha]),
+            by_zeta @ y.p - by_rate @ (y.q * y.k),
+            by_zeta @ y.q + by_rate @ (y.p - y.q * y.d),
+            np.hstack([rows.position @ free, by_alpha, by_zeta @ y.q @ y.a - by_rate @ y.q @ y.g]),
         )
 
     def transfer(self, rows: Rows, frequency: np.ndarray) -> np.ndarray:
-        """What is looked at by alpha_l and alpha_m at each ``frequency`` (m,) [Hz], (m, k, 2), with the whole damping matrix."""
-        load, free = self.load, np.column_stack([self.by_output, self.by_rotor])
+        """What is looked at by alpha_l and alpha_m at each ``frequency`` (m,) [Hz], (m, k, 2)."""
+        free = np.column_stack([self.by_output, self.by_rotor])
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
-        dynamic = np.diag(load.Lambda) - omega**2 * np.eye(load.Lambda.size) + 1j * omega * self.damping
-        drive = np.broadcast_to(np.column_stack([load.H, load.R]), (len(frequency), load.H.size, 2))
+        dynamic = np.diag(self.squares) - omega**2 * np.eye(self.squares.size) + 1j * omega * self.damping
+        drive = np.broadcast_to(self.participation_of_shafts, (len(frequency), *self.participation_of_shafts.shape))
         x = -self.shapes @ np.linalg.solve(dynamic, drive) - free / omega**2
         return np.asarray(rows.position @ x - omega**2 * (rows.acceleration @ x) + rows.direct)
 
@@ -197,6 +204,8 @@ def load_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, 
     return Load(
         H=array.H,
         R=np.zeros(len(array.modes)),
+        V_l=np.zeros(len(array.modes)),
+        V_m=np.zeros(len(array.modes)),
         D=array.D,
         Omega=np.array([2.0 * math.pi * mode.frequency for mode in array.modes]),
         Lambda=array.Lambda,
@@ -243,8 +252,9 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
     in_output = np.concatenate([root.T @ (M @ a), P.T @ a])
     in_rotor = np.concatenate([rotor_inertia * (root.T @ a), np.zeros(s)])
     shapes, squares = _modes(M_S, K_S, free)
-    D_all = shapes.T @ C_S @ shapes
-    H, R = shapes.T @ in_output, shapes.T @ in_rotor
+    damping, in_shafts = shapes.T @ C_S @ shapes, shapes.T @ np.column_stack([in_output, in_rotor])
+    y = decoupled(damping, squares, in_shafts)
+    viscous, (H, R, V_l, V_m) = (y.g.T / y.k) @ y.g, np.vstack([y.a.T, y.g.T]).copy()
     # Free motions keep their momentum, M_ff x_f + (in_output theta_l + in_rotor theta_m)_f = 0.
     by_output, by_rotor = np.zeros(n + s), np.zeros(n + s)
     by_output[:free] = -np.linalg.solve(M_S[:free, :free], in_output[:free])
@@ -255,17 +265,20 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
     load = Load(
         H=H,
         R=R,
-        D=np.diag(D_all).copy(),
-        Omega=np.sqrt(squares),
-        Lambda=squares,
-        output=J + float(in_output @ by_output),
-        rotor=rotor_inertia + float(in_rotor @ by_rotor),
-        cross=float(in_rotor @ by_output),
+        V_l=V_l,
+        V_m=V_m,
+        D=y.d,
+        Omega=np.sqrt(y.k),
+        Lambda=y.k,
+        output=J + float(in_output @ by_output) + float(viscous[0, 0]),
+        rotor=rotor_inertia + float(in_rotor @ by_rotor) + float(viscous[1, 1]),
+        cross=float(in_rotor @ by_output) + float(viscous[0, 1]),
         output_left=left,
         array_left=left - output_inertia,
     )
-    notes = _damping_notes(D_all, squares)
-    return Craft(spacecraft, load, shapes, D_all, by_output, by_rotor, M, P, rotor_inertia, second, notes)
+    return Craft(
+        spacecraft, load, shapes, squares, damping, in_shafts, y, by_output, by_rotor, M, P, rotor_inertia, second
+    )
 
 
 def second_wing(spacecraft: Spacecraft) -> Held | None:
@@ -351,23 +364,6 @@ def _modes(M: np.ndarray, K: np.ndarray, free: int) -> tuple[np.ndarray, np.ndar
     squares, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
     elastic = np.linalg.solve(lower.T, vectors)
     return np.vstack([-held @ elastic, elastic]), squares
-
-
-def _damping_notes(D: np.ndarray, squares: np.ndarray) -> tuple[str, ...]:
-    """What the diagonal of the projected damping leaves out, where it is not small."""
-    own = np.diag(D)
-    if not np.any(own > 0.0):
-        return ()
-    mixing = np.abs(D) / np.maximum(np.sqrt(np.outer(own, own)), 1e-300)
-    np.fill_diagonal(mixing, 0.0)
-    i, j = np.unravel_index(int(mixing.argmax()), mixing.shape)
-    if mixing[i, j] <= MIXED:
-        return ()
-    low, high = sorted(np.sqrt(squares[[i, j]]) / (2.0 * np.pi))
-    return (
-        f"Damping couples the craft's modes (most at {low:.4g} Hz and {high:.4g} Hz, by {mixing[i, j]:.2g} of their own damping)."
-        " Histories, ringing modes and the motion of the shafts take its diagonal; from the shafts on, lines take all of it.",
-    )
 
 
 def _six(axis: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ def response(scenario: Scenario, frequency: float) -> complex:
     else:
         pull[1] = -1.0
     motion = np.linalg.solve(dynamic, pull)
-    return complex(omega**2 * (momentum_row(scenario) @ motion))
+    return complex(omega**2 * (momentum_row(scenario, frequency) @ motion))
 
 
 def bin_noise(scenario: Scenario, frequency: float, duration: float) -> float:

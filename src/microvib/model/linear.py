@@ -54,6 +54,8 @@ def drive_matrices(
     M[2:, 2:] = np.eye(s)
     C[0, 0], C[1, 1] = motor.friction.viscous, friction.viscous
     C[2:, 2:] = np.diag(load.D)
+    C[0, 2:] = C[2:, 0] = load.V_m
+    C[1, 2:] = C[2:, 1] = load.V_l
     K[0, 0] = spring
     K[2:, 2:] = np.diag(load.Lambda)
     if reducer.rigid:
@@ -96,7 +98,6 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     f_d = scenario.driving_frequency
     if not f_d:
         return ()
-    inertia = momentum_row(scenario)
     lines = []
     for k in range(1, harmonics + 1):
         dynamic, omega = dynamic_stiffness(scenario, k * f_d), 2.0 * math.pi * k * f_d
@@ -105,7 +106,7 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
         if scenario.driver.drive == "voltage":
             pull[0] *= _by_voltage(scenario, 1j * omega)[0] / scenario.motor.electromagnetic_stiffness
         motion = np.linalg.solve(dynamic, pull)
-        lines.append(LinearLine(k, k * f_d, complex(omega**2 * (inertia @ motion))))
+        lines.append(LinearLine(k, k * f_d, complex(omega**2 * (momentum_row(scenario, k * f_d) @ motion))))
     return tuple(lines)
 
 
@@ -118,26 +119,6 @@ def dynamic_stiffness(scenario: Scenario, frequency: float | np.ndarray) -> np.n
         by_angle = np.vectorize(lambda w: _by_voltage(scenario, 1j * w)[1], otypes=[complex])
         dynamic[..., 0, 0] += by_angle(omega[..., 0, 0]) - scenario.motor.electromagnetic_stiffness
     return dynamic
-
-
-def left_by_diagonal(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
-    """By how much a shaft is off at each frequency (m,) [Hz] where the modes of a craft take the diagonal of their damping.
-
-    Relative, of the shaft that is off most, (m,), with the linearised drive pulled at its rotor; 0 without a ``spacecraft``.
-    """
-    craft, found = scenario.craft, np.zeros(len(frequency))
-    if craft is None or not craft.damping.size:
-        return found
-    modes = len(craft.damping)
-    apart = craft.damping - np.diag(np.diag(craft.damping))
-    for k, f in enumerate(np.asarray(frequency, dtype=float)):
-        taken = dynamic_stiffness(scenario, float(f))
-        whole = taken.copy()
-        whole[-modes:, -modes:] += 2j * math.pi * f * apart
-        pull = np.eye(len(whole))[0]
-        ours, wanted = (np.linalg.solve(side, pull)[:-modes] for side in (taken, whole))
-        found[k] = np.max(np.abs(ours / wanted - 1.0))
-    return found
 
 
 def pulls(scenario: Scenario, order: np.ndarray) -> np.ndarray:
@@ -165,13 +146,14 @@ def _by_voltage(scenario: Scenario, s: complex) -> tuple[complex, complex]:
     return complex(K_m * q[0]), complex(K_m * (z * current * math.cos(a) - q[1]))
 
 
-def momentum_row(scenario: Scenario) -> np.ndarray:
-    """Angular momentum about the drive axis for unit rates of the coordinates of ``matrices`` (Eq. 20)."""
+def momentum_row(scenario: Scenario, frequency: float) -> np.ndarray:
+    """Angular momentum about the drive axis for unit rates at a ``frequency`` [Hz] of the coordinates of ``matrices`` (Eq. 20)."""
     load, h = scenario.load, scenario.reducer.h
     rotor, output = load.rotor + load.cross, load.output + load.cross
+    modes = load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * frequency)
     if scenario.reducer.rigid:
-        return np.array([rotor - output / h, *(load.H + load.R)])
-    return np.array([rotor, output, *(load.H + load.R)])
+        return np.array([rotor - output / h, *modes])
+    return np.array([rotor, output, *modes])
 
 
 def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:

@@ -1,9 +1,11 @@
 """What hangs on the drive's two shafts, as the equations of motion take it: an array on firm ground, or a craft.
 
-    zeta'' + D zeta' + Lambda zeta + H alpha_l + R alpha_m = 0
-    J_l alpha_l + c alpha_m + H' zeta'' = torques on the output,     J_m alpha_m + c alpha_l + R' zeta'' = torques on the rotor
+    y'' + D y' + Lambda y + H alpha_l + R alpha_m + V_l omega_l + V_m omega_m = 0
+    J_l alpha_l + c alpha_m + H' y'' + V_l' y' = torques on the output
+    J_m alpha_m + c alpha_l + R' y'' + V_m' y' = torques on the rotor
 
-On firm ground zeta are the array's modes, R = 0 and c = 0 (Eq. 16-18).
+On firm ground y are the array's modes, and R, c and V are zero (Eq. 16-18). On a craft V is what is left of damping that couples
+its modes, where each y stands for a complex mode (``microvib.model.decoupled``).
 """
 
 from __future__ import annotations
@@ -21,6 +23,10 @@ class Load:
     """Participation in the output's motion, (s,) [kg^0.5 m]."""
     R: np.ndarray
     """Participation in the rotor's motion, (s,); zero on firm ground."""
+    V_l: np.ndarray
+    """Viscous participation in the output's motion, (s,) [kg^0.5 m/s]; zero where damping couples no modes."""
+    V_m: np.ndarray
+    """The same in the rotor's, (s,)."""
     D: np.ndarray
     """Modal damping, (s,) [1/s]."""
     Omega: np.ndarray

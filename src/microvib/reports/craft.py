@@ -76,8 +76,7 @@ def _craft(scenario: Scenario) -> tuple[Block, ...]:
         "Hub and array as boxes of their mass and inertia, hub axes; dotted, the array at angle 0. Red, the line of sight;"
         " dashed, the drive axis."
     )
-    notes = [Text(note, note=True) for note in locked.notes]
-    return pairs(list(rows.items())), drawn(draw_craft(scenario), "Hub, array and line of sight", caption), *notes
+    return pairs(list(rows.items())), drawn(draw_craft(scenario), "Hub, array and line of sight", caption)
 
 
 def draw_craft(scenario: Scenario) -> Drawing:

@@ -57,10 +57,9 @@ from microvib.solve.propagators import (
     HIGHEST,
     INPUTS,
     ITERATIONS,
-    M_ETA,
     M_MOMENTUM,
+    M_ON_ROTOR,
     M_TORQUE,
-    M_W,
     MODE_ROWS,
     NODE_ROWS,
     S_BOTH,
@@ -182,9 +181,7 @@ def _free_modes(level, x, p, t, w):
         torque += modes[k, M_TORQUE] * eta + modes[k, M_TORQUE + 1] * rate
         momentum += modes[k, M_MOMENTUM] * eta + modes[k, M_MOMENTUM + 1] * rate
         if p.H_m.size > 0:
-            there_eta = modes[k, M_ETA] * eta + modes[k, M_ETA + 1] * rate
-            there_w = modes[k, M_W] * eta + modes[k, M_W + 1] * rate
-            on_rotor += p.H_m[k] * (p.Lam[k] * there_eta + p.D[k] * there_w)
+            on_rotor += modes[k, M_ON_ROTOR] * eta + modes[k, M_ON_ROTOR + 1] * rate
     sums[FREE_TORQUE], sums[FREE_MOMENTUM], sums[FREE_ON_ROTOR] = torque, momentum, on_rotor
 
 

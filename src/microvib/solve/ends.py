@@ -25,6 +25,7 @@ from microvib.solve.kernel import (
     noise_at,
 )
 from microvib.solve.propagators import (
+    BY_ROTOR,
     CUBES,
     HERMITE,
     INPUTS,
@@ -223,14 +224,10 @@ def _evaluate(u, level, x, p, t, w):
 @code.inner(**FORCED)
 def _pass_modes(level, done, piece, p, t, w):
     """Move ``w.modes`` on by a piece of a step."""
-    l0, l1, l2, l3 = _moments(WL, done, piece, w)
+    b0, b1, b2, b3 = _moments(WL, done, piece, w)
     m0, m1, m2, m3 = _moments(WM, done, piece, w)
-    b0, b1, b2, b3 = l0, l1, l2, l3
     modes, s = t.modes, p.H.size
     for k in range(s):
-        if p.H_m.size > 0:
-            b0, b1 = p.H[k] * l0 + p.H_m[k] * m0, p.H[k] * l1 + p.H_m[k] * m1
-            b2, b3 = p.H[k] * l2 + p.H_m[k] * m2, p.H[k] * l3 + p.H_m[k] * m3
         row = (level * s + k) * MODE_ROWS
         eta, rate, M = w.modes[2 * k], w.modes[2 * k + 1], modes[row : row + MODE_ROWS]
         by_eta, by_w = M[M_ETA_PART], M[M_W_PART]
@@ -240,6 +237,10 @@ def _pass_modes(level, done, piece, p, t, w):
         w.modes[2 * k + 1] = (
             M[M_E, 2] * eta + M[M_E, 3] * rate + by_w[0] * b0 + by_w[1] * b1 + by_w[2] * b2 + by_w[3] * b3
         )
+        if p.H_m.size > 0:
+            by_eta, by_w = M[BY_ROTOR + M_ETA_PART], M[BY_ROTOR + M_W_PART]
+            w.modes[2 * k] += by_eta[0] * m0 + by_eta[1] * m1 + by_eta[2] * m2 + by_eta[3] * m3
+            w.modes[2 * k + 1] += by_w[0] * m0 + by_w[1] * m1 + by_w[2] * m2 + by_w[3] * m3
 
 
 @code.inner(**FORCED)
@@ -299,11 +300,15 @@ def _finish(pattern, done, left, T, x, p, t, w):
             rate -= p.H_m[k] * rotor
         d_eta = dt * rate
         d_w = -p.D[k] * d_eta - dt * p.Lam[k] * w.modes[2 * k]
+        viscous = 0.0
+        if p.H_m.size > 0:
+            d_w -= dt * (p.V[k] * output + p.V_m[k] * rotor)
+            viscous = p.V[k] * change + p.V_m[k] * rotor_change
         moved = d_w - p.H[k] * change
         if p.H_m.size > 0:
             moved -= p.H_m[k] * rotor_change
         w.modes[2 * k] += d_eta + 0.5 * dt * moved
-        w.modes[2 * k + 1] += d_w - 0.5 * dt * (p.D[k] * moved + p.Lam[k] * d_eta)
+        w.modes[2 * k + 1] += d_w - 0.5 * dt * (p.D[k] * moved + p.Lam[k] * d_eta + viscous)
     if x.stick[0] == 0.0:
         w.end[TM], w.end[WM] = w.x[TM], 0.0
     if x.stick[1] == 0.0:
@@ -322,11 +327,12 @@ def _whole(level, p, x, t, w):
         after_eta = modes[row + M_E, 0] * eta + modes[row + M_E, 1] * rate
         after_rate = modes[row + M_E, 2] * eta + modes[row + M_E, 3] * rate
         for j in range(4):
-            drive = w.at[WL, j]
-            if p.H_m.size > 0:
-                drive = p.H[k] * drive + p.H_m[k] * w.at[WM, j]
-            after_eta += modes[row + M_ETA_END, j] * drive
-            after_rate += modes[row + M_W_END, j] * drive
+            after_eta += modes[row + M_ETA_END, j] * w.at[WL, j]
+            after_rate += modes[row + M_W_END, j] * w.at[WL, j]
+        if p.H_m.size > 0:
+            for j in range(4):
+                after_eta += modes[row + BY_ROTOR + M_ETA_END, j] * w.at[WM, j]
+                after_rate += modes[row + BY_ROTOR + M_W_END, j] * w.at[WM, j]
         w.modes[2 * k], w.modes[2 * k + 1] = after_eta, after_rate
 
 

@@ -30,7 +30,8 @@ FORCED: dict[str, Any] = COMPILE | {"forceinline": True}  # a call would copy it
 
 # State y: currents, integrals of their errors, rotor (angle, rate), output (angle, rate); then eta and w of each mode. With
 # w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d eta/dt the mass matrix is diagonal. On a craft
-# w = d eta/dt + H omega_l + R omega_m, and what is left is the matrix [[J_m, J_c], [J_c, J_L]] of the two shafts.
+# w = d eta/dt + H omega_l + R omega_m, and what is left is the matrix [[J_m, J_c], [J_c, J_L]] of the two shafts. There damping
+# may couple a mode with the shafts' rates too (``microvib.model.decoupled``).
 IA, IB, XA, XB, TM, WM, TL, WL, MODES = range(9)
 
 # Channels of a sample; the modal coordinates and their rates follow. The last four are powers, integrated over the run.
@@ -116,6 +117,8 @@ class Drive(NamedTuple):
     rough_rate: float  # knots per radian
     H: Vector  # (s,)
     H_m: Vector  # participation in the rotor's motion, (s,) on a craft, else (0,)
+    V: Vector  # viscous participation in the output's motion, (s,) on a craft, else (0,)
+    V_m: Vector  # the same in the rotor's
     D: Vector
     Lam: Vector
     te: Vector  # order, sine and cosine amplitude of the transmission error, for each of its harmonics
@@ -374,11 +377,13 @@ def derivative(y, references, noise, stick, p, f, q):
         if p.H_m.size > 0:
             rate -= p.H_m[k] * y[WM]
         pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
+        if p.H_m.size > 0:
+            pull += p.V[k] * omega_l + p.V_m[k] * y[WM]
+            modal -= p.V[k] * rate
+            on_rotor += p.H_m[k] * pull - p.V_m[k] * rate
         f[MODES + 2 * k] = rate
         f[MODES + 2 * k + 1] = -pull
         modal += p.H[k] * pull
-        if p.H_m.size > 0:
-            on_rotor += p.H_m[k] * pull
     drive_derivative(y, modal - noise, on_rotor, references, stick, p, f, q)
 
 
@@ -488,7 +493,9 @@ def channels(y, references, noise, stick, p, f, q, out):
         damping += p.D[k] * rate * rate
         modal_rate += p.H[k] * f[MODES + 2 * k + 1]
         if p.H_m.size > 0:
-            rotor_rate += p.H_m[k] * f[MODES + 2 * k + 1]
+            damping += 2.0 * rate * (p.V[k] * omega_l + p.V_m[k] * omega_m)
+            modal_rate += p.V[k] * rate
+            rotor_rate += p.H_m[k] * f[MODES + 2 * k + 1] + p.V_m[k] * rate
         out[N_CHANNELS + k] = eta
         out[N_CHANNELS + p.H.size + k] = rate
     out[0], out[1], out[2], out[3], out[4], out[5] = y[IA], y[IB], u_A, u_B, references[0], references[1]
@@ -595,9 +602,11 @@ def modal_torques(y, omega_l, p):
         if p.H_m.size > 0:
             rate -= p.H_m[k] * y[WM]
         pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
-        modal += p.H[k] * pull
         if p.H_m.size > 0:
-            on_rotor += p.H_m[k] * pull
+            pull += p.V[k] * omega_l + p.V_m[k] * y[WM]
+            modal -= p.V[k] * rate
+            on_rotor += p.H_m[k] * pull - p.V_m[k] * rate
+        modal += p.H[k] * pull
     return modal, on_rotor
 
 

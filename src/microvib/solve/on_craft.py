@@ -16,7 +16,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve.channels import LINE_OF_SIGHT, SECOND_LOADS
 from microvib.solve.command import Command
 
-ACCELERATIONS = ("eta", "eta_rate", "alpha_l", "alpha_m")
+ACCELERATIONS = ("eta", "eta_rate", "omega_l", "omega_m", "alpha_l", "alpha_m")
 """Channels of which loads and accelerations are made; angles take those of the shafts too."""
 ANGLES = ("theta_l", "theta_m")
 
@@ -27,8 +27,8 @@ def values_of(
     """What is looked at, (n, k), in the ``channels`` of a motion of ``scenario`` at its times [s], (n,), which only angles need."""
     craft = scenario.craft
     assert craft is not None
-    shafts = np.zeros((channels["alpha_l"].shape[0], 4))
-    shafts[:, 2], shafts[:, 3] = channels["alpha_l"], channels["alpha_m"]
+    shafts = np.zeros((channels["alpha_l"].shape[0], 6))
+    shafts[:, 2:] = np.column_stack([channels[name] for name in ("alpha_l", "alpha_m", "omega_l", "omega_m")])
     if np.any(rows.position):
         assert time is not None
         rotor = Command(scenario).count(time) * scenario.driver.microstep(scenario.motor)

@@ -69,7 +69,8 @@ class Packed:
         own = float(p.J_m * y[kernel.WM] + p.J_L * y[kernel.WL] + p.H @ y[kernel.MODES + 1 :: 2])
         if not p.H_m.size and p.J_c == 0.0:
             return own
-        return own + float(p.J_c * (y[kernel.WM] + y[kernel.WL]) + p.H_m @ y[kernel.MODES + 1 :: 2])
+        modes = p.H_m @ y[kernel.MODES + 1 :: 2] + (p.V + p.V_m) @ y[kernel.MODES :: 2]
+        return own + float(p.J_c * (y[kernel.WM] + y[kernel.WL]) + modes)
 
 
 def no_samples(channels: int) -> Any:
@@ -144,7 +145,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         onwards=propagators.ONWARDS.reshape(16, 4).copy(),
         fractions=propagators.CUBES[None].copy(),
     )
-    propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 1))
+    propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
     return tables
 
 
@@ -176,6 +177,8 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
         U_max=math.inf,
         H=none,
         H_m=none,
+        V=none,
+        V_m=none,
         D=none,
         Lam=none,
         te=none,
@@ -300,6 +303,8 @@ def _drive(scenario: Scenario) -> Any:
         rough_rate=rough_rate,
         H=load.H,
         H_m=load.R if load.moves else np.zeros(0),
+        V=load.V_l if load.moves else np.zeros(0),
+        V_m=load.V_m if load.moves else np.zeros(0),
         D=load.D,
         Lam=load.Lambda,
         te=_transmission_error(scenario),
@@ -341,7 +346,7 @@ def _scale(scenario: Scenario) -> np.ndarray:
     integral = (
         motor.winding_resistance * motor.axis_current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
     )
-    H = np.maximum(np.abs(scenario.load.H), 1e-3 * math.sqrt(array.inertia))
+    H = np.maximum(np.hypot(scenario.load.H, scenario.load.V_l / scenario.load.Omega), 1e-3 * math.sqrt(array.inertia))
     sizes = np.concatenate(
         [
             [motor.axis_current, motor.axis_current, integral, integral, step, step * rotor_rate, angle, rate],

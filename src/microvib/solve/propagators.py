@@ -41,12 +41,13 @@ NODE_ROWS, PIECE_ROWS, SUM_ROWS = (N + 24) * N, 2 * (N + 24), 20
 # rows of the sums over modes, four each: by the output's rate at each node, torque on it and momentum; on a craft also torque on
 # the rotor (which is that on the output by the rotor's rate); by the rotor's rate, torque on it and momentum
 S_OUTPUT, S_MOMENTUM, S_BOTH, S_ROTOR, S_ROTOR_MOMENTUM = 0, 4, 8, 12, 16
-# rows of a mode: by its eta and its w at the start, torque, momentum, eta, w; by the output's rate at each node, eta and w; then
-# numbers for the end of a step: exp(A t) (2, 2); eta and w by the rate at each node; by the moments of the rate. On a craft, which
-# both shafts drive, H omega_l + H_m omega_m takes the place of the output's rate.
-M_TORQUE, M_MOMENTUM, M_ETA, M_W, M_ETA_BY, M_W_BY, M_E, M_ETA_END, M_W_END, M_ETA_PART, M_W_PART, MODE_ROWS = (
-    0, 2, 4, 6, 8, 12, 16, 17, 18, 19, 20, 21,
+# rows of a mode: by its eta and its w at the start, torque, momentum, exp(A t) (2, 2) for the end of a step, eta, w; by the rate
+# of the output at each node, or by the moments of it, eta and w at the end of a step; at each node by that rate. On a craft the
+# same BY_ROTOR rows further on by the rotor's rate; and torque on the rotor by eta and w.
+M_TORQUE, M_MOMENTUM, M_E, M_ETA, M_W, M_ETA_END, M_W_END, M_ETA_PART, M_W_PART, M_ETA_BY, M_W_BY = (
+    0, 2, 4, 5, 7, 9, 10, 11, 12, 13, 17,
 )  # fmt: skip
+BY_ROTOR, M_ON_ROTOR, MODE_ROWS = 12, 33, 35
 ITERATIONS = 10
 CONVERGED = 0.1
 """Last change of the deficits, over the accuracy, at which an iteration ends."""
@@ -255,6 +256,9 @@ def _add_modes(pattern, modes, p, A):
     for k in range(modes.H.size):
         spring += modes.H[k] * modes.H[k] * modes.Lam[k]
         damper += modes.H[k] * modes.H[k] * modes.D[k]
+        if modes.V.size > 0:
+            spring += modes.V[k] * (2.0 * modes.D[k] * modes.H[k] - modes.V[k])
+            damper -= 2.0 * modes.H[k] * modes.V[k]
     if p.rigid and pattern < 2:
         share = p.inv_h * p.inv_h / (p.J_m + p.inv_h * p.inv_h * p.J_L)
         A[pattern, WM, TM] -= share * spring
@@ -289,8 +293,10 @@ def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
     for k in range(p.H.size):
         H, D, Lam = p.H[k], p.D[k], p.Lam[k]
         mode.A[0, 0], mode.A[0, 1], mode.A[1, 0], mode.A[1, 1] = 0.0, 1.0, -Lam, -D
-        unit = 1.0 if p.H_m.size > 0 else H
-        mode.B[0, 0], mode.B[1, 0] = -unit, D * unit
+        mode.B[0, 0], mode.B[1, 0] = -H, D * H
+        if p.H_m.size > 0:
+            mode.B[1, 0] -= p.V[k]
+            mode.B[0, 1], mode.B[1, 1] = -p.H_m[k], D * p.H_m[k] - p.V_m[k]
         for node in range(4):
             _start(mode, CUBES[node] * shortest)
             for level in range(t.levels - 1, -1, -1):
@@ -322,37 +328,54 @@ def _tabulate_drive(block, node, E, P, t):
 
 
 @code.inner(**COMPILE)
+def _tabulate_driven(row, j, node, eta, w, t):
+    """States of a mode at one node by the rate at the node ``j`` of a shaft."""
+    t.modes[row + M_ETA_BY + j, node] = eta
+    t.modes[row + M_W_BY + j, node] = w
+    if node == 3:
+        t.modes[row + M_ETA_END, j], t.modes[row + M_W_END, j] = eta, w
+
+
+@code.inner(**COMPILE)
 def _tabulate_mode(level, k, node, E, P, t, p):
     """Entries of a level and mode for one node."""
     H, D, Lam = p.H[k], p.D[k], p.Lam[k]
-    H_m = p.H_m[k] if p.H_m.size > 0 else 0.0
     row, total = (level * p.H.size + k) * MODE_ROWS, level * SUM_ROWS
     for j in range(2):
         by_eta, by_w = E[0, j] + (1.0 if j == 0 else 0.0), E[1, j] + (1.0 if j == 1 else 0.0)
         t.modes[row + M_TORQUE + j, node] = H * (Lam * by_eta + D * by_w)
-        t.modes[row + M_MOMENTUM + j, node] = (H + H_m) * by_w if p.H_m.size > 0 else H * by_w
+        t.modes[row + M_MOMENTUM + j, node] = H * by_w
         t.modes[row + M_ETA + j, node] = by_eta
         t.modes[row + M_W + j, node] = by_w
+        if p.H_m.size > 0:
+            t.modes[row + M_TORQUE + j, node] -= p.V[k] * by_w
+            t.modes[row + M_MOMENTUM + j, node] += p.H_m[k] * by_w + (p.V[k] + p.V_m[k]) * by_eta
+            t.modes[row + M_ON_ROTOR + j, node] = p.H_m[k] * (Lam * by_eta + D * by_w) - p.V_m[k] * by_w
         if node == 3:
             t.modes[row + M_E, j], t.modes[row + M_E, 2 + j] = by_eta, by_w
     for j in range(4):
         eta, w = _by_node(P, 0, 0, j, CUBES[node]), _by_node(P, 1, 0, j, CUBES[node])
-        t.modes[row + M_ETA_BY + j, node] = eta
-        t.modes[row + M_W_BY + j, node] = w
+        _tabulate_driven(row, j, node, eta, w, t)
+        rate = w - (H if j == node else 0.0)
         if p.H_m.size > 0:
-            pull = Lam * eta + D * (w - (1.0 if j == node else 0.0))
-            t.sums[total + S_OUTPUT + j, node] += H * H * pull
-            t.sums[total + S_BOTH + j, node] += H * H_m * pull
-            t.sums[total + S_ROTOR + j, node] += H_m * H_m * pull
-            t.sums[total + S_MOMENTUM + j, node] += (H + H_m) * H * w
-            t.sums[total + S_ROTOR_MOMENTUM + j, node] += (H + H_m) * H_m * w
+            pull = Lam * eta + D * rate + (p.V[k] if j == node else 0.0)
+            t.sums[total + S_OUTPUT + j, node] += H * pull - p.V[k] * rate
+            t.sums[total + S_BOTH + j, node] += p.H_m[k] * pull - p.V_m[k] * rate
+            t.sums[total + S_MOMENTUM + j, node] += (H + p.H_m[k]) * w + (p.V[k] + p.V_m[k]) * eta
+            eta, w = _by_node(P, 0, 1, j, CUBES[node]), _by_node(P, 1, 1, j, CUBES[node])
+            _tabulate_driven(row + BY_ROTOR, j, node, eta, w, t)
+            rate = w - (p.H_m[k] if j == node else 0.0)
+            pull = Lam * eta + D * rate + (p.V_m[k] if j == node else 0.0)
+            t.sums[total + S_ROTOR + j, node] += p.H_m[k] * pull - p.V_m[k] * rate
+            t.sums[total + S_ROTOR_MOMENTUM + j, node] += (H + p.H_m[k]) * w + (p.V[k] + p.V_m[k]) * eta
         else:
-            t.sums[total + S_OUTPUT + j, node] += H * (Lam * eta + D * (w - (H if j == node else 0.0)))
+            t.sums[total + S_OUTPUT + j, node] += H * (Lam * eta + D * rate)
             t.sums[total + S_MOMENTUM + j, node] += H * w
-        if node == 3:
-            t.modes[row + M_ETA_END, j], t.modes[row + M_W_END, j] = eta, w
     if node == 3:
         factor = 1.0
         for m in range(4):
             t.modes[row + M_ETA_PART, m], t.modes[row + M_W_PART, m] = factor * P[m, 0, 0], factor * P[m, 1, 0]
+            if p.H_m.size > 0:
+                t.modes[row + BY_ROTOR + M_ETA_PART, m] = factor * P[m, 0, 1]
+                t.modes[row + BY_ROTOR + M_W_PART, m] = factor * P[m, 1, 1]
             factor *= m + 1

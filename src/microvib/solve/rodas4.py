@@ -173,8 +173,10 @@ GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, ov
 #                                   b1 = J_m r_m + K_m (c alpha_B - s alpha_A) + stiffness r_theta/g - G gear
 #                                   b2 = J_L r_l + gear + sum of H (...) as in 3.
 #    Friction that varies with the angle is a spring on the output, of stiffness s: a22 gains s/g, b2 loses s r_tl/g.
-#    On a craft omega_m drives the modes too, by R: in 3. H u_l becomes H u_l + R u_m, a11 gains the sum of R^2 kappa g/delta, a12
-#    and a21 that of H R kappa g/delta and J_c g, b1 the sum of R (...) and J_c r_l, b2 J_c r_m.
+#    On a craft omega_m drives the modes too, by R, and both rates by V_l and V_m: in 3. H u_l becomes H u_l + R u_m, u_w gains
+#    -(V_l u_l + V_m u_m)/delta, and H (...) loses V_l (r_w - Lam r_eta/g)/delta. In place of H^2 kappa g/delta a22 has
+#    (H^2 kappa g - 2 H V_l g - V_l^2)/delta, a11 gains the same of R and V_m, a12 and a21 J_c g and
+#    (H R kappa g - (H V_m + R V_l) g - V_l V_m)/delta, b1 the sum of R (...) less V_m (...) and J_c r_l, b2 J_c r_m.
 #    with rotor = K_m (s beta_A - c beta_B) - stiffness/g + slope_m. ``stiffness`` is the slope of the rotor's torque by theta_m at
 #    fixed currents and gear twist, ``slope_m`` and ``slope_l`` those of the frictions by the rates. A stuck body has no equation:
 #    its u is zero. The angles, windings and modes then follow from u_m and u_l by 1. to 3.
@@ -253,8 +255,10 @@ def _factor(g, stick, p, w):
         w.inv_delta[k] = 1.0 / (g + w.kappa[k])
         modal += p.H[k] * p.H[k] * w.kappa[k] * g * w.inv_delta[k]
         if p.H_m.size > 0:
-            both += p.H[k] * p.H_m[k] * w.kappa[k] * g * w.inv_delta[k]
-            on_rotor += p.H_m[k] * p.H_m[k] * w.kappa[k] * g * w.inv_delta[k]
+            H, H_m, V, V_m = p.H[k], p.H_m[k], p.V[k], p.V_m[k]
+            modal -= (2.0 * H * g + V) * V * w.inv_delta[k]
+            both += (H * H_m * w.kappa[k] * g - (H * V_m + H_m * V) * g - V * V_m) * w.inv_delta[k]
+            on_rotor += (H_m * H_m * w.kappa[k] * g - (2.0 * H_m * g + V_m) * V_m) * w.inv_delta[k]
     rotor = p.K_m * (s * beta_A - c * beta_B) - stiffness * inv_g + slope_m + on_rotor
     if p.rigid:
         lead, drag, mass = G + jac[6] * inv_g, slope_l + modal, p.J_m + 2.0 * G * p.J_c + G * G * p.J_L
@@ -286,9 +290,11 @@ def _solve(inv_g, stick, p, w, r):
     modal = on_rotor = 0.0
     for k in range(p.H.size):
         stiff = p.Lam[k] * r[MODES + 2 * k] * inv_g
-        modal += p.H[k] * (w.kappa[k] * (r[MODES + 2 * k + 1] - stiff) * w.inv_delta[k] + stiff)
+        free = (r[MODES + 2 * k + 1] - stiff) * w.inv_delta[k]
+        modal += p.H[k] * (w.kappa[k] * free + stiff)
         if p.H_m.size > 0:
-            on_rotor += p.H_m[k] * (w.kappa[k] * (r[MODES + 2 * k + 1] - stiff) * w.inv_delta[k] + stiff)
+            modal -= p.V[k] * free
+            on_rotor += p.H_m[k] * (w.kappa[k] * free + stiff) - p.V_m[k] * free
     rotor += on_rotor
     if p.rigid:
         shift = jac[6] * r[TM] * inv_g
@@ -311,12 +317,13 @@ def _solve(inv_g, stick, p, w, r):
     r[WM] = u_m
     for k in range(p.H.size):
         r_eta = r[MODES + 2 * k]
-        u_w = (r[MODES + 2 * k + 1] - p.Lam[k] * r_eta * inv_g + w.kappa[k] * p.H[k] * u_l) * w.inv_delta[k]
-        r[MODES + 2 * k] = (r_eta + u_w - p.H[k] * u_l) * inv_g
+        turned = p.H[k] * u_l
+        u_w = r[MODES + 2 * k + 1] - p.Lam[k] * r_eta * inv_g
         if p.H_m.size > 0:
-            of_rotor = p.H_m[k] * u_m
-            u_w += w.kappa[k] * of_rotor * w.inv_delta[k]
-            r[MODES + 2 * k] += (w.kappa[k] * w.inv_delta[k] - 1.0) * of_rotor * inv_g
+            turned += p.H_m[k] * u_m
+            u_w -= p.V[k] * u_l + p.V_m[k] * u_m
+        u_w = (u_w + w.kappa[k] * turned) * w.inv_delta[k]
+        r[MODES + 2 * k] = (r_eta + u_w - turned) * inv_g
         r[MODES + 2 * k + 1] = u_w
 
 

@@ -23,7 +23,7 @@ from microvib.solve.kernel import (
     references_after,
     sticks,
 )
-from microvib.solve.propagators import LAGRANGE, M_ETA, M_ETA_BY, M_W, M_W_BY, MODE_ROWS
+from microvib.solve.propagators import BY_ROTOR, LAGRANGE, M_ETA, M_ETA_BY, M_W, M_W_BY, MODE_ROWS
 from microvib.solve.vector import rows
 
 code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
@@ -39,11 +39,12 @@ def _channels_at_nodes(level, x, p, t, w):
         there_eta = modes[k, M_ETA] * eta + modes[k, M_ETA + 1] * rate
         there_w = modes[k, M_W] * eta + modes[k, M_W + 1] * rate
         for j in range(4):
-            drive = w.at[WL, j]
-            if p.H_m.size > 0:
-                drive = p.H[k] * drive + p.H_m[k] * w.at[WM, j]
-            there_eta += modes[k, M_ETA_BY + j] * drive
-            there_w += modes[k, M_W_BY + j] * drive
+            there_eta += modes[k, M_ETA_BY + j] * w.at[WL, j]
+            there_w += modes[k, M_W_BY + j] * w.at[WL, j]
+        if p.H_m.size > 0:
+            for j in range(4):
+                there_eta += modes[k, BY_ROTOR + M_ETA_BY + j] * w.at[WM, j]
+                there_w += modes[k, BY_ROTOR + M_W_BY + j] * w.at[WM, j]
         y[MODES + 2 * k], y[MODES + 2 * k + 1] = there_eta, there_w
     dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
     channels(

@@ -93,7 +93,9 @@ class PeriodMap:
         on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
         y[kernel.TM] = commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
         y[kernel.TL] = -p.inv_h * y[kernel.TM] - (0.0 if p.rigid else on_output / p.K_g)
-        y[kernel.MODES + 1 :: 2] = p.H * rate + scenario.load.R * omega
+        load = scenario.load
+        y[kernel.MODES :: 2] = -(load.V_l * rate + load.V_m * omega) / load.Lambda
+        y[kernel.MODES + 1 :: 2] = p.H * rate + load.R * omega
         if scenario.friction.breakaway_torque == 0.0:
             y[kernel.WL] = rate
         current, integral = _turning_currents(p, p.z * omega)

@@ -196,7 +196,8 @@ class Search:
 
     def _check_settles(self) -> None:
         """Against motions that no run reaches: a mode that friction feeds nearly as fast as damping drains it rings for minutes."""
-        rates = 0.5 * self.period.scenario.load.D
+        load = self.period.scenario.load
+        rates = 0.5 * load.D - np.sqrt(np.maximum(0.25 * load.D**2 - load.Lambda, 0.0))
         own = math.log(100.0) / max(min(rates, default=math.inf), 1e-9)
         if self.settling > max(MAX_SETTLING, SETTLING_RATIO * own):
             raise NotShown(

@@ -19,7 +19,7 @@ from microvib.errors import MicrovibError, error_context
 from microvib.io.files import check_file, reading
 from microvib.io.tables import finite
 from microvib.model.coupling import MEANINGLESS, chart, craft_in, noise_density, receiver_of, short_way, transfer_from
-from microvib.model.linear import coupled_modes, left_by_diagonal
+from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
@@ -116,7 +116,7 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
         rings=rings,
         density=_noise(scenario),
         gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),
-        doubt=max(OWN_ERROR, result.table.own_error) + left_by_diagonal(scenario, found.frequency),
+        doubt=max(OWN_ERROR, result.table.own_error),
         scenario=scenario,
     ), found  # fmt: skip
 

@@ -68,7 +68,6 @@ def _craft(hub: HubLines) -> dict[str, Any]:
     lines = zip(hub.names, hub.frequency.tolist(), np.abs(hub.loads).tolist(), hub.amplitude.tolist(), strict=True)
     return {
         "words": craft_words(spacecraft),
-        "notes": list(locked.notes),
         "drawing": address(svg(draw_craft(hub.scenario))),
         "lines": [
             {"line": name, "frequency_hz": f, "loads": loads, "los": angles if los is not None else None}

@@ -60,7 +60,6 @@ export function craftOf(run) {
       { class: "card craft" },
       h("div", { class: "bar" }, h("h2", {}, "Spacecraft"), h("span", { class: "soft note" }, craft.words)),
       h("img", { src: craft.drawing, alt: "Hub, array at its angle, drive axis and line of sight" }),
-      craft.notes.map((text) => h("p", { class: "soft note" }, text)),
       craft.lines.some(({ los }) => los) && windowOf(craft),
       loads(craft),
     ),
