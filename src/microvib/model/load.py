@@ -47,7 +47,12 @@ class Load:
     @property
     def moves(self) -> bool:
         """Whether the ground moves."""
-        return self.cross != 0.0 or bool(np.any(self.R))
+        return self.cross != 0.0 or bool(np.any(self.R) or np.any(self.V_l))
+
+    @property
+    def decay(self) -> np.ndarray:
+        """Rate at which each mode dies away at the last, (s,) [1/s]: of what is overdamped the slower."""
+        return np.asarray(0.5 * self.D - np.sqrt(np.maximum(0.25 * self.D**2 - self.Lambda, 0.0)))
 
     @property
     def rotor_left(self) -> float:

@@ -121,8 +121,8 @@ class Orbit:
     @property
     def turned_in_decay(self) -> float:
         """Angle [rad] that the array turns while the mode that rings longest falls to 1/e; infinite without damping."""
-        least = min((float(np.min(craft_in(one.scenario).load.D)) for one in self.runs.lines), default=0.0)
-        return 2.0 * self.rate / least if least > 0.0 else math.inf
+        least = min((float(np.min(craft_in(one.scenario).load.decay)) for one in self.runs.lines), default=0.0)
+        return self.rate / least if least > 0.0 else math.inf
 
     def notes(self) -> list[str]:
         """What is to be known of the figures, in sentences."""

@@ -196,9 +196,7 @@ class Search:
 
     def _check_settles(self) -> None:
         """Against motions that no run reaches: a mode that friction feeds nearly as fast as damping drains it rings for minutes."""
-        load = self.period.scenario.load
-        rates = 0.5 * load.D - np.sqrt(np.maximum(0.25 * load.D**2 - load.Lambda, 0.0))
-        own = math.log(100.0) / max(min(rates, default=math.inf), 1e-9)
+        own = math.log(100.0) / max(min(self.period.scenario.load.decay, default=math.inf), 1e-9)
         if self.settling > max(MAX_SETTLING, SETTLING_RATIO * own):
             raise NotShown(
                 f"friction that falls with the rate keeps it ringing: deviations take {self.settling:.3g} s to fall to a hundredth,"
