@@ -15,8 +15,6 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel, propagate, propagators, rodas4
 from microvib.solve.noise import roughness, torque_noise
 
-FIRST_LEVEL = 4
-"""Level of the first steps."""
 SHORTEST = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
 
@@ -39,6 +37,25 @@ class Packed:
             return int(rodas4.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
         own = self.state, self.drive, self.propagators
         return int(propagate.advance(stop, *own, samples, steps_t, steps_ref, *self.lanes, self.scratch.ravel()))
+
+    def advance_each(
+        self,
+        y: np.ndarray,
+        begun: np.ndarray,
+        steps: np.ndarray,
+        stops: np.ndarray,
+        samples: Any,
+        *microsteps: np.ndarray,
+    ) -> tuple[int, np.ndarray, np.ndarray]:
+        """Advance from each of many states, which the ends replace, by propagators; see ``propagate.advance_each``.
+
+        Returns a status, the modes of rotor and output at the beginning and at the end, (k, 4), and how often the rotor and how
+        often either has come to rest, (k, 2).
+        """
+        sticks, sticking = np.zeros((len(y), 4)), np.zeros((len(y), 2), dtype=np.int64)
+        found, own = (y, begun, steps, stops, sticks, sticking), (self.state, self.drive, self.propagators)
+        status = propagate.advance_each(*found, *own, samples, *microsteps, *self.lanes, self.scratch.ravel())
+        return int(status), sticks, sticking
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -88,7 +105,7 @@ def pack(scenario: Scenario) -> Packed:
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
-        levels=np.full(propagate.KINDS * propagators.PATTERNS, FIRST_LEVEL, dtype=np.int64),
+        levels=np.full(propagate.KINDS * propagators.PATTERNS, propagate.FIRST_LEVEL, dtype=np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
     _hold(scenario, drive, state)

@@ -1,11 +1,12 @@
 """The hot loop by exact propagation: microsteps, and steps of suitable length that end at events.
 
-A step is ``microvib.solve.collocation``'s. Read from the end: ``advance`` is the loop, and calls what stands above it.
+A step is ``microvib.solve.collocation``'s. Read from the end: ``advance`` is the loop, and calls what stands above it;
+``advance_each`` calls it for many starts.
 """
 
 import math
 
-from microvib.compiled import Matrix, Unit, Vector
+from microvib.compiled import CountMatrix, Matrix, Unit, Vector
 from microvib.solve.collocation import N_SUMS, Work, _continue, _error, _iterate, _judge, _momentum, _weigh
 from microvib.solve.ends import (
     _end_at_event,
@@ -24,8 +25,10 @@ from microvib.solve.kernel import (
     NOW,
     OK,
     REJECTED,
+    ROTOR_STICKS,
     STEP_TOO_SMALL,
     STEPS,
+    STICKS,
     TM,
     WL,
     WM,
@@ -37,6 +40,7 @@ from microvib.solve.kernel import (
     decide_friction,
     follow,
     health,
+    initial_friction,
     pass_time,
     take_microstep,
 )
@@ -67,6 +71,8 @@ code = Unit(
 # Kinds of a step, by which the level of the last one of its kind is remembered: the first after a microstep, after an event,
 # any other; for each pattern
 AFTER_MICROSTEP, AFTER_EVENT, FURTHER, KINDS = range(4)
+FIRST_LEVEL = 4
+"""Level at which steps of each kind are tried first."""
 TORQUE_SHOWN = 0.2
 """Weight of what moves inside a step where nothing but the torque is sampled, which is that of polynomials of degree 7."""
 AFRESH = -1
@@ -255,3 +261,48 @@ def advance(
     _uncount(w.x, 0.0, x, p)
     _unsee(w.x, x.y, x, p, t)
     return status
+
+
+@code.inner(**COMPILE)
+def _copy(source, target):
+    for i in range(source.size):
+        target[i] = source[i]
+
+
+@code.entry(**COMPILE)
+def advance_each(
+    y: Matrix, begun: Matrix, steps: CountMatrix, stops: Vector, sticks: Matrix, sticking: CountMatrix,
+    x: State, p: Drive, t: Propagators, out: Samples, steps_t: Vector, steps_ref: Matrix,
+    lanes: Matrix, flat: Vector, by_node: Matrix, room: Vector,
+) -> int:  # fmt: skip
+    """Advance the drive from each of the states ``y`` (k, n), which the ends replace, with its clock ``begun`` (k, N_CLOCK).
+
+    Each makes the microsteps between two numbers, ``steps`` (k, 2), and ends at one of the times ``stops`` (k,); ``out`` has as
+    many rows for every microstep made, or none. ``sticks`` (k, 4) becomes the modes of rotor and output at the beginning and at the
+    end, ``sticking`` (k, 2) how often the rotor and how often either has come to rest. Returns the first status that is not OK.
+    """
+    made, done = 0, 0
+    for j in range(stops.size):
+        made += steps[j, 1] - steps[j, 0]
+    each = out.rows.shape[0] // max(made, 1)
+    for j in range(stops.size):
+        _copy(y[j], x.y)
+        _copy(begun[j], x.clock)
+        x.levels[:] = FIRST_LEVEL
+        x.energy[:] = 0.0
+        out.partial[:] = 0.0
+        out.cursor[:] = 0
+        initial_friction(x, p)
+        rotor, either = x.counters[ROTOR_STICKS], x.counters[STICKS]
+        sticks[j, 0], sticks[j, 1] = x.stick[0], x.stick[1]
+        first, last = steps[j, 0], steps[j, 1]
+        rows = each * (last - first)
+        own = Samples(begun[j, NOW], out.width, out.rows[done : done + rows], out.partial, out.cursor)
+        status = advance(stops[j], x, p, t, own, steps_t[first:last], steps_ref[first:last], lanes, flat, by_node, room)
+        if status != OK:
+            return status
+        done += rows
+        _copy(x.y, y[j])
+        sticks[j, 2], sticks[j, 3] = x.stick[0], x.stick[1]
+        sticking[j, 0], sticking[j, 1] = x.counters[ROTOR_STICKS] - rotor, x.counters[STICKS] - either
+    return OK

@@ -16,7 +16,8 @@ from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import FIRST_LEVEL, no_samples, pack
+from microvib.solve.pack import no_samples, pack
+from microvib.solve.propagate import FIRST_LEVEL
 from microvib.solve.sampling import LOBES
 
 SECTION = 0.1
@@ -51,6 +52,8 @@ class PeriodMap:
         f_d = scenario.driving_frequency
         if not f_d:
             raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
+        if scenario.solver.method != "propagators":
+            raise NotPeriodic(f"solver.method: {scenario.solver.method} is a reference for runs in time")
         if scenario.has_memory:
             raise NotPeriodic(
                 "a friction with memory also repeats what it remembers, which the search does not look for"
@@ -154,38 +157,26 @@ class PeriodMap:
 
     def put(self, x: np.ndarray) -> None:
         """Make ``x``, seen from the command, the state at the start of the period."""
-        self.set(self.absolute(x[None], self.turn([0]))[0], 0)
+        state = self.packed.state
+        state.y[:], state.clock[:] = self.absolute(x[None], self.turn([0]))[0], self.clocks(np.array([0]))[0]
+        state.levels[:], state.energy[:] = FIRST_LEVEL, 0.0
+        kernel.initial_friction(state, self.packed.drive)
 
-    def set(self, y: np.ndarray, microstep: int) -> None:
-        """Make ``y`` the state before a ``microstep`` of the period."""
-        state, p = self.packed.state, self.packed.drive
-        state.y[:] = y
-        angle = float(self.angle(microstep))
-        state.clock[:], state.levels[:] = 0.0, FIRST_LEVEL
-        state.energy[:] = 0.0
-        state.clock[kernel.NOW], state.clock[kernel.NEXT_STEP] = (
-            self.start + microstep * self.microstep_time,
-            p.max_step,
-        )
-        self._refer(microstep, state.clock)
-        state.clock[kernel.THETA_E] = p.z * angle
-        kernel.initial_friction(state, p)
-
-    def _refer(self, microstep: int, clock: np.ndarray) -> None:
-        """Set references before a ``microstep`` of the period, and the ramp that may be on its way there."""
-        goal, lasts = self._references[microstep + 1], self.scenario.driver.microstep_ramp * self.microstep_time
-        clock[kernel.REF_A], clock[kernel.REF_B] = goal
+    def clocks(self, microsteps: np.ndarray) -> np.ndarray:
+        """The clocks before some ``microsteps`` (k,) of the period, with references and a ramp on its way there, (k, N_CLOCK)."""
+        clock, p = np.zeros((microsteps.size, kernel.N_CLOCK)), self.packed.drive
+        clock[:, kernel.NOW] = self.start + microsteps * self.microstep_time
+        clock[:, kernel.NEXT_STEP] = p.max_step
+        clock[:, kernel.THETA_E] = p.z * self.angle(microsteps)
+        goal = clock[:, kernel.REF_A : kernel.REF_B + 1] = self._references[microsteps + 1]
+        lasts = self.scenario.driver.microstep_ramp * self.microstep_time
         left = lasts - (1.0 - SECTION) * self.microstep_time
-        if left <= 0.0:
-            return
-        before = self._references[microstep]
-        for ref, rate, at, a, b in (
-            (kernel.REF_A, kernel.RATE_A, kernel.GOAL_A, before[0], goal[0]),
-            (kernel.REF_B, kernel.RATE_B, kernel.GOAL_B, before[1], goal[1]),
-        ):
-            clock[at], clock[rate] = b, (b - a) / lasts
-            clock[ref] = b - left * clock[rate]
-        clock[kernel.RAMP_END] = clock[kernel.NOW] + left
+        if left > 0.0:
+            rate = (goal - self._references[microsteps]) / lasts
+            clock[:, kernel.GOAL_A : kernel.GOAL_B + 1], clock[:, kernel.RATE_A : kernel.RATE_B + 1] = goal, rate
+            clock[:, kernel.REF_A : kernel.REF_B + 1] = goal - left * rate
+            clock[:, kernel.RAMP_END] = clock[:, kernel.NOW] + left
+        return clock
 
     def advance(self, x: np.ndarray, samples: Any = None) -> np.ndarray:
         """State after the period, seen from the command."""

@@ -25,8 +25,8 @@ class Ends:
     """Whether rotor and output stick at the end, (k, 2)."""
     ever: np.ndarray
     """Whether they stick at any time in the segment, (k, 2)."""
-    stuck_output: np.ndarray
-    """Time [s] that the output sticks, (k,), where samples are taken."""
+    stuck_output: float
+    """Time [s] that the output sticks, where samples are taken."""
     T_d: np.ndarray
     """Interval means of the disturbance torque [N m], of all segments in sequence."""
 
@@ -47,36 +47,27 @@ class Segments:
 
         Raises NotPeriodic where a drive fails.
         """
-        period, k = self.period, len(x)
-        y = period.absolute(x, period.turn(first))
-        stuck, ever, stuck_output, torques = np.zeros((k, 2), bool), np.zeros((k, 2), bool), np.zeros(k), []
-        for j, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
-            state = period.packed.state
-            period.set(y[j], begin)
-            started, counted = state.stick == 0.0, state.counters.copy()
-            T_d, stuck_output[j] = self._through(begin, end, sampled)
-            y[j], stuck[j] = state.y, state.stick == 0.0
-            on_rotor, on_both = (state.counters - counted)[[kernel.ROTOR_STICKS, kernel.STICKS]]
-            ever[j] = started | stuck[j] | (np.array([on_rotor, on_both - on_rotor]) > 0)
-            torques.append(T_d)
-        period.evaluations += float(np.sum(last - first)) / period.microsteps
-        if period.packed.drive.rigid:
-            stuck, ever = stuck[:, [0, 0]], ever[:, [0, 0]]
-        return Ends(period.from_command(y, period.turn(-last), x), stuck, ever, stuck_output, np.concatenate(torques))
-
-    def _through(self, begin: int, end: int, sampled: bool) -> tuple[np.ndarray, float]:
-        """Advance from one microstep to another: interval means of T_d [N m], and the time that the output sticks [s]."""
         period, packed = self.period, self.period.packed
-        samples, start = self._unseen, period.start + begin * period.microstep_time
-        width = period.microstep_time / self.rows
+        y, made = period.absolute(x, period.turn(first)), int(np.sum(last - first))
+        samples, width = self._unseen, period.microstep_time / self.rows
         if sampled:
-            rows = np.zeros((self.rows * (end - begin), packed.torque_columns))
-            samples = kernel.Samples(start, width, rows, samples.partial * 0.0, np.zeros(2, dtype=np.int64))
-        stop = period.start + end * period.microstep_time
-        status = packed.advance(stop, samples, period.times[begin:end], period.commands[begin:end])
+            rows = np.zeros((self.rows * made, packed.torque_columns))
+            samples = kernel.Samples(0.0, width, rows, samples.partial * 0.0, np.zeros(2, dtype=np.int64))
+        status, sticks, sticking = packed.advance_each(
+            y,
+            period.clocks(first),
+            np.column_stack([first, last]),
+            period.start + last * period.microstep_time,
+            samples,
+            period.times,
+            period.commands,
+        )
         if status != kernel.OK:
             raise interrupted(status)
-        if not sampled:
-            return np.zeros(0), 0.0
-        T_d, stuck = packed.torque_of(samples.rows)
-        return T_d, float(np.sum(stuck)) * width
+        period.evaluations += made / period.microsteps
+        stuck, rests = sticks == 0.0, np.column_stack([sticking[:, 0], sticking[:, 1] - sticking[:, 0]])
+        ever, stuck = stuck[:, :2] | stuck[:, 2:] | (rests > 0), stuck[:, 2:]
+        if packed.drive.rigid:
+            stuck, ever = stuck[:, [0, 0]], ever[:, [0, 0]]
+        T_d, output = packed.torque_of(samples.rows)
+        return Ends(period.from_command(y, period.turn(-last), x), stuck, ever, float(np.sum(output)) * width, T_d)

@@ -196,7 +196,7 @@ def _found(search: Search, spent: float, seconds: float) -> SteadyState:
         frequency=period.frequency,
         microsteps=period.microsteps,
         T_d=search.ends.T_d,
-        stuck_output=float(np.sum(search.ends.stuck_output)) * period.frequency,
+        stuck_output=search.ends.stuck_output * period.frequency,
         state=search.x[0] * period.sizes,
         distance=search.distance,
         multiplier=search.multiplier,
