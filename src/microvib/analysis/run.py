@@ -34,6 +34,12 @@ class RunResult:
     """Why a steady state that was asked for was not found; the run then began at rest."""
 
     @property
+    def beside(self) -> SteadyState | Motion | None:
+        """What the second wing's drive does, where it is driven and more than lines was kept."""
+        source = self.state or self.motion
+        return None if source is None else source.beside
+
+    @property
     def accuracy(self) -> Accuracy | None:
         """How far the integration may be off; None where that is not known."""
         return estimate_in(self.solver)

@@ -1,4 +1,4 @@
-"""The craft in pictures and tables: hub, array at its angle and boresight; loads on the hub; line of sight and what costs it."""
+"""The craft in pictures and tables: hub, arrays at their angles, boresight; loads on the hub; line of sight and what costs it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.analysis.pointing import HubLines
+from microvib.model.array import Array
 from microvib.model.coupling import MEANINGLESS
 from microvib.model.rigid import about_center, tensor
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import CENTER, Spacecraft
+from microvib.model.spacecraft import CENTER, SECOND, Interface, SecondWing, Spacecraft
 from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
 from microvib.reports.numbers import count, format_number
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
 from microvib.signals.pointing import METRICS, cumulative_rms, radial
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
-from microvib.solve.channels import INTERFACE
+from microvib.solve.channels import INTERFACE, LOADS, SECOND_LOADS
 from microvib.solve.motion import Motion
 from microvib.units import Si
 
@@ -56,7 +57,19 @@ def craft_words(craft: Spacecraft) -> str:
     control, modes = craft.attitude_control, len(craft.hub.modes)
     held = "no attitude control" if control is None else f"attitude control of {control.bandwidth:g} Hz"
     kind = f"with {count(modes, 'flexible mode')}" if modes else "rigid"
-    return f"hub of {craft.hub.mass:.5g} kg, {kind}; array at {math.degrees(craft.array_angle):.4g}°; {held}"
+    wing = "" if craft.second_wing is None else f"; second wing {_second_words(craft.second_wing)}"
+    return f"hub of {craft.hub.mass:.5g} kg, {kind}; array at {math.degrees(craft.array_angle):.4g}°{wing}; {held}"
+
+
+def _second_words(wing: SecondWing) -> str:
+    """What the second wing's drive does."""
+    angle = "with the first" if wing.array_angle is None else f"at {math.degrees(wing.array_angle):.4g}°"
+    if wing.drive == "held":
+        return f"{angle}, held by its drive"
+    late = f", {wing.stagger:g} microsteps after the first" if wing.stagger else ""
+    clock = f", its clock {wing.clock_ratio:g} times the first's" if wing.clock_ratio != 1.0 else ""
+    rate = ", with a motion of its own" if wing.tracking else ""
+    return f"{angle}, driven{late}{clock}{rate}"
 
 
 def _craft(scenario: Scenario) -> tuple[Block, ...]:
@@ -70,57 +83,97 @@ def _craft(scenario: Scenario) -> tuple[Block, ...]:
         "Craft": craft_words(craft),
         "Principal moments": f"{moments} kg m², about the hub's centre of mass",
         "Interface": f"[{position}] m from there",
+        **({} if craft.second_wing is None else {"Second wing": _second(scenario)}),
         "Modes with locked hinges": f"{frequencies} Hz",
     }
+    arrays = "the array" if craft.second_wing is None else "the first array"
     caption = (
-        "Hub and array as boxes of their mass and inertia, hub axes; dotted, the array at angle 0. Red, the line of sight;"
+        f"Hub and array as boxes of their mass and inertia, hub axes; dotted, {arrays} at angle 0. Red, the line of sight;"
         " dashed, the drive axis."
     )
+    if craft.second_wing is not None:
+        caption = caption.replace("Hub and array", "Hub and arrays").replace("drive axis.", "drive axes.")
     return pairs(list(rows.items())), drawn(draw_craft(scenario), "Hub, array and line of sight", caption)
 
 
-def draw_craft(scenario: Scenario) -> Drawing:
-    """Hub, array at its angle, drive axis and line of sight, seen from obliquely above."""
-    craft, array = scenario.spacecraft, scenario.array
+def _second(scenario: Scenario) -> str:
+    """Where the second wing sits and what it does."""
+    craft, other = scenario.spacecraft, scenario.other_wing
     assert craft is not None
-    assert array.rigid_body is not None
+    assert craft.second_wing is not None
+    assert other is not None
+    assert other.spacecraft is not None
+    position = ", ".join(f"{x:.4g}" for x in craft.second_wing.interface.position)
+    angle = "" if craft.second_wing.array_angle is not None else f" ({math.degrees(other.spacecraft.array_angle):.4g}°)"
+    moves = craft.second_wing.drive == "driven" and other.rate is not None
+    rate = f"; its shaft turns at {math.degrees(other.rate or 0.0):.6g} deg/s" if moves else ""
+    return f"at [{position}] m, {_second_words(craft.second_wing)}{angle}{rate}"
+
+
+def draw_craft(scenario: Scenario) -> Drawing:
+    """Hub, arrays at their angles, drive axes and line of sight, seen from obliquely above."""
+    craft, other = scenario.spacecraft, scenario.other_wing
+    assert craft is not None
     figure, axes = new_figure(7.0, 3.4, layout=None)
-    ax, body, root = axes[0, 0], array.rigid_body, np.array(craft.interface.position)
+    ax = axes[0, 0]
     figure.subplots_adjust(0.01, 0.01, 0.99, 0.99)
     ax.set_axis_off()
     ax.set_aspect("equal")
-    center = np.array(body.center_of_mass)
-    about = about_center(body.mass, center, tensor(body.inertia))
-    bodies = []
-    for angle in (craft.array_angle, 0.0):
-        turn = craft.interface.turn(array.drive_axis, angle)
-        bodies.append(root + (center + _corners(body.mass, about)) @ turn.T)
+    wings = [(scenario.array, craft.interface, craft.array_angle)]
+    if other is not None and other.spacecraft is not None:
+        wings.append((other.array, other.spacecraft.interface, other.spacecraft.array_angle))
+    bodies = [_array(*wing) for wing in wings]
     hub = _corners(craft.hub.mass, tensor(craft.hub.inertia))
-    size = float(np.ptp(np.vstack([hub, bodies[0]]), axis=0).max())
-    axis, toward = craft.interface.axis, np.cross(*_VIEW)
-    boxes = [(hub, "#d9d9d9", "#333333"), (bodies[0], "#9ecae1", BLUE)]
+    size = float(np.ptp(np.vstack([hub, *bodies]), axis=0).max())
+    toward = np.cross(*_VIEW)
     if craft.array_angle % math.tau:
-        _edges(ax, bodies[1], color=GREY, linewidth=0.6, linestyle=":")
-    _line(ax, root - 0.1 * size * axis, root + 0.75 * size * axis, color="black", linewidth=0.9, linestyle="--")
+        _edges(ax, _array(scenario.array, craft.interface, 0.0), color=GREY, linewidth=0.6, linestyle=":")
+    for _, interface, _ in wings:
+        root, axis = np.array(interface.position), interface.axis
+        _line(
+            ax,
+            root - 0.1 * size * axis,
+            root + 0.75 / len(wings) * size * axis,
+            color="black",
+            linewidth=0.9,
+            linestyle="--",
+        )
+    boxes = [(hub, "#d9d9d9", "#333333"), *((body, "#9ecae1", BLUE) for body in bodies)]
     for corners, face, edge in sorted(boxes, key=lambda box: float(box[0].mean(axis=0) @ toward)):
         _faces(ax, corners, toward, face, edge)
-    _line(ax, root, bodies[0].mean(axis=0), color=BLUE, linewidth=2.0)
-    _names(ax, craft, root, bodies[0].mean(axis=0), size)
+    for k, ((_, interface, angle), body) in enumerate(zip(wings, bodies, strict=True), 1):
+        root, middle = np.array(interface.position), body.mean(axis=0)
+        _line(ax, root, middle, color=BLUE, linewidth=2.0)
+        ax.plot(*(_VIEW @ root), "o", color=ORANGE, markersize=5, zorder=8)
+        white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.7}
+        name = "ψ" if len(wings) == 1 else f"ψ{'₁₂'[k - 1]}"
+        ax.annotate(f"{name} = {math.degrees(angle):.4g}°", _VIEW @ middle, fontsize=9, zorder=9, bbox=white)
+    _names(ax, craft, size)
     ax.autoscale_view()
     ax.margins(0.04)
     return figure
 
 
-def _names(ax: Axes, craft: Spacecraft, root: np.ndarray, array: np.ndarray, size: float) -> None:
-    """Axes of the hub, interface, angle of the array, and the boresight."""
+def _array(array: Array, interface: Interface, angle: float) -> np.ndarray:
+    """Corners (8, 3) of an array's box at an angle [rad], hub axes."""
+    body = array.rigid_body
+    assert body is not None
+    center = np.array(body.center_of_mass)
+    about = about_center(body.mass, center, tensor(body.inertia))
+    return np.asarray(
+        np.array(interface.position) + (center + _corners(body.mass, about)) @ interface.turn(array.drive_axis, angle).T
+    )
+
+
+def _names(ax: Axes, craft: Spacecraft, size: float) -> None:
+    """Axes of the hub, and the boresight."""
     for k, name in enumerate("xyz"):
         _arrow(ax, np.zeros(3), 0.22 * size * np.eye(3)[k], GREEN, name)
-    ax.plot(*(_VIEW @ root), "o", color=ORANGE, markersize=5, zorder=8)
-    white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.7}
-    ax.annotate(f"ψ = {math.degrees(craft.array_angle):.4g}°", _VIEW @ array, fontsize=9, zorder=9, bbox=white)
     los = craft.line_of_sight
     if los is not None and los.boresight is not None:
         places = {p.name: p.position for p in craft.hub.points} | {CENTER: (0.0, 0.0, 0.0)}
+        if craft.second_wing is not None:
+            places.setdefault(SECOND, craft.second_wing.interface.position)
         start = np.array(places.get(los.point, craft.interface.position))
         along = np.array(los.boresight) / np.abs(los.boresight).max()
         _arrow(ax, start, start + 0.4 * size * along / np.linalg.norm(along), RED, "line of sight")
@@ -164,24 +217,37 @@ def _arrow(ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, name: str) -> No
 
 
 def _loads(motion: Motion, hub: HubLines) -> Section:
-    sizes = np.nan_to_num(np.abs(hub.loads))
+    text = "Loads on the hub at the interface point, hub axes; about the drive axis this is T_d."
+    if hub.second is None:
+        return Section("Loads on the hub", (Text(text), *_loads_at(motion, hub, hub.loads, tuple(LOADS), "loads.csv")))
+    text = (
+        "Loads on the hub at both interface points, hub axes. About its drive axis the first's is T_d"
+        f"{'' if motion.beside is None else ', and what its wing puts on the hub while the other one steps'}."
+    )
+    second = _loads_at(motion, hub, hub.second, tuple(SECOND_LOADS), "loads_wing_2.csv")
+    first = _loads_at(motion, hub, hub.loads, tuple(LOADS), "loads.csv")
+    return Section("Loads on the hub", (Text(text), *first, Text("At the second wing's interface:"), *second))
+
+
+def _loads_at(motion: Motion, hub: HubLines, loads: np.ndarray, names: tuple[str, ...], file: str) -> tuple[Block, ...]:
+    """Lines and spectra of six loads."""
+    sizes = np.nan_to_num(np.abs(loads))
     share = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
     kept = sorted(np.argsort(-share, kind="stable")[:_MOST], key=lambda k: hub.frequency[k])
     header = ["line", "frequency [Hz]", *(f"{name} [mN{' m' if name[0] == 'M' else ''}]" for name in INTERFACE)]
     rows = [
-        [hub.names[k], format_number(hub.frequency[k], 5), *(format_number(1e3 * v, 4) for v in np.abs(hub.loads[k]))]
+        [hub.names[k], format_number(hub.frequency[k], 5), *(format_number(1e3 * v, 4) for v in np.abs(loads[k]))]
         for k in kept
     ]
     left = len(hub.names) - len(kept)
-    caption = "Amplitudes 0-to-peak." + (f" {count(left, 'line')} more and all phases in `loads.csv`." if left else "")
-    text = "Loads on the hub at the interface point, hub axes; about the drive axis this is T_d."
+    caption = "Amplitudes 0-to-peak." + (f" {count(left, 'line')} more and all phases in `{file}`." if left else "")
     drawing, axes = plain_sheet(2.7, 1, 2)
-    for ax, names, unit in ((axes[0, 0], INTERFACE[:3], "mN"), (axes[0, 1], INTERFACE[3:], "mN m")):
-        spectra = {name: amplitude_spectrum(motion[name], motion.sample_rate, "hann") for name in names}
-        curves = {name: (s.frequency, 1e3 * s.amplitude) for name, s in spectra.items()}
+    for ax, some, unit in ((axes[0, 0], names[:3], "mN"), (axes[0, 1], names[3:], "mN m")):
+        spectra = {name: amplitude_spectrum(motion[name], motion.sample_rate, "hann") for name in some}
+        curves = {name.removesuffix("_2"): (s.frequency, 1e3 * s.amplitude) for name, s in spectra.items()}
         _curves(ax, curves, f"amplitude, 0-to-peak [{unit}]", 1e-5)
     picture = drawn(drawing, "Spectra of forces and moments", "Amplitude spectra, one-sided, Hann window.")
-    return Section("Loads on the hub", (Text(text), table(header, rows, caption), picture))
+    return table(header, rows, caption), picture
 
 
 def _curves(

@@ -128,8 +128,30 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
         ),
         ("breakaway torque of the output", f"{breakaway:.6g} N m", "slip ring included, Eq. 6 and 7"),
         ("rigidly attached inertia J_h", f"{array.J_h:.6g} kg m²", f"of J {array.inertia:.6g} kg m²"),
+        *_second_wing(scenario),
     ]
     return values + _driver_orders(scenario)
+
+
+def _second_wing(scenario: Scenario) -> list[tuple[str, str, str]]:
+    """Where the second wing's array is and how it steps."""
+    other = scenario.other_wing
+    if other is None or other.spacecraft is None:
+        return []
+    rows = [
+        (
+            "second wing, angle of its array",
+            f"{math.degrees(other.spacecraft.array_angle):.6g} deg",
+            "about its drive axis",
+        )
+    ]
+    if scenario.driven_wing is None:
+        return [*rows, ("second wing, its drive", "held", "springs and dampers of its linearised drive")]
+    if other.rate is not None:
+        rows.append(("second wing, rate of its shaft", f"{math.degrees(other.rate):.6g} deg/s", "about its drive axis"))
+    f_d, wing = other.driving_frequency, scenario.spacecraft and scenario.spacecraft.second_wing
+    steps = f"{wing.stagger:g} microsteps after the first's" if wing and wing.stagger else "steps with the first's"
+    return [*rows, ("second wing, driving frequency", f"{f_d:.6g} Hz" if f_d else "none", steps)]
 
 
 SHOWN_ERRORS = 8

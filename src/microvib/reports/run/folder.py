@@ -21,7 +21,7 @@ from microvib.io.writing import check_room, write_folder
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Form
 from microvib.solve.integration import Progress
-from microvib.solve.motion import Motion, record_bytes
+from microvib.solve.motion import record_bytes
 
 
 def run_scenario(
@@ -69,8 +69,9 @@ def write_run(
         from microvib.reports.run.report import run_report
 
         files = {"motion.nc": lambda path: write_motion(motion, path)}
-        if motion.beside is not None:
-            files |= _files_of_second(motion.beside)
+        beside = motion.beside
+        if beside is not None:
+            files[SECOND_MOTION] = lambda path: write_motion(beside, path)
         files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit, form=form), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
@@ -91,6 +92,7 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
         summed = summed | {"pointing": of_hub.summary()}
     return {
         "lines.csv": lines_csv(result.table),
+        **({} if of_hub is None or result.beside is None else {"lines_wing_2.csv": lines_csv(lines(result.beside))}),
         **({"seeds.csv": seeds_csv(result.table)} if result.table.seeds else {}),
         **({} if of_hub is None else {"loads.csv": rows_csv(*of_hub.loads_table())}),
         **(
@@ -102,12 +104,6 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
         "scenario.yaml": dump_scenario(result.scenario),
         "summary.json": to_json(summed),
     }
-
-
-def _files_of_second(motion: Motion) -> dict[str, Any]:
-    """Motion and lines of the second wing's drive, by the names of their files."""
-    table = lines(motion)
-    return {"lines_wing_2.csv": lines_csv(table), SECOND_MOTION: lambda path: write_motion(motion, path)}
 
 
 def hub_of(result: RunResult) -> HubLines | None:
