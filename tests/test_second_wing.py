@@ -1,8 +1,11 @@
 """A second wing: against both drives in one untransformed system, limits, symmetry, momentum, files, and what is refused."""
 
+import csv
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,17 +17,27 @@ from test_craft import instants, off, scenario_of, seen
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
+from microvib.analysis.turning import at_angle
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import short_way, source_of
 from microvib.model.craft import Craft, Rows
 from microvib.model.linear import coordinates, coupled_modes, dynamic_stiffness
 from microvib.model.scenario import Scenario
+from microvib.reports.craft import draw_craft
+from microvib.reports.parameters import derived
+from microvib.reports.run.folder import run_scenario
+from microvib.studies.budget.files import Requirement, Requirements
+from microvib.studies.campaign.cases import Chunk, compute_bytes
+from microvib.studies.campaign.design import read_design
+from microvib.studies.campaign.folder import create
+from microvib.studies.orbit import over_orbit
 
 OPPOSITE = np.array([0.35, -0.9, -0.2])
 TIMES = np.array([0.05, 0.15, 0.29, 0.4])
 CALM = whole.FullCraft(damping=0.0 * whole.DAMPING, gear_damping=0.0, on_rotor=0.0, on_output=0.0, detent=1e-9)
 """Drives whose linearisation is all that a held shaft does: no detent torque, no friction."""
 SECOND = {"interface": {"position": OPPOSITE.tolist(), "drive_axis": [0.0, -1.0, 0.0], "reference": [1.0, 0.0, 0.0]}}
-OBLIQUE = {
+OBLIQUE: dict[str, Any] = {
     "interface": {"position": [-0.4, -0.8, 0.3], "drive_axis": [0.48, -0.6, -0.64], "reference": [0.8, 0.0, 0.6]},
     "array_angle": math.radians(71.0),
 }
@@ -318,3 +331,102 @@ def test_what_cannot_be_a_second_wing_is_one_sentence(case: str) -> None:
         both(whole.FullCraft(), wing)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def quick(**wing: Any) -> Scenario:
+    """Both wings in their steady states, with short records."""
+    return both(whole.FullCraft(), {"drive": "driven", **wing}, **{"record.start": "steady", "record.duration": 1.2})
+
+
+def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
+    out, scenario = tmp_path / "run", quick(stagger=0.25)
+    result, files = run_scenario(scenario, out)
+    assert {"motion_wing_2.nc", "lines_wing_2.csv", "loads_wing_2.csv"} <= set(files)
+    assert result.state is not None
+    loads = {row["line"]: row for row in csv.DictReader((out / "loads_wing_2.csv").read_text().splitlines())}
+    lines = hub_lines(result.state, result.table)
+    assert lines.second is not None
+    found = abs(lines.second[lines.names.index("drive_1"), 4])
+    assert float(loads["drive_1"]["my_n_m"]) == pytest.approx(found, rel=1e-6)
+    own = {row["line"]: row for row in csv.DictReader((out / "lines_wing_2.csv").read_text().splitlines())}
+    assert float(own["drive_1"]["amplitude_n_m"]) == pytest.approx(found, rel=0.01)
+    again = mv.read_run(out).motion
+    assert result.motion is not None
+    for name in ("T_d", "My", "My_2", "los_x"):
+        assert again[name] == pytest.approx(result.motion[name], abs=1e-12)
+    report = (out / "report.html").read_text()
+    assert "second wing with the first, driven, 0.25 microsteps after the first" in report
+    assert "At the second wing" in report
+    texts = [text.get_text() for text in draw_craft(scenario).axes[0].texts]
+    assert {"ψ₁ = 30°", "ψ₂ = -30°"} <= set(texts)
+    assert any("rate of its shaft -0.06 deg/s" in text for text in derived(scenario))
+    held = out.parent / "held"
+    _, files = run_scenario(quick().alone, held, lines_only=True)
+    assert {name for name in files if "wing_2" in name} == {"loads_wing_2.csv"}
+
+
+def test_another_drive_from_a_file(tmp_path: Path) -> None:
+    """Two scenarios that name each other; the second brings drive and array, and a group that is given goes before it."""
+    first, second = (
+        {**parse_yaml(mv.dump_scenario(scenario_of(whole.FullCraft(ratio=ratio))), "x")} for ratio in (100.0, 160.0)
+    )
+    for mine, other in ((first, "second.yaml"), (second, "first.yaml")):
+        place = {**SECOND["interface"], "position": ["0.35 m", "-0.9 m", "-0.2 m"]}
+        mine["spacecraft"]["second_wing"] = {"scenario": other, "interface": place}
+    first["spacecraft"]["second_wing"]["friction"] = {**first["friction"], "viscous": "0.07 N*m*s/rad"}
+    for name, data in (("first", first), ("second", second)):
+        (tmp_path / f"{name}.yaml").write_text(json.dumps(data))
+    loaded = mv.load_scenario(tmp_path / "first.yaml")
+    other = loaded.other_wing
+    assert other is not None
+    assert (loaded.reducer.ratio, other.reducer.ratio, other.friction.viscous) == (100.0, 160.0, 0.07)
+    assert loaded.source_of("spacecraft.second_wing.reducer.ratio") == "second.yaml"
+    (tmp_path / "again.yaml").write_text(mv.dump_scenario(loaded))
+    assert mv.load_scenario(tmp_path / "again.yaml") == loaded
+    (tmp_path / "first.yaml").write_text(
+        json.dumps({**first, "spacecraft": {**first["spacecraft"], "second_wing": {"scenario": "x.yaml"}}})
+    )
+    with pytest.raises(mv.ScenarioError, match=r"x\.yaml: there is no such file"):
+        mv.load_scenario(tmp_path / "first.yaml")
+
+
+@pytest.mark.parametrize("clock_ratio", [1.0, 1.01])
+def test_a_budget_takes_both_wings_one_by_one(clock_ratio: float) -> None:
+    """Lines of one clock with their phases: its sums are those of the run."""
+    scenario = quick(stagger=0.25, clock_ratio=clock_ratio)
+    budget = mv.budget(scenario, Requirements(requirements=(Requirement(metric="ape", limit="1 urad"),)))  # type: ignore[call-arg]
+    assert [one.source for one in budget.contributions] == ["drive 1", "drive 1 wing_2"]
+    assert len({one.clock for one in budget.contributions}) == (1 if clock_ratio == 1.0 else 2)
+    found = mv.steady(scenario)
+    assert found.state is not None
+    sums = {(row["metric"], row["window_s"]): row["radial_rad"] for row in hub_lines(found.state, found.lines).totals()}
+    for window in budget.windows:
+        assert window.lines[2] == pytest.approx(sums[window.metric, window.window], rel=1e-6)
+    with pytest.raises(mv.MicrovibError, match="holds what both wings do together"):
+        mv.budget(scenario, campaign="nowhere")
+
+
+def test_cases_of_a_campaign_keep_lines_of_both_clocks(tmp_path: Path) -> None:
+    (tmp_path / "craft.yaml").write_text(mv.dump_scenario(quick(clock_ratio=1.01)))
+    (tmp_path / "study.yaml").write_text(
+        "scenario: craft.yaml\nvary: {motor.detent_torque: {distribution: uniform, within: 30 percent}}\n"
+        "sampling: {method: random, count: 1}\n"
+    )
+    campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
+    chunk = Chunk.from_bytes(compute_bytes(campaign.work(0)))
+    case = mv.steady(campaign.design.scenario(0))
+    assert case.state is not None
+    own = hub_lines(case.state, case.lines)
+    for name in ("drive_1", "wing_2 drive_1"):
+        found = [chunk.figures[key][0, chunk.lines.index(name)] for key in ("los_x", "los_y")]
+        assert found == pytest.approx(own.amplitude[own.names.index(name)], rel=1e-6)
+
+
+def test_over_an_orbit_a_held_wing_turns_with_the_first() -> None:
+    scenario = quick().alone
+    turned = at_angle(scenario, 1.0).other_wing
+    assert turned is not None
+    assert turned.spacecraft is not None
+    assert turned.spacecraft.array_angle == -1.0
+    with pytest.raises(mv.MicrovibError, match="driven is not known over an orbit"):
+        over_orbit(quick())

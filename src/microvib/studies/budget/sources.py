@@ -32,6 +32,8 @@ from microvib.testdata.recording import Recording
 SHORT_WAY_DOUBT = 0.03
 """Relative doubt of lines that went the short way: what detent torque, friction and current loop change as the hub yields; assumed,
 from the differences that ``analysis.short_way`` finds in lines that count."""
+HELD_DOUBT = 0.03
+"""Relative doubt of lines of a craft on which another drive holds its wing: what its detent torque and friction change; assumed."""
 SPEEDS = 101
 """Speeds that are tried of a wheel with a range of them."""
 _FREE = f"below {MEANINGLESS:g} Hz, where without spacecraft.attitude_control lines mean nothing"
@@ -116,7 +118,7 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
         rings=rings,
         density=_noise(scenario),
         gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),
-        doubt=max(OWN_ERROR, result.table.own_error),
+        doubt=max(OWN_ERROR, result.table.own_error) + (HELD_DOUBT if craft_in(scenario).second else 0.0),
         scenario=scenario,
     ), found  # fmt: skip
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Verdict
+from microvib.analysis.pointing import SECOND
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import Difference, differences, short_way_of
 from microvib.errors import MicrovibError, OptionError, expect
@@ -85,6 +86,7 @@ def pointing_budget(
 ) -> Budget:
     """The budget of the line of sight of one craft: ``scenarios`` are its drives, each with the craft as its own array sees it.
 
+    A second wing that is driven is a drive of its own, ``NAME wing_2``, and keeps its phases where both have one clock.
     ``sources`` move it besides: a file of sources, or a list. ``campaign`` is the folder of a merged campaign of the first
     scenario, for medians and percentiles; ``recording`` holds the first drive's loads on a force table, which then takes the short
     way. ``rule`` says how lines of one frequency in several sources add (``studies.budget.sums``); with ``one_clock`` the drives
@@ -95,7 +97,7 @@ def pointing_budget(
     """
     if rule not in RULES:
         raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))
-    drives = _scenarios(scenarios, names, steady)
+    drives, clocks = _scenarios(scenarios, names, steady)
     required = (
         requirements if isinstance(requirements, Requirements | None) else read_file(Path(requirements), Requirements)
     )
@@ -104,6 +106,11 @@ def pointing_budget(
     # What can be refused is looked at before anything is simulated.
     first = drives[0][1]
     beside = [of_other(source, first, folder) for source in others]
+    two = campaign is not None and len(clocks) > 1 and drives[1][0] == _second(drives[0][0])
+    if two:
+        raise OptionError(
+            "campaign", "holds what both wings do together, and a budget takes them one by one; leave it out"
+        )
     ensemble = None if campaign is None else ensemble_of(first, Path(campaign))
     found: list[Contribution] = []
     compared: tuple[Difference, ...] = ()
@@ -112,7 +119,7 @@ def pointing_budget(
             found.append(of_recording(name, scenario, recording, harmonics))
             continue
         one, full = of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress), harmonics)
-        found.append(replace(one, clock="drives" if one_clock else name))
+        found.append(replace(one, clock="drives" if one_clock else clocks[k]))
         if k == 0 and short_way:
             compared = tuple(differences(*short_way_of(scenario, harmonics=harmonics, progress=progress), full))
     if ensemble is not None:
@@ -127,19 +134,21 @@ def pointing_budget(
 
 def _scenarios(
     given: Scenario | str | Sequence[Scenario | str], names: Sequence[str], steady: bool
-) -> list[tuple[str, Scenario]]:
-    """Names and scenarios of the drives, all on one hub."""
+) -> tuple[list[tuple[str, Scenario]], list[str]]:
+    """Names and scenarios of the drives, all on one hub, and the clock that each steps by; two driven wings are two drives."""
     each = [given] if isinstance(given, Scenario | str) else list(given)
     if not each:
         raise OptionError("scenario", "missing; the drive on its craft is expected, such as examples/spacecraft.yaml")
     found: list[tuple[str, Scenario]] = []
+    clocks: list[str] = []
     for k, one in enumerate(each, 1):
         scenario = load_scenario(one) if isinstance(one, str) else one
         expect(scenario, Scenario, "a scenario (mv.load_scenario)")
         name = names[k - 1] if names else Path(one).stem if isinstance(one, str) else f"drive {k}"
+        name = name if name not in dict(found) else f"{name} {k}"
         if steady:
             scenario = scenario.with_({"record.start": "steady"})
-        spacecraft = craft_in(scenario).spacecraft
+        spacecraft, other = craft_in(scenario).spacecraft, scenario.driven_wing
         if spacecraft.line_of_sight is None:
             raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
         hub = craft_in(found[0][1]).spacecraft if found else spacecraft
@@ -148,8 +157,18 @@ def _scenarios(
                 raise MicrovibError(
                     f"{name}: spacecraft.{key}: is another than that of {found[0][0]}; all drives are on one craft"
                 )
-        found.append((name if name not in dict(found) else f"{name} {k}", scenario))
-    return found
+        found.append((name, scenario.alone))
+        clocks.append(name)
+        if other is not None:
+            wing = spacecraft.second_wing
+            found.append((_second(name), other))
+            clocks.append(name if wing is not None and wing.clock_ratio == 1.0 else _second(name))
+    return found, clocks
+
+
+def _second(name: str) -> str:
+    """The drive of the second wing of the craft that is called ``name``."""
+    return f"{name} {SECOND}"
 
 
 def ensemble_of(scenario: Scenario, folder: Path) -> Results:

@@ -281,6 +281,7 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
     """Results of single cases as one chunk; unexpected lines by their rank in the case (``other_1`` is the largest)."""
     found = {i: tuple(r.table) for i, r in enumerate(results) if r.table is not None}
     names = dict.fromkeys(x.line for lines in found.values() for x in lines)
+    names |= dict.fromkeys(name for r in results for name in r.los or ())  # of a second wing's drive
     statuses = tuple(sorted({_brief(x.status) for lines in found.values() for x in lines}))
     column, number = ({text: k for k, text in enumerate(texts)} for texts in (names, statuses))
     figures = {name: np.full((len(results), len(names)), math.nan) for name in FIGURES}
@@ -293,11 +294,9 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
     if any(r.los is not None for r in results):
         for k, name in enumerate(LINE_OF_SIGHT):
             figures[name] = np.full((len(results), len(names)), math.nan)
-            for i, lines in found.items():
-                given = results[i].los or {}
-                figures[name][i, [column[x.line] for x in lines]] = [
-                    given[x.line][k] if x.line in given else math.nan for x in lines
-                ]
+            for i, result in enumerate(results):
+                for line, angles in (result.los or {}).items():
+                    figures[name][i, column[line]] = angles[k]
     return Chunk(
         label=label, lines=tuple(names), figures=figures, status=status, statuses=statuses,
         scalars={name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)},
