@@ -1,0 +1,20 @@
+# A second wing: the line of sight over the phase between both drives' steps, and with the second drive held.
+from pathlib import Path
+
+import microvib as mv
+from microvib.analysis.pointing import hub_lines
+
+scenario = mv.load_scenario(Path(__file__).parent / "spacecraft.yaml")
+place = {"position": ["0.35 m", "-0.9 m", "-0.2 m"], "drive_axis": [0, -1, 0], "reference": [1, 0, 0]}
+cases = {f"driven, stagger {x:g}": {"drive": "driven", "stagger": x} for x in (0.0, 0.25, 0.5)} | {
+    "held": {"drive": "held"}
+}
+print("second wing           drive_1: los_x, los_y [nrad]   loads about the drive axes [mN m]")
+for name, keys in cases.items():
+    found = mv.steady(scenario.with_({"spacecraft.second_wing": {"interface": place, **keys}}))
+    assert found.state is not None
+    lines = hub_lines(found.state, found.lines)
+    k = lines.names.index("drive_1")
+    x, y = 1e9 * lines.amplitude[k]
+    first, second = (1e3 * abs(loads[k, 4]) for loads in (lines.loads, lines.second))
+    print(f"{name:22s} {x:14.3f} {y:8.3f} {first:22.2f} {second:8.2f}")
