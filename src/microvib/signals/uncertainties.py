@@ -157,7 +157,8 @@ def _floors(joint: Joint, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray
     half = np.maximum(np.count_nonzero(free, axis=1), 2) / 2.0
     student = 1.0 + 1.21 / half + 1.44 / half**2  # Cornish and Fisher's expansion
     # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
-    floors = student * np.ma.filled(np.ma.median(values, axis=1), 0.0) / np.sqrt(2.0 * np.log(2.0))
+    median = np.ma.filled(np.ma.median(values, axis=1), 0.0)  # type: ignore[no-untyped-call]
+    floors = student * median / np.sqrt(2.0 * np.log(2.0))
     return floors, hann.bin_rms(frequency * rest.duration, rest.values) / np.sqrt(2.0)
 
 
