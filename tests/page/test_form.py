@@ -141,7 +141,7 @@ def test_keyboard_only(visit: Callable[..., Any]) -> None:
 
     tab_to("#tab-run")
     page.keyboard.press("ArrowRight")
-    assert page.locator("#recording").is_visible()
+    assert page.locator("#sheet").is_visible()
     page.keyboard.press("ArrowLeft")
     assert page.locator("#run").is_visible()
     tab_to("[id='field-motor.current']")

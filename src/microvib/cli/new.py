@@ -10,28 +10,15 @@ import click
 from microvib.cli.common import PATH, options
 from microvib.cli.streams import echo
 from microvib.errors import OptionError, OutputError
-
-_SHEET = {
-    "holding_torque": ("TORQUE", "Holding torque of the motor, e.g. '0.5 N*m'."),
-    "phases": ("2|3|5", "Phases of the motor [usual: 2]."),
-    "phases_on": ("1|2|...", "Phases on at the holding torque [usual: 2 of two phases]."),
-    "current": ("CURRENT", "Current per phase at the holding torque, e.g. '0.6 A'."),
-    "detent": ("PART", "Detent torque over holding torque, e.g. '5 percent'."),
-    "step_angle": ("ANGLE", "Full step at the output, e.g. '0.018 deg'."),
-    "ratio": ("NUMBER", "Reduction ratio, e.g. 100."),
-    "resistance": ("RESISTANCE", "Resistance of one winding, e.g. '6 ohm'."),
-    "inductance": ("INDUCTANCE", "Inductance of one winding, e.g. '13 mH'."),
-    "rotor_inertia": ("INERTIA", "Moment of inertia of the rotor, e.g. '0.2 kg*cm^2'."),
-    "drive": ("current|voltage", "What the driver commands; voltage is without a current loop."),
-    "microsteps": ("NUMBER", "Microsteps per full step, e.g. 16."),
-    "gear": ("GEAR", "A harmonic gear of the catalog, e.g. 'size 14 ratio 100'; also without --from-datasheet."),
-}
-"""What a data sheet may say, in the order in which it is asked for: how it is written in the help, and what it is."""
-
+from microvib.io.questions import QUESTIONS
 
 _HYSTERESIS = (
     "The gear's hysteresis stands in the file as a comment, under reducer: a maker's bound, which stiffens and damps."
 )
+
+
+def _option(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
 
 
 @click.command()
@@ -41,9 +28,9 @@ _HYSTERESIS = (
     is_flag=True,
     help="From a data sheet: by the options below or, without any, by questions on the terminal. What is missing is assumed.",
 )
-@options(*(click.option(f"--{key.replace('_', '-')}", metavar=m, help=text) for key, (m, text) in _SHEET.items()))
+@options(*(click.option(_option(key), metavar=asked.metavar, help=f"{asked}.") for key, asked in QUESTIONS.items()))
 def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
-    """Write FILE, a commented scenario to start from. Never overwrites."""
+    """Write FILE, a commented scenario to start from. Never overwrites; --gear also goes without --from-datasheet."""
     from microvib.io.new_scenario import new_text, sheet_text
     from microvib.io.writing import write_file
 
@@ -71,15 +58,14 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
 def _asked() -> dict[str, str]:
     """Answers of a person at the terminal; OptionError where there is none."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        known = ", ".join(f"--{key.replace('_', '-')}" for key in _SHEET)
+        known = ", ".join(map(_option, QUESTIONS))
         raise OptionError("from_datasheet", f"there is no terminal to ask on; give at least one of {known}")
     from microvib.io.data_sheet import read_entry
 
     echo("What does the data sheet say? Empty where it does not; a typical value is then assumed.")
     answers: dict[str, str] = {}
-    for key, (_, said) in _SHEET.items():
-        question = said.partition("; also")[0].rstrip(".")
-        while text := click.prompt(question, default="", show_default=False).strip():
+    for key, question in QUESTIONS.items():
+        while text := click.prompt(str(question), default="", show_default=False).strip():
             try:
                 read_entry(key, text)
             except OptionError as error:

@@ -22,6 +22,7 @@ BENDS = 0.2, 0.5
 """By how much the slopes on both sides may differ, and by what part of the larger, for a derivative."""
 MAX_LINES = 8
 """Lines that are looked at, the largest."""
+NOT_RANKED = "sources: none notes a range, such as 'assumed: ...; range 1 N*m to 2 N*m' of a dotted key"
 _RANGE = re.compile(r"; range (.+) to (.+)$")
 
 
@@ -123,7 +124,7 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
     """
     ranges = noted_ranges(scenario)
     if not ranges:
-        raise MicrovibError("sources: none notes a range, such as 'assumed: ...; range 1 N*m to 2 N*m' of a dotted key")
+        raise MicrovibError(NOT_RANKED)
     scenario = scenario.with_({"record.start": "rest"})
     values = {key: float(scenario[key]) for key in ranges}
     points = [(key, x) for key, (low, high) in ranges.items() for x in (*_near(values[key]), low, high)]

@@ -27,6 +27,7 @@ from microvib.studies.compare import Row, Side
 from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
 from microvib.studies.rates import RatePlan
+from microvib.studies.sensitivity import Ranking
 from microvib.studies.validate import compare_with_paper, comparison_worth
 from microvib.web.routes.forms import values_of
 
@@ -214,6 +215,36 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
         "band": list(plan.band),
         "linear": plan.linear,
     }
+
+
+def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
+    """Effects of uncertain values on each line, the one that moves it farthest first; ranges in units of the form."""
+    quantities = {key: quantity for key, _, quantity in scenario.entries()}
+
+    def shown(key: str, value: float) -> str:
+        quantity = quantities[key]
+        return quantity.show(value) if quantity else f"{value:g}"
+
+    return {
+        "lines": [
+            {
+                "line": line.line, "frequency": line.frequency, "amplitude": line.amplitude,
+                "effects": [
+                    {
+                        "key": e.key, "low": shown(e.key, e.range[0]), "high": shown(e.key, e.range[1]),
+                        "sensitivity": e.sensitivity, "below": e.slopes[0], "above": e.slopes[1],
+                        "at_low": e.amplitudes[0], "at_high": e.amplitudes[1],
+                    }
+                    for e in line.effects
+                ],
+            }
+            for line in found
+        ],
+        "left_out": [
+            *({"key": c.key, "why": f"no run with {shown(c.key, c.value)}: {c.reason}"} for c in found.failed),
+            *({"key": key, "why": why} for key, why in found.left_out.items()),
+        ],
+    }  # fmt: skip
 
 
 def sas_result(result: Any) -> dict[str, Any]:

@@ -32,6 +32,7 @@ from microvib.studies.compare import compare
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_fit
 from microvib.studies.rates import plan_rates
+from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import sized
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si
@@ -183,6 +184,12 @@ def rates(
         progress=lambda done, total: tell(done, total, "cases", "solving"),
     )  # fmt: skip
     _write(folder, results.rates_result(plan))
+
+
+def sensitivity(folder: str, scenario: Scenario, tell: Tell) -> None:
+    """Which uncertain value matters most for each line."""
+    found = sensitivities(scenario, progress=lambda done, total: tell(done, total, "runs", "simulating"))
+    _write(folder, results.ranking_result(found, scenario))
 
 
 def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:

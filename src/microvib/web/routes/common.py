@@ -67,7 +67,7 @@ def ask(store: Store, task: str, **arguments: Any) -> Any:
 
 def view(store: Store, spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it; what takes long is found out by a worker, and kept."""
-    with _reading(store):
+    with reading(store):
         if not forms.slow(spec):
             return forms.view_of(spec)
     text = spec.model_dump_json()
@@ -81,7 +81,7 @@ def view(store: Store, spec: Spec) -> dict[str, Any]:
 def requested(store: Store, spec: Spec) -> Scenario:
     """The scenario of a request; Refused with what is wrong with it."""
     try:
-        with _reading(store):
+        with reading(store):
             if not forms.slow(spec):
                 return forms.scenario(spec)
     except MicrovibError as error:
@@ -89,12 +89,12 @@ def requested(store: Store, spec: Spec) -> Scenario:
     shown = view(store, spec)
     if shown["errors"]:
         raise Refused(422, **_first(shown["errors"]))
-    with _reading(store):
+    with reading(store):
         return forms.scenario(Spec(text=shown["yaml"]))
 
 
 @contextmanager
-def _reading(store: Store) -> Iterator[None]:
+def reading(store: Store) -> Iterator[None]:
     """One reads at a time, because threads that compute slow down the one that answers; Refused where many wait."""
     if not store.waiting.acquire(blocking=False):
         raise Refused(429, _BUSY)

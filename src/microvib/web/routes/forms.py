@@ -12,6 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from pydantic.fields import FieldInfo
 
 from microvib.errors import MicrovibError, ScenarioError
+from microvib.io.data_sheet import DataSheet
+from microvib.io.questions import QUESTIONS
 from microvib.io.scenario_file import (
     ARRAY_ORIGINS,
     catalog_names,
@@ -79,6 +81,12 @@ def groups() -> list[dict[str, Any]]:
         {"key": key, "title": title, "fields": _fields(part_in(Scenario.model_fields[key].annotation), f"{key}.")}
         for key, title in TITLES.items()
     ]
+
+
+def sheet_fields() -> list[dict[str, Any]]:
+    """Entries of a data sheet, as they are asked for on a terminal, too."""
+    declared = {key: _field(DataSheet, key, field, "") for key, field in DataSheet.model_fields.items()}
+    return [declared[key] | {"meaning": asked.words, "example": asked.example} for key, asked in QUESTIONS.items()]
 
 
 def _fields(part: Any, prefix: str) -> list[dict[str, Any]]:

@@ -67,6 +67,12 @@ class RatesOf(Body):
     linear: bool = False
 
 
+class RankingOf(Body):
+    """Which uncertain value of a scenario matters most."""
+
+    scenario: Spec
+
+
 class SasOf(Body):
     """Sizing of the simulator."""
 
@@ -76,6 +82,12 @@ class SasOf(Body):
     amplitude: Short | None = None
     rate: Short | None = None
     from_scenario: Spec | None = None
+
+
+class SheetOf(Body):
+    """Entries of a data sheet, as typed; what it does not state is left out."""
+
+    entries: dict[Short, Short] = Field(max_length=30)
 
 
 class Wrong(BaseModel):
@@ -105,6 +117,28 @@ class FormField(BaseModel):
     optional: bool
     choices: list[str] | None = None
     items: list[FormField] | None = None
+
+
+class SheetField(FormField):
+    """One entry of a data sheet."""
+
+    example: str
+
+
+class Assumed(BaseModel):
+    """A value that the data sheet does not give; ``why`` notes its range, if there is one."""
+
+    key: str
+    value: str
+    why: str
+
+
+class Sheet(BaseModel):
+    """The scenario file of a data sheet and what it assumes, or what is wrong with the entries."""
+
+    text: str | None
+    assumed: list[Assumed]
+    errors: list[Wrong]
 
 
 class Group(BaseModel):
@@ -154,7 +188,7 @@ class JobState(BaseModel):
     """A computation and how it stands."""
 
     id: str
-    kind: Literal["run", "analysis", "comparison", "identification", "rates", "sas"]
+    kind: Literal["run", "analysis", "comparison", "identification", "rates", "sensitivity", "sas"]
     title: str
     state: Literal["queued", "running", "done", "failed", "cancelled"]
     progress: Progress

@@ -10,10 +10,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
-from microvib.errors import OptionError
+from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.rates import rate_grid
+from microvib.studies.sensitivity import NOT_RANKED, noted_ranges
 from microvib.units import Si, band, quantity
 from microvib.web.jobs.store import Store, Upload, private
 from microvib.web.routes.common import At, Refused, ask, refusals, requested, start
@@ -21,6 +22,7 @@ from microvib.web.routes.messages import (
     AnalysisOf,
     ComparisonOf,
     IdentificationOf,
+    RankingOf,
     RatesOf,
     RecordingFacts,
     Run,
@@ -138,6 +140,15 @@ def start_rates(want: RatesOf, store: At) -> Started:
         store, "rates", f"rates of {scenario.title}", scenario=scenario, rates=rates,
         microsteps=counts, limit=limit, band=within, linear=want.linear,
     )  # fmt: skip
+
+
+@routes.post("/sensitivity", status_code=202)
+def start_sensitivity(want: RankingOf, store: At) -> Started:
+    """Rank the values whose sources note a range by what they do to each line."""
+    scenario = requested(store, want.scenario)
+    if not noted_ranges(scenario):
+        raise MicrovibError(NOT_RANKED)
+    return start(store, "sensitivity", f"ranking of {scenario.title}", scenario=scenario)
 
 
 @routes.post("/sas", status_code=202)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from fastapi import APIRouter
 
+from microvib.errors import MicrovibError, OptionError
+from microvib.io.data_sheet import read_entry
+from microvib.io.new_scenario import sheet_text
 from microvib.io.scenario_file import catalog_names, catalog_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.web.routes import forms
-from microvib.web.routes.common import At, refusals, view
+from microvib.web.routes.common import At, Refused, reading, refusals, refused, view
 from microvib.web.routes.forms import Spec
-from microvib.web.routes.messages import Entry, Form, View
+from microvib.web.routes.messages import Assumed, Entry, Form, Sheet, SheetField, SheetOf, View, Wrong
 
 routes = APIRouter()
 
@@ -31,3 +36,31 @@ def schema() -> Form:
 def scenario(spec: Spec, store: At) -> View:
     """A scenario with all its values, and what is wrong with it."""
     return View.model_validate(view(store, spec))
+
+
+@routes.get("/datasheet", response_model_exclude_none=True)
+def sheet_entries() -> list[SheetField]:
+    """What a data sheet may say, in the order in which it is asked for."""
+    return [SheetField.model_validate(field) for field in forms.sheet_fields()]
+
+
+@routes.post("/datasheet", responses=refusals(429))
+def sheet(want: SheetOf, store: At) -> Sheet:
+    """The scenario file of a data sheet, as `microvib new --from-datasheet` writes it."""
+    with reading(store):
+        try:
+            text, missing = sheet_text(want.entries)
+        except MicrovibError as error:
+            told = list(_refused(want.entries)) or [refused(error)]
+            return Sheet(text=None, assumed=[], errors=[Wrong(error=x.sentence, key=x.key) for x in told])
+    assumed = [Assumed(key=k, value=x.text, why=x.source.removeprefix("assumed: ")) for k, x in missing.items()]
+    return Sheet(text=text, assumed=assumed, errors=[])
+
+
+def _refused(entries: dict[str, str]) -> Iterator[Refused]:
+    """What is wrong with each entry by itself."""
+    for key, text in entries.items():
+        try:
+            read_entry(key, text)
+        except OptionError as error:
+            yield refused(error)

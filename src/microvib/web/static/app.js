@@ -1,6 +1,7 @@
 // The page: starts its parts, and what stands around them (tabs, scenario choice, run button, link).
 
 import { knock, onServer } from "./api.js";
+import { makeSheet } from "./datasheet.js";
 import { $, announce, h, onDrop, save } from "./dom.js";
 import { makeForm } from "./form.js";
 import { keep, kept } from "./kept.js";
@@ -151,6 +152,7 @@ await scenario.load().catch((error) => {
 makeBase();
 makeForm();
 makeRun($("#run"));
+makeSheet($("#sheet")).catch((error) => announce(error.message, { error: true }));
 makeRecording($("#recording"));
 makeRates($("#rates"));
 makeSas($("#sas"));

@@ -89,7 +89,9 @@ function welcome() {
     { class: "welcome" },
     "Choose a scenario, change what you like, and press ",
     h("b", {}, "Run"),
-    ". Lines, spectrum and time history appear here; each further run is drawn over the others.",
+    ". Lines, spectrum and time history appear here; each further run is drawn over the others. With a data sheet in hand, begin ",
+    h("button", { type: "button", onclick: () => document.getElementById("tab-sheet").click() }, "from a data sheet"),
+    ".",
   );
 }
 

@@ -1,0 +1,152 @@
+// The Data sheet tab: what a data sheet says becomes the scenario; what it does not say is assumed, and ranked by what it does.
+
+import { get, post } from "./api.js";
+import { announce, debounce, h, number, save } from "./dom.js";
+import { keepFields } from "./kept.js";
+import { latest } from "./latest.js";
+import { makeTask } from "./progress.js";
+import * as scenario from "./scenario.js";
+import { table } from "./tables.js";
+
+const DELAY = 250;
+const rows = new Map(); // of the entries: {input, error}
+const asking = latest();
+const rest = h("p", { class: "error", role: "alert" });
+const assumed = h("div", {});
+const place = h("div", {});
+const ranking = h("div", {});
+const task = makeTask("ranking", place, (found) => ranking.replaceChildren(...ranked(found)));
+
+export async function makeSheet(tab) {
+  const fields = await get("/api/datasheet");
+  const form = h("form", { class: "sheet", autocomplete: "off", novalidate: true, onsubmit: use }, fields.map(entry));
+  form.append(
+    h(
+      "div",
+      { class: "ask" },
+      h("button", { class: "primary" }, "Use as the scenario"),
+      h("button", { type: "button", onclick: download }, "Download (YAML)"),
+      h("button", { type: "button", onclick: empty }, "Empty all"),
+    ),
+  );
+  const why = "Of the scenario on the left, each value whose source notes a range goes through it, the others as they are.";
+  tab.append(
+    card("What the data sheet says", "Leave empty what it does not say.", form, rest),
+    card("What is assumed", "Typical values with their ranges, no measurements; friction, array and tracking are examples.", assumed),
+    card("Which assumed value matters most", why, h("button", { type: "button", onclick: rank }, "Rank"), place, ranking),
+  );
+  keepFields("sheet", Object.fromEntries([...rows].map(([key, { input }]) => [key, input])));
+  const soon = debounce(check, DELAY);
+  form.addEventListener("input", soon);
+  task.restore();
+  check();
+}
+
+const card = (title, words, ...content) =>
+  h("section", { class: "card" }, h("h2", {}, title), h("p", { class: "soft" }, words), ...content);
+
+function entry({ key, meaning, example, unit, range, choices }) {
+  const id = `sheet-${key}`;
+  const facts = [range && `${range}.`, unit && `Unit: ${unit}, or one like it.`].filter(Boolean).join(" ");
+  const common = { id, name: key, title: facts, "aria-describedby": `${id}-error` };
+  const input = choices
+    ? h("select", common, ["", ...choices].map((choice) => h("option", { value: choice }, choice || "not stated")))
+    : h("input", { ...common, type: "text", spellcheck: "false", placeholder: example && `such as ${example}` });
+  const error = h("p", { class: "error", id: `${id}-error`, role: "alert" });
+  rows.set(key, { input, error });
+  return h("div", { class: "field" }, h("label", { for: id }, meaning), input, error);
+}
+
+const entries = () =>
+  Object.fromEntries([...rows].map(([key, { input }]) => [key, input.value.trim()]).filter(([, text]) => text));
+
+const question = (signal) => post("/api/datasheet", { entries: entries() }, { signal });
+const fail = (error) => (rest.textContent = error.message);
+
+/** Show what is assumed, or what is wrong with what is typed. */
+const check = () => asking(question, show).catch(fail);
+
+function show(answer) {
+  const wrong = new Map(answer.errors.map(({ key, error }) => [key, error]));
+  for (const [key, { input, error }] of rows) {
+    input.setAttribute("aria-invalid", String(wrong.has(key)));
+    error.textContent = wrong.get(key) ?? "";
+    wrong.delete(key);
+  }
+  rest.textContent = [...wrong.values()].join(" ");
+  assumed.hidden = answer.errors.length > 0;
+  assumed.replaceChildren(
+    answer.assumed.length
+      ? table(
+          [
+            { key: "key", title: "value" },
+            { key: "value", title: "assumed" },
+            { key: "why", title: "why, and range" },
+          ],
+          answer.assumed,
+          { caption: "Assumed values" },
+        )
+      : h("p", {}, "Nothing of the drive has to be assumed."),
+  );
+}
+
+/** Do something with the file of what is typed at the click; where it is wrong, the first wrong entry has the focus. */
+async function withFile(action) {
+  try {
+    const answer = await question();
+    show(answer);
+    if (answer.text) await action(answer.text);
+    else [...rows.values()].find(({ input }) => input.getAttribute("aria-invalid") === "true")?.input.focus();
+  } catch (error) {
+    fail(error);
+  }
+}
+
+function use(event) {
+  event.preventDefault();
+  return withFile(async (text) => {
+    await scenario.startFrom({ text });
+    announce("The data sheet is the scenario now; Run simulates it.");
+  });
+}
+
+const download = () => withFile((text) => save(text, "my-drive.yaml"));
+
+function empty() {
+  for (const { input } of rows.values()) input.value = "";
+  rows.values().next().value.input.dispatchEvent(new Event("input", { bubbles: true }));
+}
+
+const rank = () => task.start("Ranking", () => post("/api/sensitivity", { scenario: scenario.current() }));
+
+/** A table for each line, the largest first and open, and what was not ranked. */
+function ranked({ lines, left_out: left }) {
+  const found = lines.map((line, k) => {
+    const { key } = line.effects[0];
+    const head = `${line.line}, ${number(line.frequency, 4)} Hz, ${number(1e3 * line.amplitude, 4)} mN m: ${key} matters most`;
+    return h("details", { open: k === 0 }, h("summary", {}, head), effects(line));
+  });
+  const unranked = left.map(({ key, why }) => h("li", {}, h("code", {}, key), `: ${why}`));
+  return [
+    ...(found.length ? found : [h("p", {}, "No line stands out.")]),
+    unranked.length ? h("details", {}, h("summary", {}, `Not ranked: ${unranked.length}`), h("ul", { class: "soft" }, unranked)) : "",
+  ];
+}
+
+function effects(line) {
+  const mN = (value) => number(value === null ? null : 1e3 * value, 4);
+  const bends = ({ below, above }) => `${number(below, 3)} below, ${number(above, 3)} above: the line jumps or bends there`;
+  const slope = (value, row) => (value === null && row.below !== null ? h("span", { title: bends(row) }, "none: bends") : number(value, 3));
+  return table(
+    [
+      { key: "key", title: "value" },
+      { key: "low", title: "from" },
+      { key: "high", title: "to" },
+      { key: "at_low", title: "line there", unit: "mN m", show: mN },
+      { key: "at_high", title: "and there", unit: "mN m", show: mN },
+      { key: "sensitivity", title: "d ln/d ln", show: slope },
+    ],
+    line.effects,
+    { caption: `Values by what they do to ${line.line}` },
+  );
+}
