@@ -14,6 +14,7 @@ from microvib.analysis.run import RunResult
 from microvib.cli.main import main
 from microvib.reports import craft
 from microvib.reports.document import Figure, Section, Table
+from microvib.reports.moving import box_corners
 from microvib.reports.run.report import run_report
 from microvib.solve.motion import Motion
 
@@ -104,7 +105,7 @@ def test_the_picture_turns_the_array_and_not_the_drive_axis() -> None:
 
 def test_a_box_has_the_inertia_that_it_stands_for() -> None:
     a, b, c, m = 1.2, 0.3, 2.0, 7.0
-    corners = craft._corners(m, m / 12.0 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b]))
+    corners = box_corners(m, m / 12.0 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b]))
     assert sorted(np.ptp(corners, axis=0)) == pytest.approx(sorted((a, b, c)))
     assert np.ptp(corners, axis=0) == pytest.approx([a, b, c])
 

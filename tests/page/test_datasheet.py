@@ -18,7 +18,7 @@ def test_a_data_sheet_becomes_a_scenario_and_its_assumptions_are_ranked(
 ) -> None:
     page = visit()
     page.get_by_role("button", name="from a data sheet").click()
-    torque, ratio = page.get_by_label("Holding torque of the motor"), page.get_by_label("Reduction ratio")
+    torque, ratio = (page.locator("#sheet").get_by_label(x) for x in ("Holding torque of the motor", "Reduction ratio"))
     torque.fill("0.5 kg")
     ratio.fill("0.2")
     api.expect(page.locator("#sheet-holding_torque-error")).to_contain_text("a unit compatible with N*m is expected")

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from support.page import (
     PAGE,
     SHORT,
     api,
     downloads,
     run,
+    until,
 )
 from support.scenarios import baseline
 
 from microvib.io.scenario_file import dump_scenario
 from microvib.reports.document import Document, Live, Section
+from microvib.reports.moving import Moving, markup
 from microvib.reports.rendering import html
 from microvib.web.server.access import Access, opening_file
 
@@ -96,10 +98,21 @@ def test_a_foreign_title_is_text_wherever_it_stands(visit: Callable[..., Any], t
 
 def test_the_one_script_of_a_report_runs(chromium: Any, tmp_path: Path) -> None:
     """The report's policy lets mode shapes move, and names no more than their script."""
-    moving = (resources.files("microvib.reports") / "templates" / "shapes.html").read_text(encoding="utf-8")
-    section = Section("In motion", (Live(moving.replace("__DATA__", '{"names": ["first"]}')),))
+    ends = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    none = np.zeros((0, 2), dtype=int)
+    beam = Moving(
+        ends, np.array([[[0.0], [0.0], [0.0]], [[0.0], [0.0], [1.0]]]), np.zeros((0, 4), int), np.array([[0, 1]]), none
+    )
+    section = Section("In motion", (Live(markup(beam.data(), ["first"])),))
     document = Document("report", "modes", "", (), (), (section,), "")
     (tmp_path / "report.html").write_text(html(document), encoding="utf-8")
     page = chromium.new_context().new_page()
     page.goto((tmp_path / "report.html").as_uri())
     assert page.locator("#shape-mode option").all_text_contents() == ["first"]
+    picture = "document.querySelector('canvas').toDataURL()"
+    first = page.evaluate(picture)
+    until(page, f"{picture} !== {first!r}")  # it moves
+    page.get_by_role("button", name="Pause").click()
+    still = page.evaluate(picture)
+    page.wait_for_timeout(300)
+    assert page.evaluate(picture) == still

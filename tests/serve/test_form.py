@@ -182,3 +182,21 @@ def test_the_form_tells_unusual_values():
     assert view_of(Spec(base="state-1"))["doubts"] == []
     (said,) = view_of(Spec(base="state-1", changes={"motor.current": "0.25 mA"}))["doubts"]
     assert said.startswith("motor.current: 0.00025 A is unusual")
+
+
+def test_a_gear_train_survives_the_form_and_is_edited_there(client):
+    train = "{damping: 5 N*m*s/rad, stiffness: 8400 N*m/rad, train: [{pinion: 20, wheel: 60}, {sun: 20, ring: 70}]}"
+    text = client.post("/api/scenario", json={"base": "state-1", "changes": {"reducer": train}}).json()["yaml"]
+
+    def shown(**changes: str) -> dict:
+        changed = {key.replace("__", "."): value for key, value in changes.items()}
+        return client.post("/api/scenario", json={"text": text, "changes": changed}).json()
+
+    other = shown(motor__current="0.5 A")
+    assert other["errors"] == []
+    assert other["changed"] == ["motor.current"]
+    assert (other["values"]["reducer.ratio"], other["values"]["reducer.train.1.ring"]) == ("13.5", "70")
+    assert shown(reducer__train__0__wheel="90")["values"]["reducer.ratio"] == "20.25"
+    assert shown(reducer__train="[{pinion: 20, wheel: 80}]")["values"]["reducer.ratio"] == "4"
+    (told,) = shown(reducer__train="[{pinion: 2, wheel: 80}]")["errors"]
+    assert (told["key"], "a whole number from 4 to 10000" in told["error"]) == ("reducer.train.0.pinion", True)

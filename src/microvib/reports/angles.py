@@ -27,15 +27,20 @@ SHOWN = 6
 
 def angles_text(sweep: AngleSweep) -> str:
     """Largest line and rms of the line of sight at each angle, and over all angles."""
-    head, rows = _table(sweep)
+    head, rows = angles_table(sweep)
     title = sweep.scenario.title or "Angles"
     parts = [f"{title}: lines of the line of sight at {len(sweep.angles)} angles of the array.", text_table(head, rows)]
+    return "\n\n".join([*parts, *fallbacks(sweep)])
+
+
+def fallbacks(sweep: AngleSweep) -> list[str]:
+    """Sentences on angles where a steady state was asked for and not found."""
     found = zip(sweep.angles, sweep.fallbacks, strict=True)
-    parts += [f"{math.degrees(angle):g} deg: no steady state: {why}." for angle, why in found if why]
-    return "\n\n".join(parts)
+    return [f"{math.degrees(angle):g} deg: no steady state: {why}." for angle, why in found if why]
 
 
-def _table(sweep: AngleSweep) -> tuple[list[str], list[list[str]]]:
+def angles_table(sweep: AngleSweep) -> tuple[list[str], list[list[str]]]:
+    """Head, unit at the end of each name, and rows: the largest line and the rms at each angle, then over all of them."""
     windows = sweep.lines[0].windows
     columns = {"ape": sweep.rms("ape", 1.0)} | {f"rpe {1e3 * w:g} ms": sweep.rms("rpe", w) for w in windows}
     head = ["angle deg", "largest line", "Hz", "its amplitude rad", *(f"{name} rad" for name in columns)]
@@ -52,6 +57,13 @@ def _table(sweep: AngleSweep) -> tuple[list[str], list[list[str]]]:
 
 def write_angles(out: Path, sweep: AngleSweep, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
     """Tables, JSON, picture and report; names of the files."""
+    picture = draw_angles(sweep)
+    files = {**angles_texts(sweep), "angles.png": sheets.png(picture)}
+    return write_study(out, files, angles_report(sweep, picture, form), form, overwrite)
+
+
+def angles_texts(sweep: AngleSweep) -> dict[str, str]:
+    """The files of a sweep that are text, by name: lines at each angle, and sums over them."""
     loads = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
     rows = [
         (math.degrees(angle), name, float(one.frequency[k]), *np.abs(one.loads[k]).tolist(), *one.amplitude[k].tolist())
@@ -62,13 +74,10 @@ def write_angles(out: Path, sweep: AngleSweep, overwrite: bool, form: Form | Non
         for w in sweep.lines[0].windows for metric in METRICS
     ]  # fmt: skip
     said = {"angles_deg": np.degrees(sweep.angles).tolist(), "windows": rms, "no_steady_state": list(sweep.fallbacks)}
-    picture = draw_angles(sweep)
-    files: dict[str, Any] = {
+    return {
         "angles.csv": rows_csv(["angle_deg", "line", "frequency_hz", *loads, "los_x_rad", "los_y_rad"], rows),
         "angles.json": to_json(said),
-        "angles.png": sheets.png(picture),
     }
-    return write_study(out, files, angles_report(sweep, picture, form), form, overwrite)
 
 
 def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) -> Document:
@@ -80,8 +89,8 @@ def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) 
         Fact(f"{math.degrees(sweep.angles[least]):g}°", f"best angle, {ape[least]:.3g} rad rms"),
         Fact(f"{math.sqrt(np.mean(ape**2)):.3g} rad", "rms over all angles, each for the same time"),
     ]
-    head, rows = _table(sweep)
-    said: Table = table([_head(x) for x in head], rows)
+    head, rows = angles_table(sweep)
+    said: Table = table([bracketed(x) for x in head], rows)
     brief = table(
         ["angle [deg]", "largest line", "all lines, rms [nrad]"],
         [[r[0], r[1], f"{1e9 * float(r[4]):.4g}"] for r in rows],
@@ -98,7 +107,7 @@ def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) 
     )  # fmt: skip
 
 
-def _head(text: str) -> str:
+def bracketed(text: str) -> str:
     """A head of the text table as a report writes it, unit in brackets."""
     stem, _, unit = text.rpartition(" ")
     return f"{stem} [{unit}]" if unit in ("deg", "rad") else "frequency [Hz]" if text == "Hz" else text

@@ -16,6 +16,7 @@ from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, SECOND, Interface, SecondWing, Spacecraft
 from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
+from microvib.reports.moving import box_corners
 from microvib.reports.numbers import count, format_number
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
 from microvib.signals.pointing import METRICS, cumulative_rms, radial
@@ -123,7 +124,7 @@ def draw_craft(scenario: Scenario) -> Drawing:
     if other is not None and other.spacecraft is not None:
         wings.append((other.array, other.spacecraft.interface, other.spacecraft.array_angle))
     bodies = [_array(*wing) for wing in wings]
-    hub = _corners(craft.hub.mass, tensor(craft.hub.inertia))
+    hub = box_corners(craft.hub.mass, tensor(craft.hub.inertia))
     size = float(np.ptp(np.vstack([hub, *bodies]), axis=0).max())
     toward = np.cross(*_VIEW)
     if craft.array_angle % math.tau:
@@ -161,7 +162,7 @@ def _array(array: Array, interface: Interface, angle: float) -> np.ndarray:
     center = np.array(body.center_of_mass)
     about = about_center(body.mass, center, tensor(body.inertia))
     return np.asarray(
-        np.array(interface.position) + (center + _corners(body.mass, about)) @ interface.turn(array.drive_axis, angle).T
+        np.array(interface.position) + (center + box_corners(body.mass, about)) @ interface.turn(array.drive_axis, angle).T
     )
 
 
@@ -177,14 +178,6 @@ def _names(ax: Axes, craft: Spacecraft, size: float) -> None:
         start = np.array(places.get(los.point, craft.interface.position))
         along = np.array(los.boresight) / np.abs(los.boresight).max()
         _arrow(ax, start, start + 0.4 * size * along / np.linalg.norm(along), RED, "line of sight")
-
-
-def _corners(mass: float, inertia: np.ndarray) -> np.ndarray:
-    """Corners (8, 3) of the box of this mass and inertia (3, 3) about its centre, about which they are."""
-    moments, axes = np.linalg.eigh(inertia)
-    sides = np.sqrt(np.maximum(6.0 / mass * (moments.sum() - 2.0 * moments), 0.0))
-    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    return np.asarray(0.5 * signs * sides @ axes.T)
 
 
 def _faces(ax: Axes, corners: np.ndarray, toward: np.ndarray, face: str, edge: str) -> None:

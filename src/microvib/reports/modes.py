@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
-from importlib import resources
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +15,13 @@ from microvib.io.modal_table import modes_csv
 from microvib.io.tables import read_table
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
+from microvib.reports.moving import AZIMUTH, ELEVATION, MOST_NODES, faces_and_lines, markup, of_elements
 from microvib.reports.numbers import count, signed, text_table
 from microvib.reports.parameters import parameter_table
 from microvib.reports.rendering import write_study
 from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
-from microvib.structures.fem.structure import Beams, Shells, Structure
+from microvib.structures.fem.structure import Structure
 from microvib.structures.modal import DIRECTIONS, ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
 
@@ -34,9 +34,6 @@ ENOUGH = 0.9
 """Cumulative fraction of effective inertia that practice asks for (paper, section 3.1)."""
 RATES = {"cruise": 0.06, "fast slew": 1.0}  # deg/s
 _MAX_DRAWN = 12
-_MAX_NODES = 4000
-_REACH = 0.08  # largest displacement shown, of the structure's size
-_AZIMUTH, _ELEVATION = np.radians(-60.0), np.radians(28.0)
 
 
 def mode_kinds(source: ModalSource) -> tuple[str, ...]:
@@ -166,9 +163,9 @@ def _shapes(design: StructureDesign, modes: Modes) -> tuple[Block, list[Section]
     legend = "; ".join(f"{key} {meaning}" for key, meaning in meanings(design).items() if key in found)
     caption = f"Mode shapes: displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."
     picture = drawn(draw_shapes(modes, found, _MAX_DRAWN), "Mode shapes", caption)
-    if len(modes.structure.xyz) > _MAX_NODES:
+    if len(modes.structure.xyz) > MOST_NODES:
         return picture, []
-    return picture, [Section("In motion", (Live(str(animation(modes, found, _MAX_DRAWN))),))]
+    return picture, [Section("In motion", (Live(animation(modes, found, _MAX_DRAWN)),))]
 
 
 def _convergence(design: StructureDesign, modes: Modes) -> Section:
@@ -248,26 +245,18 @@ def _spatial(model: ModalModel) -> list[Section]:
     ]
 
 
-def shown_shapes(modes: Modes) -> np.ndarray:
-    """Displacements of the nodes, scaled to be seen, (n, 3, s) [m]."""
-    u = modes.shapes[:, :3, :]
-    extent = np.ptp(modes.structure.xyz, axis=0).max()
-    largest = np.sqrt((u**2).sum(axis=1)).max(axis=0)
-    return np.asarray(_REACH * extent * u / largest)
-
-
-def faces_and_lines(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the shells (f, 4) and ends of the beams (b, 2)."""
-    faces = [part.nodes for part in structure.of(Shells)] or [np.zeros((0, 4), dtype=int)]
-    lines = [part.nodes for part in structure.of(Beams)] or [np.zeros((0, 2), dtype=int)]
-    return np.concatenate(faces), np.concatenate(lines)
+def animation(modes: Modes, kinds: Sequence[str], count: int) -> str:
+    """Shapes that move, as markup: modes chosen from a list, turned with the mouse, played and paused."""
+    moving = of_elements(modes)
+    first = replace(moving, shapes=moving.shapes[:, :, :count])
+    return markup(first.data(), _names(modes, kinds, min(count, len(kinds))))
 
 
 def draw_shapes(modes: Modes, kinds: Sequence[str], count: int) -> Figure:
     """The mesh, and the first ``count`` modes with it at rest behind them."""
     count = min(count, len(kinds))
     figure, axes = sheet(1.3 * (count // 3 + 1), count // 3 + 1, 3)
-    shapes, xyz = shown_shapes(modes), modes.structure.xyz
+    shapes, xyz = of_elements(modes).scaled, modes.structure.xyz
     drawn = [None, *np.moveaxis(shapes[:, :, :count], 2, 0)]
     titles = [f"mesh, {modes.structure.dof} degrees of freedom", *_names(modes, kinds, count)]
     for ax, shape, title in zip(axes.flat, drawn, titles, strict=False):
@@ -286,10 +275,10 @@ def _names(modes: Modes, kinds: Sequence[str], count: int) -> list[str]:
 
 def project(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Screen coordinates (n, 2) and depth (n,) of points seen obliquely from above."""
-    c, s = np.cos(_AZIMUTH), np.sin(_AZIMUTH)
+    c, s = np.cos(AZIMUTH), np.sin(AZIMUTH)
     right, away = xyz[:, 0] * -s + xyz[:, 1] * c, xyz[:, 0] * c + xyz[:, 1] * s
-    up = xyz[:, 2] * np.cos(_ELEVATION) - away * np.sin(_ELEVATION)
-    return np.column_stack([right, up]), away * np.cos(_ELEVATION) + xyz[:, 2] * np.sin(_ELEVATION)
+    up = xyz[:, 2] * np.cos(ELEVATION) - away * np.sin(ELEVATION)
+    return np.column_stack([right, up]), away * np.cos(ELEVATION) + xyz[:, 2] * np.sin(ELEVATION)
 
 
 def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | None) -> None:
@@ -311,22 +300,3 @@ def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | No
     coloured.set_clim(0.0, size.max())  # of the whole structure, of which shells may be the part that hardly moves
     ax.add_collection(coloured)
     ax.add_collection(LineCollection(list(points[lines]), colors="#333333", linewidths=1.4))
-
-
-def animation(modes: Modes, kinds: Sequence[str], count: int) -> Any:
-    """A canvas with its script and data, as markup: modes chosen from a list, turned with the mouse, played and paused."""
-    from markupsafe import Markup
-
-    faces, lines = faces_and_lines(modes.structure)
-    shapes = np.moveaxis(shown_shapes(modes)[:, :, :count], 2, 0)
-    data = {
-        "xyz": np.round(modes.structure.xyz - modes.structure.xyz.mean(axis=0), 3).tolist(),
-        "faces": faces.tolist(),
-        "lines": lines.tolist(),
-        "shapes": np.round(shapes, 3).tolist(),
-        "names": _names(modes, kinds, len(shapes)),
-        "azimuth": float(_AZIMUTH),
-        "elevation": float(_ELEVATION),
-    }
-    script = (resources.files("microvib.reports") / "templates" / "shapes.html").read_text(encoding="utf-8")
-    return Markup(script.replace("__DATA__", json.dumps(data, separators=(",", ":"))))  # numbers and our own words only

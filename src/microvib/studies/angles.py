@@ -62,8 +62,7 @@ def sweep_angles(
 
     The angle is constant in each run: an array that turns by it in minutes stays there for many periods of every line.
     """
-    if craft_in(scenario).spacecraft.line_of_sight is None:
-        raise MicrovibError("spacecraft.line_of_sight: missing; a sweep over angles looks at it")
+    check_sweep(scenario)
 
     def at(angle: float) -> tuple[HubLines, str]:
         turned = scenario.with_si({"spacecraft.array_angle": angle})
@@ -81,6 +80,12 @@ def sweep_angles(
             if progress is not None:
                 progress(k, len(angles))
     return AngleSweep(scenario, np.array(angles, dtype=float), *zip(*found, strict=True))
+
+
+def check_sweep(scenario: Scenario) -> None:
+    """MicrovibError where a scenario has no craft, or no line of sight, to look at."""
+    if craft_in(scenario).spacecraft.line_of_sight is None:
+        raise MicrovibError("spacecraft.line_of_sight: missing; a sweep over angles looks at it")
 
 
 def angles_in(text: str) -> tuple[Si, ...]:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from microvib.analysis.budget import Share, budget
 from microvib.analysis.pointing import HubLines
+from microvib.errors import MicrovibError
+from microvib.io.modal_sources import ModalSource, modal_source
+from microvib.model.array import Array
 from microvib.model.scenario import Scenario
+from microvib.reports.angles import angles_table, angles_texts, bracketed, draw_angles, fallbacks
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_text
+from microvib.reports.modes import mode_kinds
+from microvib.reports.moving import array_modes, craft_modes, of_array, of_craft, words_of
 from microvib.reports.rates import best_text, found_text
 from microvib.reports.rendering import address
 from microvib.reports.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows
@@ -23,6 +29,7 @@ from microvib.signals.screen import outline
 from microvib.solve.channels import CHANNELS
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import Analysis
+from microvib.studies.angles import AngleSweep
 from microvib.studies.compare import Row, Side
 from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
@@ -32,6 +39,7 @@ from microvib.studies.validate import compare_with_paper, comparison_worth
 from microvib.web.routes.forms import values_of
 
 _POINTS = 6000
+_MOST_MODES = 40
 
 
 def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: HubLines | None) -> dict[str, Any]:
@@ -44,6 +52,7 @@ def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: Hu
         "values": values_of(scenario),
         "lines": [asdict(line) for line in table],
         "notable": [line.line for line in table.notable()],
+        "seeds": [asdict(line) for line in table.seeds],
         "facts": _facts(motion, shares["T_d"], summed),
         "budget": [_budget_row(name, share) for name, share in shares.items()],
         "invariants": summed["invariants"],
@@ -215,6 +224,50 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
         "band": list(plan.band),
         "linear": plan.linear,
     }
+
+
+def angles_result(sweep: AngleSweep) -> dict[str, Any]:
+    """A sweep's table, picture, files, and what is to be said of it."""
+    head, rows = angles_table(sweep)
+    return {
+        "table": {"header": [bracketed(x) for x in head], "rows": rows},
+        "notes": fallbacks(sweep),
+        "drawing": address(svg(draw_angles(sweep))),
+        "files": angles_texts(sweep),
+    }
+
+
+def shapes_result(scenario: Scenario, of: str, structure: str | None) -> dict[str, Any]:
+    """Modes of array or craft: their figures, and shapes that move. ``structure`` is what the array's finite elements are of."""
+    source = _elements(scenario.array, structure)
+    modes = source.modes if source else None
+    moving = of_craft(scenario, modes) if of == "craft" else of_array(scenario.array, modes)
+    if not moving.shapes.shape[2]:
+        raise MicrovibError("array.modes: is empty; there is no mode to show")
+    kept = slice(_MOST_MODES)
+    columns = (
+        craft_modes(scenario, moving)
+        if of == "craft"
+        else array_modes(scenario.array, mode_kinds(source) if source else None)
+    )
+    return {
+        "header": list(columns),
+        "rows": [list(row) for row in zip(*columns.values(), strict=True)][kept],
+        "words": words_of(of, modes is not None),
+        "moving": replace(moving, shapes=moving.shapes[:, :, kept]).data(),
+    }
+
+
+def _elements(array: Array, structure: str | None) -> ModalSource | None:
+    """The finite elements that the array's modes come from; None where there are none, or the modes are others by now."""
+    if structure is None or not array.modes or array.interface is None:
+        return None
+    source = modal_source(structure, len(array.modes))
+    found, told = source.model, [mode.frequency for mode in array.modes]
+    same = np.allclose(found.frequency, told, 1e-6, 0.0) and np.allclose(
+        found.participation, array.interface, 1e-6, 1e-6
+    )
+    return source if same else None
 
 
 def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from microvib.analysis.limits import Limit, judge
 from microvib.analysis.run import solve_run
+from microvib.analysis.seeds import with_seeds
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
@@ -28,6 +29,7 @@ from microvib.signals.line_table import LineTable
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import analyse
+from microvib.studies.angles import sweep_angles
 from microvib.studies.compare import compare
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_fit
@@ -47,20 +49,27 @@ def _write(folder: str, data: dict[str, Any]) -> None:
     (Path(folder) / "result.json").write_text(to_json(data), encoding="utf-8")
 
 
-def run(folder: str, scenario: Scenario, tell: Tell) -> None:
-    """Simulate a scenario; leaves channels as ``NAME.npy``, tables, and what ``file`` needs."""
+def run(folder: str, scenario: Scenario, tell: Tell, seeds: int = 0) -> None:
+    """Simulate a scenario, over ``seeds`` draws of its noise where they are given.
+
+    Leaves channels as ``NAME.npy``, tables, and what ``file`` needs.
+    """
 
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
 
     result = solve_run(scenario, progress=progress)
-    assert result.motion is not None
+    motion = result.motion
+    assert motion is not None
+    if seeds:
+        found = with_seeds(result.table, scenario, seeds, lambda k: tell(k, seeds, "draws", "drawing the noise"))
+        result = replace(result, table=found)
     summed = run_summary(result)
-    _keep(Path(folder), result.motion, result.table)
+    _keep(Path(folder), motion, result.table)
     of_hub = hub_of(result)
     for name, text in run_texts(result, summed, of_hub).items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
-    _write(folder, results.run_result(result.motion, result.table, summed, of_hub))
+    _write(folder, results.run_result(motion, result.table, summed, of_hub))
 
 
 def _keep(where: Path, motion: Motion, table: LineTable) -> None:
@@ -184,6 +193,20 @@ def rates(
         progress=lambda done, total: tell(done, total, "cases", "solving"),
     )  # fmt: skip
     _write(folder, results.rates_result(plan))
+
+
+def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: Tell) -> None:
+    """A sweep over angles of the array."""
+    found = sweep_angles(
+        scenario, angles, progress=lambda done, total: tell(done, total, "angles", "simulating"),
+    )  # fmt: skip
+    _write(folder, results.angles_result(found))
+
+
+def shapes(folder: str, scenario: Scenario, of: str, structure: str | None, tell: Tell) -> None:
+    """Shapes of modes; ``structure`` is what the array's finite elements are of."""
+    tell(0, None, "", "finding the shapes")
+    _write(folder, results.shapes_result(scenario, of, structure))
 
 
 def sensitivity(folder: str, scenario: Scenario, tell: Tell) -> None:

@@ -170,16 +170,29 @@ def _changes(spec: Spec) -> dict[str, Any]:
     return {key: parse_value(value) for key, value in spec.changes.items()}
 
 
+def _told(spec: Spec) -> dict[str, Any]:
+    """Data of the scenario with its changes, as written."""
+    data = _data(spec)
+    told: dict[str, Any] = data if isinstance(data, dict) else {}
+    for key, value in _changes(spec).items():
+        set_key(told, key, value)
+    return told
+
+
+def array_structure(spec: Spec) -> str | None:
+    """Name in the catalog of the structure whose finite elements give the array's modes; None where none is named."""
+    array = _told(spec).get("array")
+    named = array.get("fem") if isinstance(array, dict) else None
+    return named if named in reference_names() else None
+
+
 def names_elements(spec: Spec) -> bool:
     """Whether the scenario takes array or hub from finite elements, which takes a while; ScenarioError where it names a file."""
     data, changes = _data(spec), _changes(spec)
     groups = [data.get("array") if isinstance(data, dict) else None, changes.get("array")]
     named = [group for group in groups if isinstance(group, dict)]
     named.append({key.removeprefix("array."): value for key, value in changes.items() if key.startswith("array.")})
-    told: dict[str, Any] = copy.deepcopy(data) if isinstance(data, dict) else {}
-    for key, value in changes.items():
-        set_key(told, key, value)
-    for key in named_tables(told):
+    for key in named_tables(_told(spec)):
         raise ScenarioError(f"{key}: the page opens no files; write the table itself in the scenario")
     found = [(key, group[key]) for group in named for key in ARRAY_ORIGINS if key in group]
     for key, value in found:

@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from microvib.web.routes.forms import Spec
 
 Id = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 Short = Annotated[str, Field(max_length=200)]
+
+
+MOST_DRAWS = 1000
+
+
+def _draws(given: Any) -> Any:
+    """A whole number, perhaps as text; its sentence where it is none."""
+    if isinstance(given, str) and given.isdecimal() and len(given) < 9:
+        given = int(given)
+    if not isinstance(given, int) or isinstance(given, bool) or not 2 <= given <= MOST_DRAWS:
+        raise ValueError(f"a whole number of draws from 2 to {MOST_DRAWS} is expected")
+    return given
+
+
+Draws = Annotated[int, BeforeValidator(_draws), Field(ge=2, le=MOST_DRAWS)]
 
 
 class Body(BaseModel):
@@ -24,6 +39,7 @@ class Run(Body):
     scenario: Spec
     name: Short | None = None
     steady: bool = False
+    seeds: Draws | None = Field(default=None, description="draws of the noise over which lines are told")
 
 
 class AnalysisOf(Body):
@@ -65,6 +81,21 @@ class RatesOf(Body):
     limit: Short | None = None
     band: Short | None = None
     linear: bool = False
+
+
+class AnglesOf(Body):
+    """Runs over angles of the array on its craft."""
+
+    scenario: Spec
+    angles: Short = Field(description="FIRST:LAST:STEP in degrees, or a list")
+    steady: bool = False
+
+
+class ShapesOf(Body):
+    """Mode shapes: of the array with its interface clamped, or of the craft with locked hinges."""
+
+    scenario: Spec
+    of: Literal["array", "craft"] = "array"
 
 
 class RankingOf(Body):
@@ -188,7 +219,7 @@ class JobState(BaseModel):
     """A computation and how it stands."""
 
     id: str
-    kind: Literal["run", "analysis", "comparison", "identification", "rates", "sensitivity", "sas"]
+    kind: Literal["run", "analysis", "comparison", "identification", "rates", "angles", "shapes", "sensitivity", "sas"]
     title: str
     state: Literal["queued", "running", "done", "failed", "cancelled"]
     progress: Progress

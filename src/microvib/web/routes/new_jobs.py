@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,16 +11,21 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
+from microvib.analysis.seeds import draws
 from microvib.errors import MicrovibError, OptionError
+from microvib.model.coupling import craft_in
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
+from microvib.studies.angles import angles_in, check_sweep
 from microvib.studies.rates import rate_grid
 from microvib.studies.sensitivity import NOT_RANKED, noted_ranges
 from microvib.units import Si, band, quantity
 from microvib.web.jobs.store import Store, Upload, private
-from microvib.web.routes.common import At, Refused, ask, refusals, requested, start
+from microvib.web.routes import forms
+from microvib.web.routes.common import At, Refused, ask, reading, refusals, requested, start
 from microvib.web.routes.messages import (
     AnalysisOf,
+    AnglesOf,
     ComparisonOf,
     IdentificationOf,
     RankingOf,
@@ -27,6 +33,7 @@ from microvib.web.routes.messages import (
     RecordingFacts,
     Run,
     SasOf,
+    ShapesOf,
     Started,
 )
 from microvib.web.routes.results import finished_run
@@ -43,8 +50,10 @@ def start_run(want: Run, store: At) -> Started:
     scenario = requested(store, want.scenario)
     if want.steady:
         scenario = scenario.with_({"record.start": "steady"})
+    if want.seeds:
+        next(draws(scenario))
     _check_size(scenario, store.limits.record)
-    return start(store, "run", want.name or scenario.title or "run", scenario=scenario)
+    return start(store, "run", want.name or scenario.title or "run", scenario=scenario, seeds=want.seeds or 0)
 
 
 def _check_size(scenario: Scenario, most: int) -> None:
@@ -140,6 +149,28 @@ def start_rates(want: RatesOf, store: At) -> Started:
         store, "rates", f"rates of {scenario.title}", scenario=scenario, rates=rates,
         microsteps=counts, limit=limit, band=within, linear=want.linear,
     )  # fmt: skip
+
+
+@routes.post("/angles", status_code=202)
+def start_angles(want: AnglesOf, store: At) -> Started:
+    """Run a craft at several angles of its array."""
+    scenario, angles = requested(store, want.scenario), angles_in(want.angles)
+    if want.steady:
+        scenario = scenario.with_({"record.start": "steady"})
+    check_sweep(scenario)
+    _check_size(scenario, store.limits.record // (os.cpu_count() or 1))
+    return start(store, "angles", f"angles of {scenario.title}", scenario=scenario, angles=angles)
+
+
+@routes.post("/shapes", status_code=202)
+def start_shapes(want: ShapesOf, store: At) -> Started:
+    """Shapes of modes, to be moved by the page."""
+    scenario = requested(store, want.scenario)
+    if want.of == "craft":
+        craft_in(scenario)
+    with reading(store):
+        structure = forms.array_structure(want.scenario)
+    return start(store, "shapes", f"modes of {scenario.title}", scenario=scenario, of=want.of, structure=structure)
 
 
 @routes.post("/sensitivity", status_code=202)

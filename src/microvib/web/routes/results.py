@@ -26,6 +26,7 @@ from microvib.web.routes.messages import Id, JobState, RecordedSpectrum, Result,
 FILES = {
     "scenario.yaml": "text/yaml",
     "lines.csv": "text/csv",
+    "seeds.csv": "text/csv",
     "loads.csv": "text/csv",
     "pointing.csv": "text/csv",
     "summary.json": "application/json",

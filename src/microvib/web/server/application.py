@@ -14,6 +14,7 @@ from starlette.staticfiles import StaticFiles
 
 from microvib import __version__
 from microvib.errors import MicrovibError
+from microvib.reports.moving import SCRIPT
 from microvib.web.jobs.store import Store
 from microvib.web.routes import new_jobs, results, scenarios
 from microvib.web.routes.common import Refused, refusals, refused
@@ -54,6 +55,10 @@ def _add_page(app: FastAPI) -> None:
     @app.get("/static/plotly.min.js", include_in_schema=False)
     def plotly() -> FileResponse:
         return FileResponse(_plotly(), media_type="text/javascript")
+
+    @app.get("/static/shapes.js", include_in_schema=False)
+    def shapes() -> FileResponse:
+        return FileResponse(SCRIPT, media_type="text/javascript")
 
     app.mount("/static", StaticFiles(directory=static))
 

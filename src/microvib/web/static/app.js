@@ -1,10 +1,12 @@
 // The page: starts its parts, and what stands around them (tabs, scenario choice, run button, link).
 
+import { makeAngles } from "./angles.js";
 import { knock, onServer } from "./api.js";
 import { makeSheet } from "./datasheet.js";
 import { $, announce, h, onDrop, save } from "./dom.js";
 import { makeForm } from "./form.js";
-import { keep, kept } from "./kept.js";
+import { keep, keepFields, kept } from "./kept.js";
+import { makeModes } from "./modes.js";
 import { makeRates } from "./rates.js";
 import { makeRecording } from "./recording.js";
 import { makeRun } from "./run.js";
@@ -75,15 +77,18 @@ async function go(event) {
 
 function wish(what, name) {
   const steady = $("#steady").checked;
-  return { scenario: what, name: steady ? `${name}, steady` : name, steady };
+  const seeds = $("#seeds").value.trim() || null;
+  return { scenario: what, name: [name, steady && "steady", seeds && `${seeds} seeds`].filter(Boolean).join(", "), steady, seeds };
 }
 
 function wrong(sentence, key) {
-  document.getElementById(`field-${key}`)?.focus();
+  (document.getElementById(`field-${key}`) ?? document.getElementById(key))?.focus();
+  if (key === "seeds") $("#seeds-error").textContent = sentence;
   announce(sentence, { error: true });
 }
 
 async function begin(wanted) {
+  $("#seeds-error").textContent = "";
   try {
     await runs.start(wanted);
   } catch (error) {
@@ -155,7 +160,10 @@ makeRun($("#run"));
 makeSheet($("#sheet")).catch((error) => announce(error.message, { error: true }));
 makeRecording($("#recording"));
 makeRates($("#rates"));
+makeAngles($("#angles"));
+makeModes($("#modes"));
 makeSas($("#sas"));
+keepFields("run.asked", { seeds: $("#seeds") });
 $("#go").addEventListener("click", go);
 $("#five").addEventListener("click", five);
 $("#copy").addEventListener("click", copy);

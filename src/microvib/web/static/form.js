@@ -10,6 +10,7 @@ const TITLES = {
   slip_ring: "slip ring",
   transmission_error: "transmission error",
   modes: "mode",
+  train: "stage",
   profile: "leg",
   friction: "friction",
 };

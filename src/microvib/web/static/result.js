@@ -56,6 +56,7 @@ export function tablesOf(run) {
     { caption: "Torque budget" },
   );
   return [
+    ...overSeeds(result),
     section(
       "Lines",
       `Amplitudes are 0-to-peak; a decaying line is quoted with its mean over the record. ± is how well the line of this record is known; what the model is worth: ${result.standing}.`,
@@ -65,6 +66,19 @@ export function tablesOf(run) {
     ...paper(result),
     section("Power, modes and checks", "", checks(result)),
   ];
+}
+
+/** The lines over several draws of the noise. */
+function overSeeds({ seeds }) {
+  if (!seeds?.length) return [];
+  const words = `${seeds[0].draws} draws, this record's and those of the following seeds. The quantile is bounded with 95 % confidence each way; fewer than 59 draws do not bound it from above.`;
+  const figures = [["mean_n_m", "mean"], ["deviation_n_m", "deviation"], ["p95_n_m", "95 % quantile"], ["p95_low_n_m", "at least"], ["p95_high_n_m", "at most"]]; // prettier-ignore
+  const columns = [
+    { key: "line", title: "line" },
+    { key: "frequency_hz", title: "frequency", unit: "Hz", show: hz },
+    ...figures.map(([key, title]) => ({ key, title, unit: "mN m", show: mN() })),
+  ];
+  return [section("Lines over the draws of the noise", words, table(columns, seeds, { caption: "Lines over the draws of the noise" }))];
 }
 
 function section(title, words, ...content) {

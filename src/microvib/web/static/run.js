@@ -28,6 +28,7 @@ const tables = h("div", {});
 const FILES = [
   ["scenario.yaml", "scenario"],
   ["lines.csv", "lines (CSV)"],
+  ["seeds.csv", "lines over the seeds (CSV)"],
   ["loads.csv", "loads on the hub (CSV)"],
   ["pointing.csv", "line of sight (CSV)"],
   ["summary.json", "summary"],
@@ -225,7 +226,7 @@ function menu(run) {
   const search = limit.verdictOf(run) ? `?${new URLSearchParams(asked)}` : "";
   const address = (file) => `/api/runs/${run.id}/files/${file}${file.startsWith("report.") ? search : ""}`;
   const craft = run.result.craft;
-  const lacks = { "loads.csv": !craft, "pointing.csv": !craft?.lines.some(({ los }) => los) };
+  const lacks = { "seeds.csv": !run.result.seeds?.length, "loads.csv": !craft, "pointing.csv": !craft?.lines.some(({ los }) => los) };
   const links = FILES.filter(([file]) => !lacks[file]).map(([file, words]) => h("a", { href: address(file), download: file }, words));
   return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
 }

@@ -23,9 +23,9 @@ export const going = (run) => ["asked", "queued", "running"].includes(run.state)
 export const onChange = (listener) => listeners.add(listener);
 const tell = (what) => listeners.forEach((listener) => listener(what));
 
-/** Start a run of {scenario, name, steady}, which is then followed to its end. Refused where the server does not take it. */
-export async function start({ scenario, name, steady }) {
-  const run = add({ name: unlike(name), scenario, steady });
+/** Start a run of {scenario, name, steady, seeds}, which is then followed to its end. Refused where the server does not take it. */
+export async function start({ name, ...wanted }) {
+  const run = add({ name: unlike(name), ...wanted });
   choose(run);
   try {
     await launch(run);
@@ -36,8 +36,8 @@ export async function start({ scenario, name, steady }) {
 }
 
 async function launch(run) {
-  const { scenario, name, steady } = run;
-  ({ id: run.id } = await post("/api/runs", { scenario, name: name.slice(0, 200), steady }));
+  const { scenario, name, steady, seeds } = run;
+  ({ id: run.id } = await post("/api/runs", { scenario, name: name.slice(0, 200), steady, seeds }));
   store();
   if (run.unwanted) drop(run.id).catch(() => null);
   finish(run);
@@ -56,9 +56,9 @@ export async function again(run) {
   }
 }
 
-function add({ id = null, name, scenario, steady = false, look, visible = true }) {
+function add({ id = null, name, scenario, steady = false, seeds = null, look, visible = true }) {
   const taken = runs.map((run) => run.look);
-  const run = { id, name, scenario, steady, visible, state: "asked", progress: {}, result: null, error: null, unwanted: false };
+  const run = { id, name, scenario, steady, seeds, visible, state: "asked", progress: {}, result: null, error: null, unwanted: false };
   run.look = look ?? style.free(taken);
   [run.colour, run.dash] = style(run.look);
   runs.push(run);
@@ -100,11 +100,12 @@ export function restore() {
 
 function store() {
   const known = runs.filter((run) => run.id !== null);
-  const facts = known.map(({ id, name, scenario, steady, look, visible }, k) => ({
+  const facts = known.map(({ id, name, scenario, steady, seeds, look, visible }, k) => ({
     id,
     name,
     scenario,
     steady,
+    seeds,
     look,
     visible,
     chosen: known[k] === chosen,

@@ -5,7 +5,7 @@ import { h } from "./dom.js";
 import { keepFields } from "./kept.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
-import { table } from "./tables.js";
+import { plain } from "./tables.js";
 
 const ASKED = [
   ["inertia", "inertia J", "8.18 kg*m^2"],
@@ -69,16 +69,3 @@ function show({ table: settings, tolerance, text, drawing }) {
   ];
   result.replaceChildren(...parts.filter(Boolean));
 }
-
-function plain({ header, rows }, caption) {
-  const columns = header.map((title, k) => ({ key: String(k), title }));
-  const values = rows.map((row) => Object.fromEntries(row.map((value, k) => [k, isNumber(value) ? Number(value) : value])));
-  const texts = new Map(values.map((value, k) => [value, rows[k]]));
-  return table(
-    columns.map((column) => ({ ...column, show: (_, row) => texts.get(row)[column.key] })),
-    values,
-    { caption },
-  );
-}
-
-const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));

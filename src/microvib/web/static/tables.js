@@ -56,6 +56,20 @@ export function table(columns, rows, { caption, sort } = {}) {
   );
 }
 
+/** A table of texts, {header, rows}; those that are numbers sort as numbers. */
+export function plain({ header, rows }, caption) {
+  const columns = header.map((title, k) => ({ key: String(k), title }));
+  const values = rows.map((row) => Object.fromEntries(row.map((value, k) => [k, isNumber(value) ? Number(value) : value])));
+  const texts = new Map(values.map((value, k) => [value, rows[k]]));
+  return table(
+    columns.map((column) => ({ ...column, show: (_, row) => texts.get(row)[column.key] })),
+    values,
+    { caption },
+  );
+}
+
+const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));
+
 /** The rows that matter, with a button that shows all. */
 export function shortTable(columns, rows, matters, options) {
   const place = h("div", {});

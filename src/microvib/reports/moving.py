@@ -1,0 +1,241 @@
+"""Shapes of modes as they move in a browser: points at rest with faces and lines, and how far each goes in each mode."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.errors import MicrovibError
+from microvib.model.array import Array
+from microvib.model.coupling import craft_in
+from microvib.model.craft import hub_matrices
+from microvib.model.rigid import about_center, rigid_motions, tensor
+from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import CENTER, INTERFACE
+from microvib.structures.fem.structure import Beams, Shells, Structure
+from microvib.structures.modal import DIRECTIONS
+
+if TYPE_CHECKING:
+    from microvib.structures.fem.modes import Modes
+
+SCRIPT = Path(str(resources.files("microvib.reports"))) / "templates" / "shapes.js"
+"""What draws them, in reports and on the page."""
+NOISE = 1e-6
+"""Part of the mass or inertia below which an effective one counts as none."""
+MOST_NODES = 4000
+REACH = 0.08
+"""Largest displacement shown, of the structure's size."""
+SIGHT = 0.4
+"""Length of the line of sight, of the array's size."""
+AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(28.0)
+_FACES = [
+    [a, b, d, c] for a, b, c, d in ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 4, 5), (2, 3, 6, 7), (0, 2, 4, 6), (1, 3, 5, 7))
+]
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Points, what is drawn between them, and what they do in each mode."""
+
+    xyz: np.ndarray
+    """At rest, (n, 3) [m]."""
+    shapes: np.ndarray
+    """Displacements, (n, 3, s), of each mode on a scale of its own."""
+    faces: np.ndarray
+    """Corners, (f, 4)."""
+    lines: np.ndarray
+    """Ends, (l, 2); both the same for a point by itself."""
+    sight: np.ndarray
+    """Ends of the line of sight, (0 or 1, 2)."""
+
+    @property
+    def largest(self) -> np.ndarray:
+        """How far the point goes that goes farthest, (s,)."""
+        return np.asarray(np.sqrt((self.shapes**2).sum(axis=1)).max(axis=0))
+
+    @property
+    def scaled(self) -> np.ndarray:
+        """Displacements of each mode so that they are seen, (n, 3, s) [m]."""
+        extent = np.ptp(self.xyz, axis=0).max()
+        return np.asarray(REACH * extent * self.shapes / np.where(self.largest > 0.0, self.largest, 1.0))
+
+    def data(self) -> dict[str, Any]:
+        """What ``templates/shapes.js`` draws, in numbers."""
+        return {
+            "xyz": np.round(self.xyz, 3).tolist(),
+            "faces": self.faces.tolist(), "lines": self.lines.tolist(), "sight": self.sight.tolist(),
+            "shapes": np.round(np.moveaxis(self.scaled, 2, 0), 4).tolist(),
+            "azimuth": AZIMUTH, "elevation": ELEVATION,
+        }  # fmt: skip
+
+
+def markup(data: dict[str, Any], names: Sequence[str]) -> str:
+    """The canvas of a report with its script and data: numbers and our own words only."""
+    told = json.dumps({**data, "names": list(names)}, separators=(",", ":"))
+    page, script = ((SCRIPT.parent / name).read_text(encoding="utf-8") for name in ("shapes.html", SCRIPT.name))
+    return page.replace("__SCRIPT__", script).replace("__DATA__", told)
+
+
+def of_elements(modes: Modes) -> Moving:
+    """A meshed structure, axes and origin as its nodes have them."""
+    faces, lines = faces_and_lines(modes.structure)
+    return Moving(modes.structure.xyz, modes.shapes[:, :3, :], faces, lines, np.zeros((0, 2), dtype=int))
+
+
+def faces_and_lines(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the shells (f, 4) and ends of the beams (b, 2)."""
+    faces = [part.nodes for part in structure.of(Shells)] or [np.zeros((0, 4), dtype=int)]
+    lines = [part.nodes for part in structure.of(Beams)] or [np.zeros((0, 2), dtype=int)]
+    return np.concatenate(faces), np.concatenate(lines)
+
+
+def of_array(array: Array, modes: Modes | None) -> Moving:
+    """An array about its interface point, in its own axes: its mesh or, where there is none, the box of its mass and inertia.
+
+    The box moves in a mode by M^-1 P, which has the mode's momentum: of all rigid motions the one closest to the mode's, weighed
+    by mass. MicrovibError where the array does not say enough, or its mesh is too fine.
+    """
+    if modes is not None:
+        nodes = modes.structure.xyz
+        if len(nodes) > MOST_NODES:
+            raise MicrovibError(
+                f"array.fem: its mesh of {len(nodes)} nodes is too fine to move; at most {MOST_NODES} can"
+            )
+        return replace(of_elements(modes), xyz=nodes - nodes[modes.structure.interface])
+    mass, participation, body = array.mass, array.interface, array.rigid_body
+    if mass is None or participation is None or body is None:
+        raise MicrovibError(
+            "array.modes: say nothing of a shape; array.fem does, and so do interface_participation of each mode and rigid_body"
+        )
+    center = np.array(body.center_of_mass)
+    corners = center + box_corners(body.mass, about_center(body.mass, center, tensor(body.inertia)))
+    points = np.vstack([corners, np.zeros(3), center])  # the last two are its arm
+    return _rigid(points, np.linalg.solve(mass, participation), faces=_FACES, lines=[[8, 9]])
+
+
+def of_craft(scenario: Scenario, modes: Modes | None) -> Moving:
+    """Hub, array at its angle and line of sight in the modes with locked hinges, hub axes about the hub's centre of mass.
+
+    The hub is the box of its mass and inertia; of a flexible one its named points move as they do. Raises what ``of_array`` does.
+    """
+    craft = craft_in(scenario)
+    spacecraft, array = craft.spacecraft, scenario.array
+    hub, los = spacecraft.hub, spacecraft.line_of_sight
+    turn = spacecraft.interface.turn(array.drive_axis, spacecraft.array_angle)
+    local = of_array(array, modes)
+    eta = craft.shapes[craft.shapes.shape[0] - len(array.modes) :]
+    own = np.einsum("ij,njk,ks->nis", turn, local.shapes, eta)
+    wing = replace(local, xyz=local.xyz @ turn.T)
+    carried = _rigid(wing.xyz, craft.at(INTERFACE) @ craft.shapes).shapes
+    places = {point.name: np.array(point.position) for point in hub.points}
+    root = np.array(spacecraft.interface.position)
+    parts = [
+        _rigid(box_corners(hub.mass, tensor(hub.inertia)), craft.shapes[:6], faces=_FACES),
+        replace(wing, xyz=root + wing.xyz, shapes=carried + own),
+        *(
+            _about(place, np.zeros((1, 3)), craft.at(name) @ craft.shapes, lines=[[0, 0]])
+            for name, place in places.items()
+        ),
+    ]
+    if los is not None and los.boresight is not None:
+        start = (places | {CENTER: np.zeros(3), INTERFACE: root})[los.point]
+        along = np.array(los.boresight) / np.linalg.norm(los.boresight)
+        ends = np.outer([0.0, SIGHT * np.ptp(parts[1].xyz, axis=0).max()], along)
+        parts.append(_about(start, ends, craft.at(los.point) @ craft.shapes, sight=[[0, 1]]))
+    return _joined(parts)
+
+
+def box_corners(mass: float, inertia: np.ndarray) -> np.ndarray:
+    """Corners (8, 3) of the box of this mass and inertia (3, 3) about its centre, about which they are."""
+    moments, axes = np.linalg.eigh(inertia)
+    sides = np.sqrt(np.maximum(6.0 / mass * (moments.sum() - 2.0 * moments), 0.0))
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    return np.asarray(0.5 * signs * sides @ axes.T)
+
+
+def _rigid(xyz: np.ndarray, motion: np.ndarray, **drawn: Sequence[Sequence[int]]) -> Moving:
+    """Points (n, 3) of a rigid body whose origin moves by ``motion`` (6, s)."""
+    shapes = rigid_motions(xyz, np.zeros(3)).reshape(-1, 6, 6)[:, :3] @ motion
+    faces = np.array(drawn.get("faces", ()), dtype=int).reshape(-1, 4)
+    lines, sight = (np.array(drawn.get(name, ()), dtype=int).reshape(-1, 2) for name in ("lines", "sight"))
+    return Moving(xyz, shapes, faces, lines, sight)
+
+
+def _about(place: np.ndarray, xyz: np.ndarray, motion: np.ndarray, **drawn: Sequence[Sequence[int]]) -> Moving:
+    """The same of a body whose origin is at a ``place`` (3,)."""
+    return replace(_rigid(xyz, motion, **drawn), xyz=place + xyz)
+
+
+def _joined(parts: Sequence[Moving]) -> Moving:
+    """Several as one."""
+    first = np.cumsum([0, *(len(part.xyz) for part in parts)])
+
+    def pairs(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) + k for part, k in zip(parts, first, strict=False)])
+
+    return Moving(
+        np.concatenate([part.xyz for part in parts]),
+        np.concatenate([part.shapes for part in parts]),
+        pairs("faces"), pairs("lines"), pairs("sight"),
+    )  # fmt: skip
+
+
+def array_modes(array: Array, kinds: Sequence[str] | None) -> dict[str, list[Any]]:
+    """Columns of the list of an array's modes, unit in brackets; ``kinds`` are known of finite elements."""
+    mass, participation = array.mass, array.interface
+    assert mass is not None
+    assert participation is not None
+    effective = participation**2
+    if kinds is None:  # the direction in which it takes part most
+        diagonal = np.diag(mass)[:, None]
+        fraction = np.divide(effective, diagonal, out=np.zeros_like(effective), where=diagonal > 0.0)
+        kinds = [DIRECTIONS[k] for k in np.argmax(fraction, axis=0)]
+    effective = np.where(effective > NOISE * np.diag(mass)[:, None], effective, 0.0)
+    sizes = {
+        f"{'' if k < 3 else 'about '}{'xyz'[k % 3]} [{'kg' if k < 3 else 'kg m²'}]": effective[k].tolist()
+        for k in range(6)
+    }
+    damping = [100.0 * mode.damping for mode in array.modes]
+    frequency = [mode.frequency for mode in array.modes]
+    return {"kind": list(kinds), "frequency [Hz]": frequency, "damping [%]": damping, **sizes}
+
+
+def craft_modes(scenario: Scenario, moving: Moving) -> dict[str, list[Any]]:
+    """Columns of the list of a craft's modes: what the drive feels of each, where it lives, what it does to the line of sight."""
+    craft = craft_in(scenario)
+    M = hub_matrices(craft.spacecraft)[0]
+    of_hub = craft.shapes[: len(M)]
+    share = 100.0 * (of_hub * (M @ of_hub)).sum(axis=0)  # of a mass-normalised mode's kinetic energy
+    found = {
+        "frequency [Hz]": craft.frequency,
+        "damping [%]": 100.0 * craft.load.D / (2.0 * craft.load.Omega),
+        "about the drive axis [kg m²]": craft.load.H**2,
+        "energy in the hub [%]": share,
+    }
+    if craft.spacecraft.line_of_sight is not None:
+        los = np.linalg.norm(craft.line_of_sight().position @ craft.shapes, axis=0)
+        found["line of sight [µrad/mm]"] = 1e3 * los / moving.largest
+    return {name: column.tolist() for name, column in found.items()}
+
+
+def words_of(of: str, meshed: bool) -> str:
+    """What is drawn, in a sentence or two."""
+    mesh = "The array is the mesh of its finite elements."
+    box = (
+        "The array is the box of its mass and inertia, as its shape is not known: in each mode it moves as the rigid body that has"
+        " the mode's momentum."
+    )
+    hub = (
+        " The hub is the box of its mass and inertia, dots are its points, the red line is the line of sight; both hinges are"
+        " locked. Line of sight: for 1 mm where the mode moves most."
+    )
+    return (mesh if meshed else box) + (
+        hub if of == "craft" else " Effective masses and inertias are those at the interface point."
+    )

@@ -1,0 +1,43 @@
+// The Angles tab: lines of the line of sight over the angle of the array on its craft.
+
+import { post } from "./api.js";
+import { h, save } from "./dom.js";
+import { keepFields } from "./kept.js";
+import { makeTask } from "./progress.js";
+import * as scenario from "./scenario.js";
+import { plain } from "./tables.js";
+
+const angles = h("input", { type: "text", id: "angles-angles", name: "angles", value: "0:180:15", spellcheck: "false" });
+const steady = h("input", { type: "checkbox", id: "angles-steady" });
+const place = h("div", {});
+const result = h("div", { class: "figures" });
+const task = makeTask("angles", place, show);
+
+export function makeAngles(tab) {
+  const ask = h(
+    "form",
+    { class: "ask", onsubmit: sweep },
+    h("label", { title: "FIRST:LAST:STEP in degrees, or a list such as 0, 45, 90" }, "first:last:step [deg], or a list", angles),
+    h("label", { class: "check", title: "Solve for the periodic steady state at each angle" }, steady, "steady"),
+    h("button", { class: "primary" }, "Sweep"),
+  );
+  const words = "One run of the scenario at each angle; it needs a spacecraft with a line of sight, in its file.";
+  tab.append(h("section", { class: "card" }, h("h2", {}, "Angles of the array"), h("p", { class: "soft" }, words), ask, place), result);
+  keepFields("angles.asked", { angles, steady });
+  task.restore();
+}
+
+async function sweep(event) {
+  event.preventDefault();
+  const body = { scenario: scenario.current(), angles: angles.value.trim(), steady: steady.checked };
+  await task.start("Sweep", () => post("/api/angles", body));
+}
+
+function show({ table, notes, drawing, files }) {
+  const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
+  const links = Object.entries(files).map(([name, text]) => h("button", { type: "button", onclick: () => save(text, name) }, name));
+  result.replaceChildren(
+    card("Lines over the array's angle", h("img", { src: drawing, alt: "Largest lines and rms in each window over the angle" })),
+    card("Every angle", notes.map((text) => h("p", { class: "soft" }, text)), plain(table, "Angles"), h("div", { class: "bar" }, "Download", links)),
+  );
+}

@@ -1,0 +1,60 @@
+// The Mode shapes tab: modes of the scenario's array, or of its craft with locked hinges, as a list and in motion.
+
+import { post } from "./api.js";
+import { h, number } from "./dom.js";
+import { keep, kept } from "./kept.js";
+import { makeTask } from "./progress.js";
+import * as scenario from "./scenario.js";
+import { movingShapes } from "./shapes.js";
+import { table } from "./tables.js";
+
+const place = h("div", {});
+const result = h("div", { class: "figures" });
+const task = makeTask("modes", place, show);
+
+export function makeModes(tab) {
+  const button = (of, words) => h("button", { type: "button", onclick: () => find(of) }, words);
+  const words = "Shapes come from finite elements (array.fem); an array of which mass and participation alone are known moves as a rigid box.";
+  tab.append(
+    h(
+      "section",
+      { class: "card" },
+      h("h2", {}, "Mode shapes of the scenario"),
+      h("div", { class: "bar" }, button("array", "Array, interface clamped"), button("craft", "Craft, hinges locked")),
+      h("p", { class: "soft note" }, words),
+      place,
+    ),
+    result,
+  );
+  task.restore();
+}
+
+const find = (of) => task.start("Mode shapes", () => post("/api/shapes", { scenario: scenario.current(), of }), { of });
+
+function show({ header, rows, words, moving }, { of }, id) {
+  const { element, choose } = movingShapes(moving);
+  const buttons = rows.map((_, k) =>
+    h("button", { type: "button", class: "quiet", "aria-label": `Show mode ${k + 1}`, onclick: () => pick(k) }, `mode ${k + 1}`),
+  );
+  const columns = header.map((title) => ({ key: title, title, show: (value) => (typeof value === "number" ? number(value, 4) : value) }));
+  const list = rows.map((row, k) => ({ mode: k + 1, ...Object.fromEntries(header.map((title, c) => [title, row[c]])) }));
+
+  function pick(k) {
+    buttons.forEach((button, j) => button.setAttribute("aria-pressed", String(j === k)));
+    keep("modes.shown", { id, k });
+    choose(k);
+  }
+
+  const title = of === "craft" ? "Modes of the craft, hinges locked" : "Modes of the array, interface clamped";
+  result.replaceChildren(
+    h("section", { class: "card" }, h("h2", {}, title), element),
+    h(
+      "section",
+      { class: "card" },
+      table([{ key: "mode", title: "mode", show: (mode) => buttons[mode - 1] }, ...columns], list, { caption: "Modes" }),
+      h("p", { class: "soft note" }, words),
+    ),
+  );
+  const last = kept("modes.shown");
+  pick(last?.id === id && last.k < rows.length ? last.k : 0);
+}

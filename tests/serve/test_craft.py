@@ -1,0 +1,134 @@
+"""Angles of an array, shapes of modes and draws of the noise on the page: the figures of the library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.server import SHORT, result, spec, wait
+
+import microvib as mv
+from microvib.io.modal_sources import modal_source
+from microvib.reports.moving import REACH, of_array, of_craft
+from microvib.studies.angles import sweep_angles
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "spacecraft.yaml"
+CRAFT = {"text": EXAMPLE.read_text(encoding="utf-8"), "changes": {"record.settle": "1 s", "record.duration": "4 s"}}
+
+
+def found(client, what: str, **asked) -> dict:
+    answer = client.post(f"/api/{what}", json=asked)
+    assert answer.status_code == 202, answer.text
+    return result(client, answer.json()["id"])
+
+
+def refused(client, what: str, **asked) -> dict:
+    answer = client.post(f"/api/{what}", json=asked)
+    assert answer.status_code == 422, answer.text
+    return answer.json()
+
+
+def test_a_sweep_is_that_of_the_command_line(client):
+    told = found(client, "angles", scenario=CRAFT, angles="0,45")
+    sweep = sweep_angles(mv.load_scenario(EXAMPLE, CRAFT["changes"]), np.radians([0.0, 45.0]).tolist())
+    lines = told["files"]["angles.csv"].splitlines()
+    assert lines[0] == "angle_deg,line,frequency_hz,fx_n,fy_n,fz_n,mx_n_m,my_n_m,mz_n_m,los_x_rad,los_y_rad"
+    assert len(lines) == 1 + sum(len(one.names) for one in sweep.lines)
+    first = lines[1].split(",")
+    assert (first[1], float(first[-1])) == (sweep.lines[0].names[0], pytest.approx(sweep.lines[0].amplitude[0, 1]))
+    assert told["table"]["header"][:2] == ["angle [deg]", "largest line"]
+    assert [row[0] for row in told["table"]["rows"]] == ["0", "45", "all", "worst"]
+    assert told["drawing"].startswith("data:image/svg+xml;base64,")
+
+
+@pytest.mark.parametrize(
+    ("asked", "key", "words"),
+    [
+        ({"angles": "0:180"}, "angles", "write FIRST:LAST:STEP in degrees"),
+        ({"angles": ""}, "angles", "is not a quantity"),
+        ({"angles": "0:360:0.1"}, "angles", "at most 361 angles"),
+        ({"angles": "0:10:5 kg"}, "angles", "wrong dimension"),
+        ({"angles": "0,45", "scenario": spec()}, "spacecraft", "a scenario on a craft is expected"),
+    ],
+)
+def test_a_sweep_that_cannot_be(client, asked, key, words):
+    told = refused(client, "angles", **{"scenario": CRAFT, **asked})
+    assert told["key"] == key
+    assert words in told["error"]
+
+
+def test_shapes_of_finite_elements_are_those_of_the_mesh(client):
+    scenario = {"base": "state-1", "changes": {"array": "{fem: reference-array, modes: 4}"}}
+    told = found(client, "shapes", scenario=scenario)
+    modes = modal_source("reference-array", 4).modes
+    shapes, moving = np.array(told["moving"]["shapes"]), told["moving"]
+    assert shapes.shape == (4, *modes.structure.xyz.shape)
+    for k in range(4):
+        u = modes.shapes[:, :3, k]
+        size = REACH * np.ptp(modes.structure.xyz, axis=0).max()
+        np.testing.assert_allclose(shapes[k], size * u / np.linalg.norm(u, axis=1).max(), atol=6e-5)
+    assert len(moving["faces"]) > 10
+    columns = {name: [row[k] for row in told["rows"]] for k, name in enumerate(told["header"])}
+    assert columns["frequency [Hz]"] == pytest.approx(modes.frequency.tolist())
+    assert columns["about z [kg m²]"] == pytest.approx((modes.participation[5] ** 2).tolist(), abs=1e-6)
+    assert "mesh" in told["words"]
+    # Modes that were changed since are not those of the mesh any more.
+    other = client.post("/api/scenario", json=scenario).json()["yaml"]
+    assert "momentum" in found(client, "shapes", scenario={"text": other})["words"]
+
+
+def test_shapes_of_a_craft_keep_their_momentum_and_the_look_of_the_model(client):
+    told = found(client, "shapes", scenario=CRAFT, of="craft")
+    scenario = mv.load_scenario(EXAMPLE)
+    craft, moving = scenario.craft, of_craft(scenario, None)
+    columns = {name: [row[k] for row in told["rows"]] for k, name in enumerate(told["header"])}
+    assert columns["frequency [Hz]"] == pytest.approx(craft.frequency.tolist())
+    assert all(0.0 < share < 100.0 for share in columns["energy in the hub [%]"])
+    los = np.linalg.norm(craft.line_of_sight().position @ craft.shapes, axis=0)
+    assert columns["line of sight [µrad/mm]"] == pytest.approx((1e3 * los / moving.largest).tolist())
+    # No mode moves the free craft as a whole: hub and array, each a rigid body here, have opposite momentum.
+    corners = moving.shapes[:8].mean(axis=0), moving.shapes[8:16].mean(axis=0)
+    both = scenario.spacecraft.hub.mass * corners[0] + scenario.array.rigid_body.mass * corners[1]
+    assert np.abs(both).max() < 1e-9 * np.abs(scenario.spacecraft.hub.mass * corners[0]).max()
+    assert len(told["moving"]["sight"]) == 1
+
+
+def test_a_box_moves_as_the_rigid_body_closest_to_the_mode():
+    """With the mesh of an array at hand: no rigid motion comes closer to a mode, weighed by mass."""
+    source = modal_source("reference-array", 3)
+    array, modes = source.model.array(), source.modes
+    box, mesh = of_array(array, None), of_array(array, modes)
+    weights = np.sqrt(np.maximum(modes.node_masses, 0.0))[:, None]
+    arms = np.stack([np.cross(axis, mesh.xyz) for axis in np.eye(3)], axis=2)
+    A = np.concatenate([np.broadcast_to(np.eye(3), (len(mesh.xyz), 3, 3)), arms], axis=2)
+    closest = np.linalg.lstsq(
+        (weights[:, :, None] * A).reshape(-1, 6), (weights[:, :, None] * mesh.shapes).reshape(-1, 3)
+    )[0]
+    np.testing.assert_allclose(box.shapes[8], closest[:3], atol=0.03 * np.abs(box.shapes).max())
+
+
+def test_shapes_that_are_not_known(client):
+    id = client.post("/api/shapes", json={"scenario": spec()}).json()["id"]
+    assert wait(client, id)["error"].startswith("array.modes: say nothing of a shape; array.fem does")
+    assert refused(client, "shapes", scenario=spec(), of="craft")["key"] == "spacecraft"
+    rigid = client.post("/api/shapes", json={"scenario": {**CRAFT, "changes": {"array.modes": "[]"}}}).json()["id"]
+    assert wait(client, rigid)["error"] == "array.modes: is empty; there is no mode to show"
+
+
+def test_lines_over_seeds_are_those_of_the_command_line(client):
+    noise = {**SHORT, "friction.torque_noise": "{density: 1e-7 N^2*m^2/Hz, lowest: 0.5 Hz, highest: 200 Hz}"}
+    told = found(client, "runs", scenario={"base": "state-1", "changes": noise}, seeds=3)
+    table = mv.run(mv.load_scenario("state-1", noise), seeds=3).table
+    assert [(x["line"], x["draws"]) for x in told["seeds"]] == [(x.line, x.draws) for x in table.seeds]
+    assert [x["mean_n_m"] for x in told["seeds"]] == pytest.approx([x.mean_n_m for x in table.seeds])
+
+
+@pytest.mark.parametrize("seeds", [1, 1001, 2.5, "many", "", True])
+def test_seeds_that_are_none(client, seeds):
+    told = refused(client, "runs", scenario=spec(), seeds=seeds)
+    assert told == {"error": "seeds: a whole number of draws from 2 to 1000 is expected", "key": "seeds"}
+
+
+def test_seeds_without_noise(client):
+    assert "this scenario has none" in refused(client, "runs", scenario=spec(), seeds=3)["error"]
