@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from microvib.errors import MicrovibError
 from microvib.model.array import Array
 from microvib.model.coupling import craft_in
 from microvib.model.craft import hub_matrices
+from microvib.model.linear import coordinates
 from microvib.model.rigid import about_center, rigid_motions, tensor
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import CENTER, INTERFACE
+from microvib.model.spacecraft import INTERFACE, SECOND, Interface
 from microvib.structures.fem.structure import Beams, Shells, Structure
 from microvib.structures.modal import DIRECTIONS
 
@@ -121,35 +122,61 @@ def of_array(array: Array, modes: Modes | None) -> Moving:
 
 
 def of_craft(scenario: Scenario, modes: Modes | None) -> Moving:
-    """Hub, array at its angle and line of sight in the modes with locked hinges, hub axes about the hub's centre of mass.
+    """Hub, arrays at their angles and line of sight in the craft's modes, hub axes about the hub's centre of mass.
 
-    The hub is the box of its mass and inertia; of a flexible one its named points move as they do. Raises what ``of_array`` does.
+    The hub is the box of its mass and inertia; of a flexible one its named points move as they do. ``modes`` are those of the first
+    array's mesh, and of the second's where both are alike. Raises what ``of_array`` does.
     """
     craft = craft_in(scenario)
-    spacecraft, array = craft.spacecraft, scenario.array
+    spacecraft, shapes = craft.spacecraft, craft.shapes
     hub, los = spacecraft.hub, spacecraft.line_of_sight
-    turn = spacecraft.interface.turn(array.drive_axis, spacecraft.array_angle)
-    local = of_array(array, modes)
-    eta = craft.shapes[craft.shapes.shape[0] - len(array.modes) :]
-    own = np.einsum("ij,njk,ks->nis", turn, local.shapes, eta)
-    wing = replace(local, xyz=local.xyz @ turn.T)
-    carried = _rigid(wing.xyz, craft.at(INTERFACE) @ craft.shapes).shapes
     places = {point.name: np.array(point.position) for point in hub.points}
-    root = np.array(spacecraft.interface.position)
-    parts = [
-        _rigid(box_corners(hub.mass, tensor(hub.inertia)), craft.shapes[:6], faces=_FACES),
-        replace(wing, xyz=root + wing.xyz, shapes=carried + own),
-        *(
-            _about(place, np.zeros((1, 3)), craft.at(name) @ craft.shapes, lines=[[0, 0]])
-            for name, place in places.items()
-        ),
+    own = shapes[len(shapes) - len(scenario.array.modes) :]
+    wings = [_wing(of_array(scenario.array, modes), scenario.array.drive_axis, spacecraft.interface, spacecraft.array_angle,
+                   craft.at(INTERFACE) @ shapes, own)]  # fmt: skip
+    second = spacecraft.second_wing
+    if (
+        second is not None
+        and second.array is not None
+        and second.reducer is not None
+        and second.array_angle is not None
+    ):
+        by = coordinates(
+            second.reducer, len(second.array.modes)
+        )  # theta_m, theta_l, modes by the coordinates of a held wing
+        turned = by @ shapes[6 + len(hub.modes) :][: by.shape[1]]
+        moved = craft.at(SECOND) @ shapes
+        moved[3:] += np.outer(second.interface.axis, turned[1])
+        there = of_array(second.array, modes if second.array == scenario.array else None)
+        wings.append(_wing(there, second.array.drive_axis, second.interface, second.array_angle, moved, turned[2:]))
+    points = [
+        _rigid(np.zeros((1, 3)), craft.at(name) @ shapes, place, lines=[[0, 0]]) for name, place in places.items()
     ]
+    box = _rigid(box_corners(hub.mass, tensor(hub.inertia)), shapes[:6], faces=_FACES)
+    sight = []
     if los is not None and los.boresight is not None:
-        start = (places | {CENTER: np.zeros(3), INTERFACE: root})[los.point]
+        start = places.get(
+            los.point, np.array(spacecraft.interface.position) if los.point == INTERFACE else np.zeros(3)
+        )
         along = np.array(los.boresight) / np.linalg.norm(los.boresight)
-        ends = np.outer([0.0, SIGHT * np.ptp(parts[1].xyz, axis=0).max()], along)
-        parts.append(_about(start, ends, craft.at(los.point) @ craft.shapes, sight=[[0, 1]]))
-    return _joined(parts)
+        ends = np.outer([0.0, SIGHT * np.ptp(wings[0].xyz, axis=0).max()], along)
+        sight = [_rigid(ends, craft.at(los.point) @ shapes, start, sight=[[0, 1]])]
+    return _joined([box, *wings, *points, *sight])
+
+
+def _wing(
+    local: Moving,
+    drive_axis: Literal["x", "y", "z"],
+    interface: Interface,
+    angle: float,
+    root: np.ndarray,
+    eta: np.ndarray,
+) -> Moving:
+    """An array at its place whose interface moves by ``root`` (6, s), and its own modes by ``eta`` (s_array, s)."""
+    turn = interface.turn(drive_axis, angle)
+    carried = _rigid(local.xyz @ turn.T, root, np.array(interface.position))
+    own = np.einsum("ij,njk,ks->nis", turn, local.shapes, eta)
+    return replace(local, xyz=carried.xyz, shapes=carried.shapes + own)
 
 
 def box_corners(mass: float, inertia: np.ndarray) -> np.ndarray:
@@ -160,17 +187,14 @@ def box_corners(mass: float, inertia: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * signs * sides @ axes.T)
 
 
-def _rigid(xyz: np.ndarray, motion: np.ndarray, **drawn: Sequence[Sequence[int]]) -> Moving:
-    """Points (n, 3) of a rigid body whose origin moves by ``motion`` (6, s)."""
+def _rigid(
+    xyz: np.ndarray, motion: np.ndarray, place: np.ndarray | None = None, **drawn: Sequence[Sequence[int]]
+) -> Moving:
+    """Points (n, 3) of a rigid body whose origin, at a ``place`` (3,), moves by ``motion`` (6, s)."""
     shapes = rigid_motions(xyz, np.zeros(3)).reshape(-1, 6, 6)[:, :3] @ motion
     faces = np.array(drawn.get("faces", ()), dtype=int).reshape(-1, 4)
     lines, sight = (np.array(drawn.get(name, ()), dtype=int).reshape(-1, 2) for name in ("lines", "sight"))
-    return Moving(xyz, shapes, faces, lines, sight)
-
-
-def _about(place: np.ndarray, xyz: np.ndarray, motion: np.ndarray, **drawn: Sequence[Sequence[int]]) -> Moving:
-    """The same of a body whose origin is at a ``place`` (3,)."""
-    return replace(_rigid(xyz, motion, **drawn), xyz=place + xyz)
+    return Moving(xyz if place is None else place + xyz, shapes, faces, lines, sight)
 
 
 def _joined(parts: Sequence[Moving]) -> Moving:
@@ -233,8 +257,8 @@ def words_of(of: str, meshed: bool) -> str:
         " the mode's momentum."
     )
     hub = (
-        " The hub is the box of its mass and inertia, dots are its points, the red line is the line of sight; both hinges are"
-        " locked. Line of sight: for 1 mm where the mode moves most."
+        " The hub is the box of its mass and inertia, dots are its points, the red line is the line of sight; hinges are"
+        " locked, a second wing's held by its drive. Line of sight: for 1 mm where the mode moves most."
     )
     return (mesh if meshed else box) + (
         hub if of == "craft" else " Effective masses and inertias are those at the interface point."
