@@ -19,7 +19,7 @@ from microvib.model.craft import hub_matrices
 from microvib.model.linear import coordinates
 from microvib.model.rigid import about_center, rigid_motions, tensor
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import INTERFACE, SECOND, Interface
+from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface
 from microvib.structures.fem.structure import Beams, Shells, Structure
 from microvib.structures.modal import DIRECTIONS
 
@@ -155,9 +155,9 @@ def of_craft(scenario: Scenario, modes: Modes | None) -> Moving:
     box = _rigid(box_corners(hub.mass, tensor(hub.inertia)), shapes[:6], faces=_FACES)
     sight = []
     if los is not None and los.boresight is not None:
-        start = places.get(
-            los.point, np.array(spacecraft.interface.position) if los.point == INTERFACE else np.zeros(3)
-        )
+        roots = {INTERFACE: spacecraft.interface} | ({} if second is None else {SECOND: second.interface})
+        others = {name: np.array(there.position) for name, there in roots.items()} | {CENTER: np.zeros(3)}
+        start = (others | places)[los.point]
         along = np.array(los.boresight) / np.linalg.norm(los.boresight)
         ends = np.outer([0.0, SIGHT * np.ptp(wings[0].xyz, axis=0).max()], along)
         sight = [_rigid(ends, craft.at(los.point) @ shapes, start, sight=[[0, 1]])]

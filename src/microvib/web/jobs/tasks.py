@@ -40,7 +40,7 @@ from microvib.testdata.recording import Recording
 from microvib.units import Band, Si
 from microvib.web.jobs import results
 from microvib.web.jobs.worker import Tell
-from microvib.web.routes.forms import Spec, view_of
+from microvib.web.routes.forms import Spec, array_structure, view_of
 
 Upload = tuple[str, str]  # a recording's file, and what its owner calls it
 
@@ -203,10 +203,10 @@ def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: Tell) ->
     _write(folder, results.angles_result(found))
 
 
-def shapes(folder: str, scenario: Scenario, of: str, structure: str | None, tell: Tell) -> None:
-    """Shapes of modes; ``structure`` is what the array's finite elements are of."""
+def shapes(folder: str, scenario: Scenario, of: str, spec: dict[str, Any], tell: Tell) -> None:
+    """Shapes of modes; ``spec`` is what the scenario was made of, which may name finite elements of the array."""
     tell(0, None, "", "finding the shapes")
-    _write(folder, results.shapes_result(scenario, of, structure))
+    _write(folder, results.shapes_result(scenario, of, array_structure(Spec(**spec))))
 
 
 def sensitivity(folder: str, scenario: Scenario, tell: Tell) -> None:

@@ -21,8 +21,7 @@ from microvib.studies.rates import rate_grid
 from microvib.studies.sensitivity import NOT_RANKED, noted_ranges
 from microvib.units import Si, band, quantity
 from microvib.web.jobs.store import Store, Upload, private
-from microvib.web.routes import forms
-from microvib.web.routes.common import At, Refused, ask, reading, refusals, requested, start
+from microvib.web.routes.common import At, Refused, ask, refusals, requested, start
 from microvib.web.routes.messages import (
     AnalysisOf,
     AnglesOf,
@@ -168,9 +167,8 @@ def start_shapes(want: ShapesOf, store: At) -> Started:
     scenario = requested(store, want.scenario)
     if want.of == "craft":
         craft_in(scenario)
-    with reading(store):
-        structure = forms.array_structure(want.scenario)
-    return start(store, "shapes", f"modes of {scenario.title}", scenario=scenario, of=want.of, structure=structure)
+    spec = want.scenario.model_dump()  # which a worker reads: a text may take long
+    return start(store, "shapes", f"modes of {scenario.title}", scenario=scenario, of=want.of, spec=spec)
 
 
 @routes.post("/sensitivity", status_code=202)
