@@ -47,7 +47,7 @@ def test_modes_of_a_craft_move_and_stand_still(visit: Callable[..., Any], tmp_pa
     page.get_by_role("button", name="Show mode 3").press("Enter")
     other = page.evaluate(PICTURE)
     assert other != still
-    page.get_by_label("Amplitude").press("End")
+    page.get_by_role("slider", name="Amplitude").press("End")
     wide = page.evaluate(PICTURE)
     assert wide != other
     page.locator("#modes canvas").press("ArrowLeft")
