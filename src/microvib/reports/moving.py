@@ -232,15 +232,15 @@ def array_modes(array: Array, kinds: Sequence[str] | None) -> dict[str, list[Any
 
 
 def craft_modes(scenario: Scenario, moving: Moving) -> dict[str, list[Any]]:
-    """Columns of the list of a craft's modes: what the drive feels of each, where it lives, what it does to the line of sight."""
+    """Columns of the list of a craft's undamped modes: their own damping, what the drive feels, where they live, and their line of sight."""
     craft = craft_in(scenario)
     M = hub_matrices(craft.spacecraft)[0]
     of_hub = craft.shapes[: len(M)]
     share = 100.0 * (of_hub * (M @ of_hub)).sum(axis=0)  # of a mass-normalised mode's kinetic energy
     found = {
         "frequency [Hz]": craft.frequency,
-        "damping [%]": 100.0 * craft.load.D / (2.0 * craft.load.Omega),
-        "about the drive axis [kg m²]": craft.load.H**2,
+        "damping [%]": 50.0 * np.diag(craft.damping) / np.sqrt(craft.squares),
+        "about the drive axis [kg m²]": craft.participation_of_shafts[:, 0] ** 2,
         "energy in the hub [%]": share,
     }
     if craft.spacecraft.line_of_sight is not None:
