@@ -232,7 +232,7 @@ def array_modes(array: Array, kinds: Sequence[str] | None) -> dict[str, list[Any
 
 
 def craft_modes(scenario: Scenario, moving: Moving) -> dict[str, list[Any]]:
-    """Columns of the list of a craft's undamped modes: their own damping, what the drive feels, where they live, and their line of sight."""
+    """Columns of the list of a craft's undamped modes, each with its damping by itself."""
     craft = craft_in(scenario)
     M = hub_matrices(craft.spacecraft)[0]
     of_hub = craft.shapes[: len(M)]
