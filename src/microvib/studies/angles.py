@@ -21,6 +21,7 @@ from microvib.solve.steady.state import find_steady
 from microvib.units import Si, quantity
 
 MOST_ANGLES = 361
+_EXAMPLE = "write FIRST:LAST:STEP in degrees, such as 0:180:15, or a list, 0,45,90"
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,8 @@ def check_sweep(scenario: Scenario) -> None:
 
 def angles_in(text: str) -> tuple[Si, ...]:
     """Angles [rad] of ``0:180:15`` (first, last, step) or ``0,45,90``, in degrees or with a unit at the end. OptionError."""
+    if not text.strip():
+        raise OptionError("angles", f"missing; {_EXAMPLE}")
     number = text.rstrip("abcdefghijklmnopqrstuvwxyz°µ ")
     unit = text[len(number) :].strip() or "deg"
     parts = number.split(":") if ":" in number else number.split(",")
@@ -97,10 +100,11 @@ def angles_in(text: str) -> tuple[Si, ...]:
     if ":" not in number:
         return values if len(values) <= MOST_ANGLES else _refused(text)
     if len(values) != 3 or values[2] == 0.0 or (values[1] - values[0]) / values[2] < 0.0:
-        example = "write FIRST:LAST:STEP in degrees, such as 0:180:15, or a list, 0,45,90"
-        raise OptionError("angles", f"{text!r} is not a range; {example}")
-    count = int((values[1] - values[0]) / values[2] + 1e-6) + 1
-    return tuple(Si(values[0] + k * values[2]) for k in range(count)) if count <= MOST_ANGLES else _refused(text)
+        raise OptionError("angles", f"{text!r} is not a range; {_EXAMPLE}")
+    steps = (values[1] - values[0]) / values[2] + 1e-6  # perhaps infinite
+    return (
+        tuple(Si(values[0] + k * values[2]) for k in range(int(steps) + 1)) if steps < MOST_ANGLES else _refused(text)
+    )
 
 
 def _refused(text: str) -> tuple[Si, ...]:
