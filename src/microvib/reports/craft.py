@@ -162,7 +162,8 @@ def _array(array: Array, interface: Interface, angle: float) -> np.ndarray:
     center = np.array(body.center_of_mass)
     about = about_center(body.mass, center, tensor(body.inertia))
     return np.asarray(
-        np.array(interface.position) + (center + box_corners(body.mass, about)) @ interface.turn(array.drive_axis, angle).T
+        np.array(interface.position)
+        + (center + box_corners(body.mass, about)) @ interface.turn(array.drive_axis, angle).T
     )
 
 
