@@ -276,7 +276,7 @@ def test_invariants_on_a_craft_with_friction(full: whole.FullCraft) -> None:
     assert motion.invariants.momentum < 1e-5
 
 
-@pytest.mark.parametrize(("rigid", "damped"), [(False, False), (True, False), (False, True)])
+@pytest.mark.parametrize(("rigid", "damped"), [(False, False), (True, False), (False, True), (True, True)])
 def test_both_methods_agree_where_bodies_stick(rigid: bool, damped: bool) -> None:
     changes: dict[str, Any] = {
         "friction.coulomb": 0.02, "friction.breakaway": 0.3, "motor.friction.coulomb": 2e-4, "motor.friction.breakaway": 5e-4,
@@ -286,6 +286,7 @@ def test_both_methods_agree_where_bodies_stick(rigid: bool, damped: bool) -> Non
     light = whole.FullCraft(hub_scale=0.1, rotor_inertia=2e-3)  # so that both shafts feel each other through the hub
     if damped:
         light = replace(light, bandwidth=0.3, control_damping=1.5, damping=np.full(4, 0.3))
+        changes |= {"friction.coulomb": 2.0, "friction.breakaway": 8.0} if rigid else {}
     motions = [
         mv.simulate(
             scenario_of(light, **changes, **{"solver.method": method, "record.settle": 0.0, "record.duration": 0.5})
