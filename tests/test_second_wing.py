@@ -383,7 +383,10 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     assert "At the second wing" in report
     texts = [text.get_text() for text in draw_craft(scenario).axes[0].texts]
     assert {"ψ₁ = 30°", "ψ₂ = -30°"} <= set(texts)
-    assert any("rate of its shaft -0.06 deg/s" in text for text in derived(scenario))
+    said = derived(scenario)
+    assert any("rate of its shaft -0.06 deg/s" in text for text in said)
+    assert any("first shaft locked second drive 100 %" in text or "second drive 9" in text for text in said)
+    assert any("first array" in text and "second array" in text for text in said)
     held = out.parent / "held"
     _, files = run_scenario(quick().alone, held, lines_only=True)
     assert {name for name in files if "wing_2" in name} == {"loads_wing_2.csv"}

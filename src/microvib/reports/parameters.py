@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+
 from microvib.model.expected import angle_errors
 from microvib.model.linear import coupled_modes
 from microvib.model.orders import drive_orders
@@ -145,15 +147,42 @@ def _second_wing(scenario: Scenario) -> list[tuple[str, str, str]]:
             "about its drive axis",
         )
     ]
-    if scenario.driven_wing is None:
-        return [*rows, ("second wing, its drive", "held", "springs and dampers of its linearised drive")]
-    if other.rate is not None:
-        rows.append(("second wing, rate of its shaft", f"{math.degrees(other.rate):.6g} deg/s", "about its drive axis"))
     f_d, wing = other.driving_frequency, scenario.spacecraft and scenario.spacecraft.second_wing
-    steps = f"{wing.stagger:g} microsteps after the first's" if wing and wing.stagger else "steps with the first's"
-    return [*rows, ("second wing, driving frequency", f"{f_d:.6g} Hz" if f_d else "none", steps)]
+    if scenario.driven_wing is None:
+        rows.append(("second wing, its drive", "held", "springs and dampers of its linearised drive"))
+    else:
+        if other.rate is not None:
+            rows.append(
+                ("second wing, rate of its shaft", f"{math.degrees(other.rate):.6g} deg/s", "about its drive axis")
+            )
+        steps = f"{wing.stagger:g} microsteps after the first's" if wing and wing.stagger else "steps with the first's"
+        rows.append(("second wing, driving frequency", f"{f_d:.6g} Hz" if f_d else "none", steps))
+    return [*rows, *_who_moves(scenario, other)]
 
 
+def _who_moves(scenario: Scenario, other: Scenario) -> Iterator[tuple[str, str, str]]:
+    """Of each mode with the first shaft locked, in which array, in the second drive or in the hub its elastic energy is."""
+    craft = scenario.craft
+    assert craft is not None
+    assert craft.second is not None
+    first, second = len(scenario.array.modes), len(other.array.modes)
+    own, beside = len(craft.shapes) - first, len(craft.shapes) - first - second
+    shafts = len(craft.second.K) - second
+    drive = craft.shapes[beside - shafts : beside]
+    parts = {
+        "first array": scenario.array.Lambda @ craft.shapes[own:] ** 2,
+        "second array": other.array.Lambda @ craft.shapes[beside:own] ** 2,
+        "second drive": np.sum(drive * (craft.second.K[:shafts, :shafts] @ drive), axis=0),
+    }
+    parts["hub and its control"] = craft.squares - sum(parts.values())
+    for k, f in enumerate(craft.frequency[:SHOWN_MODES]):
+        shares = sorted(((float(x[k] / craft.squares[k]), name) for name, x in parts.items()), reverse=True)
+        told = ", ".join(f"{name} {100.0 * share:.0f} %" for share, name in shares if share > 0.1)
+        yield f"mode at {f:.4g} Hz, first shaft locked", told, "parts of its elastic energy"
+
+
+SHOWN_MODES = 16
+"""Modes of a craft with two wings of which it is told who moves."""
 SHOWN_ERRORS = 8
 """Harmonics of a driver's angle error that are listed, the largest."""
 
