@@ -134,8 +134,10 @@ def draw_angles(sweep: AngleSweep) -> Figure:
 
 
 def _draw_linear(ax: Any, sweep: AngleSweep, shown: tuple[str, ...]) -> None:
-    """Driving lines of the linearised drive, in closed form, at many angles."""
+    """Driving lines of the linearised drive, in closed form, at many angles; not of two, which add with their phases."""
     scenario = sweep.scenario
+    if scenario.driven_wing is not None:
+        return
     orders = [int(name.removeprefix("drive_")) for name in shown if name.removeprefix("drive_").isdigit()]
     if not orders or not scenario.rate or craft_in(scenario).spacecraft.line_of_sight is None or sweep.angles.size < 2:
         return
