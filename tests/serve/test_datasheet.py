@@ -57,6 +57,7 @@ def test_the_file_is_that_of_the_command_line(client):
         ({"gear": "size 15"}, {"gear": "sizes are 14, 17, 20, 25, 32"}),
         ({"phases_on": "3"}, {"phases_on": "3 is not allowed with 2 phases"}),
         ({"step_angle": "1.7 deg", "ratio": "3"}, {"step_angle": "a whole number of rotor teeth"}),
+        ({"step_angle": "1e-320 deg", "ratio": "100"}, {"step_angle": "a whole number of rotor teeth"}),
         ({"colour": "red"}, {"colour": "unknown key"}),
     ],
 )

@@ -210,7 +210,7 @@ def _teeth(step_angle: float | None, ratio: float, known: bool, steps: int) -> E
     if step_angle is None:
         return Entry(f"{TEETH}", f"assumed: no range: steps of {_usual_step(steps):g} deg, the usual motor")
     exact, step = 2.0 * math.pi / (steps * ratio * step_angle), math.degrees(step_angle)
-    teeth = round(exact)
+    teeth = round(min(exact, 1e6))  # which may be infinite
     if not 1 <= teeth <= 1000 or abs(exact - teeth) > 0.01 * teeth:
         raise OptionError(
             "step_angle",
