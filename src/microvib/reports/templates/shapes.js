@@ -38,6 +38,7 @@ export function movingShapes({ xyz, faces, lines, sight = [], shapes, azimuth, e
   const g = canvas.getContext("2d");
   const middle = [0, 1, 2].map((c) => 0.5 * (Math.min(...xyz.map((p) => p[c])) + Math.max(...xyz.map((p) => p[c]))));
   const [across, upward] = [0, 1].map(reach);
+  const farthest = Math.max(0, ...(shapes[0] ?? []).map((u) => Math.hypot(...u))); // all modes are scaled alike
   let shape = shapes[0] ?? [];
   let [phase, last, drag, playing] = [Math.PI / 2, null, null, !still];
 
@@ -62,7 +63,7 @@ export function movingShapes({ xyz, faces, lines, sight = [], shapes, azimuth, e
     if (canvas.width !== Math.round(wide * dense)) Object.assign(canvas, { width: Math.round(wide * dense), height: Math.round(high * dense) });
     g.setTransform(dense, 0, 0, dense, 0, 0);
     g.clearRect(0, 0, wide, high);
-    const scale = Math.min((0.44 * wide) / across.half, (0.4 * high) / upward.half);
+    const scale = Math.min(wide / (across.half + farthest), high / (upward.half + farthest)) * 0.48;
     const a = Number(size.value) * Math.sin(phase);
     const far = shape.map((u) => Math.hypot(...u));
     const top = Math.max(...far, 1e-300);
