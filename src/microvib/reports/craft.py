@@ -105,10 +105,11 @@ def _second(scenario: Scenario) -> str:
     assert other is not None
     assert other.spacecraft is not None
     position = ", ".join(f"{x:.4g}" for x in craft.second_wing.interface.position)
-    angle = "" if craft.second_wing.array_angle is not None else f" ({math.degrees(other.spacecraft.array_angle):.4g}°)"
+    words = _second_words(craft.second_wing)
+    words = words.replace("with the first", f"with the first ({math.degrees(other.spacecraft.array_angle):.4g}°)", 1)
     moves = craft.second_wing.drive == "driven" and other.rate is not None
     rate = f"; its shaft turns at {math.degrees(other.rate or 0.0):.6g} deg/s" if moves else ""
-    return f"at [{position}] m, {_second_words(craft.second_wing)}{angle}{rate}"
+    return f"at [{position}] m, {words}{rate}"
 
 
 def draw_craft(scenario: Scenario) -> Drawing:
