@@ -1,6 +1,6 @@
 """Cases per second of a campaign: scaling with workers and with cases, and what 1e6 cases on 1000 cores would take.
 
-    python benchmarks/campaign.py [--cases 100,1000,10000] [--settle 2] [--record 4] [--workers 1,2]
+    python benchmarks/campaign.py [--cases 100,1000,10000] [--settle 2] [--record 4] [--workers 1,2] [--line-of-sight]
 
 All figures of a table are measured in one run, alternating; what counts are their ratios. Overheads are measured apart: until the
 first chunk is there, one chunk's way into its file, the merge per case. The projection adds them up; it is arithmetic, not a run.
@@ -30,13 +30,16 @@ CHUNK = 256
 """Cases of a chunk in the projection."""
 
 
-def study(count: int, settle: float, record: float) -> Study:
+KEYS = ("reducer.stiffness", "motor.friction.viscous", "friction.breakaway", "motor.detent_torque")
+EXAMPLE = str(Path(__file__).parents[1] / "examples" / "spacecraft.yaml")
+
+
+def study(count: int, settle: float, record: float, scenario: str = "state-1", **changes: object) -> Study:
     spread = {"distribution": "normal", "relative_deviation": "3 percent"}
-    keys = ("reducer.stiffness", "motor.friction.viscous", "friction.breakaway", "motor.detent_torque")
     data = {
-        "scenario": "state-1",
-        "set": {"record.settle": f"{settle} s", "record.duration": f"{record} s"},
-        "vary": dict.fromkeys(keys, spread),
+        "scenario": scenario,
+        "set": {"record.settle": f"{settle} s", "record.duration": f"{record} s", **changes},
+        "vary": dict.fromkeys(KEYS, spread),
         "sampling": {"method": "random", "count": count},
     }
     return validated(Study, data)
@@ -64,7 +67,13 @@ def main() -> None:
     parser.add_argument("--workers", default=",".join(map(str, sorted({1, os.cpu_count() or 1}))))
     parser.add_argument("--settle", type=float, default=2.0)
     parser.add_argument("--record", type=float, default=4.0)
+    parser.add_argument(
+        "--line-of-sight", action="store_true", help="only: a craft's cases with its line of sight and without"
+    )
     given = parser.parse_args()
+    if given.line_of_sight:
+        line_of_sight(given.settle, given.record)
+        return
     sizes = [int(x) for x in given.cases.split(",")]
     workers = [int(x) for x in given.workers.split(",")]
     with tempfile.TemporaryDirectory() as folder:
@@ -87,6 +96,22 @@ def alone(of: Study, folder: Path) -> float:
     begun = time.perf_counter()
     compute(campaign.work(0))
     return (time.perf_counter() - begun) / drawn.cases
+
+
+def line_of_sight(settle: float, record: float) -> None:
+    """Cases of a craft in one process, with its line of sight and with the torque alone, alternating."""
+    studies = {
+        "torque alone": study(2 * TOGETHER, settle, record, EXAMPLE, **{"spacecraft.line_of_sight": None}),
+        "line of sight": study(2 * TOGETHER, settle, record, EXAMPLE),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in studies}
+    with tempfile.TemporaryDirectory() as folder:
+        for again in range(3):
+            for name, of in studies.items():
+                seconds[name].append(alone(of, Path(folder) / f"{name} {again}"))
+    for name, times in seconds.items():
+        print(f"{name:14s} {1e3 * statistics.median(times):6.1f} ms a case")
+    print(f"ratio {statistics.median(b / a for a, b in zip(*seconds.values(), strict=True)):.2f}")
 
 
 def scaling(

@@ -24,7 +24,9 @@ from microvib.model.scenario import Scenario
 from microvib.signals.pointing import weight
 from microvib.solve import kernel
 from microvib.solve.command import Command
+from microvib.solve.integration import from_rest
 from microvib.solve.pack import no_samples, pack
+from microvib.units import Si
 
 TIMES = np.array([0.031, 0.072, 0.113, 0.154])
 BENDING = np.array([2e-3, -3e-3, 4e-3, 1e-2, 6e-3, -8e-3])
@@ -481,3 +483,28 @@ def test_an_array_from_finite_elements_brings_its_six_components(tmp_path: Path)
     still = np.linalg.eigvalsh(array.mass - array.interface @ array.interface.T)
     assert still.min() > -1e-6 * np.trace(array.mass)
     assert craft.frequency.size == 8
+
+
+def test_the_line_of_sight_that_cases_of_a_campaign_keep_is_that_of_a_run() -> None:
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.02), **{"record.settle": Si(2.0), "record.duration": Si(4.0)})
+    motion = mv.simulate(scenario)
+    few = from_rest(scenario, channels=("T_d", "alpha_l", "alpha_m", "los_ax", "los_ay"))
+    for name in ("T_d", "alpha_l", "los_ay"):
+        assert np.abs(few[name] - motion[name]).max() < 1e-12 * np.abs(motion[name]).max()
+    assert few.invariants.energy == motion.invariants.energy
+    later = from_rest(scenario, channels=("T_d", "alpha_l", "alpha_m", "los_ax", "los_ay"), balanced=False)
+    assert np.abs(later["T_d"] - motion["T_d"]).max() < 1e-5 * np.abs(motion["T_d"]).max()
+    assert later.invariants.energy < 1e-5
+    assert later.invariants.momentum < 1e-5
+    assert later.invariants.energy_in < 0.9 * motion.invariants.energy_in  # of the record alone
+    table = mv.lines(motion)
+    one, other = hub_lines(motion, table), hub_lines(few, table, los_only=True)
+    assert one.names == other.names
+    clock = np.array([not name.startswith("array_mode") for name in one.names])
+    assert not np.all(clock)
+    size = np.abs(one.los)
+    apart = np.abs(other.los - one.los)
+    assert np.all(apart[clock] < 1e-5 * size[clock] + 1e-6 * size.max())
+    assert np.all(apart[~clock].max(axis=1) < 0.01 * size[~clock].max(axis=1))
+    with pytest.raises(mv.MicrovibError, match="los_x' is made of others"):
+        from_rest(scenario, channels=("los_x",))

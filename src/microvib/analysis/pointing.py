@@ -17,11 +17,12 @@ from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
-from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import Line, LineTable
+from microvib.signals.line_fit import lines_at_known_clock, tones_beside
+from microvib.signals.line_table import SEEN, Line, LineTable
 from microvib.signals.pointing import METRICS, Metric, level, mean_square_of_lines, radial, transfer_in_window
 from microvib.solve.channels import INTERFACE, SECOND_LOADS
 from microvib.solve.motion import Motion
+from microvib.solve.on_craft import OF_STATES
 from microvib.solve.steady.state import SteadyState
 
 CONFIDENCE = 0.997
@@ -161,8 +162,9 @@ def hub_lines(
 
     Lines of the clock follow from those of the two shafts' accelerations, through the craft's linear response, which no drift leaks
     into. What rings by itself, and what is not expected, is found in each channel; of the angles in their second derivatives. With
-    ``los_only`` loads are not estimated, and nan, which takes a third of the time. Where a second wing is driven, too, lines of
-    both drives are added (``together``). MicrovibError where the scenario has no spacecraft.
+    ``los_only`` loads are not estimated, and nan, and what rings has the frequency and decay that it has in T_d where that shows
+    it, which takes a tenth of the time. Where a second wing is driven, too, lines of both drives are added (``together``).
+    MicrovibError where the scenario has no spacecraft.
     """
     beside = source.beside
     own = _lines_of_one(source.alone if isinstance(source, Motion) else source, table, harmonics, los_only)
@@ -185,10 +187,10 @@ def _lines_of_one(source: Motion | SteadyState, table: LineTable, harmonics: int
     channels = (
         *(() if los_only else INTERFACE),
         *(SECOND_LOADS if two else ()),
-        *(("los_ax", "los_ay") if looks else ()),
+        *(OF_STATES if looks else ()),
     )
-    frequency, ringing = _ringing(source, expected, channels)
-    shafts = np.array([tones_of(lines_in(source, name, expected)) for name in ("alpha_l", "alpha_m")]).T
+    shafts, found = _found(source, expected, channels, table, los_only)
+    frequency, ringing = _ringing(*found, expected, channels)
     own = np.array([line.kind in ("array mode", "other") for line in expected])
     rows = [*([] if los_only else [craft.loads()]), *([craft.second_loads()] if two else [])]
     rows += [craft.line_of_sight()] if looks else []
@@ -246,21 +248,58 @@ def together(first: HubLines, second: HubLines) -> HubLines:
     )
 
 
+Found = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Tones, frequencies [Hz] and decays [1/s] of lines in channels, (k, channels) each."""
+
+
+def _found(
+    source: Motion | SteadyState,
+    expected: tuple[ExpectedLine, ...],
+    channels: tuple[str, ...],
+    table: LineTable,
+    fast: bool,
+) -> tuple[np.ndarray, Found]:
+    """Tones of the expected lines in the accelerations of both shafts, (k, 2), and what is found in the ``channels``.
+
+    Where it has to be ``fast``, what rings does so as in T_d, and only what T_d does not show is sought.
+    """
+    shafts, rows = ("alpha_l", "alpha_m"), table if fast else None
+    if not fast or isinstance(source, SteadyState):
+        return _each(source, expected, shafts, rows)[0], _each(source, expected, channels, rows)
+    tones, frequency, decay = tones_beside(
+        [source[name] for name in (*shafts, *channels)], source.sample_rate, expected, table
+    )
+    if any(x.kind == "array mode" and x.status not in SEEN and np.isfinite(x.amplitude_n_m) for x in table):
+        return tones[:, :2], _each(source, expected, channels, rows)
+    each = np.ones((1, len(channels)))
+    return tones[:, :2], (tones[:, 2:], frequency[:, None] * each, decay[:, None] * each)
+
+
+def _each(
+    source: Motion | SteadyState, expected: tuple[ExpectedLine, ...], channels: tuple[str, ...], table: LineTable | None
+) -> Found:
+    """Channel by channel."""
+    columns = [lines_in(source, name, expected, table) for name in channels]
+    frequency = np.array([[line.frequency_hz for line in column] for column in columns]).T
+    decay = np.array([[line.decay_per_s for line in column] for column in columns]).T
+    return np.array([tones_of(column) for column in columns]).T, frequency, decay
+
+
 def _ringing(
-    source: Motion | SteadyState, expected: tuple[ExpectedLine, ...], channels: tuple[str, ...]
+    tones: np.ndarray,
+    found: np.ndarray,
+    decay: np.ndarray,
+    expected: tuple[ExpectedLine, ...],
+    channels: tuple[str, ...],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (k,) [Hz] of the expected lines, and their tones in each channel, (k, channels), of accelerations the angles."""
-    columns = [lines_in(source, name, expected) for name in channels]
-    tones = np.array([tones_of(column) for column in columns]).T
-    found = np.array([[line.frequency_hz for line in column] for column in columns]).T
-    decay = np.nan_to_num(np.array([[line.decay_per_s for line in column] for column in columns]).T)
     given = np.array([line.frequency for line in expected])
     # One frequency a line: that of the channel in which it stands out most, over what stands in the channel.
     size = np.nan_to_num(np.abs(tones))
     best = np.argmax(size / np.maximum(size.max(axis=0), 1e-300), axis=1)
     shared = found[np.arange(given.size), best]
-    root = -decay + 2j * np.pi * np.where(np.isfinite(found), found, given[:, None])
-    angles = [name not in INTERFACE for name in channels]
+    root = -np.nan_to_num(decay) + 2j * np.pi * np.where(np.isfinite(found), found, given[:, None])
+    angles = [name in OF_STATES for name in channels]
     tones[:, angles] /= root[:, angles] ** 2
     return np.where(np.isfinite(shared), shared, given), tones
 
@@ -270,8 +309,10 @@ def tones_of(lines: list[Line]) -> np.ndarray:
     return np.array([line.amplitude_n_m * np.exp(1j * line.phase_rad) for line in lines])
 
 
-def lines_in(source: Motion | SteadyState, channel: str, expected: tuple[ExpectedLine, ...]) -> list[Line]:
-    """The expected lines in one channel, in their order."""
+def lines_in(
+    source: Motion | SteadyState, channel: str, expected: tuple[ExpectedLine, ...], table: LineTable | None = None
+) -> list[Line]:
+    """The expected lines in one channel, in their order; with the ``table`` of T_d, modes ring as there."""
     rate = source.scenario.record.sample_rate
     if isinstance(source, SteadyState):
         series = source.harmonics(channel)[: int(PASSBAND * rate / source.frequency) + 1]
@@ -279,7 +320,7 @@ def lines_in(source: Motion | SteadyState, channel: str, expected: tuple[Expecte
             series, source.frequency, source.microsteps, expected, source.scenario.record.samples, rate
         )
     else:
-        found = lines_at_known_clock(source[channel], rate, expected)
+        found = lines_at_known_clock(source[channel], rate, expected, table)
     return [found[line.name] for line in expected]
 
 

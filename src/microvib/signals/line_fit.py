@@ -20,10 +20,20 @@ from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
 from microvib.signals.clock import agreeing, estimate_clock_ratio
 from microvib.signals.line_search import FALLS, search
-from microvib.signals.line_table import DETECTION, FAINT, Figures, LineTable, Rest, Uncertainty
+from microvib.signals.line_table import DETECTION, FAINT, SEEN, Figures, Line, LineTable, Rest, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.spectrum import tone_amplitude
-from microvib.signals.tones import NEAR, HannSpectrum, Joint, Tones, moved, steady
+from microvib.signals.tones import (
+    NEAR,
+    HannSpectrum,
+    Joint,
+    Tones,
+    amplitudes_in,
+    mean_of_decay,
+    moved,
+    ringing,
+    steady,
+)
 from microvib.signals.uncertainties import disturbed, uncertainties, uncertainties_alone
 
 SEPARATION = 2.5  # distance [bins] from which two lines can be told apart
@@ -62,44 +72,79 @@ def _left(rest: HannSpectrum) -> Rest:
     return replace(peaks, floor=rest.floors(peaks.frequency))
 
 
-def lines_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
+def lines_at_known_clock(
+    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], beside: LineTable | None = None
+) -> LineTable:
     """Lines of a simulated torque ``x`` (n,) [N m], whose clock is exactly the expected one, without uncertainties.
 
-    Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time.
+    Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time. What rings in another channel of the
+    same motion, whose lines ``beside`` has, does so here with the same frequency and decay.
     """
-    figures = figures_at_known_clock(x, sample_rate, expected)
+    rings = () if beside is None else tuple(x for x in beside if x.kind == "array mode" and x.status in SEEN)
+    figures = figures_at_known_clock(x, sample_rate, expected, rings)
     none = 0.0 * figures.amplitude
     return LineTable(figures.rows(Uncertainty(none, none, none, none)), 1.0, 0.0, np.size(x), sample_rate)
 
 
-def figures_at_known_clock(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> Figures:
+def tones_beside(
+    xs: Sequence[np.ndarray], sample_rate: float, expected: Sequence[ExpectedLine], beside: LineTable
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lines of a simulated motion in several channels ``xs`` at once, a tenth of the time of one after another.
+
+    Complex amplitudes (lines, channels), frequencies [Hz] and decays [1/s], (lines,). Modes ring as in ``beside``, lines of another
+    channel of the same motion; those that it does not show are nan.
+    """
+    spectra = [HannSpectrum.of(x - x.mean(), sample_rate) for x in xs]
+    wanted, _ = _sort_out(expected, spectra[0].duration)
+    rings = {x.line: x for x in beside if x.kind == "array mode" and x.status in SEEN}
+    clock = steady([line for line in wanted if line.kind != "array mode"])
+    tones = clock.and_those(ringing([(line, rings[line.name]) for line in wanted if line.name in rings]))
+    mean = mean_of_decay(tones.decay * spectra[0].duration)[0]
+    found = np.append(amplitudes_in(spectra, tones) * mean[:, None], np.full((1, len(xs)), np.nan), axis=0)
+    order = _order(expected, tones)
+    return found[order], _at(tones.frequency, order), _at(tones.decay, order)
+
+
+def figures_at_known_clock(
+    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], rings: Sequence[Line] = ()
+) -> Figures:
     """The figures of ``lines_at_known_clock`` as arrays, for many records."""
     known = [
         replace(line, low=line.frequency, high=line.frequency) if line.kind != "array mode" else line
         for line in expected
     ]
-    joint, refused, _ = _fitted(x, sample_rate, known, everywhere=False)
+    joint, refused, _ = _fitted(x, sample_rate, known, rings, everywhere=False)
     return _figures(expected, joint, refused)
 
 
 def _fitted(
-    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], everywhere: bool = True
+    x: np.ndarray,
+    sample_rate: float,
+    expected: Sequence[ExpectedLine],
+    rings: Sequence[Line] = (),
+    everywhere: bool = True,
 ) -> tuple[Joint, dict[str, str], float | None]:
     """The one recipe: the clock, known or searched; what else stands in the record; all that is near each other together.
 
-    The fit, the names of lines without figures of their own with the reason, and the clock ratio.
+    ``rings`` are modes that are known to ring, and how. The fit, the names of lines without figures of their own with the reason,
+    and the clock ratio.
     """
     x = np.asarray(x, dtype=float)
     spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
     wanted, refused = _sort_out(expected, spectrum.duration)
     clock = [line for line in wanted if line.kind != "array mode"]
-    modes, left_out = _largest([line for line in wanted if line.kind == "array mode"], spectrum)
+    named = {line.line: line for line in rings}
+    known = ringing([(line, named[line.name]) for line in wanted if line.name in named])
+    modes = [line for line in wanted if line.kind == "array mode" and line.name not in named]
+    modes, left_out = _largest(modes, spectrum)
     refused |= left_out
     searched = _is_searched(expected)
     ratio = (estimate_clock_ratio(clock, spectrum) if searched else 1.0) if clock else None
     for _ in range(_ROUNDS):
         orders = Orders.of(expected, ratio)
-        joint, hidden = search(Joint.of(spectrum, steady(clock, ratio or 1.0)), modes, orders, everywhere=everywhere)
+        joint, hidden = search(
+            Joint.of(spectrum, steady(clock, ratio or 1.0).and_those(known)), modes, orders, everywhere=everywhere
+        )
         tones = joint.tones
         if not searched or ratio is None:
             break

@@ -18,6 +18,7 @@ import numpy as np
 from microvib.model.expected import ExpectedLine
 from microvib.signals import tone_fit
 from microvib.signals import tone_kernel as hann
+from microvib.signals.line_table import Line
 from microvib.signals.spectrum import SpectrumError
 from microvib.signals.tone_algebra import half_turns
 from microvib.signals.tone_kernel import REACH
@@ -73,6 +74,14 @@ def falling(lines: Sequence[ExpectedLine], frequency: np.ndarray, decay: np.ndar
     """Tones whose frequencies and decays are fitted, from ``frequency`` [Hz] and ``decay`` [1/s], (m,) each."""
     every = np.ones(len(lines), dtype=bool)
     return Tones(tuple(lines), np.asarray(frequency, float), np.asarray(decay, float), every, every, ~every)
+
+
+def ringing(lines: Sequence[tuple[ExpectedLine, Line]]) -> Tones:
+    """Tones that fall as is known of each."""
+    tones = steady([line for line, _ in lines])
+    frequency = np.array([found.frequency_hz for _, found in lines], dtype=float)
+    decay = np.array([found.decay_per_s for _, found in lines], dtype=float)
+    return replace(tones, frequency=frequency, decay=decay)
 
 
 @dataclass(frozen=True)
@@ -176,6 +185,18 @@ class HannSpectrum:
     def _in_record(self, tones: Tones) -> tuple[np.ndarray, np.ndarray]:
         """Cycles and e-foldings of the tones over the record."""
         return tones.frequency * self.duration, tones.decay * self.duration
+
+
+def amplitudes_in(spectra: Sequence[HannSpectrum], tones: Tones) -> np.ndarray:
+    """``amplitudes`` of the same tones in several spectra of one length, (m, spectra), for the price of one."""
+    first = spectra[0]
+    k = first.near(tones.frequency)
+    columns = first.equations(tones, k)
+    scale = np.linalg.norm(columns, axis=1)[:, None]
+    columns /= scale
+    right = np.array([np.concatenate([one.values[k].real, one.values[k].imag]) for one in spectra])
+    solution = np.linalg.solve(columns @ columns.T, columns @ right.T) / scale
+    return np.asarray(solution[:-1:2] + 1j * solution[1:-1:2])
 
 
 def mean_of_decay(fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

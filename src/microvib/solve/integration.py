@@ -16,7 +16,7 @@ from microvib.solve import kernel
 from microvib.solve.channels import CHANNELS, INTERFACE, LINE_OF_SIGHT, MODAL
 from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
-from microvib.solve.on_craft import ACCELERATIONS, ANGLES
+from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
 from microvib.solve.pack import Packed, pack
 from microvib.solve.sampling import Decimator, sample_intervals
 
@@ -34,22 +34,26 @@ CHUNK_BYTES = 32_000_000
 
 
 def from_rest(
-    scenario: Scenario, *, progress: Progress | None = None, channels: tuple[str, ...] | None = None
+    scenario: Scenario,
+    *,
+    progress: Progress | None = None,
+    channels: tuple[str, ...] | None = None,
+    balanced: bool = True,
 ) -> Motion:
-    """``simulate`` from rest at t = 0, whatever ``record.start`` says."""
+    """``simulate`` from rest at t = 0, whatever ``record.start`` says; not ``balanced``, invariants are those of the record."""
     other = scenario.driven_wing if shows_hub(channels) else None
     first, second = (progress, None) if other is None else halves(progress)
-    run = Simulation(scenario, progress=first, channels=channels)
+    run = Simulation(scenario, progress=first, channels=channels, balanced=balanced)
     motion = recorded(run)
     if other is None:
         return motion
     with error_context(SECOND_WING):
-        return replace(motion, beside=from_rest(other, progress=second, channels=channels))
+        return replace(motion, beside=from_rest(other, progress=second, channels=channels, balanced=balanced))
 
 
 def shows_hub(channels: tuple[str, ...] | None) -> bool:
     """Whether the hub's motion follows from the ``channels`` that are kept."""
-    return channels is None or set(ACCELERATIONS) <= set(channels)
+    return channels is None or any(set(made) <= set(channels) for made in (ACCELERATIONS, OF_STATES))
 
 
 def recorded(run: Simulation) -> Motion:
@@ -104,12 +108,16 @@ class Simulation:
         packed: Packed | None = None,
         command: Command | None = None,
         torque_only: bool = False,
+        balanced: bool = True,
     ) -> None:
         """With ``torque_only`` nothing but ``T_d`` is sampled, which takes a fraction of the time; then there are no invariants,
-        but ``stuck_output`` and ``momentum`` (see ``microvib.solve.batch.Torque``)."""
+        but ``stuck_output`` and ``momentum`` (see ``microvib.solve.batch.Torque``). Not ``balanced``, nothing is until the record
+        begins, and invariants are those of the record."""
         self.scenario = scenario
         self._progress = progress or (lambda done, total: None)
-        known = CHANNELS | MODAL
+        craft = scenario.craft
+        looks = craft is not None and craft.spacecraft.line_of_sight is not None
+        known = (*CHANNELS, *MODAL, *(OF_STATES if looks else ()))
         unknown = [name for name in channels or () if name not in known]
         if isinstance(channels, str):
             raise ChannelError(f"channels: a list of names is expected, such as ('T_d',), not the text {channels!r}")
@@ -119,9 +127,11 @@ class Simulation:
         if unknown:
             near = did_you_mean(unknown[0], known)
             raise ChannelError(f"channel '{unknown[0]}' does not exist; {near}there are {', '.join(known)}")
-        self._wanted = channels
+        self._wanted = channels or None
+        made = craft is not None and set(channels or ()) & set(OF_STATES)
+        self._of_states = of_states(craft, tuple(CHANNELS)) if craft is not None and made else None
         self.packed = packed or pack(scenario)
-        self._torque_only = torque_only
+        self._torque_only, self._balanced = torque_only, balanced
         self._command = command or Command(scenario)
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
@@ -134,10 +144,15 @@ class Simulation:
         self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
         before, momentum_before = packed.snapshot(), packed.momentum
         columns = packed.torque_columns if self._torque_only else packed.channels
-        samples = kernel.Samples(first, width, np.zeros((0, columns)), np.zeros(columns), np.zeros(2, dtype=np.int64))
+        settling = columns if self._balanced else packed.torque_columns
+        samples = kernel.Samples(first, width, np.zeros((0, settling)), np.zeros(settling), np.zeros(2, dtype=np.int64))
         chunk = CHUNK_TIME * (16 if self._torque_only else 1)
         while t < first:
             t = self._advance(min(t + chunk, first), end, samples)
+        if not self._balanced:
+            before, momentum_before, start = packed.snapshot(), packed.momentum, t
+            x.clock[kernel.IMPULSE], x.energy[:] = 0.0, 0.0
+        samples = samples._replace(partial=np.zeros(columns))
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         per_chunk = int(np.clip(chunk / width, 512, CHUNK_BYTES // (8 * columns)))
@@ -161,6 +176,8 @@ class Simulation:
                         max(largest, float(np.max(np.abs(T_d)))),
                     )
                     rows = np.ascontiguousarray(T_d)[:, None]
+                elif self._wanted is not None:  # before they are filtered, which takes as long as all the rest
+                    rows = self._picked(rows, self._wanted)
                 if done == 0:
                     rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
                 done += count
@@ -187,10 +204,20 @@ class Simulation:
         self._progress(stop, end)
         return stop
 
+    def _picked(self, rows: np.ndarray, wanted: tuple[str, ...]) -> np.ndarray:
+        """Of the kernel's rows (n, channels) the columns that are kept, or what is made of them."""
+        block = channels_of(rows, self.packed.drive.H.size)
+        if self._of_states is not None:
+            block |= dict(zip(OF_STATES, self._of_states.T @ rows.T, strict=True))
+        return np.vstack([block[name].T for name in wanted]).T
+
     def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
-        block = channels_of(samples, self.packed.drive.H.size)
-        keep = self._wanted or tuple(block)
-        return {name: np.ascontiguousarray(block[name]) for name in keep}
+        modes = self.packed.drive.H.size
+        if self._wanted is None:
+            return {name: np.ascontiguousarray(x) for name, x in channels_of(samples, modes).items()}
+        ends = np.cumsum([modes if name in MODAL else 1 for name in self._wanted])
+        parts = zip(self._wanted, np.split(samples, ends[:-1], axis=1), strict=True)
+        return {name: np.ascontiguousarray(x if name in MODAL else x[:, 0]) for name, x in parts}
 
     def _finish(self, simulated: float, seconds: float) -> None:
         count = self.packed.state.counters

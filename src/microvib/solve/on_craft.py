@@ -19,6 +19,10 @@ from microvib.solve.command import Command
 ACCELERATIONS = ("eta", "eta_rate", "omega_l", "omega_m", "alpha_l", "alpha_m")
 """Channels of which loads and accelerations are made; angles take those of the shafts too."""
 ANGLES = ("theta_l", "theta_m")
+SHAFTS = ("alpha_l", "alpha_m", "omega_l", "omega_m")
+"""Of both shafts, as ``model.craft.Outputs`` takes them behind their angles."""
+OF_STATES = ("los_ax", "los_ay")
+"""What a run can keep of a craft with a line of sight instead of the states that it is made of."""
 
 
 def values_of(
@@ -28,7 +32,7 @@ def values_of(
     craft = scenario.craft
     assert craft is not None
     shafts = np.zeros((channels["alpha_l"].shape[0], 6))
-    shafts[:, 2:] = np.column_stack([channels[name] for name in ("alpha_l", "alpha_m", "omega_l", "omega_m")])
+    shafts[:, 2:] = np.column_stack([channels[name] for name in SHAFTS])
     if np.any(rows.position):
         assert time is not None
         rotor = Command(scenario).count(time) * scenario.driver.microstep(scenario.motor)
@@ -50,6 +54,14 @@ def second_loads(channels: Mapping[str, np.ndarray], scenario: Scenario, names: 
         return None
     rows = np.eye(6)[[list(SECOND_LOADS).index(name) for name in names]]
     return values_of(craft.second_loads().through(rows), channels, scenario)
+
+
+def of_states(craft: Craft, columns: Sequence[str]) -> np.ndarray:
+    """OF_STATES by the kernel's ``columns``, behind which the modes and their rates stand, (columns and states, 2)."""
+    outputs = craft.outputs(craft.line_of_sight(accelerations=True))
+    by = np.zeros((len(columns), 2))
+    by[[columns.index(name) for name in SHAFTS]] = outputs.shafts[:, 2:].T
+    return np.vstack([by, outputs.eta.T, outputs.rate.T])
 
 
 def line_of_sight(

@@ -23,7 +23,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.integration import from_rest
-from microvib.solve.on_craft import ACCELERATIONS
+from microvib.solve.on_craft import OF_STATES
 from microvib.solve.steady.state import find_steady
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.study_file import Study
@@ -257,7 +257,8 @@ def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
     """A case of a craft, with the lines of its line of sight."""
     harmonics = work.study.harmonics
     state, fallback = find_steady(scenario) if work.steady else (None, "")
-    source = state or from_rest(scenario, channels=("T_d", "stuck_output", *ACCELERATIONS))
+    kept = ("T_d", "stuck_output", "alpha_l", "alpha_m", *OF_STATES)
+    source = state or from_rest(scenario, channels=kept, balanced=False)
     table = lines_of(source, harmonics=harmonics)
     stuck = float(np.mean(source["stuck_output"])) if state is None else state.stuck_output
     on_hub = hub_lines(source, table, harmonics, los_only=True)
