@@ -18,11 +18,12 @@ from microvib.analysis.pointing import hub_lines
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.rigid import motion_of
+from microvib.reports.budget import draw_budget
 from microvib.signals.pointing import weight
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.sources import Contribution, Gap, of_other, of_run, open_gap
-from microvib.studies.budget.study import ensemble_of, pointing_budget, with_campaign
-from microvib.studies.budget.sums import figure, judged
+from microvib.studies.budget.study import Budget, ensemble_of, pointing_budget, with_campaign
+from microvib.studies.budget.sums import figure, judged, merged
 from microvib.studies.campaign.cases import compute_bytes
 from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
@@ -183,6 +184,23 @@ def test_a_curve_limits_each_line() -> None:
     assert (two.value, two.limit, two.verdict) == (pytest.approx(0.03 * URAD), pytest.approx(0.02 * URAD), "fail")
     gap = open_gap("line_9 (not separable)", 20.0, 20.0)
     assert judged(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
+
+
+def test_a_picture_holds_a_limit_on_one_axis_against_lines_about_it() -> None:
+    points = [{"frequency": "1 Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "0.01 urad"}]
+    one = source("a", (10.0, 0.03, 0.04), (50.0, 0.0, 0.02))
+    required = [judged(Requirement(name=axis, axis=axis, curve=points), [one], "rss") for axis in ("radial", "y")]
+    budget = Budget(mv.load_scenario("state-1"), None, "rss", (one,), merged([one], "rss"), tuple(required), ())
+    left = draw_budget(budget).axes[0]
+    drawn = {line.get_marker(): np.asarray(line.get_ydata()) for line in left.lines if line.get_linestyle() == "None"}
+    assert drawn["o"] == pytest.approx([0.05, 0.02])
+    assert drawn["^"] == pytest.approx([0.04, 0.02])
+    curves = {str(line.get_label()): line.get_linestyle() for line in left.lines if line.get_linestyle() != "None"}
+    assert curves == {"radial": "-", "y: los_y (pointing up)": ":"}
+    assert [x.requirement.text for x in required] == [
+        "lines, amplitude over frequency",
+        "lines, y, amplitude over frequency",
+    ]
 
 
 def test_percentiles_over_cases() -> None:

@@ -11,21 +11,31 @@ import numpy as np
 
 from microvib.analysis.lines import expected_in, lines
 from microvib.errors import MicrovibError
-from microvib.model.coupling import MEANINGLESS
+from microvib.model.coupling import MEANINGLESS, density_of_noise
 from microvib.model.expected import ExpectedLine
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import lines_at_known_clock, tones_beside
-from microvib.signals.line_table import SEEN, Line, LineTable
-from microvib.signals.pointing import METRICS, Metric, level, mean_square_of_lines, radial, transfer_in_window
+from microvib.signals.line_table import DRIVEN, SEEN, Line, LineTable
+from microvib.signals.pointing import (
+    METRICS,
+    Metric,
+    level,
+    mean_square_of_density,
+    mean_square_of_lines,
+    radial,
+    transfer_in_window,
+)
 from microvib.solve.channels import INTERFACE, SECOND_LOADS
 from microvib.solve.motion import Motion
 from microvib.solve.on_craft import OF_STATES
 from microvib.solve.steady.state import SteadyState
 
 CONFIDENCE = 0.997
+NOISE = "torque noise"
+"""What a ranking calls the noise of the output's friction."""
 SAME = 1e-6
 """Relative distance of frequencies up to which lines are of one frequency."""
 SECOND = "wing_2"
@@ -50,6 +60,8 @@ class HubLines:
     """Expected lines that could not be estimated in any channel."""
     second: np.ndarray | None = None
     """Loads on the hub at the second wing's interface, (k, 6); None without a second wing."""
+    driven: tuple[str, ...] = ()
+    """Lines that torque noise drives: one draw of what ``density`` has of all, so that sums leave them out."""
 
     @property
     def windows(self) -> tuple[float, ...]:
@@ -62,26 +74,61 @@ class HubLines:
         """Amplitudes of the line of sight [rad], (k, 2); 0 where a line is not estimated."""
         return np.nan_to_num(np.abs(self.los)) if self.los is not None else np.zeros((len(self.names), 2))
 
+    @cached_property
+    def lasting(self) -> np.ndarray:
+        """The same without the lines that noise drives."""
+        return self.amplitude * np.array([name not in self.driven for name in self.names], dtype=bool)[:, None]
+
+    @cached_property
+    def density(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """One-sided density (n, 2) [rad^2/Hz] of the line of sight by torque noise, by frequency (n,) [Hz]; None without."""
+        drives = () if self.los is None else (self.scenario, self.scenario.driven_wing)
+        found = [one for one in (density_of_noise(drive) for drive in drives if drive is not None) if one is not None]
+        if len(found) < 2:
+            return found[0] if found else None
+        grid = np.union1d(found[0][0], found[1][0])
+        both = [[np.interp(grid, f, column, left=0.0, right=0.0) for column in S.T] for f, S in found]
+        return grid, np.sum(both, axis=0).T
+
+    def noise(self, metric: Metric, window: float) -> np.ndarray:
+        """Mean square [rad^2] about both axes of torque noise in a ``window`` [s], (2,)."""
+        if self.density is None:
+            return np.zeros(2)
+        f, S = self.density
+        return np.array([mean_square_of_density(metric, f, column, window) for column in S.T])
+
+    def sums(self, metric: Metric, window: float) -> np.ndarray:
+        """Mean square [rad^2] of all lines and of torque noise about both axes in a ``window`` [s], (2, 2)."""
+        lines = mean_square_of_lines(metric, self.frequency, self.lasting, window).sum(axis=0)
+        return np.array([lines, self.noise(metric, window)])
+
     def mean_squares(self, metric: Metric, window: float) -> np.ndarray:
         """Mean square [rad^2] of each line about both axes in a ``window`` [s], (k, 2)."""
         return mean_square_of_lines(metric, self.frequency, self.amplitude, window)
 
     def ranking(self, metric: Metric, window: float) -> list[tuple[str, float]]:
-        """Lines by what they cost in a window: name and radial rms [rad], the largest first."""
-        cost = radial(self.mean_squares(metric, window))
-        return [(self.names[k], float(cost[k])) for k in np.argsort(-cost, kind="stable")]
+        """Lines by what they cost in a window, and torque noise: name and radial rms [rad], the largest first."""
+        cost = [*radial(mean_square_of_lines(metric, self.frequency, self.lasting, window)).tolist()]
+        names = [*self.names]
+        if self.density is not None:
+            cost, names = [*cost, float(radial(self.noise(metric, window)))], [*names, NOISE]
+        return [(names[k], cost[k]) for k in np.argsort(-np.array(cost), kind="stable")]
 
     def totals(self) -> Iterator[dict[str, Any]]:
-        """For each window and metric the rms of all lines [rad]: about both axes and radial, phases unrelated."""
+        """For each window and metric the rms of all [rad]: about both axes and radial, phases unrelated.
+
+        Where there is torque noise, lines and noise are also told apart.
+        """
         for window in self.windows:
             for metric in METRICS:
-                squares = self.mean_squares(metric, window).sum(axis=0)
-                x, y = np.sqrt(squares).tolist()
-                both = float(radial(squares))
-                yield {"window_s": window, "metric": metric, "los_x_rad": x, "los_y_rad": y, "radial_rad": both}
+                parts = self.sums(metric, window)
+                row: dict[str, Any] = {"window_s": window, "metric": metric, **_rms(parts.sum(axis=0))}
+                if self.density is not None:
+                    row |= {"lines": _rms(parts[0]), "noise": _rms(parts[1])}
+                yield row
 
     def image(self) -> Iterator[dict[str, Any]]:
-        """For each window what the lines do to an image, in pixels and at the sensor's Nyquist frequency; needs ``pixel``.
+        """For each window what lines and torque noise do to an image, in pixels and at half a cycle per pixel; needs ``pixel``.
 
         Smear is the length of the steady motion with the same mean square, jitter the rms about it, MTF about both axes.
         """
@@ -89,10 +136,14 @@ class HubLines:
         if los is None or los.pixel is None:
             return
         for window in self.windows:
-            smear = np.sqrt(12.0 * self.mean_squares("smear", window).sum(axis=0)) / los.pixel
-            jitter = np.sqrt(self.mean_squares("jitter", window).sum(axis=0)) / los.pixel
+            smears, jitters = self.sums("smear", window), self.sums("jitter", window)
+            smear = np.sqrt(12.0 * smears.sum(axis=0)) / los.pixel
+            jitter = np.sqrt(jitters.sum(axis=0)) / los.pixel
+            sigma, straight = np.sqrt(jitters[1]).tolist(), np.sqrt(smears[1]).tolist()
             for k, axis in enumerate("xy"):
-                mtf = transfer_in_window(self.frequency, self.amplitude[:, k], 0.0, window, 0.5 / los.pixel)
+                mtf = transfer_in_window(
+                    self.frequency, self.lasting[:, k], sigma[k], window, 0.5 / los.pixel, straight[k]
+                )
                 yield {
                     "window_s": window, "axis": axis, "smear_px": float(smear[k]), "jitter_rms_px": float(jitter[k]),
                     "mtf_at_nyquist": float(mtf),
@@ -102,7 +153,7 @@ class HubLines:
         """For each window and metric the lines that cost most: radial rms and part of the mean square."""
         for window in self.windows:
             for metric in METRICS:
-                whole = float(self.mean_squares(metric, window).sum())
+                whole = float(self.sums(metric, window).sum())
                 ranked = self.ranking(metric, window)[:most]
                 yield {
                     "window_s": window, "metric": metric,
@@ -111,18 +162,24 @@ class HubLines:
 
     def summary(self) -> dict[str, Any]:
         """What ``summary.json`` says of the line of sight."""
-        order = np.argsort(self.frequency)
-        squares = 0.5 * self.amplitude[order] ** 2
+        f, squares = self.frequency, 0.5 * self.lasting**2
+        if self.density is not None:
+            grid, S = self.density
+            f = np.r_[f, 0.5 * (grid[1:] + grid[:-1])]
+            squares = np.vstack([squares, 0.5 * (S[1:] + S[:-1]) * np.diff(grid)[:, None]])
+        order = np.argsort(f, kind="stable")
+        squares = squares[order]
         rising = np.sqrt(np.cumsum(squares, axis=0))
         falling = np.sqrt(np.cumsum(squares[::-1], axis=0)[::-1])
-        levels = [level(self.amplitude[:, k], 0.0, CONFIDENCE) for k in range(2)]
+        sigma = np.sqrt(self.noise("ape", 1.0)).tolist()
+        levels = [level(self.lasting[:, k], sigma[k], CONFIDENCE) for k in range(2)]
         return {
             "windows": list(self.totals()),
             "image": list(self.image()),
             "ranking": list(self.costs()),
             "within": {"confidence": CONFIDENCE, "los_x_rad": levels[0], "los_y_rad": levels[1]},
             "cumulative": {
-                "frequency_hz": self.frequency[order].tolist(),
+                "frequency_hz": f[order].tolist(),
                 **{f"rms_{name}_los_{axis}_rad": values[:, k].tolist() for name, values in (("up", rising), ("down", falling))
                    for k, axis in enumerate("xy")},
             },
@@ -153,6 +210,12 @@ class HubLines:
         return header, [
             [name, float(f), *row.tolist()] for name, f, row in zip(self.names, self.frequency, figures, strict=True)
         ]
+
+
+def _rms(squares: np.ndarray) -> dict[str, float]:
+    """Root of mean squares (2,) about both axes, and radial."""
+    x, y = np.sqrt(squares).tolist()
+    return {"los_x_rad": x, "los_y_rad": y, "radial_rad": float(radial(squares))}
 
 
 def hub_lines(
@@ -204,7 +267,8 @@ def _lines_of_one(source: Motion | SteadyState, table: LineTable, harmonics: int
     unknown = tuple(x.name for x, lost in zip(expected, ~np.any(np.isfinite(tones), axis=1), strict=True) if lost)
     tones = tones[keep]
     los, second = tones[:, -2:] if looks else None, tones[:, 6:12] if two else None
-    return HubLines(scenario, names, frequency[keep], tones[:, :6], los, shafts[keep], unknown, second)
+    driven = tuple(line.line for line in table if line.status == DRIVEN)
+    return HubLines(scenario, names, frequency[keep], tones[:, :6], los, shafts[keep], unknown, second, driven)
 
 
 def together(first: HubLines, second: HubLines) -> HubLines:
@@ -234,17 +298,19 @@ def together(first: HubLines, second: HubLines) -> HubLines:
         total: np.ndarray = np.where(np.isnan(both).all(axis=0), np.nan, np.nansum(both, axis=0))
         return total
 
+    names = (*first.names, *(f"{SECOND} {second.names[k]}" for k in new))
     loads = added(first.loads, second.loads if second.second is None else second.second)
     assert loads is not None
     return replace(
         first,
-        names=(*first.names, *(f"{SECOND} {second.names[k]}" for k in new)),
+        names=names,
         frequency=np.concatenate([first.frequency, second.frequency[new]]),
         loads=loads,
         los=added(first.los, second.los),
         shafts=np.vstack([first.shafts, np.zeros((len(new), 2))]),
         second=added(first.second, second.loads),
         unknown=(*first.unknown, *(f"{SECOND} {name}" for name in second.unknown)),
+        driven=(*first.driven, *(names[place[name]] for name in second.driven if name in place)),
     )
 
 

@@ -18,13 +18,15 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.craft import Craft, Held, array_on_hub, held, hub_matrices
-from microvib.model.linear import coordinates, pulls
+from microvib.model.linear import coordinates, coupled_modes, pulls
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import INTERFACE, SECOND
 
 MEANINGLESS = 0.05
 """Frequency [Hz] below which the lines of a hub without attitude control mean nothing, and are left out."""
+_ABOUT = np.linspace(-30.0, 30.0, 241)
+"""Frequencies about a resonance, in parts of its damping."""
 SEMIDEFINITE = 1e-6
 """Part of a source's own mass by which what its modes leave of it may be negative, for rounding."""
 
@@ -222,6 +224,18 @@ def noise_density(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     if los is None:
         raise MicrovibError("spacecraft.line_of_sight: missing; its density is asked for")
     return np.asarray(np.nan_to_num(np.abs(los)) ** 2 * noise.at(f, scenario.record.sample_rate)[:, None])
+
+
+def density_of_noise(scenario: Scenario) -> tuple[np.ndarray, np.ndarray] | None:
+    """``noise_density`` (n, 2) at frequencies (n,) [Hz] that resolve its resonances; None without noise."""
+    noise = scenario.friction.torque_noise
+    if noise is None or noise.silent:
+        return None
+    low, high = noise.band(scenario.record.sample_rate)
+    low = max(low, receiver_of(scenario).lowest, 1e-3)
+    near = [m.frequency * (1.0 + max(m.damping, 1e-5) * _ABOUT) for m in coupled_modes(scenario)]
+    grid = np.unique(np.concatenate([[low], np.geomspace(low, high, 4000), *(f[(f > low) & (f < high)] for f in near)]))
+    return grid, noise_density(scenario, grid)
 
 
 @dataclass(frozen=True)

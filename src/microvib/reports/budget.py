@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,7 +175,8 @@ def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> 
     """The report of a budget: decision, requirements and sources on the first page."""
     notes = [Text(text, note=True) for text in _not_judged(budget)]
     caption = (
-        "Left, lines by source, radial, 0-to-peak, and curves that limit them. Right, radial rms of all sources over the length"
+        "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits one axis, lines about that axis"
+        " have a marker of their own, as its legend says. Right, radial rms of all sources over the length"
         " of the window; dots are limits on it."
     )
     required = budget.requirements
@@ -285,6 +286,16 @@ def _sources(budget: Budget) -> Table:
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")
 
 
+_SIZE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "radial": lambda A: np.hypot(*A.T),
+    "x": lambda A: A[:, 0],
+    "y": lambda A: A[:, 1],
+}
+"""Of amplitudes (k, 2) those that a limit on an axis is held against, (k,)."""
+_MARKERS = {"radial": ("o", "-", "dots"), "x": (">", "--", "pointing right"), "y": ("^", ":", "pointing up")}
+"""Marker of lines, style of the curve that limits them, and the marker in words."""
+
+
 def draw_budget(budget: Budget) -> Figure:
     """Lines by source, and rms over the length of the window with the limits on it."""
     drawing, axes = sheets.sheet(3.0, 1, 2)
@@ -292,21 +303,27 @@ def draw_budget(budget: Budget) -> Figure:
     top = max(
         (float(np.hypot(*np.abs(c.los[c.settled]).T).max(initial=0.0)) for c in budget.contributions), default=0.0
     )
+    curves = [one for one in budget.judged if one.requirement.curve]
+    seen = sorted({"radial", *(one.requirement.axis for one in curves)}, key=list(_SIZE).index)
     for k, one in enumerate(budget.contributions):
-        size = np.hypot(*np.abs(one.los).T)
-        shown = one.settled & (size > 1e-5 * top)
-        left.vlines(one.frequency[shown], 1e-3 * top, 1e6 * size[shown], color=sheets.COLOURS[k % 7], linewidth=0.8)
-        left.plot(
-            one.frequency[shown], 1e6 * size[shown], "o", color=sheets.COLOURS[k % 7], markersize=3, label=one.source
-        )
-    for required in budget.judged:
-        curve = required.requirement.curve or ()
+        for axis in seen:
+            size = _SIZE[axis](np.abs(one.los))
+            shown, colour = one.settled & (size > 1e-5 * top), sheets.COLOURS[k % 7]
+            if axis == "radial":
+                left.vlines(one.frequency[shown], 1e-3 * top, 1e6 * size[shown], color=colour, linewidth=0.8)
+            label = one.source if axis == "radial" else "_"
+            style = {"marker": _MARKERS[axis][0], "color": colour, "markersize": 3, "linestyle": "", "label": label}
+            left.plot(one.frequency[shown], 1e6 * size[shown], **style)
+    for required in curves:
+        curve, axis = required.requirement.curve or (), required.requirement.axis
         f, allowed = [p.frequency for p in curve], [1e6 * p.amplitude for p in curve]
-        left.plot(f, allowed, color="black", linewidth=0.9, label=_name(required) if curve else "_")
-    left.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, radial [µrad]")
+        label = _name(required) if axis == "radial" else f"{_name(required)}: los_{axis} ({_MARKERS[axis][2]})"
+        left.plot(f, allowed, color="black", linestyle=_MARKERS[axis][1], linewidth=0.9, label=label)
+    what = "amplitude, radial [µrad]" if seen == ["radial"] else "amplitude, radial and by axis [µrad]"
+    left.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=what)
     if top:
         left.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
-    left.legend(fontsize=6.5, frameon=False)
+    left.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     T = np.geomspace(1e-4, 1e2, 121)
     tones = merged(budget.contributions, budget.rule, doubtful=False)
     squares = np.sum(tones.value**2, axis=1)

@@ -49,7 +49,7 @@ def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
     if hub is None or hub.los is None or not hub.windows:
         return ()
     window = max(hub.windows)
-    rms = float(radial(hub.mean_squares("rpe", window).sum(axis=0)))
+    rms = float(radial(hub.sums("rpe", window).sum(axis=0)))
     return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {_window(window)}"),)
 
 
@@ -262,8 +262,9 @@ def _curves(
 
 def _line_of_sight(motion: Motion, hub: HubLines) -> Section:
     within = hub.summary()["within"]
+    summed = count(len(hub.names), "line") + (" and torque noise" if hub.density else "")
     text = (
-        f"Sums of {count(len(hub.names), 'line')} as mean squares, their phases being unrelated; the line of sight stays within"
+        f"Sums of {summed} as mean squares, their phases being unrelated; the line of sight stays within"
         f" {_micro(within['los_x_rad'])} µrad about x and {_micro(within['los_y_rad'])} µrad about y for"
         f" {100 * within['confidence']:.4g} % of the time. The mean motion that the command makes is taken out."
     )
@@ -286,11 +287,13 @@ def _windows(hub: HubLines) -> list[Block]:
         [metric.upper() if len(metric) < 4 else metric, *(_micro(sums[w, metric]) for w in hub.windows)]
         for metric in METRICS
     ]
-    found: list[Block] = [
-        table(
-            ["metric", *(f"{name} [µrad]" for name in names)], rms, "Radial rms of all lines, by length of the window."
-        )
-    ]
+    noise = [
+        [f"of it torque noise, {metric.upper()}", *(_micro(float(radial(hub.noise(metric, w)))) for w in hub.windows)]
+        for metric in ("ape", "rpe") if hub.density is not None
+    ]  # fmt: skip
+    what = "all lines and torque noise (through the linearised drive)" if noise else "all lines"
+    caption = f"Radial rms of {what}, by length of the window."
+    found: list[Block] = [table(["metric", *(f"{name} [µrad]" for name in names)], [*rms, *noise], caption)]
     los = None if hub.scenario.spacecraft is None else hub.scenario.spacecraft.line_of_sight
     if los is not None and los.pixel is not None:
         pixels = [[row[0], *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]

@@ -29,6 +29,13 @@ METRICS: tuple[Metric, ...] = get_args(Metric)
 
 _TERMS = 14  # terms of the sum over (2 n + 1) j_n(u)^2, which is 1; at u < 1 the next is below 1e-40
 _PER_PERIOD = 16.0  # pieces in which a density is integrated, for each period that a weight goes through
+_FAST = 1e4  # periods within a window from which on a weight is its mean over a period, within 1e-9 of 1
+_MEAN: dict[Metric, float] = {
+    "ape": 1.0,
+    "rpe": 1.0,
+    "jitter": 1.0,
+    "stability": 2.0,
+}  # the others have fallen to nothing there
 _MOST_PIECES = 20_000_000
 _TERMS_OF_LEVEL = 1 << 12  # of the Fourier series of a distribution
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
@@ -103,6 +110,11 @@ def mean_square_of_density(
     if np.any(S < 0.0) or not np.all(np.isfinite(S)):
         raise MicrovibError("density: a value is negative or not finite; rad^2/Hz of 0 or more are expected")
     longest = max(window, apart or 0.0)
+    fast = int(np.searchsorted(f, _FAST / window))
+    beyond = _MEAN.get(metric, 0.0) * float(np.trapezoid(S[fast:], f[fast:]))
+    f, S = f[: fast + 1], S[: fast + 1]
+    if f.size < 2:
+        return beyond
     pieces = np.maximum(np.ceil(np.diff(f) * longest * _PER_PERIOD), 1.0)
     if pieces.sum() > _MOST_PIECES:
         raise MicrovibError(
@@ -112,7 +124,7 @@ def mean_square_of_density(
     count = pieces.astype(int)
     interval = np.repeat(np.arange(count.size), count)
     nodes, shares = np.polynomial.legendre.leggauss(3)
-    total = 0.0
+    total = beyond
     for part in np.array_split(np.arange(interval.size), max(interval.size // 200_000, 1)):
         k = interval[part]
         done = (part - (np.cumsum(count) - count)[k]) / count[k]  # part of the interval before the piece
@@ -220,15 +232,21 @@ def transfer_of_noise(sigma: float, nu: np.ndarray | float) -> np.ndarray:
 
 
 def transfer_in_window(
-    frequency: np.ndarray, amplitude: np.ndarray, sigma: float, window: float, nu: np.ndarray | float
+    frequency: np.ndarray,
+    amplitude: np.ndarray,
+    sigma: float,
+    window: float,
+    nu: np.ndarray | float,
+    smear: float = 0.0,
 ) -> np.ndarray:
-    """MTF of lines and noise in an exposure of ``window`` [s]: of each line its jitter as a sinusoid, of all lines the smear.
+    """MTF of lines and noise in an exposure of ``window`` [s]: of each line its jitter as a sinusoid, of all together the smear.
 
     The smear's length is that of a steady motion with the same mean square, sqrt(12 x mean square); the lines' phases count as
-    unrelated. ``sigma`` is the noise's jitter in this window.
+    unrelated. ``sigma`` is the noise's jitter in this window, ``smear`` the rms of its straight-line motion.
     """
     jitter = np.sqrt(2.0 * mean_square_of_lines("jitter", frequency, amplitude, window))
-    length = math.sqrt(12.0 * float(np.sum(mean_square_of_lines("smear", frequency, amplitude, window))))
+    straight = float(np.sum(mean_square_of_lines("smear", frequency, amplitude, window)))
+    length = math.sqrt(12.0 * (straight + smear**2))
     total = transfer_of_smear(length, nu) * transfer_of_noise(sigma, nu)
     for one in jitter:
         total = total * transfer_of_line(float(one), nu)

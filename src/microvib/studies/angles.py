@@ -52,8 +52,8 @@ class AngleSweep:
         return found
 
     def rms(self, metric: Metric, window: float) -> np.ndarray:
-        """Radial rms of all lines at each angle [rad], (p,)."""
-        return np.array([float(radial(one.mean_squares(metric, window).sum(axis=0))) for one in self.lines])
+        """Radial rms of all lines, and of torque noise, at each angle [rad], (p,)."""
+        return np.array([float(radial(one.sums(metric, window).sum(axis=0))) for one in self.lines])
 
 
 def sweep_angles(

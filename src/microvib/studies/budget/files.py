@@ -92,7 +92,7 @@ class Requirement(Part):
         """What is required, in words."""
         window = "" if self.window is None or self.metric == "ape" else f" {_time(self.window)}"
         apart = f" after {_time(self.apart)}" if self.apart and self.metric in ("stability", "pde") else ""
-        axis = "" if self.curve else f", {self.axis}"
+        axis = "" if self.curve and self.axis == "radial" else f", {self.axis}"
         level = f"{100 * self.confidence:g} % {self.statistic}" if self.statistic == "level" else self.statistic
         ensemble = "" if self.percentile is None else f", P{100 * self.percentile:g}"
         kind = "lines" if self.curve else f"{self.metric.upper()}{window}{apart}"

@@ -18,7 +18,15 @@ from microvib.analysis.short_way import OWN
 from microvib.errors import MicrovibError, error_context
 from microvib.io.files import check_file, reading
 from microvib.io.tables import finite
-from microvib.model.coupling import MEANINGLESS, chart, craft_in, noise_density, receiver_of, short_way, transfer_from
+from microvib.model.coupling import (
+    MEANINGLESS,
+    chart,
+    craft_in,
+    density_of_noise,
+    receiver_of,
+    short_way,
+    transfer_from,
+)
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import motion_of
@@ -116,29 +124,11 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
         found.frequency,
         np.nan_to_num(found.los) * np.where(rings, np.nan_to_num(start, nan=1.0), 1.0)[:, None],
         rings=rings,
-        density=_noise(scenario),
+        density=density_of_noise(scenario),
         gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),
         doubt=max(OWN_ERROR, result.table.own_error) + (HELD_DOUBT if craft_in(scenario).second else 0.0),
         scenario=scenario,
     ), found  # fmt: skip
-
-
-def _noise(scenario: Scenario) -> tuple[np.ndarray, np.ndarray] | None:
-    """Density of the line of sight by torque noise, on a grid that resolves its resonances; None without noise."""
-    noise = scenario.friction.torque_noise
-    if noise is None or noise.silent:
-        return None
-    low, high = noise.band(scenario.record.sample_rate)
-    low = max(low, receiver_of(scenario).lowest, 1e-3)
-    grid = np.unique(np.concatenate([[low], np.geomspace(low, high, 4000), *(_near(scenario, low, high))]))
-    return grid, noise_density(scenario, grid)
-
-
-def _near(scenario: Scenario, low: float, high: float) -> Iterator[np.ndarray]:
-    """Frequencies [Hz] about each resonance, as fine as its width asks for."""
-    for mode in coupled_modes(scenario):
-        f = mode.frequency * (1.0 + max(mode.damping, 1e-5) * np.linspace(-30.0, 30.0, 241))
-        yield f[(f > low) & (f < high)]
 
 
 def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -> Iterator[Gap]:
