@@ -19,6 +19,7 @@ from microvib.analysis.pointing import hub_lines
 from microvib.cli.main import main
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.craft import Rows
+from microvib.model.linear import coupled_modes
 from microvib.model.rigid import elements
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import weight
@@ -483,6 +484,38 @@ def test_an_array_from_finite_elements_brings_its_six_components(tmp_path: Path)
     still = np.linalg.eigvalsh(array.mass - array.interface @ array.interface.T)
     assert still.min() > -1e-6 * np.trace(array.mass)
     assert craft.frequency.size == 8
+
+
+@pytest.mark.parametrize(
+    ("full", "names"),
+    [
+        (whole.FullCraft(), ["array"] * 4),
+        (whole.FullCraft(bandwidth=0.02), ["control"] * 3 + ["array"] * 4),
+        (whole.FullCraft(bandwidth=0.02, control_damping=1.5), ["control"] * 2 + ["array"] * 4),
+        (whole.FullCraft(bandwidth=2.0), ["array", "control", "array", "control", "control", "array", "array"]),
+        (
+            whole.FullCraft(bandwidth=0.02, flexible=[(5.0, 0.01, BENDING), (30.0, 0.01, 2.0 * BENDING)]),
+            ["control"] * 3 + ["array"] * 3 + ["hub", "array", "hub"],
+        ),
+    ],
+)
+def test_modes_are_named_by_what_holds_their_energy(full: whole.FullCraft, names: list[str]) -> None:
+    """Frequencies against the whole matrices with held shafts; an overdamped mode of the control has no name."""
+    modes = [m for m in coupled_modes(scenario_of(full)) if m.fixed_frequency is not None]
+    kinds = [m.name.split("_mode_")[0] for m in modes]
+    assert kinds == names
+    for kind in set(kinds):  # each kind is counted by itself
+        numbers = [int(m.name.rpartition("_")[2]) for m, own in zip(modes, kinds, strict=True) if own == kind]
+        assert numbers == sorted(set(numbers))
+    n = full.n - 2
+    squares, shapes = eigh(full.K[:n, :n], full.M[:n, :n])
+    for mode, kind in zip(modes, kinds, strict=True):
+        k = int(np.argmin(np.abs(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi) - mode.fixed_frequency)))
+        assert math.sqrt(squares[k]) == pytest.approx(2.0 * math.pi * mode.fixed_frequency, rel=1e-6)
+        x = shapes[:, k]
+        rows = {"control": slice(3, 6), "hub": slice(6, full.n_q), "array": slice(full.n_q, n)}
+        energy = {name: float(x[at] @ full.K[at, at] @ x[at]) for name, at in rows.items()}
+        assert kind == max(energy, key=energy.__getitem__)
 
 
 def test_the_line_of_sight_that_cases_of_a_campaign_keep_is_that_of_a_run() -> None:

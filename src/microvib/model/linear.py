@@ -17,6 +17,7 @@ from microvib.model.array import Array
 from microvib.model.craft import craft_of, load_of
 from microvib.model.friction import Friction
 from microvib.model.load import Load
+from microvib.model.mode_names import mode_names
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
 from microvib.model.scenario import Scenario
@@ -159,6 +160,8 @@ def momentum_row(scenario: Scenario, frequency: float) -> np.ndarray:
 def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     """Natural frequencies of drive and array together; array modes first, named ``array_mode_1`` and so on.
 
+    On a craft also ``hub_mode_1``, ``control_mode_1`` and so on, by what holds most of their energy (``mode_names``).
+
     What holds least of its energy in the array are resonances of the drive (rotor on the electromagnetic spring, hub on the
     reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
     of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
@@ -180,6 +183,7 @@ def _coupled_modes(
     craft = craft_of(array, spacecraft, J_flex, J_m)
     load = load_of(array, spacecraft, J_flex, J_m)
     locked = [mode.frequency for mode in array.modes] if craft is None else craft.frequency.tolist()
+    names = [f"array_mode_{k + 1}" for k in range(len(locked))] if craft is None else mode_names(craft)
     M, C, K = drive_matrices(motor, reducer, friction, load)
     n, s = M.shape[0], len(locked)
     # torque of the rotor's motion through the windings, K_m i with L di/dt = -R i - K_m omega: none of a current loop
@@ -191,13 +195,13 @@ def _coupled_modes(
     share = load.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
     # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as the array's modes do.
     by_share = np.argsort(-share, kind="stable")
-    array_columns = sorted(by_share[:s], key=lambda c: abs(values[c]))
-    order = np.argsort(load.Lambda, kind="stable")
+    oscillates = np.sqrt(load.Lambda) > 0.5 * load.D  # attitude control may not
+    order = [k for k in np.argsort(load.Lambda, kind="stable") if oscillates[k]]
+    array_columns = sorted(by_share[: len(order)], key=lambda c: abs(values[c]))
     modes = {
-        int(k): _mode(f"array_mode_{k + 1}", values[c], locked[int(k)])
-        for k, c in zip(order, array_columns, strict=False)
+        int(k): _mode(names[int(k)], values[c], locked[int(k)]) for k, c in zip(order, array_columns, strict=False)
     }
-    rest = sorted((values[c] for c in by_share[s:]), key=abs)
+    rest = sorted((values[c] for c in by_share[len(order) :]), key=abs)
     drive = [_mode(f"drive_resonance_{i + 1}", value, None) for i, value in enumerate(rest)]
     return (*(modes[k] for k in sorted(modes)), *drive)
 
