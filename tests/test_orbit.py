@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,14 @@ def test_a_mode_that_rings_too_long_is_no_matter_of_angle_after_angle() -> None:
     assert calm.windows[0].turning < NOT_QUASI_STATIC < orbit.windows[0].turning
     # 2/D of the third mode, 0.6 % at 3.1 Hz with clamped root, times the rate; the first rings longer still
     assert math.degrees(calm.turned_in_decay) > 0.0626 / (2.0 * math.pi * 3.1 * 0.006)
+
+
+def test_angles_without_a_steady_state_are_said_once() -> None:
+    orbit = over_orbit(near_a_mode(**{"friction.torque_noise": {"density": Si(1e-12)}}), angles_in("60:100:40"))
+    broken = replace(orbit, runs=replace(orbit.runs, fallbacks=("it does not repeat",) * 2 + ("",)))
+    noise, without = broken.notes()
+    assert noise.startswith("Torque noise is not in these figures")
+    assert without.startswith("No steady state at 2 of 3 angles, from 60 to 80 deg: it does not repeat.")
 
 
 def test_command_writes_what_it_says(tmp_path: Path) -> None:

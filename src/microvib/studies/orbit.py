@@ -139,10 +139,16 @@ class Orbit:
                 f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in {worst.window:g} s by some"
                 f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed: {100 * NOT_QUASI_STATIC:g} %)."
             )
-        found = zip(self.runs.angles, self.runs.fallbacks, strict=True)
-        said += [
-            f"{math.degrees(a):g} deg: no steady state: {why}. Lines of a run from rest." for a, why in found if why
-        ]
+        noise = self.sweep.scenario.friction.torque_noise
+        if noise is not None and not noise.silent:
+            said.append("Torque noise is not in these figures; --angles has it at each angle.")
+        without = [(math.degrees(a), why) for a, why in zip(self.runs.angles, self.runs.fallbacks, strict=True) if why]
+        if without:
+            at = [a for a, _ in without]
+            said.append(
+                f"No steady state at {len(without)} of {len(self.runs.angles)} angles, from {min(at):.4g} to {max(at):.4g} deg:"
+                f" {without[0][1]}. Their lines are those of runs from rest, which depend on the start."
+            )
         return said
 
 
