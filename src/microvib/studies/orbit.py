@@ -141,7 +141,7 @@ class Orbit:
             )
         noise = self.sweep.scenario.friction.torque_noise
         if noise is not None and not noise.silent:
-            said.append("Torque noise is not in these figures; --angles has it at each angle.")
+            said.append("Torque noise is left out here; --angles has it at each angle.")
         without = [(math.degrees(a), why) for a, why in zip(self.runs.angles, self.runs.fallbacks, strict=True) if why]
         if without:
             at = [a for a, _ in without]
@@ -185,7 +185,8 @@ def over_orbit(
             "angles",
             f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order are expected",
         )
-    steady = scenario.with_si({"record.start": "steady"})
+    # Torque noise has no steady state; it is said that it is left out.
+    steady = scenario.with_si({"record.start": "steady", "friction.torque_noise": None})
     runs, halvings, off = _run(steady, np.array(angles, dtype=float), harmonics, progress)
     between = _Between(runs)
     psi, moved = between.dense()
@@ -194,7 +195,7 @@ def over_orbit(
         for angle, one in zip(psi.tolist(), moved, strict=True)
     )
     turning = _turning(psi, moved, abs(rate), between.frequency)
-    sweep = AngleSweep(steady, psi, lines, ("",) * psi.size)
+    sweep = AngleSweep(scenario, psi, lines, ("",) * psi.size)
     return Orbit(sweep, runs, (psi - psi[0]) / rate, halvings, off, turning)
 
 
