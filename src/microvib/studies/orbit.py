@@ -141,7 +141,7 @@ class Orbit:
             )
         noise = self.sweep.scenario.friction.torque_noise
         if noise is not None and not noise.silent:
-            said.append("Torque noise is left out here; --angles has it at each angle.")
+            said.append("Torque noise is left out here; a sweep over angles has it.")
         without = [(math.degrees(a), why) for a, why in zip(self.runs.angles, self.runs.fallbacks, strict=True) if why]
         if without:
             at = [a for a, _ in without]
