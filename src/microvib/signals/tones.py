@@ -193,9 +193,11 @@ def amplitudes_in(spectra: Sequence[HannSpectrum], tones: Tones) -> np.ndarray:
     k = first.near(tones.frequency)
     columns = first.equations(tones, k)
     scale = np.linalg.norm(columns, axis=1)[:, None]
-    columns /= scale
+    there = scale[:, 0] > 0.0  # of a constant nothing stands in bins far from zero
+    columns, scale = columns[there] / scale[there], scale[there]
     right = np.array([np.concatenate([one.values[k].real, one.values[k].imag]) for one in spectra])
-    solution = np.linalg.solve(columns @ columns.T, columns @ right.T) / scale
+    solution = np.zeros((there.size, len(spectra)))
+    solution[there] = np.linalg.solve(columns @ columns.T, columns @ right.T) / scale
     return np.asarray(solution[:-1:2] + 1j * solution[1:-1:2])
 
 
