@@ -4,7 +4,7 @@
 
 Each recording is of a drive that has each of the candidates or not, by the toss of a coin, in a size that is drawn; with noise, and
 with figures that are wrong by random parts of the size that the identification states for them. The reducer's stiffness is fitted
-beside. Power depends on sizes, which the table SIZES states. Nothing is asserted.
+beside. Power depends on sizes, which the table SIZES states. The identification is ended after the selection. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ import microvib as mv
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence, observations
-from microvib.studies.identify import Fit, identify, switched
+from microvib.studies.identify import MODEL_ERROR, Candidate, Trust, parse_fit, switched
+from microvib.studies.identify.fit import without_the_start
+from microvib.studies.identify.selection import Selector
 
 SIZES: dict[str, dict[str, float]] = {
     "driver.imperfections": {
@@ -37,8 +39,10 @@ SIZES: dict[str, dict[str, float]] = {
 """Central sizes; half to one and a half of them are drawn."""
 
 
-def asked(start: Scenario, effects: Sequence[str], has: Sequence[str], random: np.random.Generator, seed: int) -> Fit:
-    """The identification of one recording of a drive that ``has`` some of the effects."""
+def asked(
+    start: Scenario, effects: Sequence[str], has: Sequence[str], random: np.random.Generator, seed: int
+) -> tuple[Candidate, ...]:
+    """What the recording of a drive that ``has`` some of the effects asks for."""
     drawn = {key: size * random.uniform(0.5, 1.5) for name in has for key, size in SIZES[name].items()}
     clock = {"tracking.clock_ratio": start.tracking.clock_ratio * random.uniform(0.995, 1.005)}
     stiffness = {"reducer.stiffness": float(start.reducer.stiffness) * random.uniform(0.7, 1.3)}
@@ -49,7 +53,9 @@ def asked(start: Scenario, effects: Sequence[str], has: Sequence[str], random: n
     table = lines_of_samples(torque + random.normal(0.0, NOISE, torque.size), RATE, every, measured=True)
     found = tuple(wrong(o, random) for o in observations(table))
     evidence = Evidence("made", found, table.clock_ratio, start.record.duration, RATE)
-    return identify(start, [evidence], ["reducer.stiffness"], select=effects, starts=8, finishes=1, seed=seed)
+    keys, trust = [parse_fit(start, "reducer.stiffness")], Trust(MODEL_ERROR)
+    tests, _ = without_the_start([(evidence, {})], start, keys, trust)
+    return Selector(start, tests, keys, effects, trust, seed, starts=32, progress=None).run()[-1]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -65,13 +71,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     count: Counter[str] = Counter()
     for k in range(options.recordings):
         has = [name for name in effects if random.uniform() < 0.5]
-        fit = asked(start, effects, has, random, k)
-        for one in fit.selection:
+        told = asked(start, effects, has, random, k)
+        for one in told:
             kind = "has" if one.effect in has else "has not"
             count[f"{one.effect}: drives that {'have' if kind == 'has' else 'do not have'} it"] += 1
             count[f"{one.effect}: asked for where the drive {kind} it"] += one.selected
-        count["any that is not there"] += any(one.selected and one.effect not in has for one in fit.selection)
-        print(f"{k + 1} recordings: " + "; ".join(f"{n} {what}" for what, n in sorted(count.items())), file=sys.stderr)
+            count[f"{one.effect}: not told where the drive {kind} it"] += not (one.selected or one.explained)
+        count["any that is not there"] += any(one.selected and one.effect not in has for one in told)
+        gains = ", ".join(f"{one.effect} {one.gain:.3g} of {one.limit:.3g}" for one in told)
+        print(f"recording {k}, a drive with {', '.join(has) or 'none'}: {gains}", file=sys.stderr)
     print(f"of {options.recordings} recordings:")
     for what, n in sorted(count.items()):
         print(f"  {n:4d}  {what}")

@@ -16,11 +16,11 @@ from microvib.reports.comparison import write_comparison
 from microvib.reports.identification import fit_json, fit_text, write_fit
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
-from microvib.studies.identify import Trust, effects_of, identify, parse_fit, switched
-from microvib.studies.identify.goodness import goodness
+from microvib.studies.identify import Candidate, Trust, effects_of, identify, parse_fit, selection, switched
+from microvib.studies.identify.goodness import Goodness, goodness
 from microvib.studies.identify.problem import Problem
-from microvib.studies.identify.search import Descent
-from microvib.studies.identify.selection import EFFECTS
+from microvib.studies.identify.search import Descent, Optimum
+from microvib.studies.identify.selection import EFFECTS, Selector
 from microvib.testdata.recording import Recording
 
 
@@ -481,3 +481,32 @@ def test_what_is_fitted_is_no_candidate(recording, start):
     told = [read_evidence(recording, start)]
     with pytest.raises(MicrovibError, match=r"^select motor\.detent_torque: is fitted, and so taken for granted"):
         identify(start, told, ["motor.detent_torque"], select=["motor.detent_torque"])
+
+
+def test_an_effect_is_asked_for_where_the_evidence_has_it_and_not_told_where_nothing_explains_it():
+    told = Candidate("motor.detent_torque", False, 0.4, 1, 3.84)
+    assert told.sentence.startswith(
+        "motor.detent_torque: the evidence does not ask for it (chi-square lower by 0.4 with 1"
+    )
+    assert "not told: no model explains the evidence" in replace(told, explained=False).sentence
+    assert "the evidence asks for it" in replace(told, selected=True, gain=20.0).sentence
+
+
+class Told(Selector):
+    """With gains that are given: much by chi-square, little over the scatter that is left."""
+
+    def raw_gain(self, models, name):
+        return 1500.0
+
+    def gain(self, models, name):
+        return 1500.0 / 12_000.0
+
+
+def test_a_single_effect_is_held_against_the_scatter_that_is_left(monkeypatch, start):
+    """Where no model explains the evidence, chi-square falls far by any parameter: that alone asks for nothing."""
+    monkeypatch.setattr(selection, "goodness", lambda *_: Goodness(2e5, 18, 2))
+    monkeypatch.setattr(Told, "fitted", lambda self, on: (None, Optimum(np.zeros(0), np.zeros(0), 0.0)))
+    selector = Told(start, [], [], ["motor.detent_torque"], Trust(0.004), 1, 8, None)
+    (told,) = selector.run()[-1]
+    assert not told.selected
+    assert not told.explained

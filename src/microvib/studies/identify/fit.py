@@ -112,7 +112,7 @@ def identify(
         if any(key.key in EFFECTS[name].keys for name in effects):
             raise OptionError("select", "is fitted, and so taken for granted; name it in one place", key.key)
     trust = Trust(model_error, common_error, settle_error)
-    tests, notes = _without_the_start(told, scenario, fitted, trust)
+    tests, notes = without_the_start(told, scenario, fitted, trust)
     asked: tuple[Candidate, ...] = ()
     if effects:
         selector = Selector(scenario, tests, fitted, effects, trust, seed, starts, progress)
@@ -175,7 +175,7 @@ def _each(
     return found
 
 
-def _without_the_start(
+def without_the_start(
     evidence: Sequence[tuple[Evidence, Own]], scenario: Scenario, keys: Sequence[FitKey], trust: Trust
 ) -> tuple[list[tuple[Evidence, Own]], tuple[str, ...]]:
     """The evidence without what depends on how long ago the start was, as far as nobody measured that.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,9 +14,9 @@ from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.images import ERRORS, PHASES, images
 from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, cost
-from microvib.studies.identify.search import Optimum, descend_all
+from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum, descend_all
 
-CHANCE = 0.01
+CHANCE = 0.05
 """Probability that evidence without any of the effects asks for one."""
 POINTS, ENDS = 8, 2
 """Points at which a new effect is looked at, and how many of them are fitted from."""
@@ -81,11 +81,23 @@ class Candidate:
     """Fitted for it."""
     limit: float
     """What its gain must exceed."""
+    explained: bool = True
+    """Whether the model with all that was selected explains the evidence; where not, an effect that is not selected is not told."""
+
+    @property
+    def answer(self) -> str:
+        """What the evidence says."""
+        unasked = "does not ask for it" if self.explained else "not told"
+        return "asks for it" if self.selected else unasked
 
     @property
     def sentence(self) -> str:
         """In words."""
-        what = "the evidence asks for it" if self.selected else "the evidence does not ask for it"
+        what = (
+            f"the evidence {self.answer}"
+            if self.selected or self.explained
+            else f"{self.answer}: no model explains the evidence"
+        )
         fitted = f"{self.parameters} parameter{'s' if self.parameters > 1 else ''}"
         return f"{self.effect}: {what} (chi-square lower by {self.gain:.3g} with {fitted}; more than {self.limit:.3g} is asked)"
 
@@ -137,13 +149,17 @@ class Selector:
             if told[best] <= self.limit(best):
                 break
             chosen.append(best)
-        for name in list(chosen):  # what a later one explains as well
-            if len(chosen) > 1 and self.gain(chosen, name) <= self.limit(name):
+        for name in list(
+            chosen
+        ):  # what a later one explains as well, and what is no more than the scatter that is left
+            if self.gain(chosen, name) <= self.limit(name):
                 chosen.remove(name)
         said = []
         for name in self.candidates:
             gain = self.gain([*chosen, *([] if name in chosen else [name])], name)
-            said.append(Candidate(name, name in chosen, gain, len(EFFECTS[name].keys), self.limit(name)))
+            problem, best = self.fitted(chosen)
+            fit = goodness(problem, best.r).explained
+            said.append(Candidate(name, name in chosen, gain, len(EFFECTS[name].keys), self.limit(name), fit))
         scenario, tests = self.with_(chosen)
         return scenario, tests, [*self.keys, *self.keys_of(scenario, chosen)], tuple(said)
 
@@ -154,9 +170,14 @@ class Selector:
         return float(chi2.isf(CHANCE / len(self.candidates), len(EFFECTS[name].keys)))
 
     def raw_gain(self, models: Sequence[str], name: str) -> float:
-        """By how much chi-square is lower with one of the effects beside the others."""
-        part = self.fitted([one for one in models if one != name])
-        return max(_figures(part) - _figures(self.fitted(models)), 0.0)
+        """By how much chi-square is lower with an effect beside others; where that counts, those are fitted again from there."""
+        fewer, whole = frozenset(one for one in models if one != name), self.fitted(models)
+        problem, best = self.fitted(fewer)
+        if _figures((problem, best)) - _figures(whole) > self.limit(name):
+            there = whole[0].named(whole[1].x)
+            start = problem.point({label: there.get(label, value) for label, value in problem.named(best.x).items()})
+            self.known[fewer] = problem, min(best, Descent(problem, start).run(FULL, ROUGH), key=lambda o: o.cost)
+        return max(_figures(self.known[fewer]) - _figures(whole), 0.0)
 
     def gain(self, models: Sequence[str], name: str) -> float:
         """The same over the scatter that the larger model leaves, as what is asked for must be where nothing more comes."""
@@ -178,16 +199,17 @@ class Selector:
             found.append(parse_fit(scenario, key))
         return found
 
-    def fitted(self, on: Sequence[str]) -> tuple[Problem, Optimum]:
+    def fitted(self, on: Iterable[str]) -> tuple[Problem, Optimum]:
         """The model with those effects, from all that is known without one of them; modes' frequencies are fitted in all."""
         what = frozenset(on)
         if what not in self.known:
-            scenario, tests = self.with_(on)
-            problem = Problem(scenario, tests, [*self.keys, *self.keys_of(scenario, on)], self.trust, self.progress)
+            models = [name for name in self.candidates if name in what]
+            scenario, tests = self.with_(models)
+            problem = Problem(scenario, tests, [*self.keys, *self.keys_of(scenario, models)], self.trust, self.progress)
             while (along := problem.along()) is not None:
                 problem = along
-            before = (self.known.get(what - {name}) for name in on)
-            ends = [self._best(problem, one) for one in [one for one in before if one] or (None,)]
+            before = [known for name in models if (known := self.known.get(what - {name}))]
+            ends = [self._best(problem, one) for one in before or (None,)]
             self.known[what] = problem, min(ends, key=lambda o: o.cost)
         return self.known[what]
 
@@ -199,21 +221,24 @@ class Selector:
         new = [k for k, key in enumerate(problem.keys) if key.label not in then]
         low, high = np.array([problem.keys[k].range for k in new]).T
         unit = qmc.Sobol(len(new), seed=self.seed).random(POINTS if before else self.starts)
-        first = problem.point(problem.named(problem.start) | then)
-        none = first.copy()
-        none[new] = (
-            [min(max(0.0, key.range[0]), key.range[1]) for key in (problem.keys[k] for k in new)]
-            if before
-            else first[new]
-        )
-        points = [none, *(first.copy() for _ in unit)]
+        points = [problem.point(problem.named(problem.start) | then) for _ in range(1 + len(unit))]
         for point, u in zip(points[1:], unit, strict=True):
             point[new] = low + (high - low) * u
+        if before:
+            points[0][new] = [_without(problem.keys[k]) for k in new]
         points = [problem.tuned(point) for point in points]
         costs = [cost(r) for r in problem.residuals(points)]
         ends = descend_all(problem, [points[k] for k in np.argsort(costs, kind="stable")[:ENDS]])
         best = min(ends, key=lambda o: o.cost)
         return min([best, *descend_all(problem, images(problem, best.x))], key=lambda o: o.cost)
+
+
+def _without(key: FitKey) -> float:
+    """Coordinate at which an effect does least: 0, the largest stiffness, or else the lower end of a range."""
+    low, high = key.range
+    if not key.logarithmic:
+        return min(max(0.0, low), high)
+    return high if key.key.endswith("stiffness") else low
 
 
 def _figures(fitted: tuple[Problem, Optimum]) -> float:
