@@ -42,7 +42,7 @@ _LEANING = (
 _SELECTION = (
     "Candidates, each beside all that the evidence asks for: by how much chi-square is lower with it than without, and what it must"
     " exceed, so that evidence without any of them would ask for one in five of a hundred cases. Counted are false alarms of detent"
-    " torque and of driver errors, in 31 recordings without them, of which none asked; take other effects as a hint."
+    " torque and of driver errors, in 37 recordings without them, of which none asked; take other effects as a hint."
 )
 _MAX_OFF, _MAX_LEANING, _MAX_PICTURES = 12, 8, 6
 OUTSTANDING = 8.0

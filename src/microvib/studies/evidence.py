@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,9 +17,12 @@ from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.io.tables import PAPER_LINES, PaperLines, read_table
 from microvib.model.expected import expected_lines
+from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import DETECTION, SEEN, Line, LineTable, Rest
+from microvib.signals.line_fit import SEPARATION
+from microvib.signals.line_table import DETECTION, DRIVEN, SEEN, Line, LineTable, Rest
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum
+from microvib.signals.tones import HannSpectrum
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band
 
@@ -30,7 +34,8 @@ PAPER_CLOCK = 0.994
 class Observation:
     """One measured figure of one line.
 
-    ``form`` is amplitude or nearest_bin [N m], frequency [Hz], decay [1/s], phase [rad] against another line of the clock
+    ``form`` is amplitude or nearest_bin [N m], level [N m], the median of bins between the lines under a Hann window, frequency
+    [Hz], decay [1/s], phase [rad] against another line of the clock
     (``relative_phase``), which no choice of time zero changes, branch [rad], the same against the electrical period, of what its
     phase against the full step leaves open, or turn [rad], the phase at the first sample: of the first line of the electrical
     period, which tells in which quarter of its turn a drive began, as far as the time since then is known.
@@ -44,6 +49,8 @@ class Observation:
     """Line that a phase or branch is relative to."""
     bin_hz: float = math.nan
     """Bin of a nearest_bin figure: the test's bin, whichever bin is nearest to the line of a simulation."""
+    bins: tuple[int, ...] = ()
+    """Bins of a level: those of a band that no line is near."""
 
     @property
     def is_angle(self) -> bool:
@@ -89,6 +96,7 @@ def chosen(
         at = {line.name: line.frequency for line in expected_lines(its, Si(math.inf))} | {
             "": ends[0][0] if ends else 0.0
         }
+        at |= {o.line: o.bin_hz for o in one.observations if o.bins}
         wanted = {name for name, f in at.items() if not ends or any(low <= f <= high for low, high in ends)} - set(
             without
         )
@@ -110,6 +118,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
         case Prepared(recording, background):
             table, r = lines_of_recording(recording, channel, scenario, background), recording
             found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, r.duration))
+            found = with_scatter(found, r[channel], r.sample_rate, table, scenario)
             return Evidence(r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes, table.rest)
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
@@ -138,6 +147,78 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
     if turn is not None:
         found.append(Observation(turn.line, "turn", turn.phase_rad, turn.phase_uncertainty_rad))
     return tuple(found)
+
+
+SOUGHT = 4.0
+"""Times what the scenario's noise gives a ringing mode, up to which it is taken to disturb its frequency and decay: its density is
+sought."""
+LEVELS = np.geomspace(2.0, 200.0, 9)
+"""Ends [Hz] of the bands in which the level between the lines is taken."""
+FEWEST = 16
+"""Bins of a band, below which it tells no level."""
+ONE_DRAW = math.sqrt(2.0)
+"""Scatter of the difference of two draws, the recording's and the simulation's, over that of one."""
+
+
+def with_scatter(
+    found: Sequence[Observation], x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
+) -> tuple[Observation, ...]:
+    """Observations of a recording ``x`` (n,) [N m] of a drive with noise: with what they scatter over draws, and with levels.
+
+    A mode that noise drives has the amplitude's deviation over draws in closed form (``model.driven``), its frequency scatters by
+    sqrt(sigma/(2 T))/(2 pi) (S.-K. Au, Mechanical Systems and Signal Processing 48, 2014) and its decay, by 1/sqrt(sigma T)
+    of itself, is left out. Levels between the lines tell the noise's density. Without noise in the scenario all stays as it is.
+    """
+    noise = scenario.friction.torque_noise
+    if noise is None or noise.silent:
+        return tuple(found)
+    sigma = {mode.name: math.tau * mode.frequency * mode.damping for mode in coupled_modes(scenario)}
+    told = []
+    for o in found:
+        line, more = table[o.line], 0.0
+        if line.line in sigma and math.isfinite(line.noise_p95_n_m):
+            if line.status == DRIVEN and o.form == "decay":
+                continue
+            part = min(SOUGHT * line.noise_p95_n_m / line.amplitude_n_m, 1.0) if line.status != DRIVEN else 1.0
+            wander = part * math.sqrt(sigma[line.line] / table.duration)
+            scatter = {"frequency": wander / (math.tau * math.sqrt(2.0)), "decay": wander}
+            more = {"amplitude": line.noise_deviation_n_m, **scatter}.get(o.form, 0.0)
+        told.append(replace(o, uncertainty=ONE_DRAW * math.hypot(o.uncertainty, more)))
+    return (*told, *_levels(x, sample_rate, table, scenario))
+
+
+def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario) -> list[Observation]:
+    """Levels between the lines, less what the instrument has: white, as much as the quietest band.
+
+    The median of n bins under a Hann window is known to 1/sqrt(n) of itself.
+    """
+    between = HannSpectrum.of(x - x.mean(), sample_rate).magnitude
+    f = np.arange(between.size) * sample_rate / x.size
+    free = np.ones(f.size, dtype=bool)
+    steps = [line.expected_hz for line in table if line.line in ("electrical_1", "full_step_1")]
+    for line in table:
+        free &= np.abs(f - line.frequency_hz) * table.duration > SEPARATION + 1.0
+    if steps:
+        spacing = min(steps) * (table.clock_ratio or 1.0)
+        away = np.abs(f - spacing * np.rint(f / spacing))
+        free &= (away * table.duration > SEPARATION) | (spacing * table.duration < 4.0 * SEPARATION)
+    free &= np.all([np.abs(f / mode.frequency - 1.0) > 0.1 for mode in coupled_modes(scenario)] or [True], axis=0)
+    bands = [np.flatnonzero(free & (f >= a) & (f < b)) for a, b in pairwise(LEVELS)]
+    bands = [k for k in bands if k.size >= FEWEST]
+    squares = np.array([float(np.median(between[k])) ** 2 for k in bands])
+    spreads = np.array([2.0 * square / math.sqrt(k.size) for square, k in zip(squares, bands, strict=True)])
+    quiet = int(np.argmin(squares)) if bands else -1
+    found = []
+    for i, k in enumerate(bands):
+        own, spread = squares[i] - squares[quiet], math.hypot(spreads[i], spreads[quiet])
+        if own > DETECTION * spread:
+            level = math.sqrt(own)
+            name = f"level_{f[k[0]]:.3g}_to_{f[k[-1]]:.3g}_Hz"
+            uncertainty = ONE_DRAW * spread / (2.0 * level)
+            found.append(
+                Observation(name, "level", level, uncertainty, bin_hz=float(np.mean(f[k])), bins=tuple(k.tolist()))
+            )
+    return found
 
 
 PHASE_OF = {"drive": "drive_1", "electrical": "full_step_1"}
@@ -190,6 +271,11 @@ class Simulated:
         """Rectangular-window amplitudes."""
         return amplitude_spectrum(self.torque, self.sample_rate)
 
+    @cached_property
+    def between(self) -> np.ndarray:
+        """Hann-window amplitudes."""
+        return HannSpectrum.of(self.torque - self.torque.mean(), self.sample_rate).magnitude
+
     def bin_amplitude(self, frequency: float) -> float:
         """Amplitude of the bin nearest to ``frequency`` [Hz]."""
         return float(self.spectrum.amplitude[round(frequency / self.spectrum.resolution)])
@@ -197,6 +283,8 @@ class Simulated:
 
 def predicted(lines: Simulated, wanted: Observation) -> float:
     """The simulated figure for one observation; nan if the lines do not have it."""
+    if wanted.bins:
+        return float(np.median(lines.between[list(wanted.bins)]))
     by_name = {line.line: line for line in lines.table}
     line = by_name.get(wanted.line)
     if line is None:

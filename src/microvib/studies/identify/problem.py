@@ -31,9 +31,12 @@ FREQUENCY_FLOOR, DECAY_FLOOR, PHASE_FLOOR = 2e-4, 0.01, 0.01
 """Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is trusted beyond."""
 ROBUST = 5.0
 """Standard deviations from which a residual counts in proportion, not by its square: a start far off still shows the way."""
+SIZES = ("amplitude", "nearest_bin", "level")
+"""Forms of figures in N m."""
 _AMISS = {
     "amplitude": 5.0,
     "nearest_bin": 5.0,
+    "level": 5.0,
     "phase": math.pi,
     "branch": math.pi,
     "turn": math.pi,
@@ -118,7 +121,7 @@ def difference(o: Observation, simulated: Simulated | None) -> float:
     value = math.nan if simulated is None else predicted(simulated, o)
     if not math.isfinite(value):
         return _AMISS[o.form]
-    if o.form in ("amplitude", "nearest_bin"):
+    if o.form in SIZES:
         return math.log(max(value, 1e-12) / o.value)
     if o.is_angle:
         return math.remainder(value - o.value, 2.0 * math.pi)
@@ -127,7 +130,7 @@ def difference(o: Observation, simulated: Simulated | None) -> float:
 
 def weight(o: Observation, each: float) -> float:
     """Standard deviation that the difference of one observation is measured by: its own, and the model's."""
-    if o.form in ("amplitude", "nearest_bin"):
+    if o.form in SIZES:
         return math.hypot(o.uncertainty / o.value, each)
     if o.form == "frequency":
         return math.hypot(o.uncertainty / o.value, FREQUENCY_FLOOR)
@@ -201,7 +204,7 @@ class Problem:
     def rough(self) -> Problem:
         """For a search: with records that just tell the observed lines apart; itself where that changes what is observed."""
         timed = any(
-            o.form == "nearest_bin" or (o.line.startswith("array_mode_") and o.form == "amplitude")
+            o.form in ("nearest_bin", "level") or (o.line.startswith("array_mode_") and o.form == "amplitude")
             for _, o in self.observed
         )
         if timed or "record.settle" in self.taken:
@@ -356,7 +359,7 @@ class Problem:
             return d / self.weights, np.zeros(0)
         r, errors = d / self.weights, np.zeros(len(self.tests))
         for k in range(len(self.tests)):
-            mine = np.array([j == k and o.form in ("amplitude", "nearest_bin") for j, o in self.observed])
+            mine = np.array([j == k and o.form in SIZES for j, o in self.observed])
             w = self.weights[mine] ** -2
             common = float(d[mine] @ w) / (float(w.sum()) + self.trust.common**-2)
             r[mine] -= common / self.weights[mine]

@@ -1,0 +1,81 @@
+"""Evidence of a drive with torque noise: what its figures scatter over draws, levels between the lines, and the noise's density."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from microvib.analysis.lines import lines_of_samples
+from microvib.model.linear import coupled_modes
+from microvib.signals.line_table import DRIVEN
+from microvib.solve.batch import simulate_torques
+from microvib.studies.evidence import Evidence, Simulated, observations, predicted, with_scatter
+from microvib.studies.identify import identify
+
+DENSITY, RATE, SENSOR = 4e-6, 4096.0, 1e-3
+
+
+def noisy(state_1, density, seed):
+    noise = {"density": density, "highest": 200.0, "seed": seed}
+    return state_1.with_si({"friction.torque_noise": noise, "record.settle": 4.0, "record.duration": 8.0})
+
+
+def torque(scenario):
+    return simulate_torques([scenario])[0].T_d
+
+
+@pytest.fixture(scope="module")
+def recorded(state_1):
+    """Samples of a recording, the catalog's drive with a quarter of its noise, and the lines that this makes of it."""
+    x = torque(noisy(state_1, DENSITY, 7)) + np.random.default_rng(7).normal(0.0, SENSOR, 32768)
+    start = noisy(state_1, DENSITY / 4.0, 1)
+    return x, start, lines_of_samples(x, RATE, start, measured=True)
+
+
+def test_levels_are_those_of_another_draw_of_the_same_density_and_not_of_another(recorded, state_1):
+    """The sensor's white noise, larger than the drive's in the quiet bands, is taken off."""
+    x, start, table = recorded
+    levels = [o for o in with_scatter((), x, RATE, table, start) if o.form == "level"]
+    assert len(levels) >= 2
+
+    def off(density):
+        lines = Simulated(table, torque(noisy(state_1, density, 12)), RATE)
+        return np.array([(predicted(lines, o) - o.value) / o.uncertainty for o in levels])
+
+    assert np.sqrt(np.mean(off(DENSITY) ** 2)) < 2.5
+    assert np.max(off(2.5 * DENSITY)) > 4.0
+    assert np.min(off(DENSITY / 2.5)) < -3.0
+
+
+def test_a_mode_that_noise_drives_has_the_scatter_of_one_draw(recorded):
+    x, start, table = recorded
+    drawn = replace(table["array_mode_1"], status=DRIVEN, noise_deviation_n_m=2e-3, noise_p95_n_m=5e-3)
+    rows = tuple(drawn if line.line == drawn.line else line for line in table)
+    table = replace(table, lines=rows)
+    told = {o.form: o for o in with_scatter(observations(table), x, RATE, table, start) if o.line == drawn.line}
+    assert "decay" not in told
+    both = math.hypot(drawn.amplitude_uncertainty_n_m, 2e-3)
+    assert told["amplitude"].uncertainty == pytest.approx(math.sqrt(2.0) * both)
+    mode = coupled_modes(start)[0]
+    sigma = math.tau * mode.frequency * mode.damping
+    own = math.hypot(drawn.frequency_uncertainty_hz, math.sqrt(sigma / 16.0) / math.tau)
+    assert told["frequency"].uncertainty == pytest.approx(math.sqrt(2.0) * own)
+
+
+def test_without_noise_in_the_scenario_nothing_changes(recorded):
+    x, start, table = recorded
+    found = observations(table)
+    assert with_scatter(found, x, RATE, table, start.with_si({"friction.torque_noise": None})) == found
+
+
+@pytest.mark.long
+def test_the_density_of_torque_noise_is_identified(recorded):
+    x, start, table = recorded
+    told = with_scatter(observations(table), x, RATE, table, start)
+    one = Evidence("made", told, table.clock_ratio, 8.0, RATE)
+    fit = identify(start, [one], ["friction.torque_noise.density"], starts=8, finishes=1)
+    (found,) = [e for e in fit.estimates if "density" in e.key]
+    assert found.identifiable
+    assert abs(found.estimate - DENSITY) < 2.0 * found.standard_error
+    assert found.standard_error > 0.04 * DENSITY  # a record of 8 s cannot tell it better
