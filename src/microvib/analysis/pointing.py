@@ -298,7 +298,8 @@ def together(first: HubLines, second: HubLines) -> HubLines:
         total: np.ndarray = np.where(np.isnan(both).all(axis=0), np.nan, np.nansum(both, axis=0))
         return total
 
-    names = (*first.names, *(f"{SECOND} {second.names[k]}" for k in new))
+    # a natural mode has the name that it has in the first's run, even if that one does not look for it
+    names = (*first.names, *(partner.get(second.names[k], f"{SECOND} {second.names[k]}") for k in new))
     loads = added(first.loads, second.loads if second.second is None else second.second)
     assert loads is not None
     return replace(
