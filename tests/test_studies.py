@@ -510,3 +510,18 @@ def test_a_single_effect_is_held_against_the_scatter_that_is_left(monkeypatch, s
     (told,) = selector.run()[-1]
     assert not told.selected
     assert not told.explained
+
+
+def test_friction_with_memory_and_over_the_angle_may_be_fitted_where_the_scenario_has_it(start):
+    keys = ("friction.presliding.stiffness", "friction.presliding.breakaway_angle")
+    with pytest.raises(
+        MicrovibError, match=r"^fit friction\.presliding\.stiffness: the scenario has no friction\.presliding"
+    ):
+        parse_fit(start, keys[0])
+    memory = {"stiffness": 9000.0, "breakaway_angle": 3e-4, "elements": 4}
+    position = {"harmonics": [{"order": 12_000, "amplitude": 0.01}]}
+    has = start.with_si({"friction.presliding": memory, "friction.position": position})
+    found = [parse_fit(has, key) for key in (*keys, "friction.position.harmonics.0.amplitude")]
+    assert [key.range for key in found] == [
+        pytest.approx((math.log(v / 4), math.log(v * 4))) for v in (9000.0, 3e-4, 0.01)
+    ]

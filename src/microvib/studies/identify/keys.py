@@ -109,6 +109,11 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     key, _, span = text.partition("=")
     key = key.strip()
     entries = {name: (value, quantity) for name, value, quantity in scenario.entries()}
+    off = next((name for name, (value, _) in entries.items() if value is None and key.startswith(f"{name}.")), None)
+    if off is not None:
+        raise OptionError(
+            "fit", f"the scenario has no {off}; give it one to start from, {off}.KEY=...", key, remedy="set"
+        )
     if key not in entries:
         raise OptionError("fit", f"is not a key of the scenario; allowed are {', '.join(fittable(scenario))}", key)
     value, quantity = entries[key]
