@@ -202,7 +202,7 @@ def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scena
         spacing = min(steps) * (table.clock_ratio or 1.0)
         away = np.abs(f - spacing * np.rint(f / spacing))
         free &= (away * table.duration > SEPARATION) | (spacing * table.duration < 4.0 * SEPARATION)
-    free &= np.all([np.abs(f / mode.frequency - 1.0) > 0.1 for mode in coupled_modes(scenario)] or [True], axis=0)
+    free &= np.all([np.abs(f / mode.frequency - 1.0) > 0.1 for mode in coupled_modes(scenario)] or [free], axis=0)
     bands = [np.flatnonzero(free & (f >= a) & (f < b)) for a, b in pairwise(LEVELS)]
     bands = [k for k in bands if k.size >= FEWEST]
     squares = np.array([float(np.median(between[k])) ** 2 for k in bands])

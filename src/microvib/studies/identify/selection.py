@@ -157,8 +157,8 @@ class Selector:
         said = []
         for name in self.candidates:
             gain = self.gain([*chosen, *([] if name in chosen else [name])], name)
-            problem, best = self.fitted(chosen)
-            fit = goodness(problem, best.r).explained
+            problem, end = self.fitted(chosen)
+            fit = goodness(problem, end.r).explained
             said.append(Candidate(name, name in chosen, gain, len(EFFECTS[name].keys), self.limit(name), fit))
         scenario, tests = self.with_(chosen)
         return scenario, tests, [*self.keys, *self.keys_of(scenario, chosen)], tuple(said)
