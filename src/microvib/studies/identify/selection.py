@@ -149,9 +149,8 @@ class Selector:
             if told[best] <= self.limit(best):
                 break
             chosen.append(best)
-        for name in list(
-            chosen
-        ):  # what a later one explains as well, and what is no more than the scatter that is left
+        # off again: what a later one explains as well, and what is no more than the scatter that is left
+        for name in list(chosen):
             if self.gain(chosen, name) <= self.limit(name):
                 chosen.remove(name)
         said = []
