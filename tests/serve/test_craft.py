@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from support.server import SHORT, result, spec, wait
 
 import microvib as mv
@@ -149,3 +150,18 @@ def test_seeds_that_are_none(client, seeds):
 
 def test_seeds_without_noise(client):
     assert "this scenario has none" in refused(client, "runs", scenario=spec(), seeds=3)["error"]
+
+
+def test_files_of_a_driven_second_wing(client):
+    data = yaml.safe_load(CRAFT["text"])
+    far = {"position": ["0.35 m", "-0.9 m", "-0.2 m"], "drive_axis": [0, -1, 0], "reference": [1, 0, 0]}
+    data["spacecraft"]["second_wing"] = {"drive": "driven", "interface": far}
+    answer = client.post("/api/runs", json={"scenario": {**CRAFT, "text": yaml.safe_dump(data)}})
+    assert answer.status_code == 202, answer.text
+    id = answer.json()["id"]
+    assert result(client, id)["craft"]["driven_wing"] is True
+    for name, first in (("loads_wing_2.csv", "line,frequency_hz,fx_n"), ("lines_wing_2.csv", "line,expected_hz")):
+        told = client.get(f"/api/runs/{id}/files/{name}")
+        assert told.status_code == 200
+        assert told.text.startswith(first)
+    assert client.get(f"/api/runs/{id}/files/motion.nc").status_code == 200

@@ -85,6 +85,7 @@ def _craft(hub: HubLines) -> dict[str, Any]:
         ],
         "windows": list(hub.windows),
         "pixel": None if los is None else los.pixel,
+        "driven_wing": hub.scenario.driven_wing is not None,
     }
 
 

@@ -29,6 +29,8 @@ FILES = {
     "seeds.csv": "text/csv",
     "loads.csv": "text/csv",
     "pointing.csv": "text/csv",
+    "lines_wing_2.csv": "text/csv",
+    "loads_wing_2.csv": "text/csv",
     "summary.json": "application/json",
     "motion.nc": "application/x-netcdf",
     "report.html": "text/html",

@@ -31,6 +31,8 @@ const FILES = [
   ["seeds.csv", "lines over the seeds (CSV)"],
   ["loads.csv", "loads on the hub (CSV)"],
   ["pointing.csv", "line of sight (CSV)"],
+  ["lines_wing_2.csv", "lines of the second wing's drive (CSV)"],
+  ["loads_wing_2.csv", "loads of the second wing (CSV)"],
   ["summary.json", "summary"],
   ["motion.nc", "data set (netCDF)"],
   ["report.html", "report (HTML)"],
@@ -226,7 +228,13 @@ function menu(run) {
   const search = limit.verdictOf(run) ? `?${new URLSearchParams(asked)}` : "";
   const address = (file) => `/api/runs/${run.id}/files/${file}${file.startsWith("report.") ? search : ""}`;
   const craft = run.result.craft;
-  const lacks = { "seeds.csv": !run.result.seeds?.length, "loads.csv": !craft, "pointing.csv": !craft?.lines.some(({ los }) => los) };
+  const lacks = {
+    "seeds.csv": !run.result.seeds?.length,
+    "loads.csv": !craft,
+    "pointing.csv": !craft?.lines.some(({ los }) => los),
+    "lines_wing_2.csv": !craft?.driven_wing,
+    "loads_wing_2.csv": !craft?.driven_wing,
+  };
   const links = FILES.filter(([file]) => !lacks[file]).map(([file, words]) => h("a", { href: address(file), download: file }, words));
   return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
 }
