@@ -55,9 +55,7 @@ def test_segments_in_a_row_are_the_period(period):
     assert T_d.shape == (len(rows),)
     assert np.sqrt(np.mean((T_d - rows[:, kernel.T_D]) ** 2)) < 2e-3 * np.max(np.abs(T_d))
     sticks = rows[:, kernel.CHANNELS.index("stuck_output")]
-    assert sum(float(ends.stuck_output[0]) for ends in known) * period.frequency == pytest.approx(
-        sticks.mean(), abs=2e-3
-    )
+    assert sum(ends.stuck_output for ends in known) * period.frequency == pytest.approx(sticks.mean(), abs=2e-3)
     for which, name in enumerate(("stuck_rotor", "stuck_output")):
         ever = bool(np.any(rows[:, kernel.CHANNELS.index(name)]))
         assert any(ends.ever[0, which] for ends in known) == ever
