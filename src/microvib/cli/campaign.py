@@ -192,7 +192,7 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
 @campaign.command()
 @folder_argument
 @click.argument("number", type=click.IntRange(0))
-@click.option("--out", type=PATH, help="Write the case's scenario to this file.")
+@click.option("-o", "--out", type=PATH, help="Write the case's scenario to this file.")
 def case(folder: Path, number: int, out: Path | None) -> None:
     """Compute case NUMBER of DIR again, alone, and compare with the stored result."""
     from microvib.reports.campaign.text import again_text

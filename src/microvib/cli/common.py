@@ -116,7 +116,7 @@ def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None 
     """
 
     def with_options(command: Command) -> Command:
-        @click.option("--out", type=PATH, help=text)
+        @click.option("-o", "--out", type=PATH, help=text)
         @click.option("--overwrite", is_flag=True, help="Replace existing results in the folder.")
         @report_options
         @wraps(command)

@@ -26,7 +26,7 @@ _KINDS = (".html", ".pdf")  # files of a report
 @click.command()
 @click.argument("scenario")
 @set_option
-@click.option("--out", type=PATH, help="Folder for the results [default: the scenario's name].")
+@click.option("-o", "--out", type=PATH, help="Folder for the results [default: the scenario's name].")
 @click.option("--overwrite", is_flag=True, help="Replace an existing run in the folder.")
 @click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
 @click.option("--harmonics", default=8, type=click.IntRange(1, 200), help="Members of each family of lines.")
