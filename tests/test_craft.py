@@ -20,6 +20,7 @@ from microvib.cli.main import main
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.craft import Rows
 from microvib.model.linear import coupled_modes
+from microvib.model.mode_names import names_a_mode
 from microvib.model.rigid import elements
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import weight
@@ -501,7 +502,9 @@ def test_an_array_from_finite_elements_brings_its_six_components(tmp_path: Path)
 )
 def test_modes_are_named_by_what_holds_their_energy(full: whole.FullCraft, names: list[str]) -> None:
     """Frequencies against the whole matrices with held shafts; an overdamped mode of the control has no name."""
-    modes = [m for m in coupled_modes(scenario_of(full)) if m.fixed_frequency is not None]
+    found = coupled_modes(scenario_of(full))
+    assert all(names_a_mode(m.name) == (m.fixed_frequency is not None) for m in found)
+    modes = [m for m in found if m.fixed_frequency is not None]
     kinds = [m.name.split("_mode_")[0] for m in modes]
     assert kinds == names
     for kind in set(kinds):  # each kind is counted by itself

@@ -11,6 +11,11 @@ from microvib.model.craft import Craft, hub_matrices
 ARRAY, HUB, CONTROL, SECOND_WING = "array_mode", "hub_mode", "control_mode", "wing_2_mode"
 
 
+def names_a_mode(line: str) -> bool:
+    """Whether a line's name is that of a mode, of an array on firm ground or of a craft."""
+    return line.rpartition("_")[0] in (ARRAY, HUB, CONTROL, SECOND_WING)
+
+
 def mode_names(craft: Craft) -> tuple[str, ...]:
     """Names of the modes in the order of their frequencies: ``array_mode_1``, ``hub_mode_1``, ``control_mode_1`` and so on.
 

@@ -18,6 +18,7 @@ import numpy as np
 from microvib.analysis.lines import lines_among
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
+from microvib.model.mode_names import names_a_mode
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
@@ -204,7 +205,7 @@ class Problem:
     def rough(self) -> Problem:
         """For a search: with records that just tell the observed lines apart; itself where that changes what is observed."""
         timed = any(
-            o.form in ("nearest_bin", "level") or (o.line.startswith("array_mode_") and o.form == "amplitude")
+            o.form in ("nearest_bin", "level") or (names_a_mode(o.line) and o.form == "amplitude")
             for _, o in self.observed
         )
         if timed or "record.settle" in self.taken:

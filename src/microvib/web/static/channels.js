@@ -13,10 +13,10 @@ export function fillChannels(select, runs, value) {
   select.value = value;
 }
 
-/** The array mode that the drive excites most: the one whose line is largest; without any line, the first. */
+/** The mode that the drive excites most, of the array or of a craft: the one whose line is largest; without any line, the first. */
 export function excited(result) {
   const lines = (result?.lines ?? []).filter((line) => line.kind === "array mode" && line.status !== "below the floor");
   const top = lines.sort((a, b) => (b.amplitude_n_m ?? 0) - (a.amplitude_n_m ?? 0))[0];
-  const modes = (result?.modes ?? []).filter((mode) => mode.name.startsWith("array_mode"));
+  const modes = (result?.modes ?? []).filter((mode) => /_mode_\d+$/.test(mode.name));
   return modes.find((mode) => mode.name === top?.line) ?? modes[0];
 }
