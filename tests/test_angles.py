@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support import craft as whole
-from test_craft import scenario_of
+from support.craft_scenarios import scenario_of
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines

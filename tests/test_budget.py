@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support import craft as whole
-from test_craft import scenario_of
-from test_short_way import powered
+from support.craft_scenarios import scenario_of
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
@@ -249,7 +248,7 @@ def test_a_wheel_moves_the_whole_system() -> None:
     }
     found = of_other(OtherSource(name="w", wheel=wheel, position=[f"{x} m" for x in place]), scenario, Path())
     force = 1e-6 * (2.0 * np.pi * f) ** 2
-    K, C = powered(full)
+    K, C = full.powered()
     s, seen = 2j * np.pi * f, []
     for direction in (np.eye(3)[0], np.eye(3)[1]):
         on = np.zeros(full.n)
@@ -285,7 +284,7 @@ def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("line,frequency_hz,los_x_rad,los_y_rad\nfan,40,1e-7,\n")
     at = {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
     lines = of_other(OtherSource(name="pump", lines="l.csv", **at), scenario, tmp_path)
-    K, C = powered(full)
+    K, C = full.powered()
     s, on = 2j * np.pi * 40.0, np.zeros(full.n)
     on[3] = 1e-3
     angle = np.linalg.solve(s**2 * full.M + s * C + K, on)[3:5] * np.exp(0.5j)

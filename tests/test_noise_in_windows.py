@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from support import craft as whole
-from test_craft import scenario_of
+from support.craft_scenarios import scenario_of
 
 import microvib as mv
 from microvib.analysis.pointing import NOISE, hub_lines

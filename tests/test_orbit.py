@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support import craft as whole
-from test_craft import scenario_of
+from support.craft_scenarios import scenario_of
 
 import microvib as mv
 from microvib.analysis.turning import at_angle, moved_by

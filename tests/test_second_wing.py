@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from support import craft as whole
+from support.craft_scenarios import instants, off, scenario_of, seen
 from support.two_wings import BothDrives, Wing
-from test_craft import instants, off, scenario_of, seen
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import craft as whole
-from test_craft import DAMPED, FLEXIBLE, scenario_of
+from support.craft_scenarios import DAMPED, FLEXIBLE, scenario_of
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
@@ -20,19 +20,9 @@ FREQUENCY = np.array([0.07, 0.4, 0.46, 1.1, 1.23, 3.3, 8.9, 17.2, 53.3, 160.0])
 CRAFTS = [whole.FullCraft(), whole.FullCraft(bandwidth=0.3), FLEXIBLE, replace(FLEXIBLE, bandwidth=0.0)]
 
 
-def powered(full: whole.FullCraft) -> np.ndarray:
-    """Stiffness that the powered drive adds to the two shafts of the whole system: rotor's magnetic spring, gear; and its damping."""
-    n, gear = full.n, np.array([-1.0, -1.0 / full.ratio])
-    K, C = full.K.copy(), full.C.copy()
-    K[n - 2 :, n - 2 :] += full.stiffness * np.outer(gear, gear)
-    K[n - 1, n - 1] += full.teeth * full.torque_constant * full.current
-    C[n - 2 :, n - 2 :] += full.gear_damping * np.outer(gear, gear) + np.diag([full.on_output, full.on_rotor])
-    return np.array([K, C])
-
-
 def whole_response(full: whole.FullCraft, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Acceleration of the interface (m, 6) and hub coordinates (m, n_q) by torques on the rotor, from the whole matrices."""
-    (K, C), found = powered(full), []
+    (K, C), found = full.powered(), []
     for f, on_rotor in zip(FREQUENCY, torque, strict=True):
         s = 2j * math.pi * f
         found.append(np.linalg.solve(s**2 * full.M + s * C + K, np.r_[np.zeros(full.n - 1), on_rotor]))
@@ -110,7 +100,7 @@ def test_the_linear_lines_of_the_coupled_drive(full: whole.FullCraft) -> None:
 
 @pytest.mark.parametrize("full", DAMPED.values())
 def test_modes_with_the_powered_drive_are_those_of_the_whole_system(full: whole.FullCraft) -> None:
-    (K, C), M, n = powered(full), full.M, full.n
+    (K, C), M, n = full.powered(), full.M, full.n
     state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])
     values = np.linalg.eigvals(state)
     values = values[values.imag > 1e-3 * np.abs(values)]
@@ -183,7 +173,7 @@ def test_torque_noise_through_the_linearised_drive(stiffness: float | None) -> N
     changes = {"friction.torque_noise": {"density": Si(2e-6), "lowest": Si(0.05), "highest": Si(200.0)}}
     scenario = scenario_of(full, **changes, **({} if stiffness else {"reducer.stiffness": "rigid"}))
     found = noise_density(scenario, FREQUENCY)
-    K, C = powered(full if stiffness else replace(full, stiffness=1e9))
+    K, C = (full if stiffness else replace(full, stiffness=1e9)).powered()
     for k, f in enumerate(FREQUENCY):
         s, on = 2j * math.pi * f, np.zeros(full.n)
         on[-2] = 1.0

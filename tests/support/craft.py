@@ -173,3 +173,12 @@ class FullCraft:
     def momentum(self, y: np.ndarray) -> np.ndarray:
         """Linear and angular momentum of everything about the hub's centre of mass, for small motions."""
         return (self.M @ y[self.n : 2 * self.n])[:6]
+
+    def powered(self) -> np.ndarray:
+        """Stiffness and damping with the powered drive on the two shafts: the rotor's magnetic spring, the gear, frictions."""
+        n, gear = self.n, np.array([-1.0, -1.0 / self.ratio])
+        K, C = self.K.copy(), self.C.copy()
+        K[n - 2 :, n - 2 :] += self.stiffness * np.outer(gear, gear)
+        K[n - 1, n - 1] += self.teeth * self.torque_constant * self.current
+        C[n - 2 :, n - 2 :] += self.gear_damping * np.outer(gear, gear) + np.diag([self.on_output, self.on_rotor])
+        return np.array([K, C])

@@ -31,11 +31,13 @@ def served(port: int = 0) -> Iterator[str]:
     """A server of its own; what it prints, with its token."""
     command = [sys.executable, "-m", "microvib", "serve", "--port", str(port), "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        found = re.search(r"http://\S+", process.stdout.readline())
-        assert found is not None
-        yield found.group()
-        process.terminate()
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found is not None
+            yield found.group()
+        finally:  # or leaving the process would wait for its end, which nobody asks for
+            process.terminate()
 
 
 def field(page: Any, key: str) -> Any:
