@@ -16,13 +16,16 @@ import microvib as mv
 from microvib.analysis.pointing import hub_lines
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
+from microvib.model.coupling import transfer_from
+from microvib.model.linear import coupled_modes
 from microvib.model.rigid import motion_of
 from microvib.reports.budget import draw_budget
-from microvib.signals.pointing import weight
+from microvib.signals.pointing import level, weight
+from microvib.studies.budget.figures import figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.sources import Contribution, Gap, of_other, of_run, open_gap
 from microvib.studies.budget.study import Budget, ensemble_of, pointing_budget, with_campaign
-from microvib.studies.budget.sums import figure, judged, merged
+from microvib.studies.budget.sums import judged, merged
 from microvib.studies.campaign.cases import compute_bytes
 from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
@@ -74,6 +77,92 @@ def test_one_clock_keeps_phases() -> None:
     assert one.verdict == "pass"
     apart = [replace(x, clock="") for x in pair]
     assert judged(requirement(axis="x"), apart, "coherent").value == pytest.approx(one.value)
+
+
+@pytest.mark.parametrize("keys", [{"statistic": "bound"}, {"statistic": "level", "confidence": 0.68}, {"statistic": "level"},
+                                  {"limit": None, "curve": [{"frequency": Si(f), "amplitude": Si(1.2e-6)} for f in (1.0, 9.0)]}])  # fmt: skip
+def test_a_line_that_goes_round_in_a_circle_does_not_fail_by_its_diagonal(keys: dict[str, object]) -> None:
+    """Both axes have 1 urad, a quarter apart: the line of sight is 1 urad from its place at all times, never 1.41 urad."""
+    circle = source("a", (5.0, 1.0, -1j))
+    one = judged(requirement(**{"limit": "1.2 urad", **keys}), [circle], "rss")
+    assert one.verdict == "not judged"
+    if "curve" not in keys:
+        found = [judged(requirement(limit=limit, **keys), [circle], "rss") for limit in ("1.5 urad", "0.5 urad")]
+        assert [x.verdict for x in found] == ["pass", "fail"]
+
+
+def test_a_level_of_low_confidence_may_fall_as_a_line_grows() -> None:
+    """At 68 % one line beside a smaller one has a lower level than alone, which must not pass what may be without the other."""
+    other = Gap("peaks", 0.0, math.inf, np.array([7.0]), np.array([[0.3, 0.0]]) * URAD)
+    r = requirement(axis="x", statistic="level", confidence=0.68)
+    sizes = [level([1.0, b], 0.0, 0.68) * URAD for b in np.linspace(0.0, 0.3, 31)]
+    assert min(sizes) < sizes[0]
+    one = judged(r, [source("a", (5.0, 1.0, 0.0), gaps=(other,))], "rss")
+    assert one.least <= min(sizes)
+    assert one.most >= max(sizes)
+
+
+@pytest.mark.parametrize("curve", [False, True])
+def test_a_wheel_that_passes_a_line_may_add_to_it(curve: bool) -> None:
+    """At 5 Hz a drive has 1 urad, and the wheel 0.5 urad on its way, though it has more elsewhere: 1.5 urad in the worst phase."""
+    speeds = [source("wheel", (f, a, 0.0)) for f, a in ((4.0, 0.5), (6.0, 0.5), (8.0, 0.6))]
+    wheel = replace(speeds[-1], alternatives=tuple(speeds))
+    keys: dict[str, object] = {"axis": "x", "limit": "1.02 urad"}
+    if curve:
+        keys |= {"limit": None, "curve": [{"frequency": Si(f), "amplitude": Si(1.45e-6)} for f in (1.0, 9.0)]}
+    for sources in ([source("a", (5.0, 1.0, 0.0)), wheel], [wheel, source("a", (5.0, 1.0, 0.0))]):
+        one = judged(requirement(**keys), sources, "rss")
+        assert one.verdict == "not judged"
+        assert one.why == ("wheel: its lines may meet those of a, in any phase",)
+        if not curve:
+            assert one.most >= 1.5 * URAD / math.sqrt(2.0)
+    away = judged(requirement(**keys), [source("a", (3.0, 1.0, 0.0)), wheel], "rss")
+    assert away.verdict == "pass"
+
+
+def test_two_wheels_may_have_one_speed() -> None:
+    """Each is worst at a speed of its own, but together they are where both have one."""
+    first, second = (
+        [source(name, (f, a, 0.0)) for f, a in zip((4.0, 5.0, 6.0), sizes, strict=True)]
+        for name, sizes in (("w", (1.0, 0.9, 0.1)), ("v", (0.1, 0.9, 1.0)))
+    )
+    both = [replace(first[0], alternatives=tuple(first)), replace(second[2], alternatives=tuple(second))]
+    assert judged(requirement(axis="x"), both, "rss").most >= 1.8 * URAD / math.sqrt(2.0)
+
+
+def test_a_wheel_that_passes_a_narrow_mode_is_judged_at_its_resonance() -> None:
+    """Between two of a hundred speeds a mode of 0.3 % rises to its peak and falls again."""
+    craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.003)))
+    wheel = {"axis": [0.3, 1, 0.2], "harmonics": [{"order": 2.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}]}
+
+    def at(**speeds: object) -> Contribution:
+        return of_other(
+            OtherSource(name="w", wheel={**wheel, **speeds}, position=["0 m", "0.1 m", "0 m"]), craft, Path()
+        )
+
+    peaks = []
+    for mode in (m for m in coupled_modes(craft) if m.name.startswith("array_mode")):
+        half = 0.5 * 60.0 * mode.frequency  # rpm at which order 2 meets it
+        swept = at(speed=f"{0.7 * half} rpm", speed_to=f"{1.3 * half} rpm")
+        near = max(float(np.abs(at(speed=f"{half * x} rpm").los).max()) for x in np.linspace(0.99, 1.01, 81))
+        peaks.append(max(float(np.abs(x.los).max()) for x in swept.alternatives) / near)
+    assert len(peaks) == 4
+    assert min(peaks) > 0.97
+
+
+def test_a_density_of_loads_is_resolved_at_a_narrow_mode(tmp_path: Path) -> None:
+    """White torque on a craft with modes of 0.01 %: the mean square on a grid that is fine about each mode."""
+    craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 1e-4)))
+    (tmp_path / "s.csv").write_text("frequency_hz,mx_n2_m2_hz\n0.3,1e-8\n50,1e-8\n")
+    at = [0.2, -0.3, 0.1]
+    noise = of_other(OtherSource(name="n", density="s.csv", position=[f"{x} m" for x in at]), craft, tmp_path)
+    near = [m.frequency * (1.0 + m.damping * np.linspace(-200.0, 200.0, 8001)) for m in coupled_modes(craft)]
+    f = np.unique(np.concatenate([np.geomspace(0.3, 50.0, 20_000), *near]))
+    f = f[(f >= 0.3) & (f <= 50.0)]
+    S = 1e-8 * np.abs(transfer_from(craft, f, motion_of(np.array(at)))[:, :, 3]) ** 2
+    expected = [math.sqrt(float(np.trapezoid(S[:, k], f))) for k in range(2)]
+    found = [figure(requirement(axis=axis), np.zeros(0), np.zeros((0, 2)), [noise.density]) for axis in "xy"]
+    assert found == pytest.approx(expected, rel=0.02)
 
 
 def test_what_rings_can_neither_pass_nor_fail() -> None:

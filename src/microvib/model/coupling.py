@@ -233,9 +233,15 @@ def density_of_noise(scenario: Scenario) -> tuple[np.ndarray, np.ndarray] | None
         return None
     low, high = noise.band(scenario.record.sample_rate)
     low = max(low, receiver_of(scenario).lowest, 1e-3)
-    near = [m.frequency * (1.0 + max(m.damping, 1e-5) * _ABOUT) for m in coupled_modes(scenario)]
-    grid = np.unique(np.concatenate([[low], np.geomspace(low, high, 4000), *(f[(f > low) & (f < high)] for f in near)]))
+    near = about_modes(scenario)
+    grid = np.unique(np.concatenate([[low], np.geomspace(low, high, 4000), near[(near > low) & (near < high)]]))
     return grid, noise_density(scenario, grid)
+
+
+def about_modes(scenario: Scenario, parts: np.ndarray = _ABOUT) -> np.ndarray:
+    """Frequencies [Hz] about each natural mode, at ``parts`` of its damping from it, that resolve its resonance."""
+    modes = coupled_modes(scenario)
+    return np.concatenate([m.frequency * (1.0 + max(m.damping, 1e-5) * parts) for m in modes] or [np.zeros(0)])
 
 
 @dataclass(frozen=True)

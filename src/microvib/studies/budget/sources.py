@@ -20,6 +20,7 @@ from microvib.io.files import check_file, reading
 from microvib.io.tables import finite
 from microvib.model.coupling import (
     MEANINGLESS,
+    about_modes,
     chart,
     craft_in,
     density_of_noise,
@@ -43,7 +44,8 @@ from the differences that ``analysis.short_way`` finds in lines that count."""
 HELD_DOUBT = 0.03
 """Relative doubt of lines of a craft on which another drive holds its wing: what its detent torque and friction change; assumed."""
 SPEEDS = 101
-"""Speeds that are tried of a wheel with a range of them."""
+"""Speeds that are tried of a wheel with a range of them, besides those at which it meets a mode."""
+_BANDWIDTH = np.array([-0.5, 0.0, 0.5])
 _FREE = f"below {MEANINGLESS:g} Hz, where without spacecraft.attitude_control lines mean nothing"
 _LOADS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
 _LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
@@ -279,7 +281,11 @@ def _place(source: OtherSource, scenario: Scenario) -> np.ndarray:
 
 def _of_wheel(source: OtherSource, wheel: Wheel, scenario: Scenario) -> Contribution:
     ends = (wheel.speed, wheel.speed_to or wheel.speed)
+    orders = np.unique([h.order for h in wheel.harmonics])
     speeds = np.linspace(*ends, SPEEDS if wheel.speed_to else 1)
+    # A resonance lies between two speeds of any grid: those at which an order meets a mode, and at half its bandwidth about it.
+    met = np.outer(2.0 * np.pi * about_modes(scenario, _BANDWIDTH), 1.0 / orders).ravel()
+    speeds = np.union1d(speeds, met[(met > ends[0]) & (met < ends[1])])
     place, axis = _place(source, scenario), np.array(wheel.axis) / np.linalg.norm(wheel.axis)
     first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     first /= np.linalg.norm(first)
@@ -363,7 +369,7 @@ def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contri
         )
     gaps: tuple[Gap, ...] = ()
     if chosen == _LOAD_DENSITIES:
-        f, S = _finer(f, S)
+        f, S = _finer(f, S, about_modes(scenario))
         by = transfer_from(scenario, np.maximum(f, 1e-6), _place(source, scenario))
         gaps = _below(bool(np.isnan(by).any()))
         S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
@@ -371,8 +377,10 @@ def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contri
     return Contribution(source.name, f"density of {path.name}", (), np.zeros(0), none, density=(f, S), gaps=gaps)
 
 
-def _finer(f: np.ndarray, S: np.ndarray, part: float = 2e-3) -> tuple[np.ndarray, np.ndarray]:
-    """A density on a grid that resolves the craft's resonances, linear between what was given."""
-    grid = np.union1d(f, np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / part) + 2))
+def _finer(f: np.ndarray, S: np.ndarray, near: np.ndarray, part: float = 2e-3) -> tuple[np.ndarray, np.ndarray]:
+    """A density on a grid that resolves the craft's resonances by frequencies ``near`` them, linear between what was given."""
+    grid = np.union1d(
+        np.r_[f, near], np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / part) + 2)
+    )
     grid = grid[(grid >= f[0]) & (grid <= f[-1])]
     return grid, np.array([np.interp(grid, f, column) for column in S.T]).T

@@ -19,9 +19,10 @@ from microvib.model.coupling import craft_in
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
+from microvib.studies.budget.figures import Tones, figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.sources import Contribution, of_other, of_recording, of_run
-from microvib.studies.budget.sums import Judged, Rule, Tones, costliest, figure, judged, merged
+from microvib.studies.budget.sums import Judged, Rule, costliest, judged, merged
 from microvib.studies.campaign.folder import open_campaign
 from microvib.studies.campaign.results import DONE, Results, open_results
 from microvib.studies.campaign.statistics import independent

@@ -17,25 +17,15 @@ import numpy as np
 
 from microvib.analysis.limits import Verdict
 from microvib.analysis.pointing import SAME
-from microvib.signals.pointing import EVERYWHERE, bound, in_window, level, mean_square_of_density, mean_square_of_lines
+from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
+from microvib.studies.budget.figures import AXES, Tones, crossings, ends, figure, inside
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution, Gap
 from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, quantile
 
 Rule = Literal["rss", "coherent", "bound"]
-_AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 WORTH = 0.01
 """Part of a figure's square from which what it leaves open is told."""
-
-
-@dataclass(frozen=True)
-class Tones:
-    """Lines of all sources, one for each frequency: amplitudes [rad], (k, 2), with best, given and worst phases."""
-
-    frequency: np.ndarray
-    least: np.ndarray
-    value: np.ndarray
-    most: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -117,47 +107,6 @@ def _of_group(group: Sequence[tuple[float, np.ndarray, str, float, bool]], rule:
     return np.array([least, value, total + doubt + ringing])
 
 
-def figure(
-    requirement: Requirement,
-    frequency: np.ndarray,
-    amplitude: np.ndarray,
-    densities: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-) -> float:
-    """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and densities."""
-    r, axes = requirement, _AXES[requirement.axis]
-    window = r.window or r.apart or 1.0
-    inside = _inside(r, frequency)
-    f, A = frequency[inside], amplitude[inside]
-    squares = np.array([sum((_of_density(r, window, f_S, S[:, k]) for f_S, S in densities), 0.0) for k in axes])
-    if r.statistic == "rms":
-        total = float(np.sum(mean_square_of_lines(r.metric, f, A[:, axes], window, r.apart)))
-        return math.sqrt(total + float(squares.sum()))
-    if r.statistic == "bound":
-        each = [
-            bound(in_window(r.metric, f, A[:, k], window, r.apart, EVERYWHERE), math.sqrt(s))
-            for k, s in zip(axes, squares, strict=True)
-        ]
-    else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
-        part = 1.0 - (1.0 - r.confidence) / len(axes)
-        each = [
-            level(in_window(r.metric, f, A[:, k], window, r.apart), math.sqrt(s), part)
-            for k, s in zip(axes, squares, strict=True)
-        ]
-    return math.hypot(*each)
-
-
-def _inside(r: Requirement, frequency: np.ndarray) -> np.ndarray:
-    return (frequency >= r.lowest) & (frequency <= (math.inf if r.highest is None else r.highest))
-
-
-def _of_density(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
-    low, high = max(r.lowest, float(f[0])), min(math.inf if r.highest is None else r.highest, float(f[-1]))
-    if low >= high:
-        return 0.0
-    grid = np.union1d(f[(f > low) & (f < high)], [low, high])
-    return mean_square_of_density(r.metric, grid, np.interp(grid, f, S), window, r.apart)
-
-
 def judged(requirement: Requirement, contributions: Sequence[Contribution], rule: Rule) -> Judged:
     """A requirement against the sum of all sources."""
     if requirement.incomplete:
@@ -166,17 +115,13 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
                       (f"{key}: missing; {requirement.metric} needs it, such as {key}: 10 ms",), (), ())  # fmt: skip
     chosen = [costliest(requirement, one) for one in contributions]
     if requirement.curve is not None:
-        return _by_curve(requirement, chosen, rule)
+        return _by_curve(requirement, chosen, contributions, rule)
     tones = merged(chosen, rule)
     densities = [one.density for one in chosen if one.density is not None]
+    chosen = _crossing(requirement, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps if _overlaps(requirement, gap)]
-    hidden = [gap for gap in gaps if np.all(np.isfinite(gap.most))]
     value = figure(requirement, tones.frequency, tones.value, densities)
-    most = math.inf
-    if len(hidden) == len(gaps):
-        f = np.concatenate([tones.frequency, *(gap.frequency for gap in hidden)])
-        most = figure(requirement, f, np.vstack([tones.most, *(gap.most for gap in hidden)]), densities)
-    least = figure(requirement, tones.frequency, tones.least, densities)
+    least, most = ends(requirement, tones, gaps, densities)
     cases = _values(requirement, chosen, rule, densities)
     lacking = _lacking(requirement, chosen, cases)
     why = [*_reasons(requirement, chosen, value), *lacking]
@@ -217,7 +162,7 @@ def costliest(requirement: Requirement, one: Contribution) -> Contribution:
 def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.ndarray, np.ndarray]:
     """Rms and bound of each of a source's alternatives [rad], (n,) each."""
     f = np.concatenate([one.frequency for one in alternatives])
-    A = np.abs(np.concatenate([one.los for one in alternatives]))[:, _AXES[r.axis]] * _inside(r, f)[:, None]
+    A = np.abs(np.concatenate([one.los for one in alternatives]))[:, AXES[r.axis]] * inside(r, f)[:, None]
     starts, window = np.cumsum([0, *(len(one.names) for one in alternatives[:-1])]), r.window or r.apart or 1.0
     squares = mean_square_of_lines(r.metric, f, A, window, r.apart).sum(axis=1)
     crests = [
@@ -225,6 +170,14 @@ def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.n
         for column in A.T
     ]
     return np.sqrt(np.add.reduceat(squares, starts)), np.sqrt(np.sum(np.square(crests), axis=0))
+
+
+def _crossing(
+    r: Requirement, chosen: Sequence[Contribution], contributions: Sequence[Contribution]
+) -> list[Contribution]:
+    """Those that were chosen, with what their lines may meet on the way among what is not known of them."""
+    each = zip(chosen, contributions, strict=True)
+    return [replace(one, gaps=(*one.gaps, *crossings(r, source, contributions))) for one, source in each]
 
 
 def _overlaps(r: Requirement, gap: Gap) -> bool:
@@ -239,7 +192,7 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
             bounded = np.all(np.isfinite(gap.most))
             if _overlaps(r, gap) and not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
                 found.append(f"{one.source}: {gap.why}")
-        ringing = ~one.settled & _inside(r, one.frequency)
+        ringing = ~one.settled & inside(r, one.frequency)
         size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
         if size**2 > WORTH * value**2:
             names = ", ".join(np.array(one.names)[ringing])
@@ -273,24 +226,31 @@ def _costs(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, 
 # ---- Curves over frequency ----
 
 
-def _over(r: Requirement, frequency: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band."""
+def _over(r: Requirement, frequency: np.ndarray, amplitude: np.ndarray, *, surely: bool = False) -> np.ndarray:
+    """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band; ``surely`` as in ``figure``."""
     curve = r.curve or ()
     f, allowed = (np.log([getattr(point, name) for point in curve]) for name in ("frequency", "amplitude"))
-    size = {"x": amplitude[:, 0], "y": amplitude[:, 1], "radial": np.hypot(*amplitude.T)}[r.axis]
+    size = {
+        "x": amplitude[:, 0],
+        "y": amplitude[:, 1],
+        "radial": amplitude.max(axis=1) if surely else np.hypot(*amplitude.T),
+    }[r.axis]
     at = np.log(np.maximum(frequency, 1e-300))
-    inside = _inside(r, frequency) & (at >= f[0]) & (at <= f[-1])
-    return np.where(inside, size / np.exp(np.interp(at, f, allowed)), 0.0)
+    counts = inside(r, frequency) & (at >= f[0]) & (at <= f[-1])
+    return np.where(counts, size / np.exp(np.interp(at, f, allowed)), 0.0)
 
 
-def _by_curve(r: Requirement, chosen: Sequence[Contribution], rule: Rule) -> Judged:
+def _by_curve(
+    r: Requirement, chosen: Sequence[Contribution], contributions: Sequence[Contribution], rule: Rule
+) -> Judged:
     tones = merged(chosen, rule)
     curve = r.curve or ()
     own = r.model_copy(
         update={"lowest": max(r.lowest, curve[0].frequency), "highest": min(r.highest or math.inf, curve[-1].frequency)}
     )
+    chosen = _crossing(r, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps if _overlaps(own, gap)]
-    over = [_over(r, tones.frequency, A) for A in (tones.least, tones.value, tones.most)]
+    over = [_over(r, tones.frequency, A, surely=A is tones.least) for A in (tones.least, tones.value, tones.most)]
     hidden = [_over(r, gap.frequency, np.nan_to_num(gap.most, posinf=1e300)).max(initial=0.0) for gap in gaps]
     unbounded = any(not np.all(np.isfinite(gap.most)) for gap in gaps)
     worst = int(np.argmax(over[1])) if tones.frequency.size else -1

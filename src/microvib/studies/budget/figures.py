@@ -1,0 +1,141 @@
+"""The figure that a requirement asks for, of lines and densities; between what it lies where they are known in part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.signals.pointing import (
+    EVERYWHERE,
+    bound,
+    in_window,
+    level,
+    mean_square_of_density,
+    mean_square_of_lines,
+    weight,
+)
+from microvib.studies.budget.files import Requirement
+from microvib.studies.budget.sources import Contribution, Gap
+
+AXES = {"x": [0], "y": [1], "radial": [0, 1]}
+RISES = 0.95
+"""Confidence from which a level rises with the amplitude of each line; below, a line may also take others from their crests."""
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Lines of all sources, one for each frequency: amplitudes [rad], (k, 2), with best, given and worst phases."""
+
+    frequency: np.ndarray
+    least: np.ndarray
+    value: np.ndarray
+    most: np.ndarray
+
+
+def figure(
+    requirement: Requirement,
+    frequency: np.ndarray,
+    amplitude: np.ndarray,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+    *,
+    surely: bool = False,
+) -> float:
+    """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and densities.
+
+    What both axes reach together is a bound, since they need not do so at once; ``surely`` it is what one of them does.
+    """
+    r, axes = requirement, AXES[requirement.axis]
+    window = r.window or r.apart or 1.0
+    counts = inside(r, frequency)
+    f, A = frequency[counts], amplitude[counts]
+    squares = np.array([sum((_of_density(r, window, f_S, S[:, k]) for f_S, S in densities), 0.0) for k in axes])
+    if r.statistic == "rms":
+        total = float(np.sum(mean_square_of_lines(r.metric, f, A[:, axes], window, r.apart)))
+        return math.sqrt(total + float(squares.sum()))
+    if r.statistic == "bound":
+        each = [
+            bound(in_window(r.metric, f, A[:, k], window, r.apart, EVERYWHERE), math.sqrt(s))
+            for k, s in zip(axes, squares, strict=True)
+        ]
+    else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
+        part = r.confidence if surely else 1.0 - (1.0 - r.confidence) / len(axes)
+        each = [
+            level(in_window(r.metric, f, A[:, k], window, r.apart), math.sqrt(s), part)
+            for k, s in zip(axes, squares, strict=True)
+        ]
+    return max(each) if surely else math.hypot(*each)
+
+
+def ends(
+    r: Requirement, tones: Tones, gaps: Sequence[Gap], densities: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> tuple[float, float]:
+    """Between which the figure lies: least and most; infinite where nothing bounds a gap."""
+    f = np.concatenate([tones.frequency, *(gap.frequency for gap in gaps)])
+    hidden = np.vstack([np.zeros((0, 2)), *(gap.most for gap in gaps)])
+    bounded = bool(np.all(np.isfinite(hidden)))
+    if r.statistic != "level" or r.confidence >= RISES:
+        least = figure(r, tones.frequency, tones.least, densities, surely=True)
+        return least, figure(r, f, np.vstack([tones.most, hidden]), densities) if bounded else math.inf
+    # A level may fall as a line grows, but changes by no more than what the line adds at its crests.
+    change = np.vstack([np.maximum(tones.most - tones.value, tones.value - tones.least), hidden])
+    reach = figure(r.model_copy(update={"statistic": "bound"}), f, change) if bounded else math.inf
+    surely, value = (figure(r, tones.frequency, tones.value, densities, surely=x) for x in (True, False))
+    return max(surely - reach, 0.0), value + reach
+
+
+def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Contribution]) -> Iterator[Gap]:
+    """What lines that ``moving`` takes through a range of frequencies add where they meet a line of another source.
+
+    Two lines of amplitudes A and a are one of A + a at most where they meet, by A a more than their mean squares.
+    """
+    if not moving.alternatives or r.statistic == "bound":
+        return  # in a bound amplitudes add anyway
+    before = True
+    for other in contributions:
+        before = before and other is not moving
+        if other is moving or (before and other.alternatives):  # of two that move, the first has told what both add
+            continue
+        lines = other.alternatives or (other,)
+        f = np.concatenate([one.frequency for one in lines])
+        A = np.vstack([np.abs(one.los) * one.settled[:, None] for one in lines])
+        why = f"its lines may meet those of {other.source}, in any phase"
+        for swept, size in _swept(moving):
+            met, a = _meeting(r, swept, size, f)
+            if met.any() and r.curve is not None:
+                yield Gap(why, 0.0, math.inf, f[met], A[met] + a)
+            elif met.any():
+                by = weight(r.metric, f[met], r.window or r.apart or 1.0, r.apart)
+                worst = [int(np.argmax(by * np.sum((A[met] * a)[:, AXES[r.axis]], axis=1)))]
+                yield Gap(why, 0.0, math.inf, f[met][worst], np.sqrt(2.0 * A[met] * a)[worst])
+
+
+def _swept(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Of each line of a source with alternatives its frequencies, ascending (n,) [Hz], and amplitudes (n, 2) [rad]."""
+    f = np.array([one.frequency for one in moving.alternatives])
+    size = np.abs([one.los for one in moving.alternatives])
+    for k in range(f.shape[1]):
+        order = np.argsort(f[:, k])
+        yield f[order, k], size[order, k]
+
+
+def _meeting(r: Requirement, swept: np.ndarray, size: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which frequencies (m,) a line ``swept`` (n,) with its ``size`` (n, 2) passes, and its amplitudes there."""
+    met = (f >= swept[0]) & (f <= swept[-1]) & inside(r, f)
+    right = np.clip(np.searchsorted(swept, f[met]), 1, swept.size - 1)
+    return met, np.maximum(size[right - 1], size[right])
+
+
+def inside(r: Requirement, frequency: np.ndarray) -> np.ndarray:
+    """Which frequencies [Hz] count."""
+    return (frequency >= r.lowest) & (frequency <= (math.inf if r.highest is None else r.highest))
+
+
+def _of_density(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
+    low, high = max(r.lowest, float(f[0])), min(math.inf if r.highest is None else r.highest, float(f[-1]))
+    if low >= high:
+        return 0.0
+    grid = np.union1d(f[(f > low) & (f < high)], [low, high])
+    return mean_square_of_density(r.metric, grid, np.interp(grid, f, S), window, r.apart)
