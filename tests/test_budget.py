@@ -386,11 +386,15 @@ def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     assert judged(requirement(), [empty], "rss").verdict == "not judged"  # a cell that is empty is not zero
 
 
-def test_torque_noise_is_one_draw_of_many() -> None:
-    noisy = scenario_of(
-        whole.FullCraft(bandwidth=0.2),
-        **{"friction.torque_noise": {"density": Si(1e-8), "lowest": Si(0.5), "highest": Si(50.0)}},
-    )
+@pytest.mark.parametrize(
+    "noise",
+    [
+        {"friction.torque_noise": {"density": Si(1e-8), "lowest": Si(0.5), "highest": Si(50.0)}},
+        {"friction.position": {"roughness": {"density": Si(1e-12), "lowest": Si(3e3), "highest": Si(3e5)}}},
+    ],
+)
+def test_noise_of_the_friction_is_one_draw_of_many(noise: dict[str, object]) -> None:
+    noisy = scenario_of(whole.FullCraft(bandwidth=0.2), **noise)
     one, _ = of_run("drive", noisy, mv.run(noisy), 8)
     found = judged(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"

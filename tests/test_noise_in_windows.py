@@ -8,7 +8,7 @@ from support import craft as whole
 from support.craft_scenarios import scenario_of
 
 import microvib as mv
-from microvib.analysis.pointing import NOISE, hub_lines
+from microvib.analysis.pointing import NOISE, HubLines, hub_lines
 from microvib.signals.pointing import mean_square_of_density, weight
 from microvib.units import Si
 
@@ -41,6 +41,26 @@ def test_windows_of_a_run_have_lines_and_noise_once_each() -> None:
         math.sqrt(hub.sums("ape", 1.0).sum(axis=0)[0]), rel=1e-3
     )
     assert max(said["within"]["los_x_rad"], said["within"]["los_y_rad"]) > 2.5 * math.sqrt(hub.noise("ape", 1.0).max())
+
+
+def test_roughness_counts_in_windows_as_the_torque_noise_that_the_output_turns_past() -> None:
+    scenario = scenario_of(
+        whole.FullCraft(bandwidth=0.1), **{"friction.coulomb": Si(0.5), "friction.breakaway": Si(0.5)}
+    )
+    assert scenario.rate
+    turns = abs(scenario.rate) / math.tau
+    field = {"density": Si(2e-8 * turns / scenario.friction.torque(scenario.rate) ** 2)}
+    field |= {"lowest": Si(0.5 / turns), "highest": Si(40.0 / turns)}
+    rough = scenario.with_si({"friction.position": {"roughness": field}})
+    noisy = scenario.with_si({"friction.torque_noise": {**NOISY, "density": Si(2e-8)}})
+    both = noisy.with_si({"friction.position": {"roughness": field}})
+    none = np.empty((0, 2))
+    sums = [
+        HubLines(one, (), np.empty(0), np.empty((0, 6)), none, none).noise("rpe", 0.125) for one in (rough, noisy, both)
+    ]
+    assert sums[1].min() > 0.0
+    assert sums[0] == pytest.approx(sums[1], rel=1e-3)
+    assert sums[2] == pytest.approx(2.0 * sums[1], rel=1e-3)
 
 
 def test_without_noise_nothing_is_said_of_it() -> None:

@@ -187,6 +187,8 @@ def test_arrays_of_several_sources():
         ({"vary": {"reducer.stiffness": {"from": "1 N*m/rad", "to": "9 N*m/rad"}}}, "count: None is not allowed; a whole number from 2"),
         ({"vary": {"friction.viscous": {"distribution": "normal", "relative_deviation": 0.9}}}, "must be at least 0"),
         ({"sampling": {"method": "halton"}}, "sampling.method: 'halton' is not allowed"),
+        ({"sampling": {"noise": "each"}}, "sampling.noise: the scenario has none; a friction.torque_noise is expected"),
+        ({"sampling": {"noise": "each", "method": "one-at-a-time"}}, "noise: each goes with sobol, latin-hypercube and random points"),
         ({"correlations": [{"keys": ["reducer.ratio", "motor.current"], "coefficient": 0.5}]}, "correlations: nothing is sampled"),
         ({"cases": [{"driver.microsteps": 4}]}, "driver.microsteps stands in vary and in cases"),
         ({"limit": 0.01}, "limit: 0.01 needs a unit, such as '0.01 mN*m'"),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.campaigns import EVERYTHING, SHORT, Fragile, computed, made, spread, study
 
-from microvib.reports.campaign.report import campaign_report, draw, summarise
+import microvib as mv
+from microvib.reports.campaign.report import _sampling, campaign_report, draw, summarise
 from microvib.reports.campaign.text import report_text
 from microvib.reports.document import Table
 from microvib.reports.rendering import html
@@ -63,6 +66,24 @@ def test_cases_that_could_not_be_judged_are_neither_above_nor_below(tmp_path):
     any_level = at_any_level(results, 1e-3, (60.0, 400.0))
     assert (any_level.above, any_level.unknown) == (0, 8)
     assert (any_level.exceedance.low, any_level.exceedance.high) == (0.0, 1.0)
+
+
+def test_points_with_draws_of_their_own_scatter_as_seeds_do(tmp_path):
+    noise = {"friction.torque_noise": {"density": "2e-4 N^2*m^2/Hz", "lowest": "0.3 Hz", "highest": "5 Hz", "seed": 7}}
+    record = {"record.settle": "2 s", "record.duration": "4 s", "record.sample_rate": "512 Hz"}
+    sampling = {"method": "random", "count": 4}
+    asked = study(set=record | noise, vary={}, sampling=sampling | {"noise": "each"})
+    results = computed(tmp_path, asked)
+    campaign = results.campaign.design
+    assert [campaign.scenario(k).friction.torque_noise.seed for k in range(4)] == [7, 8, 9, 10]
+    row = next(row for row in line_statistics(results, None, EVERYTHING) if row.line == "array_mode_1")
+    seeds = mv.run(campaign.base, lines_only=True, harmonics=2, seeds=4).table.over_seeds("array_mode_1")
+    assert row.count == row.level.draws == seeds.draws == 4
+    assert (row.mean, row.deviation) == pytest.approx((seeds.mean_n_m, seeds.deviation_n_m), rel=1e-3)
+    alike = study(set=record | noise, vary={"motor.current": ["0.6 A"]}, sampling=sampling)
+    assert design(alike).scenario(0).friction.torque_noise.seed == 7
+    assert "Every point has its own draw" in _sampling(results.campaign)
+    assert "All cases have one draw" in _sampling(replace(results.campaign, design=design(alike)))
 
 
 def test_a_percentile_needs_draws_that_bound_it():

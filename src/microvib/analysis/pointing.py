@@ -61,7 +61,7 @@ class HubLines:
     second: np.ndarray | None = None
     """Loads on the hub at the second wing's interface, (k, 6); None without a second wing."""
     driven: tuple[str, ...] = ()
-    """Lines that torque noise drives: one draw of what ``density`` has of all, so that sums leave them out."""
+    """Lines that noise drives: one draw of what ``density`` has of all, so that sums leave them out."""
 
     @property
     def windows(self) -> tuple[float, ...]:
@@ -81,7 +81,7 @@ class HubLines:
 
     @cached_property
     def density(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """One-sided density (n, 2) [rad^2/Hz] of the line of sight by torque noise, by frequency (n,) [Hz]; None without."""
+        """One-sided density (n, 2) [rad^2/Hz] of the line of sight by noise, over the frequency (n,) [Hz]; None without."""
         drives = () if self.los is None else (self.scenario, self.scenario.driven_wing)
         found = [one for one in (density_of_noise(drive) for drive in drives if drive is not None) if one is not None]
         if len(found) < 2:

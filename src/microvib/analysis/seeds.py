@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
@@ -18,34 +19,37 @@ QUANTILE, CONFIDENCE = 0.95, 0.95
 _MOST = 100_000
 
 
-def draws(scenario: Scenario) -> Iterator[Scenario]:
-    """The scenario with its seeds, and with the following ones."""
+def seeds_of(scenario: Scenario, draw: int) -> dict[str, int]:
+    """Keys and values of the seeds of a draw of the scenario's noise, the first being its own; none without noise."""
     noise, position = scenario.friction.torque_noise, scenario.friction.position
     keys = {"friction.torque_noise.seed": noise.seed} if noise and not noise.silent else {}
     if position and position.roughness and position.acts:
         keys["friction.position.roughness.seed"] = position.roughness.seed
-    if not keys:
+    return {key: (seed + draw) % 2**63 for key, seed in keys.items()}
+
+
+def draws(scenario: Scenario) -> Iterator[Scenario]:
+    """The scenario with its seeds, and with the following ones."""
+    if not seeds_of(scenario, 0):
         raise OptionError(
             "seeds", "says how many draws of the noise to run, and this scenario has none (friction.torque_noise)"
         )
-    k = 0
-    while True:
-        yield scenario.with_({key: (seed + k) % 2**63 for key, seed in keys.items()})
-        k += 1
+    for k in count():
+        yield scenario.with_(seeds_of(scenario, k))
 
 
 def with_seeds(
-    table: LineTable, scenario: Scenario, count: int, progress: Callable[[int], None] | None = None
+    table: LineTable, scenario: Scenario, number: int, progress: Callable[[int], None] | None = None
 ) -> LineTable:
-    """The table with its lines over ``count`` draws, those of its seeds and of the following ones, each from rest.
+    """The table with its lines over a ``number`` of draws, those of its seeds and of the following ones, each from rest.
 
     Unlisted lines are others in every draw and are left out. Raises OptionError without noise, and what ``simulate`` raises.
     """
-    if not 2 <= count <= _MOST:
-        raise OptionError("seeds", f"{count} is not allowed; 2 to {_MOST} draws are expected")
+    if not 2 <= number <= _MOST:
+        raise OptionError("seeds", f"{number} is not allowed; 2 to {_MOST} draws are expected")
     names = [line.line for line in table if line.kind != "other"]
     found: dict[str, list[Line]] = {name: [] for name in names}
-    for k, drawn in zip(range(count), draws(scenario), strict=False):
+    for k, drawn in zip(range(number), draws(scenario), strict=False):
         (torque,) = simulate_torques([drawn.with_({"record.start": "rest"})])
         if not isinstance(torque, Torque):
             raise torque
@@ -54,7 +58,7 @@ def with_seeds(
                 found[line.line].append(line)
         if progress:
             progress(k + 1)
-    return replace(table, seeds=tuple(_over(rows) for rows in found.values() if len(rows) > 0.9 * count))
+    return replace(table, seeds=tuple(_over(rows) for rows in found.values() if len(rows) > 0.9 * number))
 
 
 def _over(rows: list[Line]) -> SeedLine:

@@ -18,6 +18,8 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.craft import Craft, Held, array_on_hub, held, hub_matrices
+from microvib.model.driven import noise_bands
+from microvib.model.driven import noise_density as density_of_friction
 from microvib.model.linear import coordinates, coupled_modes, pulls
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
@@ -211,29 +213,32 @@ def short_way(scenario: Scenario, frequency: np.ndarray, blocked: np.ndarray) ->
 
 
 def noise_density(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
-    """One-sided densities of both angles of the line of sight (m, 2) [rad^2/Hz] by the torque noise of the output's friction.
+    """One-sided densities of both angles of the line of sight (m, 2) [rad^2/Hz] by the noise of the output's friction.
 
-    Through the linearised drive, as if the shaft always slid: where it sticks, friction takes the noise up.
+    Torque noise and roughness, through the linearised drive, as if the shaft always slid: where it sticks, friction takes it up.
     """
-    f, noise = np.asarray(frequency, dtype=float), scenario.friction.torque_noise
-    if noise is None or noise.silent:
+    f = np.asarray(frequency, dtype=float)
+    if not noise_bands(scenario):
         return np.zeros((f.size, 2))
     source = source_of(scenario)
     output = coordinates(scenario.reducer, len(scenario.array.modes))[1]
     los = short_way(scenario, f, source.blocked(f, np.ones(f.size), output)).los
     if los is None:
         raise MicrovibError("spacecraft.line_of_sight: missing; its density is asked for")
-    return np.asarray(np.nan_to_num(np.abs(los)) ** 2 * noise.at(f, scenario.record.sample_rate)[:, None])
+    return np.asarray(np.nan_to_num(np.abs(los)) ** 2 * density_of_friction(scenario, f)[:, None])
 
 
 def density_of_noise(scenario: Scenario) -> tuple[np.ndarray, np.ndarray] | None:
     """``noise_density`` (n, 2) at frequencies (n,) [Hz] that resolve its resonances; None without noise."""
-    noise = scenario.friction.torque_noise
-    if noise is None or noise.silent:
+    bands = noise_bands(scenario).values()
+    if not bands:
         return None
-    low, high = noise.band(scenario.record.sample_rate)
-    low = max(low, receiver_of(scenario).lowest, 1e-3)
-    near = about_modes(scenario)
+    low = max(min(low for low, _ in bands), receiver_of(scenario).lowest, 1e-3)
+    high = max(low, *(high for _, high in bands))
+    ends = [
+        beside for band in bands for end in band for beside in (end, np.nextafter(end, 0.0), np.nextafter(end, np.inf))
+    ]
+    near = np.concatenate([about_modes(scenario), ends])
     grid = np.unique(np.concatenate([[low], np.geomspace(low, high, 4000), near[(near > low) & (near < high)]]))
     return grid, noise_density(scenario, grid)
 

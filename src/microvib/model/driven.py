@@ -46,6 +46,18 @@ def noise_density(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     return density
 
 
+def noise_bands(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """The band [Hz] of each kind of that noise, by its key; of roughness where the output turns at a constant rate."""
+    friction, rate, bands = scenario.friction, scenario.rate, {}
+    if friction.torque_noise is not None and not friction.torque_noise.silent:
+        bands["friction.torque_noise"] = friction.torque_noise.band(scenario.record.sample_rate)
+    rough = None if friction.position is None else friction.position.roughness
+    if rough is not None and rough.deviation > 0.0 and rate:
+        turns = abs(rate) / (2.0 * math.pi)
+        bands["friction.position.roughness"] = rough.band[0] * turns, rough.band[1] * turns
+    return bands
+
+
 def response(scenario: Scenario, frequency: float) -> complex:
     """T_d over a torque of friction on the output at a ``frequency`` [Hz], by the linearised drive."""
     dynamic, omega = dynamic_stiffness(scenario, frequency), 2.0 * math.pi * frequency

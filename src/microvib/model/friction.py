@@ -99,6 +99,12 @@ class Friction(Part):
             changed["position"] = position.model_copy(update={"roughness": anew})
         return self.model_copy(update=changed) if changed else self
 
+    @property
+    def without_noise(self) -> Friction:
+        """The same without torque noise and roughness."""
+        position = None if self.position is None else self.position.model_copy(update={"roughness": None})
+        return self.model_copy(update={"torque_noise": None, "position": position})
+
     def torque(self, omega: float) -> float:
         """Friction torque [N m] at the rate ``omega`` != 0 [rad/s] (Eq. 7); at rest it is set-valued and this is 0."""
         if omega == 0.0:

@@ -20,6 +20,7 @@ from microvib.analysis.pointing import HubLines
 from microvib.analysis.turning import Moved, at_angle, moved_by, shaft_torques
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import craft_in
+from microvib.model.driven import noise_bands
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, weight
 from microvib.solve.integration import Progress
@@ -139,9 +140,8 @@ class Orbit:
                 f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in {worst.window:g} s by some"
                 f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed: {100 * NOT_QUASI_STATIC:g} %)."
             )
-        noise = self.sweep.scenario.friction.torque_noise
-        if noise is not None and not noise.silent:
-            said.append("Torque noise is left out here; a sweep over angles has it.")
+        if noise_bands(self.sweep.scenario):
+            said.append("Torque noise and roughness of the friction are left out here; a sweep over angles has them.")
         without = [(math.degrees(a), why) for a, why in zip(self.runs.angles, self.runs.fallbacks, strict=True) if why]
         if without:
             at = [a for a, _ in without]
@@ -185,8 +185,8 @@ def over_orbit(
             "angles",
             f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order are expected",
         )
-    # Torque noise has no steady state; it is said that it is left out.
-    steady = scenario.with_si({"record.start": "steady", "friction.torque_noise": None})
+    # Noise has no steady state; it is said that it is left out.
+    steady = scenario.with_si({"record.start": "steady", "friction": scenario.friction.without_noise})
     runs, halvings, off = _run(steady, np.array(angles, dtype=float), harmonics, progress)
     between = _Between(runs)
     psi, moved = between.dense()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from microvib.analysis.limits import Limit
+from microvib.analysis.seeds import seeds_of
 from microvib.model.scenario import Scenario
 from microvib.reports.blocks import drawn, study
 from microvib.reports.campaign import figures
@@ -284,7 +285,10 @@ def _sampling(campaign: Campaign) -> str:
     design = campaign.design
     sampling, record = design.study.sampling, design.base.record
     points = design.samples.shape[0]
-    how = f"Sampling: {sampling.method}, {count(points, 'point')}, seed {sampling.seed}. " if design.uncertain else ""
+    how = f"Sampling: {sampling.method}, {count(points, 'point')}, seed {sampling.seed}. " if design.random else ""
+    if seeds_of(design.base, 0):
+        each = "Every point has its own draw" if sampling.noise == "each" else "All cases have one draw"
+        how += f"{each} of the friction's noise. "
     recorded = f"a record of {record.duration:g} s after {record.settle:g} s"
     return f"{how}Of each case: {'its steady state' if design.study.solve == 'steady' else recorded}."
 

@@ -28,6 +28,7 @@ from microvib.model.coupling import (
     short_way,
     transfer_from,
 )
+from microvib.model.driven import noise_bands
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import motion_of
@@ -144,13 +145,10 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
         if line.line in found.unknown and not steady and not has_calmed(line, scenario):
             f = line.expected_hz
             yield open_gap(f"{line.line} ({line.status}; a longer record.duration, or record.start: steady)", f, f)
-    noise = scenario.friction.torque_noise
-    if noise is not None and not noise.silent:
-        why = "friction.torque_noise is taken through the linearised drive as if it never stuck; a run is one draw of many"
-        yield open_gap(why, *noise.band(record.sample_rate))
-    position = scenario.friction.position
-    if position is not None and position.roughness is not None and position.roughness.deviation > 0.0:
-        yield open_gap("friction.position.roughness is one draw of many")
+    for key, band in noise_bands(scenario).items():
+        yield open_gap(
+            f"{key} is taken through the linearised drive as if it never stuck; a run is one draw of many", *band
+        )
     if scenario.rate is None:
         yield open_gap("the rate changes within the record, so that there are no lines of the step clock")
     if table.rest is None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Limit
+from microvib.analysis.seeds import seeds_of
 from microvib.errors import OptionError, ScenarioError, error_context
 from microvib.io.scenario_file import load_scenario, read_text
 from microvib.io.yaml_text import parse_yaml
@@ -46,6 +47,11 @@ class Design:
         return len(self.combinations), *(len(x.values) for x in self.levels), self.samples.shape[0]
 
     @property
+    def random(self) -> bool:
+        """Whether the points of a sample are draws of anything."""
+        return bool(self.uncertain) or self.study.sampling.noise == "each"
+
+    @property
     def cases(self) -> int:
         """Number of cases."""
         return math.prod(self.shape)
@@ -53,7 +59,8 @@ class Design:
     def changes(self, case: int) -> dict[str, Any]:
         """Dotted key of the scenario to value of one case, in SI."""
         parts: dict[str, Levels | Uncertain] = {x.key: x for x in self.levels} | {x.key: x for x in self.uncertain}
-        changed: dict[str, Any] = {}
+        drawn = self.study.sampling.noise == "each"
+        changed: dict[str, Any] = {**seeds_of(self.base, case % self.samples.shape[0])} if drawn else {}
         for key, value in self.values(case).items():
             changed |= parts[key].changes(value) if key in parts else _given(self.base, key, value)
         return changed
@@ -157,7 +164,12 @@ def _drawn(study: Study, base: Scenario, folder: Path) -> Design:
     parts = [_variation(base, key, spec, folder) for key, spec in study.vary.items()]
     levels = tuple(x for x in parts if isinstance(x, Levels))
     uncertain = tuple(x for x in parts if isinstance(x, Uncertain))
-    if not parts and not study.cases:
+    each = study.sampling.noise == "each"
+    if each and not seeds_of(base, 0):
+        raise ScenarioError(
+            "sampling.noise: the scenario has none; a friction.torque_noise is expected, or no draws of it"
+        )
+    if not parts and not study.cases and not each:
         raise ScenarioError("vary: missing; at least one key to vary, or cases, is expected")
     combinations: list[dict[str, Any]] = []
     for k, item in enumerate(study.cases):
@@ -216,7 +228,7 @@ def _try(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
 def _points(study: Study, keys: int) -> int:
     count = study.sampling.count
     special = {"sobol-indices": count * (keys + 2), "one-at-a-time": 1 + 2 * keys}
-    return special.get(study.sampling.method, count) if keys else 1
+    return special.get(study.sampling.method, count) if keys or study.sampling.noise == "each" else 1
 
 
 def _sample(study: Study, uncertain: Sequence[Uncertain]) -> np.ndarray:
@@ -224,7 +236,7 @@ def _sample(study: Study, uncertain: Sequence[Uncertain]) -> np.ndarray:
     if not uncertain:
         if study.correlations:
             raise ScenarioError("correlations: nothing is sampled; give the keys distributions")
-        return np.zeros((1, 0))
+        return np.zeros((_points(study, 0), 0))
     u = _correlated(_probabilities(study, len(uncertain)), study, uncertain)
     return np.column_stack([x.quantile(u[:, k]) for k, x in enumerate(uncertain)])
 

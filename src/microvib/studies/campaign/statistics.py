@@ -101,7 +101,8 @@ def levels_of(results: Results) -> tuple[Level, ...]:
     done = (results.state == DONE).reshape(-1, points)
     counted = independent(design).reshape(-1, points)
     draws = [design.samples[good & known] for good, known in zip(done, counted, strict=True)]
-    distinct = [len(np.unique(x, axis=0)) if design.uncertain else len(x) for x in draws]
+    alike = design.uncertain and design.study.sampling.noise == "one"
+    distinct = [len(np.unique(x, axis=0)) if alike else len(x) for x in draws]
     return tuple(
         Level(number=k, text=design.level_text(k), draws=n, failed=int(np.sum(~done[k])))
         for k, n in enumerate(distinct)
@@ -191,7 +192,7 @@ def at_any_level(results: Results, limit: float, band: tuple[float, float]) -> A
     design = results.campaign.design
     points = design.samples.shape[0]
     counted = independent(design)[:points]
-    if not design.uncertain or counted.sum() < 2:
+    if not design.random or counted.sum() < 2:
         return None
     table = case_verdicts(results, limit, band).reshape(-1, points)[:, counted]
     fails = (table == ABOVE).any(axis=0)

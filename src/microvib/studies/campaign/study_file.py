@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -22,6 +23,15 @@ class Sampling(Part):
     )
     count: int = Field(default=128, ge=1, le=10_000_000, description="points; for sobol-indices the base sample N")
     seed: int = Field(default=1, ge=0, le=2**32 - 1, description="seed of the random numbers")
+    noise: Literal["one", "each"] = Field(
+        default="one",
+        description="each: every point has its own draw of the friction's noise, the scenario's seeds and the following ones;"
+        " one: all have the scenario's",
+    )
+
+    def _misfits(self) -> Iterator[str]:
+        if self.noise == "each" and self.method in ("sobol-indices", "one-at-a-time"):
+            yield f"noise: each goes with sobol, latin-hypercube and random points, not with {self.method}, which compares points"
 
 
 class Correlation(Part):
