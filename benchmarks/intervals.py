@@ -26,6 +26,7 @@ from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence, Observation, observations
 from microvib.studies.identify import MODEL_ERROR, Fit, identify
 from microvib.studies.identify.problem import DECAY_FLOOR, FREQUENCY_FLOOR, PHASE_FLOOR
+from microvib.units import Si
 
 SPREAD = {"reducer.stiffness": 0.3, "motor.friction.viscous": 0.3, "array.rigid_inertia": 0.2}
 """Drawn parameters: largest relative deviation from the catalog's, either way."""
@@ -76,7 +77,7 @@ def wrong(o: Observation, random: np.random.Generator) -> Observation:
 def identified(start: Scenario, one: Made, seed: int, driver: bool) -> Fit:
     """Its identification, with ranges of ours."""
     keys = [f"driver.imperfections.{key}" for key in DRIVER] if driver else list(SPREAD)
-    late = SETTLE_ERROR if driver else math.inf
+    late = Si(SETTLE_ERROR) if driver else None
     return identify(start, [(one.evidence, {})], keys, starts=32, finishes=1, seed=seed, settle_error=late)
 
 

@@ -1,8 +1,12 @@
 """One rule at every door: where a unit decides, text with a unit or an ``Si`` number is taken, and a bare number is refused."""
 
 import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
+from scipy.io import savemat
 
 import microvib as mv
 from microvib.analysis.limits import Limit
@@ -10,12 +14,25 @@ from microvib.io.scenario_file import load_bench
 from microvib.model.expected import expected_lines
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.spectrum import power_spectral_density, waterfall
+from microvib.studies.angles import sweep_angles
+from microvib.studies.orbit import over_orbit
 from microvib.studies.rates import at_rate, plan_rates, rate_grid
 from microvib.testdata.bench import Bench
 from microvib.testdata.preparation import Preparation
 from microvib.units import Si
 
 RATE, TORQUE, HZ, SECONDS = (math.radians(0.05), "0.05 deg/s"), (0.01, "10 mN*m"), (2.0, "2 Hz"), (3.0, "3 s")
+
+CRAFT = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
+QUICK = {"record.settle": "0 s", "record.duration": "0.5 s", "record.sample_rate": "512 Hz"}
+
+
+def rate_of_recording(given):
+    """Of one that has no time axis."""
+    with TemporaryDirectory() as folder:
+        savemat(f"{folder}/bare.mat", {"Mz": np.zeros(64)})
+        return mv.read_recording(f"{folder}/bare.mat", given).sample_rate
+
 
 DOORS = {
     "with_": (RATE, lambda s, m, x: s.with_({"tracking.rate": x}).tracking.rate),
@@ -35,6 +52,8 @@ DOORS = {
     "density": (HZ, lambda s, m, x: power_spectral_density(m["T_d"], m.sample_rate, x).resolution),
     "waterfall": (HZ, lambda s, m, x: waterfall(m["T_d"], m.sample_rate, x).resolution),
     "expected_lines": (HZ, lambda s, m, x: 2.0 * len(expected_lines(s, x, 1)) / len(expected_lines(s, "2 Hz", 1))),
+    "angles": ((math.radians(30.0), "30 deg"), lambda s, m, x: sweep_angles(mv.load_scenario(CRAFT, QUICK), [x]).angles[0]),
+    "a recording's rate": (HZ, lambda s, m, x: rate_of_recording(x)),
     "preparation": (SECONDS, lambda s, m, x: Preparation(start=x).start),
     "bench": (SECONDS, lambda s, m, x: Bench(duration=x).duration),
 }  # fmt: skip
@@ -66,6 +85,14 @@ def test_one_rule_for_numbers(state_1, motion_1, door):
 def test_a_rate_without_a_unit_is_proposed_in_the_unit_that_people_mean(state_1, enter, number):
     with pytest.raises(mv.MicrovibError, match=r"needs a unit, such as '0\.05 deg/s'"):
         enter(state_1, number)
+
+
+def test_angles_of_an_orbit_are_no_bare_numbers():
+    craft = mv.load_scenario(CRAFT, QUICK)
+    with pytest.raises(mv.MicrovibError, match=r"^angles: 1\.0 needs a unit, such as '1\.0 deg'"):
+        over_orbit(craft, ["0 deg", 1.0])
+    with pytest.raises(mv.MicrovibError, match="angles in this order are expected"):  # read, and in the wrong order
+        over_orbit(craft, ["30 deg", Si(0.0)])
 
 
 def test_numbers_without_a_unit_need_none(state_1):

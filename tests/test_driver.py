@@ -402,7 +402,7 @@ def fitted(errors, seed, late=0.0, **how):
 
 def estimates(errors, seed, **how):
     """Errors with their signs, where the time before the recording is known; all must be identifiable."""
-    fit = fitted(errors, seed, settle_error=0.05, **how)
+    fit = fitted(errors, seed, settle_error="50 ms", **how)
     assert all(e.identifiable for e in fit.estimates), [e.verdict for e in fit.estimates]
     return {e.key.rpartition(".")[2]: e for e in fit.estimates}
 
@@ -500,7 +500,7 @@ def test_offsets_are_identified_with_their_signs():
 def test_a_settling_time_is_fitted_or_its_error_is_stated():
     one = Evidence("made", (Observation("drive_1", "amplitude", 1.0, 0.1),), None, 16.0, 4096.0)
     with pytest.raises(OptionError, match=r"^settle_error: record\.settle is fitted; fit it or state its error"):
-        identify(baseline(), [one], ["record.settle"], settle_error=0.1)
+        identify(baseline(), [one], ["record.settle"], settle_error="0.1 s")
 
 
 @pytest.mark.long

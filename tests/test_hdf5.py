@@ -154,7 +154,7 @@ def test_sizes_are_bounded_before_reading(tmp_path, settings, complaint):
     with h5py.File(tmp_path / "large.nc", "w") as f:
         f.create_dataset("Mz", dtype="f8", **settings)
     with pytest.raises(RecordingError, match=complaint):
-        read_recording(tmp_path / "large.nc", 1.0)
+        read_recording(tmp_path / "large.nc", "1 Hz")
 
 
 @pytest.mark.parametrize("chunks", [(1000,), None])
@@ -171,7 +171,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path):
         bomb = f.create_dataset("Mz", shape=(64,), chunks=(64,), dtype="f8", compression="gzip")
         bomb.id.write_direct_chunk((0,), zlib.compress(bytes(10_000_000)))
     with pytest.raises(RecordingError, match="/Mz: unpacks to more than it says"):
-        read_recording(tmp_path / "bomb.nc", 1.0)
+        read_recording(tmp_path / "bomb.nc", "1 Hz")
 
 
 def test_large_texts_are_not_read_all_at_once(tmp_path, monkeypatch):

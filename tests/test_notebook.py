@@ -143,12 +143,26 @@ def test_spectra_of_all_that_has_samples(motion_1):
     )
 
 
+def test_what_a_cell_ends_with_is_shown_in_a_line_or_as_its_lines(motion_1):
+    scenario, title = motion_1.scenario, f"scenario '{motion_1.scenario.title}'"
+    steady, (torque,) = mv.steady(scenario), mv.batch([scenario.with_(SHORT)])
+    first, *rows = repr(steady).splitlines()
+    assert first.startswith(f"Steady state of {title}: repeats every ")
+    assert rows == repr(steady.lines).splitlines()
+    assert repr(steady.state) == first
+    assert repr(scenario) == title
+    assert repr(torque) == f"Torque of {title}: 12288 samples at 4096 Hz"
+    run = mv.run(scenario.with_(SHORT), lines_only=True)
+    assert repr(run) == f"Run of {title}\n{run.table!r}"
+    assert repr(mv.rates(scenario, ["0.06 deg/s"], linear=True)) == f"Rate plan of {title}: 1 cases, 0 resonances"
+
+
 WRONG = {
     "a name for a scenario, simulated": (lambda m: mv.batch(["state-1"]), "'state-1' is a name; expected is a list of scen"),
     "a name for a scenario, steady": (lambda m: mv.steady("state-1"), "'state-1' is a name; expected is a scenario"),
     "a name for a scenario, planned": (lambda m: mv.rates("state-1", ["1 deg/s"]), "is a name; expected is a scenario"),
-    "a name for a motion": (lambda m: mv.lines("state-1"), "'state-1' is a name; expected is a motion (mv.simulate), "),
-    "a scenario for a motion": (lambda m: mv.lines(m.scenario), "is of type Scenario; expected is a motion (mv.simulate), "),
+    "a name for a motion": (lambda m: mv.lines("state-1"), "'state-1' is a name; expected is a steady state (mv.steady), "),
+    "a scenario for a motion": (lambda m: mv.lines(m.scenario), "is of type Scenario; expected is a steady state (mv.steady), "),
     "a name for a motion's spectrum": (lambda m: mv.psd("out/"), "'out/' is a name; expected is a motion (mv.simulate), "),
     "a motion for a table": (lambda m: mv.judge(m, mv.Limit("10 mN*m")), "is of type Motion; expected is a table of lines"),
     "a name, simulated": (lambda m: mv.simulate("state-1"), "'state-1' is a name; expected is a scenario (mv.load_scenario)"),
@@ -163,6 +177,20 @@ WRONG = {
     "a number for a limit": (lambda m: mv.judge(mv.lines(m), 0.01), "expected is a limit, such as mv.Limit('10 mN*m')"),
     "a channel that is not there": (lambda m: mv.lines(m, "T_x"), "channel 'T_x' is not in this motion; there are i_A, "),
     "a channel of a mode each": (lambda m: mv.psd(m, "eta"), "channel 'eta' has a column for each mode; there are i_A, "),
+    "a name, run": (lambda m: mv.run("state-1"), "'state-1' is a name; expected is a scenario (mv.load_scenario)"),
+    "a name, for modes": (lambda m: mv.coupled_modes("state-1"), "'state-1' is a name; expected is a scenario (mv.load_scen"),
+    "a name, for its lines": (lambda m: mv.expected_lines("state-1", "9 Hz"), "is a name; expected is a scenario (mv.load_scen"),
+    "a name, dumped": (lambda m: mv.dump_scenario("state-1"), "'state-1' is a name; expected is a scenario (mv.load_scenario)"),
+    "a scenario, loaded": (lambda m: mv.load_scenario(m.scenario), "is of type Scenario; expected is a name of the catalog, or"),
+    "a scenario, opened": (lambda m: mv.open_source(m.scenario), "is of type Scenario; expected is the name of a scenario, a run"),
+    "a list of changes": (lambda m: mv.load_scenario("state-1", ["tracking.rate=1 deg/s"]), "expected is keys with their values"),
+    "a number for a file": (lambda m: mv.read_recording(3), "3 is of type int; expected is the name of a file"),
+    "a table for its motion": (lambda m: mv.lines(mv.lines(m)), "is of type LineTable; expected is a steady state (mv.steady), a"),
+    "a bare time": (lambda m: mv.identify(m.scenario, [], ["reducer.damping"], settle_error=0.05), "needs a unit, such as '0.05 s'"),
+    "a number of numpy": (lambda m: m.scenario.with_({"tracking.rate": np.float64(0.05)}), "tracking.rate: 0.05 needs a unit, "),
+    "a speed, judged as a torque": (
+        lambda m: mv.judge(mv.lines(m, "omega_l"), mv.Limit("10 mN*m")), "limit: is a torque, and these lines are in rad/s; ",
+    ),
     "a component that is not there": (lambda m: mv.lines(m, "Fx"), "whose array has no participation in six components"),
 }  # fmt: skip
 

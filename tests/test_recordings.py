@@ -174,4 +174,4 @@ def test_without_time_axis_a_rate_is_asked_for(tmp_path):
     scipy.io.savemat(tmp_path / "bare.mat", {"Mz": made()["Mz"]})
     with pytest.raises(RecordingError, match="give the sample rate in Hz"):
         read_recording(tmp_path / "bare.mat")
-    assert read_recording(tmp_path / "bare.mat", sample_rate=100.0).sample_rate == 100.0
+    assert read_recording(tmp_path / "bare.mat", sample_rate="100 Hz").sample_rate == 100.0

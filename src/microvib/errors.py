@@ -101,8 +101,10 @@ def shown(value: Any) -> str:
     quoting = reprlib.Repr()
     quoting.maxstring = quoting.maxother = 1000
     quoting.maxlevel = 3
+    value = value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value  # a number of numpy's
     try:
         text = repr(value) if isinstance(value, (int, float)) else quoting.repr(value)
     except ValueError:  # of an integer that has too many digits to be written
         text = f"a number of {value.bit_length() * 0.30103:.0f} digits" if isinstance(value, int) else "something"
+    text = " ".join(text.split()) if "\n" in text else text
     return text if len(text) < 60 else f"{text[:57]}..."

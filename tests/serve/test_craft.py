@@ -32,7 +32,7 @@ def refused(client, what: str, **asked) -> dict:
 
 def test_a_sweep_is_that_of_the_command_line(client):
     told = found(client, "angles", scenario=CRAFT, angles="0,45")
-    sweep = sweep_angles(mv.load_scenario(EXAMPLE, CRAFT["changes"]), np.radians([0.0, 45.0]).tolist())
+    sweep = sweep_angles(mv.load_scenario(EXAMPLE, CRAFT["changes"]), ["0 deg", "45 deg"])
     lines = told["files"]["angles.csv"].splitlines()
     assert lines[0] == "angle_deg,line,frequency_hz,fx_n,fy_n,fz_n,mx_n_m,my_n_m,mz_n_m,los_x_rad,los_y_rad"
     assert len(lines) == 1 + sum(len(one.names) for one in sweep.lines)

@@ -14,7 +14,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable, SeedLine
-from microvib.units import Band, Given, Si, band, quantity
+from microvib.units import Band, Given, Si, band, pretty, quantity
 
 Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
@@ -161,6 +161,10 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     """
     expect(table, LineTable, "a table of lines (mv.lines)")
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
+    if table.unit != "N*m":
+        raise OptionError(
+            "limit", f"is a torque, and these lines are in {pretty(table.unit)}; lines of a torque are expected"
+        )
     found = ((x.frequency_hz if math.isfinite(x.frequency_hz) else x.expected_hz, x) for x in table)
     within = [x for frequency, x in found if limit.holds(frequency) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", DRIVEN)]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.spectra import samples_of
+from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.errors import expect
 from microvib.model.driven import bin_noise, driven_lines, noise_density
 from microvib.model.expected import ExpectedLine, expected_lines
@@ -43,6 +43,9 @@ class Steady:
     lines: LineTable
     source: SteadyState | Torque
     fallback: str = ""
+
+    def __repr__(self) -> str:
+        return f"{self.source!r}{f', since {self.fallback}' if self.fallback else ''}\n{self.lines!r}"
 
     @property
     def state(self) -> SteadyState | None:
@@ -104,7 +107,7 @@ def lines(
         check(source, name, _SHORTEST)
         table = lines_of_samples(source[name], source.sample_rate, scenario, harmonics, measured=True)
         return replace(table, unit=source.units[name])
-    x, rate, unit = samples_of(source, channel)
+    x, rate, unit = samples_of(source, channel, f"a steady state (mv.steady), {SAMPLED}")
     table = lines_of_samples(x, rate, source.scenario, harmonics, disturbance=channel in ("", "T_d"))
     return replace(table, unit=unit)
 

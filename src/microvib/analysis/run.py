@@ -9,6 +9,7 @@ from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in,
 from microvib.analysis.lines import lines
 from microvib.analysis.seeds import draws, with_seeds
 from microvib.analysis.stream import lines_of_stream
+from microvib.errors import expect
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, from_rest
@@ -32,6 +33,9 @@ class RunResult:
     """The steady state, where the record starts in it: lines, invariants and account of the solver are then its own."""
     fallback: str = ""
     """Why a steady state that was asked for was not found; the run then began at rest."""
+
+    def __repr__(self) -> str:
+        return f"Run of {self.scenario!r}\n{self.table!r}"
 
     @property
     def beside(self) -> SteadyState | Motion | None:
@@ -58,6 +62,7 @@ def solve_run(
     With ``lines_only`` memory stays bounded however long the record. With ``seeds`` so many draws of the noise are run, and the
     table knows its lines over them. Raises what ``simulate`` raises, OptionError for seeds without noise.
     """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     if seeds:
         next(draws(scenario))
     result = _solved(scenario, harmonics, lines_only, progress)

@@ -19,7 +19,7 @@ Sampled = Motion | Torque | Recording
 SAMPLED = "a motion (mv.simulate), a torque of mv.batch or a recording (mv.read_recording)"
 
 
-def samples_of(source: Sampled, channel: str = "") -> tuple[np.ndarray, float, str]:
+def samples_of(source: Sampled, channel: str = "", expected: str = SAMPLED) -> tuple[np.ndarray, float, str]:
     """Values (n,) of a channel, samples per second [Hz] and unit.
 
     Without a ``channel`` it is the disturbance torque: T_d, or Mz of a recording. ChannelError or RecordingError where there is
@@ -27,7 +27,7 @@ def samples_of(source: Sampled, channel: str = "") -> tuple[np.ndarray, float, s
     """
     if isinstance(source, SimulationError):
         raise source  # of mv.batch, in place of a torque
-    expect(source, (Motion, Torque, Recording), SAMPLED)
+    expect(source, (Motion, Torque, Recording), expected)
     if isinstance(source, Motion):
         name = channel or "T_d"
         own = series_of(source.channels, name, source.scenario, source.time)

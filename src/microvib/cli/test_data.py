@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -156,9 +155,6 @@ def identify(
     loaded = load(scenario, settings)
     fit_keys = [parse_fit(loaded, key) for key in keys]
     each, common = _part("model_error", model_error, 0.0), _part("common_error", common_error, -1.0)
-    late = math.inf if settle_error is None else quantity("settle_error", settle_error, "s")
-    if not late > 0.0:
-        raise OptionError("settle_error", f"{settle_error} is not allowed; it must be greater than 0 s")
     prepared = preparation(prepare)
     effects = effects_of(_listed(select))
     read, owned, tests = [], [], []
@@ -176,7 +172,7 @@ def identify(
         fit = run_identification(
             loaded, told, fit_keys, share=_listed(share) or None, select=effects, seed=seed, starts=starts,
             model_error=each, common_error=common,
-            settle_error=late, progress=_best_so_far(progress),
+            settle_error=settle_error, progress=_best_so_far(progress),
         )  # fmt: skip
     target.deliver(fit_text(fit), write_fit, fit)
     if fit.interrupted:

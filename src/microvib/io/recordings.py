@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.errors import OutputError, ScenarioError
+from microvib.errors import OutputError, ScenarioError, expect
 from microvib.io.files import check_file, library, reading
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
@@ -22,16 +22,19 @@ from microvib.model.sentences import validated
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
 from microvib.testdata.response import Stage
+from microvib.units import Given, quantity
 
 LARGEST = 2_000_000_000  # bytes of the largest recording that is read
 
 
-def read_recording(path: Path | str, sample_rate: float | None = None) -> Recording:
+def read_recording(path: Path | str, sample_rate: Given | None = None) -> Recording:
     """Channels of a recording, in SI; the format follows from the file's ending. RecordingError says what is wrong.
 
-    ``sample_rate`` [Hz] is needed only where the file has no time axis, or contradicts itself.
+    ``sample_rate``, such as ``"4096 Hz"``, is needed only where the file has no time axis, or contradicts itself.
     """
-    return _read(Path(path), Hints(sample_rate)).in_si()
+    expect(path, (str, Path), "the name of a file")
+    rate = None if sample_rate is None else quantity("sample_rate", sample_rate, "Hz", positive=True)
+    return _read(Path(path), Hints(rate)).in_si()
 
 
 def _read(path: Path, hints: Hints) -> Recording:

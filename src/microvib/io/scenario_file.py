@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.errors import ScenarioError, error_context, shown
+from microvib.errors import ScenarioError, error_context, expect, shown
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, set_key
@@ -56,6 +56,8 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     Values of ``changes`` are as in the file: text with a unit, numbers where there is no unit. Raises ScenarioError with one
     sentence per problem.
     """
+    expect(source, (str, Path), "a name of the catalog, or that of a file")
+    expect(changes, (dict, type(None)), "keys with their values, such as {'tracking.rate': '0.05 deg/s'}")
     name = str(source)
     published = name in catalog_names()
     text = catalog_text(name) if published else read_text(Path(source))
@@ -288,6 +290,7 @@ def dump_part(part: Part) -> str:
 @lru_cache(maxsize=1)  # a run writes it to several places, 20 ms each
 def dump_scenario(scenario: Scenario) -> str:
     """YAML text of a scenario."""
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     return dump_part(scenario)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, expect
 from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared, read_prepared, read_recording
 from microvib.io.scenario_file import catalog_names, load_scenario
@@ -37,6 +37,7 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
     whose first column is ``line`` a table of lines; ``paper-test`` (or ``paper``) and ``paper-simulation`` are the paper's.
     MicrovibError where it is none of them, or cannot be read.
     """
+    expect(name, str, "the name of a scenario, a run, a recording or a table")
     path = Path(name)
     if name in ("paper", "paper-test"):
         return paper_lines("test")

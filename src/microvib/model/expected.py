@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from microvib.errors import expect
 from microvib.model.driver import Driver, Imperfections, electrical_turn
 from microvib.model.linear import coupled_modes
 from microvib.model.motor import Motor
@@ -51,6 +52,7 @@ def expected_lines(
     ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
     simulation, whose clock is known, a per cent for a test.
     """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     highest = quantity("highest", highest, "Hz")
     modes = [
         replace(line, low=line.low * (1.0 - mode_tolerance), high=line.high * (1.0 + mode_tolerance))

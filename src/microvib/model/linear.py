@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from microvib.errors import expect
 from microvib.model.array import Array
 from microvib.model.craft import craft_of, load_of
 from microvib.model.friction import Friction
@@ -99,21 +100,28 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     f_d = scenario.driving_frequency
     if not f_d:
         return ()
+    order, of_drive = np.arange(1, harmonics + 1), matrices(scenario)
+    frequency, pull = order * f_d, pulls(scenario, order)
+    if scenario.driver.drive == "voltage":
+        by_command = [_by_voltage(scenario, 2j * math.pi * f)[0] for f in frequency.tolist()]
+        pull *= np.array(by_command) / scenario.motor.electromagnetic_stiffness
     lines = []
-    for k in range(1, harmonics + 1):
-        dynamic, omega = dynamic_stiffness(scenario, k * f_d), 2.0 * math.pi * k * f_d
-        pull = np.zeros(dynamic.shape[0], dtype=complex)
-        pull[0] = pulls(scenario, np.array(k))
-        if scenario.driver.drive == "voltage":
-            pull[0] *= _by_voltage(scenario, 1j * omega)[0] / scenario.motor.electromagnetic_stiffness
-        motion = np.linalg.solve(dynamic, pull)
-        lines.append(LinearLine(k, k * f_d, complex(omega**2 * (momentum_row(scenario, k * f_d) @ motion))))
+    for k, f, on_rotor, row in zip(
+        order.tolist(), frequency.tolist(), pull, momentum_row(scenario, frequency), strict=True
+    ):
+        motion = np.linalg.solve(_dynamic(scenario, *of_drive, f), on_rotor * np.eye(row.size)[0])
+        lines.append(LinearLine(k, f, complex((2.0 * math.pi * f) ** 2 * (row @ motion))))
     return tuple(lines)
 
 
 def dynamic_stiffness(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
     """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` (...) [Hz], complex, (..., n, n)."""
-    M, C, K = matrices(scenario)
+    return _dynamic(scenario, *matrices(scenario), frequency)
+
+
+def _dynamic(
+    scenario: Scenario, M: np.ndarray, C: np.ndarray, K: np.ndarray, frequency: float | np.ndarray
+) -> np.ndarray:
     omega = 2.0 * math.pi * np.asarray(frequency, dtype=float)[..., None, None]
     dynamic: np.ndarray = K - omega**2 * M + 1j * omega * C
     if scenario.driver.drive == "voltage":
@@ -147,14 +155,14 @@ def _by_voltage(scenario: Scenario, s: complex) -> tuple[complex, complex]:
     return complex(K_m * q[0]), complex(K_m * (z * current * math.cos(a) - q[1]))
 
 
-def momentum_row(scenario: Scenario, frequency: float) -> np.ndarray:
-    """Angular momentum about the drive axis for unit rates at a ``frequency`` [Hz] of the coordinates of ``matrices`` (Eq. 20)."""
+def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
+    """Angular momentum about the drive axis for unit rates at a ``frequency`` (...) [Hz] of the coordinates of ``matrices``
+    (Eq. 20), complex, (..., n)."""
     load, h = scenario.load, scenario.reducer.h
     rotor, output = load.rotor + load.cross, load.output + load.cross
-    modes = load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * frequency)
-    if scenario.reducer.rigid:
-        return np.array([rotor - output / h, *modes])
-    return np.array([rotor, output, *modes])
+    modes = load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency, dtype=float)[..., None])
+    shafts = [rotor - output / h] if scenario.reducer.rigid else [rotor, output]
+    return np.concatenate([np.broadcast_to(shafts, (*modes.shape[:-1], len(shafts))), modes], axis=-1)
 
 
 def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
@@ -166,6 +174,7 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
     of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
     """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     s = scenario
     return _coupled_modes(s.motor, s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage")
 
@@ -253,4 +262,4 @@ def _eigenvalues_of_many(
 
 
 def _mode(name: str, value: complex, fixed: float | None) -> CoupledMode:
-    return CoupledMode(name, abs(value.imag) / (2.0 * math.pi), -value.real / abs(value), fixed)
+    return CoupledMode(name, float(abs(value.imag)) / (2.0 * math.pi), float(-value.real / abs(value)), fixed)

@@ -132,6 +132,9 @@ class Scenario(Part):
                 f" {self.record.settle:g} s; it must be longer, or record.start be steady"
             )
 
+    def __repr__(self) -> str:
+        return f"scenario '{self.title or 'without a title'}'"
+
     def __hash__(self) -> int:
         return hash(tuple(getattr(self, name) for name in type(self).model_fields if name != "sources"))  # a dict
 

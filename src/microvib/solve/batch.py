@@ -29,6 +29,9 @@ class Torque:
     momentum: float
     """Momentum that stops removed (each within its tolerance), as a mean torque, over the largest T_d."""
 
+    def __repr__(self) -> str:
+        return f"Torque of {self.scenario!r}: {self.T_d.size} samples at {self.sample_rate:g} Hz"
+
     def __getitem__(self, name: str) -> np.ndarray:
         """As of a ``Motion``, which has other channels too."""
         return {"T_d": self.T_d}[name]

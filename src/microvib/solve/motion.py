@@ -75,9 +75,8 @@ class Motion:
         return replace(self, beside=None)
 
     def __repr__(self) -> str:
-        record, title = self.scenario.record, self.scenario.title or "without a title"
-        kept = ", ".join(self._ipython_key_completions_())
-        return f"Motion of '{title}': {self.time.size} samples at {record.sample_rate:g} Hz, {record.duration:g} s, of {kept}"
+        duration, kept = self.scenario.record.duration, ", ".join(self._ipython_key_completions_())
+        return f"Motion of {self.scenario!r}: {self.time.size} samples at {self.sample_rate:g} Hz, {duration:g} s, of {kept}"
 
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.channels, *_derived(self.channels, self.scenario)]

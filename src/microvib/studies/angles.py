@@ -12,13 +12,13 @@ import numpy as np
 from microvib.analysis.lines import lines
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import solve_run
-from microvib.errors import MicrovibError, OptionError
+from microvib.errors import MicrovibError, OptionError, expect
 from microvib.model.coupling import craft_in
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import Metric, radial
 from microvib.solve.integration import Progress
 from microvib.solve.steady.state import find_steady
-from microvib.units import Si, quantity
+from microvib.units import Given, Si, quantity
 
 MOST_ANGLES = 361
 _EXAMPLE = "write FIRST:LAST:STEP in degrees, such as 0:180:15, or a list, 0,45,90"
@@ -57,13 +57,16 @@ class AngleSweep:
 
 
 def sweep_angles(
-    scenario: Scenario, angles: Sequence[Si], *, harmonics: int = 8, progress: Progress | None = None
+    scenario: Scenario, angles: Sequence[Given], *, harmonics: int = 8, progress: Progress | None = None
 ) -> AngleSweep:
-    """Run ``scenario`` at each of the ``angles`` [rad] of its array. Raises MicrovibError and what ``simulate`` raises.
+    """Run ``scenario`` at each of the ``angles`` of its array, such as ``"30 deg"``.
 
-    The angle is constant in each run: an array that turns by it in minutes stays there for many periods of every line.
+    The angle is constant in each run: an array that turns by it in minutes stays there for many periods of every line. Raises
+    MicrovibError and what ``simulate`` raises.
     """
+    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     check_sweep(scenario)
+    turns = [quantity("angles", angle, "rad", example="deg") for angle in angles]
 
     def at(angle: float) -> tuple[HubLines, str]:
         turned = scenario.with_si({"spacecraft.array_angle": angle})
@@ -76,11 +79,11 @@ def sweep_angles(
 
     found = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for k, one in enumerate(pool.map(at, map(float, angles)), 1):
+        for k, one in enumerate(pool.map(at, turns), 1):
             found.append(one)
             if progress is not None:
-                progress(k, len(angles))
-    return AngleSweep(scenario, np.array(angles, dtype=float), *zip(*found, strict=True))
+                progress(k, len(turns))
+    return AngleSweep(scenario, np.array(turns, dtype=float), *zip(*found, strict=True))
 
 
 def check_sweep(scenario: Scenario) -> None:

@@ -108,6 +108,9 @@ class Comparison(NamedTuple):
     b: Side
     rows: list[Row]
 
+    def __repr__(self) -> str:
+        return f"Comparison of {self.a.name} with {self.b.name}: {len(self.rows)} lines"
+
 
 Compared = Source | Motion | Recording
 

@@ -25,7 +25,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, weight
 from microvib.solve.integration import Progress
 from microvib.studies.angles import MOST_ANGLES, AngleSweep, sweep_angles
-from microvib.units import Si
+from microvib.units import Given, Si, quantity
 
 STEP = math.radians(30.0)
 """First step between angles that are run, where none are given."""
@@ -160,9 +160,9 @@ def _judged(scenario: Scenario) -> list[tuple[Metric, float]]:
 
 
 def over_orbit(
-    scenario: Scenario, angles: Sequence[Si] | None = None, *, harmonics: int = 8, progress: Progress | None = None
+    scenario: Scenario, angles: Sequence[Given] | None = None, *, harmonics: int = 8, progress: Progress | None = None
 ) -> Orbit:
-    """The craft while its array turns through ``angles`` [rad], one after another, at the scenario's rate.
+    """The craft while its array turns through ``angles``, one after another, at the scenario's rate.
 
     Without angles it is one turn from ``array_angle``. Steps between them are halved where it is needed. Raises MicrovibError
     where the rate is zero or changes, OptionError where the array does not turn this way.
@@ -180,14 +180,15 @@ def over_orbit(
     way = math.copysign(1.0, rate)
     if angles is None:
         angles = [Si(begin + way * k * STEP) for k in range(round(2.0 * math.pi / STEP) + 1)]
-    if len(angles) < 2 or np.any(np.diff(angles) * way <= 0.0):
+    turns = np.array([quantity("angles", angle, "rad", example="deg") for angle in angles], dtype=float)
+    if turns.size < 2 or np.any(np.diff(turns) * way <= 0.0):
         raise OptionError(
             "angles",
             f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order are expected",
         )
     # Noise has no steady state; it is said that it is left out.
     steady = scenario.with_si({"record.start": "steady", "friction": scenario.friction.without_noise})
-    runs, halvings, off = _run(steady, np.array(angles, dtype=float), harmonics, progress)
+    runs, halvings, off = _run(steady, turns, harmonics, progress)
     between = _Between(runs)
     psi, moved = between.dense()
     lines = tuple(

@@ -105,6 +105,9 @@ class RatePlan:
     keep_away: float = 0.0
     """Part of a resonance's rate that the best rate must be away from it, such as 0.05."""
 
+    def __repr__(self) -> str:
+        return f"Rate plan of {self.scenario!r}: {len(self.cases)} cases, {len(self.resonances)} resonances"
+
     def of(self, microsteps: int) -> list[RateCase]:
         """Cases of one microstep count, by rate."""
         return [case for case in self.cases if case.microsteps == microsteps]

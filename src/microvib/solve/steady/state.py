@@ -66,6 +66,9 @@ class SteadyState:
     """Largest part of a deviation that is left after a period; below 1 the motion is stable."""
     solver: dict[str, Any]
 
+    def __repr__(self) -> str:
+        return f"Steady state of {self.scenario!r}: repeats every {1.0 / self.frequency:.6g} s"
+
     def __getitem__(self, name: str) -> np.ndarray:
         return self.T_d if name == "T_d" else channel_of(self.channels, name, self.scenario, self.time)
 

@@ -61,6 +61,10 @@ class Budget:
     short_way: tuple[Difference, ...] = ()
     """The short way against the coupled run of the first drive, line by line, where that was asked for."""
 
+    def __repr__(self) -> str:
+        names = ", ".join(one.source for one in self.contributions)
+        return f"Budget of {self.scenario!r}: {self.verdict}, {len(self.judged)} requirements; sources {names}"
+
     @property
     def verdict(self) -> Verdict:
         """On all requirements together; without one nothing is judged."""

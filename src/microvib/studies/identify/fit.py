@@ -23,6 +23,7 @@ from microvib.studies.identify.search import Optimum, confirm, material, search
 from microvib.studies.identify.selection import EFFECTS, Candidate, Selector, effects_of, switched
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
+from microvib.units import Given, quantity
 
 MODEL_ERROR = 0.004
 """Limit on the relative accuracy of any amplitude, from model and instrument chain: filters, steps, window."""
@@ -59,6 +60,10 @@ class Fit:
     selection: tuple[Candidate, ...] = ()
     """What the evidence asks for, of the effects that were candidates."""
 
+    def __repr__(self) -> str:
+        found = ", ".join(f"{e.key} {e.estimate:.6g}" for e in self.estimates)
+        return f"Fit of {self.observations} observations, {'usable' if self.usable else 'not usable'}: {found}"
+
     @property
     def scenario(self) -> Scenario:
         """With what was fitted; that of the first recording, where some values are its own."""
@@ -86,7 +91,7 @@ def identify(
     finishes: int = 3,
     model_error: float = MODEL_ERROR,
     common_error: float = 0.0,
-    settle_error: float = math.inf,
+    settle_error: Given | None = None,
     progress: FitProgress | None = None,
 ) -> Fit:
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
@@ -96,7 +101,7 @@ def identify(
     them. Those in ``share`` have one value in all recordings, others one in each; without it all are shared. Of the effects in
     ``select`` (``selection.EFFECTS``) those are taken in, and fitted, that the evidence asks for. ``model_error`` is
     the relative standard deviation that each amplitude is trusted to beyond its own uncertainty, ``common_error`` that of all
-    amplitudes of a recording together, ``settle_error`` that of ``record.settle`` [s]: without it nobody knows in which quarter
+    amplitudes of a recording together, ``settle_error`` that of ``record.settle``: without it nobody knows in which quarter
     of the electrical turn a recording begins, and the driver's errors are known up to such quarters only (``Fit.alternatives``).
     Interrupting (Ctrl-C) ends the search and returns what was best so far. Same seed, same result.
 
@@ -111,7 +116,8 @@ def identify(
     for key in fitted:
         if any(key.key in EFFECTS[name].keys for name in effects):
             raise OptionError("select", "is fitted, and so taken for granted; name it in one place", key.key)
-    trust = Trust(model_error, common_error, settle_error)
+    late = math.inf if settle_error is None else quantity("settle_error", settle_error, "s", positive=True)
+    trust = Trust(model_error, common_error, late)
     tests, notes = without_the_start(told, scenario, fitted, trust)
     asked: tuple[Candidate, ...] = ()
     if effects:
