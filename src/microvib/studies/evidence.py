@@ -21,7 +21,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION, DRIVEN, SEEN, Line, LineTable, Rest
-from microvib.signals.spectrum import Spectrum, amplitude_spectrum
+from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band
@@ -72,6 +72,19 @@ class Evidence:
     """What reading and preparing a recording did."""
     rest: Rest | None = None
     """What is left of a recording beside its lines, and the floor; None of a table."""
+    parts: tuple[float, ...] = ()
+    """``at_parts`` of a recording."""
+
+
+PARTS = {2: "second", 3: "third"}
+"""Microsteps after which a motion may repeat, in place of each."""
+
+
+def at_parts(x: np.ndarray, sample_rate: float, driving_frequency: float | None) -> tuple[float, ...]:
+    """Amplitudes [N m] of a torque ``x`` (n,) at the driving frequency [Hz] and at those of PARTS; none where the rate changes."""
+    if not driving_frequency:
+        return ()
+    return tuple(tone_amplitude(x, sample_rate, driving_frequency / part) for part in (1, *PARTS))
 
 
 def chosen(
@@ -119,7 +132,10 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
             table, r = lines_of_recording(recording, channel, scenario, background), recording
             found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, r.duration))
             found = with_scatter(found, r[channel], r.sample_rate, table, scenario)
-            return Evidence(r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes, table.rest)
+            parts = at_parts(
+                r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
+            )
+            return Evidence(r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes, table.rest, parts)
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
             raise MicrovibError(f"{name or 'the source'}: is not evidence; expected {expected}")

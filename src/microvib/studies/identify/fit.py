@@ -16,6 +16,7 @@ from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of
 from microvib.studies.identify import verdict
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
+from microvib.studies.identify.hints import hints
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
@@ -248,12 +249,13 @@ def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, note
     names = ", ".join(one.name for one in tests)
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
-    fit = goodness(problem, best.r)
+    fit, off = goodness(problem, best.r), deviations(problem, best.x)
+    notes += hints(problem.tests, after, off)
     return Fit(
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
         _fitted(found, of_each, names, scenario), fit.chi_square, problem.figures,
-        problem.ledger.simulations, seed, interrupted, fit, deviations(problem, best.x), found.leanings, found.converged,
+        problem.ledger.simulations, seed, interrupted, fit, off, found.leanings, found.converged,
         tuple(problem.named(o.x) for o in found.rivals), notes,
     )  # fmt: skip
 

@@ -15,6 +15,7 @@ WIDENINGS = 3
 """How often a range of ours is widened at most; local fits may go as far from the beginning."""
 RIM = 0.05
 """Part of a range at each of its ends within which a best value is not in its inside."""
+DAC_BITS = "driver.imperfections.dac_bits"
 _SETTINGS = {"record.duration", "record.sample_rate"}
 """Keys that the recording sets."""
 
@@ -117,6 +118,11 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     if key not in entries:
         raise OptionError("fit", f"is not a key of the scenario; allowed are {', '.join(fittable(scenario))}", key)
     value, quantity = entries[key]
+    if key == DAC_BITS or (isinstance(value, int) and not isinstance(value, bool)):
+        asked = "identify with each that may be, and compare the goodness of fit"
+        raise OptionError(
+            "fit", f"is a whole number, which is set and not fitted; {asked}, {key}=...", key, remedy="set"
+        )
     if quantity is None or not isinstance(value, float):
         raise OptionError("fit", f"is {value!r}, not a number; start it from a number, {key}=...", key, remedy="set")
     _refuse_what_is_known(scenario, key, value)

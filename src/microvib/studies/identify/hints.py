@@ -1,0 +1,54 @@
+"""What a fitted model may lack: a motion that repeats after several microsteps, and rounding of the driver's references."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from microvib.model.scenario import Scenario
+from microvib.studies.evidence import PARTS, Evidence, Simulated, at_parts
+from microvib.studies.identify.goodness import Deviation
+
+LARGE, APART = 0.02, 4.0
+"""Part of the driving line from which a line at a part of its frequency counts; times of the other's, from which one lacks it."""
+ABOVE, FIRST = 10.0, 3
+"""Times of the model's line, from which one of the full step stands above it, and the first order that counts."""
+
+
+def hints(
+    tests: Sequence[tuple[Evidence, Scenario]], after: Sequence[Simulated], deviations: Sequence[Deviation]
+) -> tuple[str, ...]:
+    """Sentences on what the model, whose lines of each test are ``after``, seems to lack."""
+    found: list[str] = []
+    for (one, scenario), simulated in zip(tests, after, strict=True):
+        found += _period(one, at_parts(simulated.torque, simulated.sample_rate, scenario.driving_frequency))
+    parts = {scenario.driving_frequency / part for _, scenario in tests for part in PARTS if scenario.driving_frequency}
+    lines = {line.line: line.frequency_hz for simulated in after for line in simulated.table}
+    above = {d.line for d in deviations if d.off and d.form == "amplitude" and d.measured > ABOVE * d.fitted}
+    above = {name for name in above if not any(abs(lines[name] / f - 1.0) < 1e-3 for f in parts)}
+    rounded = sorted(name for name in above if _order(name) >= FIRST)
+    if rounded and any(scenario.driver.imperfections.dac_bits is None for _, scenario in tests):
+        found.append(
+            f"{', '.join(rounded)}: more than {ABOVE:g} times the model's, as where a driver rounds its references;"
+            " driver.imperfections.dac_bits is not fitted: set each number of bits that may be, such as 8, and compare the fits."
+        )
+    return tuple(found)
+
+
+def _order(name: str) -> int:
+    """Order of a line of the full step; 0 of others."""
+    stem, _, order = name.rpartition("_")
+    return int(order) if stem == "full_step" and order.isdigit() else 0
+
+
+def _period(one: Evidence, model: Sequence[float]) -> Iterator[str]:
+    """Whether the recording or the model alone repeats after several microsteps."""
+    for k, (part, word) in enumerate(PARTS.items(), 1):
+        if not one.parts or not model or max(one.parts[k], model[k]) < LARGE * one.parts[0]:
+            continue
+        if max(one.parts[k], model[k]) > APART * min(one.parts[k], model[k]):
+            mine, other = ("recording", "model") if one.parts[k] > model[k] else ("model", "recording")
+            sizes = f"{1e3 * one.parts[k]:.3g} and {1e3 * model[k]:.3g} mN m at 1/{part} of the driving frequency"
+            yield (
+                f"{one.name}: the {mine}'s motion repeats every {word} microstep, the {other}'s does not (both have {sizes});"
+                " a search ends among motions of the wrong kind then: start from other values, or give ranges and more starts."
+            )
