@@ -31,7 +31,10 @@ def frequencies(rotor, *stages):
 
 
 def test_a_wind_turbine_gearbox_of_three_stages_has_its_published_figures():
-    """The 750 kW test gearbox of NREL's Gearbox Reliability Collaborative (NREL/TP-5000-51885): 81.491 from carrier to generator."""
+    """The 750 kW test gearbox of NREL's Gearbox Reliability Collaborative (NREL/TP-5000-51885): 81.491 from carrier to generator.
+
+    Teeth and ratio are quoted from memory of the report; they go together, since the ratio follows from the teeth to five digits.
+    """
     fast = stage(pinion=22, wheel=88)
     slow = stage(pinion=23, wheel=82)
     planets = stage(sun=21, planet=39, ring=99, planets=3)
@@ -45,7 +48,10 @@ def test_a_wind_turbine_gearbox_of_three_stages_has_its_published_figures():
 
 
 def test_the_gearbox_of_a_diagnosis_challenge_has_its_published_orders():
-    """Spur gears 32-96 and 48-80 (PHM Society data challenge, 2009): idler 1/3, output 1/5, meshes 32 and 16 per input turn."""
+    """Spur gears 32-96 and 48-80 (PHM Society data challenge, 2009): idler 1/3, output 1/5, meshes 32 and 16 per input turn.
+
+    Teeth and "5 to 1" as on https://phmsociety.org/data-analysis-competition/apparatus/.
+    """
     found = frequencies(1.0, stage(pinion=32, wheel=96), stage(pinion=48, wheel=80))
     assert found[1, "wheel"] == pytest.approx(1 / 3)
     assert found[2, "wheel"] == pytest.approx(1 / 5)
@@ -54,7 +60,10 @@ def test_the_gearbox_of_a_diagnosis_challenge_has_its_published_orders():
 
 
 def test_a_helicopter_planetary_has_its_published_frequencies():
-    """Ring of 228, sun of 62, five planets of 83 teeth, carrier at 258 rpm: mesh near 980 Hz, planets pass at 21.5 Hz."""
+    """Ring of 228, sun of 62, five planets of 83 teeth, carrier at 258 rpm: mesh near 980 Hz, planets pass at 21.5 Hz.
+
+    Quoted from memory of the literature on a helicopter's main gearbox; the teeth fit (228 = 62 + 2 x 83), no source was looked up.
+    """
     planets = stage(sun=62, planet=83, ring=228, planets=5)
     found = frequencies(4.3 / float(planets.lead), planets)
     assert found[1, "mesh"] == pytest.approx(980.4)

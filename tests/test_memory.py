@@ -1,9 +1,11 @@
 """Friction with memory: its elements, closed forms of quasi-static loops, an independent integrator, and its limits."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from support.automaton import Automaton
 
 import microvib as mv
@@ -115,6 +117,31 @@ def test_an_inner_loop_is_forgotten_where_it_closes():
     assert quasi_static_torque(memory, limit, there)[-200:] == pytest.approx(
         quasi_static_torque(memory, limit, straight)[-200:], abs=1e-12
     )
+
+
+def moved(elements, limit, loads):
+    """Angles to which loads, one after the other, turn elements that begin at rest."""
+
+    def excess(x, path, load):
+        return quasi_static_torque(elements, limit, np.array([*path, x]))[-1] - load
+
+    path, before = [0.0], 0.0
+    for load in loads:
+        far = path[-1] + math.copysign(1e-2, load - before)
+        path.append(float(brentq(excess, path[-1], far, args=(tuple(path), load), xtol=1e-15)))
+        before = load
+    return np.array(path[1:])
+
+
+@pytest.mark.parametrize("swing", [0.02, 0.1, 0.25])
+def test_a_small_load_that_swings_about_a_large_one_does_not_make_the_shaft_creep(swing):
+    """As it would with LuGre's law, at any size of the swing."""
+    memory, limit = maxwell_elements(6e3, 0.6, 6), 0.6
+    angles = moved(memory, limit, [0.3, *([0.3 + swing, 0.3 - swing] * 15)])
+    way = 2.0 * swing / 6e3  # at least, with all elements sticking
+    assert angles[1] - angles[2] > 0.99 * way
+    assert np.ptp(angles[1::2]) < 1e-6 * way
+    assert np.ptp(angles[2::2]) < 1e-6 * way
 
 
 @pytest.mark.parametrize("amplitude", [2e-5, 1e-4, 1e-3])
