@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +14,8 @@ from microvib.errors import OptionError, OutputError
 
 if TYPE_CHECKING:
     from microvib.analysis.limits import Limit
-    from microvib.analysis.run import RunResult
     from microvib.model.scenario import Scenario
     from microvib.reports.document import Form
-    from microvib.signals.line_table import LineTable
 
 _KINDS = (".html", ".pdf")  # files of a report
 
@@ -57,9 +54,10 @@ def run(
     steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
-    from microvib.analysis.limits import Limit, judge
+    from microvib.analysis.limits import Limit
     from microvib.io.writing import check_folder, free_folder
     from microvib.reports.run.folder import run_scenario
+    from microvib.reports.run.text import run_text
 
     if form.pdf and lines_only:
         raise OptionError("pdf", "--lines-only makes no report; leave one of them out")
@@ -78,20 +76,7 @@ def run(
             loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds or 0, limit=allowed,
             form=form, progress=progress,
         )  # fmt: skip
-    _print_lines(loaded, result.table)
-    if allowed is not None:
-        echo(f"\n{judge(result.table, allowed, loaded)}")
-    if loaded.record.start == "steady":
-        echo(_steady_sentence(result))
-    i = result.invariants
-    echo(
-        f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
-        f" {result.solver['simulated_s']:.4g} s simulated in {result.solver['wall_s']:.2g} s."
-    )
-    if result.accuracy is not None:
-        echo(f"Integration: {result.accuracy}.")
-    for sentence in _of_craft(loaded, files):
-        echo(sentence)
+    echo(run_text(result, allowed))
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
 
 
@@ -114,52 +99,6 @@ def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Tar
     with progress_bar("solving", "angles") as progress:
         orbit = over_orbit(loaded, asked, harmonics=harmonics, progress=progress)
     target.deliver(orbit_text(orbit), write_orbit, orbit)
-
-
-def _of_craft(loaded: Scenario, files: tuple[str, ...]) -> Iterator[str]:
-    """What is to be known of a run on a craft."""
-    if loaded.craft is not None and "loads.csv" not in files:
-        yield "Loads and line of sight need the motion, or a steady state: leave --lines-only out, or add --steady."
-
-
-def _steady_sentence(result: RunResult) -> str:
-    solver = result.solver
-    if result.fallback:
-        return f"\nNo steady state: {result.fallback}. Simulated from rest instead."
-    return (
-        f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
-        f" {solver['periods_evaluated']:.3g} periods; a deviation falls to {solver['multiplier']:.3g} of itself in one period, to a"
-        f" hundredth in {solver['settling_s']:.3g} s."
-    )
-
-
-def _print_lines(loaded: Scenario, table: LineTable) -> None:
-    from microvib.analysis.limits import unsettled
-    from microvib.signals.line_table import SEEN
-    from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
-
-    echo(f"\n{loaded.title or 'Lines'}: amplitudes 0-to-peak\n")
-    echo(table.text(notable=True))
-    for sentence in unsettled(table, loaded):
-        echo(f"\n{sentence}")
-    if not any(line.status in SEEN for line in table):
-        echo("No line stands out: the record is too short, its sample rate too low, or nothing moves.")
-    rows = compare_with_paper(loaded, table)
-    if rows:
-        echo(
-            f"\nCompared with the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(loaded)}:\n"
-        )
-        echo(
-            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
-            f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
-        )
-        for r in rows:
-            echo(
-                f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
-                f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
-            )
-    elif paper_state(loaded) not in (None, 1):
-        echo("\nThe paper tabulates the lines of state 1 only; for the other states it gives statements.")
 
 
 @click.command()

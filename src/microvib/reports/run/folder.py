@@ -6,6 +6,7 @@ import math
 import os
 import time
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +69,9 @@ def write_run(
         from microvib.reports.rendering import report_files
         from microvib.reports.run.report import run_report
 
-        files = {"motion.nc": lambda path: write_motion(motion, path)}
-        beside = motion.beside
-        if beside is not None:
-            files[SECOND_MOTION] = lambda path: write_motion(beside, path)
+        files = {"motion.nc": partial(write_motion, motion)}
+        if motion.beside is not None:
+            files[SECOND_MOTION] = partial(write_motion, motion.beside)
         files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit, form=form), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again

@@ -1,0 +1,60 @@
+"""A run in a terminal: its lines, what a limit says of them, and how far to trust them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from microvib.analysis.limits import Limit, judge, unsettled
+from microvib.analysis.run import RunResult
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import SEEN, LineTable
+from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
+
+
+def run_text(result: RunResult, limit: Limit | None = None) -> str:
+    """What is told of a run; a ``limit`` judges its lines."""
+    return "\n".join([*_lines(result.scenario, result.table), *_trust(result, limit)])
+
+
+def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
+    yield f"\n{scenario.title or 'Lines'}: amplitudes 0-to-peak\n"
+    yield table.text(notable=True)
+    yield from (f"\n{sentence}" for sentence in unsettled(table, scenario))
+    if not any(line.status in SEEN for line in table):
+        yield "No line stands out: the record is too short, its sample rate too low, or nothing moves."
+    rows = compare_with_paper(scenario, table)
+    if rows:
+        yield f"\nCompared with the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(scenario)}:\n"
+        yield (
+            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
+            f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
+        )
+    for r in rows:
+        yield (
+            f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
+            f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
+        )
+    if not rows and paper_state(scenario) not in (None, 1):
+        yield "\nThe paper tabulates the lines of state 1 only; for the other states it gives statements."
+
+
+def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
+    scenario, solver, i = result.scenario, result.solver, result.invariants
+    if limit is not None:
+        yield f"\n{judge(result.table, limit, scenario)}"
+    if result.fallback:
+        yield f"\nNo steady state: {result.fallback}. Simulated from rest instead."
+    elif scenario.record.start == "steady":
+        yield (
+            f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
+            f" {solver['periods_evaluated']:.3g} periods; a deviation falls to {solver['multiplier']:.3g} of itself in one period,"
+            f" to a hundredth in {solver['settling_s']:.3g} s."
+        )
+    yield (
+        f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
+        f" {solver['simulated_s']:.4g} s simulated in {solver['wall_s']:.2g} s."
+    )
+    if result.accuracy is not None:
+        yield f"Integration: {result.accuracy}."
+    if scenario.craft is not None and result.state is None and result.motion is None:
+        yield "Loads and line of sight need the motion, or a steady state: leave --lines-only out, or add --steady."
