@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.coverage import coverage
 
+import microvib as mv
+from microvib.analysis.lines import lines_of_samples
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.signals.line_fit import estimate_lines, figures_at_known_clock, lines_at_known_clock
 from microvib.signals.line_search import _groups
@@ -145,6 +147,21 @@ def test_stated_uncertainties_cover_the_truth():
     # of 1920 scores, many of them correlated
     assert 0.92 < np.mean(scores < 1.96) < 0.975
     assert 0.62 < np.mean(scores < 1.0) < 0.75
+
+
+@pytest.mark.parametrize("state", ["state-1", "state-2"])
+def test_the_clock_of_a_drive_that_still_rings_is_uncertain(state):
+    """What rings shifts the lines of the clock in time; by noise alone the clock was 3 to 4 standard uncertainties off."""
+    scenario = mv.load_scenario(state).with_si({"record.settle": 20.0, "record.duration": 16.0})
+    torque = mv.simulate(
+        scenario.with_si({"tracking.clock_ratio": 1.002 * scenario.tracking.clock_ratio}), channels=("T_d",)
+    )
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, torque["T_d"].size)
+    table = lines_of_samples(torque["T_d"] + noise, 4096.0, scenario, measured=True)
+    assert abs(table.clock_ratio - 1.002) < 2.0 * table.clock_ratio_uncertainty
+    drive = table["drive_1"]
+    assert abs(drive.frequency_hz - 1.002 * drive.expected_hz) < 2.0 * drive.frequency_uncertainty_hz
+    assert table.clock_ratio_uncertainty < 1e-6
 
 
 def test_uncertainties_beside_many_lines_allow_for_the_noise_that_fits_absorb():
