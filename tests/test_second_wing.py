@@ -17,7 +17,6 @@ from support.two_wings import BothDrives, Wing
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
-from microvib.analysis.turning import at_angle
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import short_way, source_of
 from microvib.model.craft import Craft, Rows
@@ -26,11 +25,15 @@ from microvib.model.scenario import Scenario
 from microvib.reports.craft import draw_craft
 from microvib.reports.parameters import derived
 from microvib.reports.run.folder import run_scenario
+from microvib.signals.pointing import radial
+from microvib.studies.angles import angles_in, sweep_angles
 from microvib.studies.budget.files import Requirement, Requirements
 from microvib.studies.campaign.cases import Chunk, compute_bytes
 from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
-from microvib.studies.orbit import over_orbit
+from microvib.studies.campaign.results import merge
+from microvib.studies.orbit import check_orbit, over_orbit
+from microvib.units import Si
 
 OPPOSITE = np.array([0.35, -0.9, -0.2])
 TIMES = np.array([0.05, 0.15, 0.29, 0.4])
@@ -429,8 +432,29 @@ def test_a_budget_takes_both_wings_one_by_one(clock_ratio: float) -> None:
     sums = {(row["metric"], row["window_s"]): row["radial_rad"] for row in hub_lines(found.state, found.lines).totals()}
     for window in budget.windows:
         assert window.lines[2] == pytest.approx(sums[window.metric, window.window], rel=1e-6)
-    with pytest.raises(mv.MicrovibError, match="holds what both wings do together"):
-        mv.budget(scenario, campaign="nowhere")
+
+
+@pytest.mark.parametrize("clock_ratio", [1.0, 1.01])
+def test_a_budget_takes_a_campaign_of_both_wings(tmp_path: Path, clock_ratio: float) -> None:
+    """Cases that do not differ are the nominal one."""
+    scenario = quick(stagger=0.25, clock_ratio=clock_ratio, friction=scenario_of(whole.FullCraft()).friction)
+    (tmp_path / "craft.yaml").write_text(mv.dump_scenario(scenario))
+    (tmp_path / "study.yaml").write_text(
+        "scenario: craft.yaml\nvary: {motor.detent_torque: {distribution: uniform, within: 1e-6 percent}}\n"
+        "sampling: {method: random, count: 2}\n"
+    )
+    campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
+    campaign.write(0, compute_bytes(campaign.work(0)))
+    merge(campaign)
+    required = Requirements(requirements=(Requirement(metric="ape", limit="1 urad"),))  # type: ignore[call-arg]
+    apart, joined = mv.budget(scenario, required), mv.budget(scenario, required, campaign=tmp_path / "c")
+    (one,) = joined.contributions
+    assert (one.how, one.cases_lack) == ("steady state of the coupled run, both wings", "")
+    assert one.cases is not None
+    for case in one.cases:
+        assert case == pytest.approx(np.abs(one.los), rel=1e-6, abs=1e-9 * np.abs(one.los).max())
+    for name in ("value", "least", "most"):
+        assert getattr(joined.judged[0], name) == pytest.approx(getattr(apart.judged[0], name), rel=1e-9)
 
 
 def test_cases_of_a_campaign_keep_lines_of_both_clocks(tmp_path: Path) -> None:
@@ -451,9 +475,40 @@ def test_cases_of_a_campaign_keep_lines_of_both_clocks(tmp_path: Path) -> None:
 
 def test_over_an_orbit_a_held_wing_turns_with_the_first() -> None:
     scenario = quick().alone
-    turned = at_angle(scenario, 1.0).other_wing
+    turned = scenario.at_angle(1.0).other_wing
     assert turned is not None
     assert turned.spacecraft is not None
     assert turned.spacecraft.array_angle == -1.0
-    with pytest.raises(mv.MicrovibError, match="driven is not known over an orbit"):
-        over_orbit(quick())
+
+
+@pytest.mark.parametrize("wing", [{"stagger": 0.3}, {"array_angle": 3.5, "clock_ratio": 1.03}])
+def test_over_an_orbit_both_drives_step(wing: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between the runs lines of both, at both interfaces' angles, are those of a run there."""
+    monkeypatch.setattr("microvib.studies.orbit._DENSE", 31)
+    scenario = quick(**wing)
+    orbit = over_orbit(scenario, angles_in("30:60:30"))
+    assert not orbit.notes()
+    (there,) = sweep_angles(scenario, [Si(math.radians(40.0))]).lines
+    mounted = there.scenario.mounted
+    assert mounted is not None
+    assert mounted.second_wing is not None
+    turned = wing.get("array_angle", -math.radians(30.0)) - wing.get("clock_ratio", 1.0) * math.radians(10.0)
+    assert mounted.second_wing.array_angle == pytest.approx(turned)
+    size = [float(radial(there.sums(metric, 0.01).sum(axis=0))) for metric in ("ape", "rpe")]
+    found = [np.interp(math.radians(40.0), orbit.sweep.angles, orbit.size(m, 0.01)) for m in ("ape", "rpe")]
+    assert found == pytest.approx(size, rel=1e-3)
+    k, name = int(np.argmin(abs(orbit.sweep.angles - math.radians(40.0)))), "drive_1"
+    loads = orbit.sweep.lines[k].loads[orbit.sweep.lines[k].names.index(name)]
+    assert loads == pytest.approx(there.loads[there.names.index(name)], rel=0.02, abs=1e-3 * np.abs(loads).max())
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"tracking.rate": 0.0}, "tracking"),
+        ({"spacecraft.second_wing.tracking": {"rate": 0.0}}, "spacecraft.second_wing"),
+    ],
+)
+def test_an_orbit_needs_both_rates(changes: dict[str, Any], key: str) -> None:
+    with pytest.raises(mv.MicrovibError, match=f"^{key}.*a constant rate"):
+        check_orbit(quick().with_si(changes))

@@ -62,6 +62,8 @@ class HubLines:
     """Loads on the hub at the second wing's interface, (k, 6); None without a second wing."""
     driven: tuple[str, ...] = ()
     """Lines that noise drives: one draw of what ``density`` has of all, so that sums leave them out."""
+    drives: tuple[HubLines, ...] = ()
+    """What each of two drives makes by itself, where two are added here; empty of one."""
 
     @property
     def windows(self) -> tuple[float, ...]:
@@ -312,6 +314,7 @@ def together(first: HubLines, second: HubLines) -> HubLines:
         second=added(first.second, second.loads),
         unknown=(*first.unknown, *(f"{SECOND} {name}" for name in second.unknown)),
         driven=(*first.driven, *(names[place[name]] for name in second.driven if name in place)),
+        drives=(first, second),
     )
 
 

@@ -32,11 +32,8 @@ class Moved:
     slope: np.ndarray
     """Its derivative by the angular frequency, the torques held, (k, 2) [rad s]."""
 
-
-def at_angle(scenario: Scenario, angle: float) -> Scenario:
-    """The scenario with its array at an ``angle`` [rad], and a second wing that turns with it."""
-    craft = scenario.spacecraft or craft_in(scenario).spacecraft
-    return scenario.model_copy(update={"spacecraft": craft.model_copy(update={"array_angle": angle})})
+    def __add__(self, other: Moved) -> Moved:
+        return Moved(self.loads + other.loads, self.los + other.los, self.slope + other.slope)
 
 
 def shaft_torques(lines: HubLines) -> np.ndarray:
@@ -47,12 +44,15 @@ def shaft_torques(lines: HubLines) -> np.ndarray:
     return np.asarray(np.linalg.solve(_moved(scenario, lines.frequency)[:, :c], moved[:, :, None])[:, :, 0])
 
 
-def moved_by(scenario: Scenario, frequency: np.ndarray, torque: np.ndarray) -> Moved:
-    """What ``torque`` (k, c), as of ``shaft_torques``, makes at each ``frequency`` (k,) [Hz] of the craft of a scenario."""
+def moved_by(scenario: Scenario, frequency: np.ndarray, torque: np.ndarray, *, at_second: bool = False) -> Moved:
+    """What ``torque`` (k, c), as of ``shaft_torques``, makes at each ``frequency`` (k,) [Hz] of the craft of a scenario.
+
+    Loads are those at its interface, or ``at_second`` at that of its second wing.
+    """
     craft, f = craft_in(scenario), np.concatenate([frequency, (1.0 + _NUDGE) * frequency, (1.0 - _NUDGE) * frequency])
     shafts = (_moved(scenario, f) @ np.tile(torque, (3, 1))[:, :, None])[:, :, 0]
     accelerations = -((2.0 * np.pi * f[:, None]) ** 2) * (shafts @ coordinates(scenario.reducer, 0).T)[:, ::-1]
-    loads, los = craft.loads(), craft.line_of_sight()
+    loads, los = craft.second_loads() if at_second else craft.loads(), craft.line_of_sight()
     names = ("position", "acceleration", "direct")
     both = Rows(*(np.vstack([getattr(loads, name), getattr(los, name)]) for name in names))
     found = np.einsum("fkj,fj->fk", craft.transfer(both, f), accelerations)

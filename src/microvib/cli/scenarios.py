@@ -82,9 +82,10 @@ def run(
 
 def _run_angles(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
     from microvib.reports.angles import angles_text, write_angles
-    from microvib.studies.angles import angles_in, sweep_angles
+    from microvib.studies.angles import angles_in, check_sweep, sweep_angles
 
     asked = angles_in(angles or "")
+    check_sweep(loaded)
     with progress_bar("solving", "angles") as progress:
         sweep = sweep_angles(loaded, asked, harmonics=harmonics, progress=progress)
     target.deliver(angles_text(sweep), write_angles, sweep)
@@ -93,9 +94,10 @@ def _run_angles(loaded: Scenario, angles: str | None, harmonics: int, target: Ta
 def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
     from microvib.reports.orbit import orbit_text, write_orbit
     from microvib.studies.angles import angles_in
-    from microvib.studies.orbit import over_orbit
+    from microvib.studies.orbit import check_orbit, over_orbit
 
     asked = None if angles is None else angles_in(angles)
+    check_orbit(loaded, asked)
     with progress_bar("solving", "angles") as progress:
         orbit = over_orbit(loaded, asked, harmonics=harmonics, progress=progress)
     target.deliver(orbit_text(orbit), write_orbit, orbit)

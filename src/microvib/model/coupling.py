@@ -284,7 +284,7 @@ def chart(scenario: Scenario, rates: np.ndarray, angles: np.ndarray | None = Non
     found = []
     for angle in psi:
         if hub.second is not None:  # which may turn, too
-            there = receiver_of(scenario.with_si({"spacecraft.array_angle": float(angle)}))
+            there = receiver_of(scenario.at_angle(float(angle)))
             Y, seen = there.accelerance(f), there.transfer(f)
         turn = np.kron(np.eye(2), about_axis(spacecraft.interface.axis, float(angle) - spacecraft.array_angle))
         found.append(_coupled(f, loads @ turn.T, turn @ mass @ turn.T, Y, seen))

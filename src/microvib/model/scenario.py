@@ -210,6 +210,20 @@ class Scenario(Part):
         wing = craft.second_wing.model_copy(update=held)
         return self.model_copy(update={"spacecraft": craft.model_copy(update={"second_wing": wing})})
 
+    def at_angle(self, angle: float) -> Scenario:
+        """The same with its array at an ``angle`` [rad], on a craft.
+
+        A second wing without ``array_angle`` turns with it; a driven one with its own does by its rate, from where it is.
+        """
+        craft = self.spacecraft
+        assert craft is not None
+        update: dict[str, Any] = {"array_angle": angle}
+        wing, other = craft.second_wing, self.driven_wing
+        if wing is not None and wing.array_angle is not None and other is not None and self.rate and other.rate:
+            there = wing.array_angle + (angle - craft.array_angle) * other.rate / self.rate
+            update["second_wing"] = wing.model_copy(update={"array_angle": there})
+        return self.model_copy(update={"spacecraft": craft.model_copy(update=update)})
+
     @property
     def has_memory(self) -> bool:
         """Whether a friction or the gear remembers how it got there (``presliding``, ``hysteresis``, ``backlash``)."""

@@ -69,7 +69,7 @@ def sweep_angles(
     turns = [quantity("angles", angle, "rad", example="deg") for angle in angles]
 
     def at(angle: float) -> tuple[HubLines, str]:
-        turned = scenario.with_si({"spacecraft.array_angle": angle})
+        turned = scenario.at_angle(angle)
         state, why = find_steady(turned) if turned.record.start == "steady" else (None, "")
         if state is not None:
             return hub_lines(state, lines(state, harmonics=harmonics), harmonics), ""

@@ -16,15 +16,15 @@ from functools import cached_property
 import numpy as np
 
 from microvib.analysis.lines import expected_in
-from microvib.analysis.pointing import HubLines
-from microvib.analysis.turning import Moved, at_angle, moved_by, shaft_torques
+from microvib.analysis.pointing import SAME, SECOND, HubLines
+from microvib.analysis.turning import Moved, moved_by, shaft_torques
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import craft_in
 from microvib.model.driven import noise_bands
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, weight
 from microvib.solve.integration import Progress
-from microvib.studies.angles import MOST_ANGLES, AngleSweep, sweep_angles
+from microvib.studies.angles import MOST_ANGLES, AngleSweep, check_sweep, sweep_angles
 from microvib.units import Given, Si, quantity
 
 STEP = math.radians(30.0)
@@ -122,7 +122,8 @@ class Orbit:
     @property
     def turned_in_decay(self) -> float:
         """Angle [rad] that the array turns while the mode that rings longest falls to 1/e; infinite without damping."""
-        least = min((float(np.min(craft_in(one.scenario).load.decay)) for one in self.runs.lines), default=0.0)
+        drives = [drive.scenario for one in self.runs.lines for drive in one.drives or (one,)]
+        least = min((float(np.min(craft_in(one).load.decay)) for one in drives), default=0.0)
         return self.rate / least if least > 0.0 else math.inf
 
     def notes(self) -> list[str]:
@@ -140,7 +141,7 @@ class Orbit:
                 f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in {worst.window:g} s by some"
                 f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed: {100 * NOT_QUASI_STATIC:g} %)."
             )
-        if noise_bands(self.sweep.scenario):
+        if any(noise_bands(one) for one in _drives(self.sweep.scenario)):
             said.append("Torque noise and roughness of the friction are left out here; a sweep over angles has them.")
         without = [(math.degrees(a), why) for a, why in zip(self.runs.angles, self.runs.fallbacks, strict=True) if why]
         if without:
@@ -150,6 +151,12 @@ class Orbit:
                 f" {without[0][1]}. Their lines are those of runs from rest, which depend on the start."
             )
         return said
+
+
+def _drives(scenario: Scenario) -> tuple[Scenario, ...]:
+    """Each drive that steps, with the other wing held."""
+    other = scenario.driven_wing
+    return (scenario,) if other is None else (scenario.alone, other)
 
 
 def _judged(scenario: Scenario) -> list[tuple[Metric, float]]:
@@ -164,40 +171,51 @@ def over_orbit(
 ) -> Orbit:
     """The craft while its array turns through ``angles``, one after another, at the scenario's rate.
 
-    Without angles it is one turn from ``array_angle``. Steps between them are halved where it is needed. Raises MicrovibError
-    where the rate is zero or changes, OptionError where the array does not turn this way.
+    Without angles it is one turn from ``array_angle``. Steps between them are halved where it is needed. Raises what
+    ``check_orbit`` raises.
     """
-    rate, begin = scenario.rate, float(craft_in(scenario).spacecraft.array_angle)
-    if scenario.driven_wing is not None:
-        raise MicrovibError(
-            "spacecraft.second_wing.drive: driven is not known over an orbit, which follows the shafts of one drive; hold it, or"
-            " sweep angles, which runs both"
-        )
-    if not rate or not scenario.driving_frequency:
-        raise MicrovibError(
-            "tracking: over an orbit the array turns at a constant rate; one other than 0 deg/s is expected"
-        )
-    way = math.copysign(1.0, rate)
-    if angles is None:
-        angles = [Si(begin + way * k * STEP) for k in range(round(2.0 * math.pi / STEP) + 1)]
-    turns = np.array([quantity("angles", angle, "rad", example="deg") for angle in angles], dtype=float)
-    if turns.size < 2 or np.any(np.diff(turns) * way <= 0.0):
-        raise OptionError(
-            "angles",
-            f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order are expected",
-        )
+    turns = check_orbit(scenario, angles)
     # Noise has no steady state; it is said that it is left out.
-    steady = scenario.with_si({"record.start": "steady", "friction": scenario.friction.without_noise})
+    changes = {"record.start": "steady", "friction": scenario.friction.without_noise}
+    wing = scenario.spacecraft and scenario.spacecraft.second_wing
+    if wing and wing.friction:
+        changes["spacecraft.second_wing.friction"] = wing.friction.without_noise
+    steady = scenario.with_si(changes)
     runs, halvings, off = _run(steady, turns, harmonics, progress)
     between = _Between(runs)
     psi, moved = between.dense()
     lines = tuple(
-        HubLines(at_angle(steady, angle), between.names, between.frequency, one.loads, one.los, np.empty((0, 2)))
+        HubLines(steady.at_angle(angle), between.names, between.frequency, one.loads, one.los, np.empty((0, 2)))
         for angle, one in zip(psi.tolist(), moved, strict=True)
     )
-    turning = _turning(psi, moved, abs(rate), between.frequency)
+    rates = [abs(one.rate or 0.0) for one in _drives(scenario)]
+    turning = _turning(psi, moved, max(rates), between.frequency)
     sweep = AngleSweep(scenario, psi, lines, ("",) * psi.size)
-    return Orbit(sweep, runs, (psi - psi[0]) / rate, halvings, off, turning)
+    return Orbit(sweep, runs, np.abs(psi - psi[0]) / rates[0], halvings, off, turning)
+
+
+def check_orbit(scenario: Scenario, angles: Sequence[Given] | None = None) -> np.ndarray:
+    """The ``angles`` [rad], or those of one turn, (n,).
+
+    MicrovibError where a rate is zero or changes, OptionError where the array does not turn this way.
+    """
+    check_sweep(scenario)
+    for key, one in zip(("tracking", "spacecraft.second_wing.tracking"), _drives(scenario), strict=False):
+        if not one.rate or not one.driving_frequency:
+            raise MicrovibError(
+                f"{key}: over an orbit the array turns at a constant rate; one other than 0 deg/s is expected"
+            )
+    rate = float(scenario.rate or 0.0)
+    if angles is None:
+        step = math.copysign(STEP, rate)
+        return float(craft_in(scenario).spacecraft.array_angle) + step * np.arange(round(2.0 * math.pi / STEP) + 1)
+    turns = np.array([quantity("angles", angle, "rad", example="deg") for angle in angles], dtype=float)
+    if turns.size < 2 or np.any(np.diff(turns) * rate <= 0.0):
+        raise OptionError(
+            "angles",
+            f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order are expected",
+        )
+    return turns
 
 
 def _run(
@@ -252,8 +270,17 @@ class _Between:
         }  # fmt: skip
         self.names, self.frequency = tuple(count), np.array(list(count.values()))
         self._rms = {key: math.sqrt(np.mean([each[key].sum() for each in squares])) for key in judged}
-        torques = [shaft_torques(one) for one in runs.lines]
-        self._torques = np.array([self._in_order(rows, t) for rows, t in zip(known, torques, strict=True)])
+        each = zip(*(one.drives or (one,) for one in runs.lines), strict=True)
+        self._torques = [np.array([self._torque(one) for one in drive]) for drive in each]
+
+    def _torque(self, drive: HubLines) -> np.ndarray:
+        """Torques of one drive on its shafts, (k, c), of the lines of all."""
+        steady = _steady_lines(drive, "").values()
+        rows = {
+            name: k for name, f in zip(self.names, self.frequency.tolist(), strict=True) for k in steady
+            if abs(drive.frequency[k] - f) <= SAME * f
+        }  # fmt: skip
+        return self._in_order(rows, shaft_torques(drive))
 
     def _in_order(self, rows: dict[str, int], values: np.ndarray) -> np.ndarray:
         """Values (..., c) of lines in the order of all names; 0 where a line is not there."""
@@ -268,8 +295,13 @@ class _Between:
         way = math.copysign(1.0, angles[-1] - angles[0])
         k = int(np.clip(np.searchsorted(way * angles, way * angle), 1, angles.size - 1))
         part = (angle - angles[k - 1]) / (angles[k] - angles[k - 1])
-        torque = (1.0 - part) * self._torques[k - 1] + part * self._torques[k]
-        return moved_by(at_angle(self._runs.scenario, angle), self.frequency, torque)
+        first, *second = (
+            moved_by(drive, self.frequency, (1.0 - part) * torque[k - 1] + part * torque[k], at_second=n > 0)
+            for n, (drive, torque) in enumerate(
+                zip(_drives(self._runs.scenario.at_angle(angle)), self._torques, strict=True)
+            )
+        )
+        return sum(second, first)
 
     def off(self, angle: float, found: HubLines) -> float:
         """Largest rms, over that of all runs, of what a run at an ``angle`` differs by from what is expected there."""
@@ -309,13 +341,17 @@ def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
     Of a run from rest, those of the clock.
     """
     rings = {
-        line.name for line in expected_in(one.scenario, one.scenario.record.sample_rate) if line.kind == "array mode"
+        line.name
+        for drive in one.drives or (one,)
+        for line in expected_in(drive.scenario, drive.scenario.record.sample_rate)
+        if line.kind == "array mode"
     }
+    alone = [name.removeprefix(f"{SECOND} ") for name in one.names]
     return {
-        f"other {f:.6g} Hz" if name.startswith("other_") else name: k
-        for k, (name, f) in enumerate(zip(one.names, one.frequency.tolist(), strict=True))
-        if name not in rings and not (fallback and name.startswith("other_"))
-    }
+        f"other {f:.6g} Hz" if own.startswith("other_") else name: k
+        for k, (name, own, f) in enumerate(zip(one.names, alone, one.frequency.tolist(), strict=True))
+        if own not in rings and not (fallback and own.startswith("other_"))
+    }  # fmt: skip
 
 
 def _turning(psi: np.ndarray, moved: list[Moved], rate: float, frequency: np.ndarray) -> np.ndarray:

@@ -92,7 +92,7 @@ class Contribution:
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
     gaps: tuple[Gap, ...] = ()
     doubt: float | np.ndarray = 0.0
-    """Relative doubt of its amplitudes; of each line's, (k,), where they differ."""
+    """Relative doubt of its amplitudes; of each, (k, 2), where they differ."""
     scenario: Scenario | None = None
     cases: np.ndarray | None = None
     """Amplitudes of its lines over the cases of a campaign, (cases, k, 2)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Verdict
-from microvib.analysis.pointing import SECOND
+from microvib.analysis.pointing import SECOND, HubLines, together
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import Difference, differences, short_way_of
 from microvib.errors import MicrovibError, OptionError, expect
@@ -93,16 +93,16 @@ def pointing_budget(
 
     A second wing that is driven is a drive of its own, ``NAME wing_2``, and keeps its phases where both have one clock.
     ``sources`` move it besides: a file of sources, or a list. ``campaign`` is the folder of a merged campaign of the first
-    scenario, for medians and percentiles; ``recording`` holds the first drive's loads on a force table, which then takes the short
-    way. ``rule`` says how lines of one frequency in several sources add (``studies.budget.sums``); with ``one_clock`` the drives
-    step together and keep their phases; ``names`` are theirs. ``steady`` starts runs in the steady state; ``short_way`` compares it
-    with the first drive's coupled run.
+    scenario, for medians and percentiles, in which both wings count as one source; ``recording`` holds the first drive's loads on a
+    force table, which then takes the short way. ``rule`` says how lines of one frequency in several sources add
+    (``studies.budget.sums``); with ``one_clock`` the drives step together and keep their phases; ``names`` are theirs. ``steady``
+    starts runs in the steady state; ``short_way`` compares it with the first drive's coupled run.
 
     Raises MicrovibError and what ``simulate`` raises.
     """
     if rule not in RULES:
         raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))
-    drives, clocks = _scenarios(scenarios, names, steady)
+    whole, drives, clocks = _scenarios(scenarios, names, steady)
     required = (
         requirements if isinstance(requirements, Requirements | None) else read_file(Path(requirements), Requirements)
     )
@@ -111,13 +111,14 @@ def pointing_budget(
     # What can be refused is looked at before anything is simulated.
     first = drives[0][1]
     beside = [of_other(source, first, folder) for source in others]
-    two = campaign is not None and len(clocks) > 1 and drives[1][0] == _second(drives[0][0])
-    if two:
+    two = len(drives) > 1 and drives[1][0] == _second(drives[0][0])
+    if two and campaign is not None and recording is not None:
         raise OptionError(
-            "campaign", "holds what both wings do together, and a budget takes them one by one; leave it out"
+            "campaign", "holds what both wings do together, and a recording has one of them; leave one out"
         )
-    ensemble = None if campaign is None else ensemble_of(first, Path(campaign))
+    ensemble = None if campaign is None else ensemble_of(whole, Path(campaign))
     found: list[Contribution] = []
+    tables: list[HubLines] = []
     compared: tuple[Difference, ...] = ()
     for k, (name, scenario) in enumerate(drives):
         if k == 0 and recording is not None:
@@ -125,9 +126,12 @@ def pointing_budget(
             continue
         one, full = of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress), harmonics)
         found.append(replace(one, clock="drives" if one_clock else clocks[k]))
+        tables.append(full)
         if k == 0 and short_way:
             compared = tuple(differences(*short_way_of(scenario, harmonics=harmonics, progress=progress), full))
     if ensemble is not None:
+        if two:
+            found[:2] = [both_wings(whole, found[0], found[1], *tables[:2])]
         found[0] = with_campaign(found[0], ensemble)
     found += beside
     judgements = () if required is None else tuple(judged(r, found, rule) for r in required.requirements)
@@ -139,13 +143,17 @@ def pointing_budget(
 
 def _scenarios(
     given: Scenario | str | Sequence[Scenario | str], names: Sequence[str], steady: bool
-) -> tuple[list[tuple[str, Scenario]], list[str]]:
-    """Names and scenarios of the drives, all on one hub, and the clock that each steps by; two driven wings are two drives."""
+) -> tuple[Scenario, list[tuple[str, Scenario]], list[str]]:
+    """The first scenario, names and scenarios of the drives, all on one hub, and the clock that each steps by.
+
+    Two driven wings are two drives.
+    """
     each = [given] if isinstance(given, Scenario | str) else list(given)
     if not each:
         raise OptionError("scenario", "missing; the drive on its craft is expected, such as examples/spacecraft.yaml")
     found: list[tuple[str, Scenario]] = []
     clocks: list[str] = []
+    whole: list[Scenario] = []
     for k, one in enumerate(each, 1):
         scenario = load_scenario(one) if isinstance(one, str) else one
         expect(scenario, Scenario, "a scenario (mv.load_scenario)")
@@ -162,18 +170,52 @@ def _scenarios(
                 raise MicrovibError(
                     f"{name}: spacecraft.{key}: is another than that of {found[0][0]}; all drives are on one craft"
                 )
+        whole.append(scenario)
         found.append((name, scenario.alone))
         clocks.append(name)
         if other is not None:
             wing = spacecraft.second_wing
             found.append((_second(name), other))
             clocks.append(name if wing is not None and wing.clock_ratio == 1.0 else _second(name))
-    return found, clocks
+    return whole[0], found, clocks
 
 
 def _second(name: str) -> str:
     """The drive of the second wing of the craft that is called ``name``."""
     return f"{name} {SECOND}"
+
+
+def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *tables: HubLines) -> Contribution:
+    """Both drives of one craft as the one source whose cases a campaign keeps: lines of one frequency with their phases.
+
+    ``tables`` are the lines of each drive, in the order of the contributions, ``scenario`` is that of both.
+    """
+
+    def added(of: Callable[[Contribution], np.ndarray]) -> HubLines:
+        return together(
+            *(replace(t, los=of(one).astype(complex)) for t, one in zip(tables, (first, second), strict=True))
+        )
+
+    def amplitude(lines: HubLines) -> np.ndarray:
+        return np.abs(np.nan_to_num(lines.los if lines.los is not None else 0.0))
+
+    lines = added(lambda one: one.los)
+    assert lines.los is not None
+    doubt = amplitude(added(lambda one: one.doubt * np.abs(one.los)))
+    rings = amplitude(added(lambda one: np.abs(one.los) * ~one.settled[:, None]))
+    size = amplitude(lines)
+    return replace(
+        first,
+        how=f"{first.how}, both wings",
+        names=lines.names,
+        frequency=lines.frequency,
+        los=np.nan_to_num(lines.los),
+        rings=np.any(rings > 0.0, axis=1),
+        density=replace(lines, scenario=scenario).density,
+        gaps=(*first.gaps, *second.gaps),
+        doubt=np.divide(doubt, size, out=np.zeros_like(size), where=size > 0.0),
+        scenario=scenario,
+    )
 
 
 def ensemble_of(scenario: Scenario, folder: Path) -> Results:

@@ -72,13 +72,13 @@ class Judged:
 def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
     """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
     parts = [
-        (float(f), one.los[k], one.clock or f"{n}:{k}", float(doubts[k]) if doubtful else 0.0, bool(one.settled[k]))
+        (float(f), one.los[k], one.clock or f"{n}:{k}", doubts[k] if doubtful else np.zeros(2), bool(one.settled[k]))
         for n, one in enumerate(contributions)
-        for doubts in (np.broadcast_to(one.doubt, len(one.frequency)),)
+        for doubts in (np.broadcast_to(one.doubt, one.los.shape),)
         for k, f in enumerate(one.frequency)
     ]
     parts.sort(key=lambda part: part[0])
-    groups: list[list[tuple[float, np.ndarray, str, float, bool]]] = []
+    groups: list[list[tuple[float, np.ndarray, str, np.ndarray, bool]]] = []
     for part in parts:
         if groups and part[0] - groups[-1][0][0] <= SAME * part[0]:
             groups[-1].append(part)
@@ -89,7 +89,7 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
     return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2])
 
 
-def _of_group(group: Sequence[tuple[float, np.ndarray, str, float, bool]], rule: Rule) -> np.ndarray:
+def _of_group(group: Sequence[tuple[float, np.ndarray, str, np.ndarray, bool]], rule: Rule) -> np.ndarray:
     """Least, given and largest amplitude (3, 2) of lines of one frequency; what rings counts in the largest only."""
     clocks: dict[str, list[np.ndarray]] = {}
     for _, los, clock, doubt, settled in group:
