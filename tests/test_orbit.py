@@ -142,7 +142,7 @@ def test_angles_without_a_steady_state_are_said_once() -> None:
     orbit = over_orbit(near_a_mode(**{"friction.torque_noise": {"density": Si(1e-12)}}), angles_in("60:100:40"))
     broken = replace(orbit, runs=replace(orbit.runs, fallbacks=("it does not repeat",) * 2 + ("",)))
     noise, without = broken.notes()
-    assert noise.startswith("Torque noise is left out here")
+    assert noise.startswith("Torque noise and roughness of the friction are left out here")
     assert without.startswith("No steady state at 2 of 3 angles, from 60 to 80 deg: it does not repeat.")
 
 
