@@ -8,7 +8,7 @@ from support.commands import microvib
 
 import microvib as mv
 from microvib.errors import MicrovibError
-from microvib.studies.sensitivity import _effect, noted_ranges, sensitivities
+from microvib.studies.sensitivity import Effect, LineEffects, _effect, noted_ranges, sensitivities
 
 BRIEF = {"record.settle": "0.5 s", "record.duration": "2 s"}
 RANGES = {
@@ -98,3 +98,37 @@ def test_the_command_prints_a_table_or_json(tmp_path):
     assert {e["key"] for e in drive["effects"]} == {
         "reducer.stiffness", "reducer.damping", "reducer.transmission_error.0.amplitude"
     }  # fmt: skip
+
+
+def test_a_resonance_inside_a_range_is_seen():
+    """At both ends of its range the array's mode is far from the first full-step line, and in between it meets it."""
+    sources = {
+        "array.modes.0.frequency": "assumed: to 30 %; range 2.4 Hz to 4.6 Hz",
+        "motor.detent_torque": "assumed: to 20 %; range 0.011 N*m to 0.016 N*m",
+    }
+    brief = {
+        "record.settle": "4 s",
+        "record.duration": "6 s",
+        "array.modes.0.frequency": "2.5 Hz",
+        "reducer.stiffness": "80000 N*m/rad",
+    }
+    line = {x.line: x for x in sensitivities(mv.load_scenario("state-1", brief).with_sources(sources))}["full_step_1"]
+    mode = next(e for e in line.effects if e.key == "array.modes.0.frequency")
+    ends = max(line.amplitude, *mode.amplitudes)
+    assert max(x for _, x in mode.between) > 3.0 * ends
+    assert line.verdict == "array.modes.0.frequency matters most"
+
+
+@pytest.mark.parametrize(
+    ("ends", "says"),
+    [
+        ([(0.5, 1.5), (0.9, 1.1)], "a matters most"),
+        ([(0.5, 1.5), (0.9, 1.85)], "a and b matter most"),
+        ([(0.5, 1.5), (0.5, 1.5), (0.5, 1.5)], "3 of 3 values move it as far: which matters most is not told"),
+        ([(0.999, 1.0005), (1.0, 1.0)], "no value moves it beyond the error of a run"),
+        ([(0.5, 1.5), (math.nan, 1.1)], "a matters most; somewhere in the range of b it is not known"),
+    ],
+)
+def test_what_matters_most_is_said_as_far_as_it_is_told(ends, says):
+    effects = (Effect(key, 1.0, (0.5, 2.0), 0.0, (0.0, 0.0), found) for key, found in zip("abc", ends, strict=False))
+    assert LineEffects("line", 1.0, 1.0, tuple(effects)).verdict == says

@@ -41,7 +41,7 @@ def test_a_data_sheet_becomes_a_scenario_and_its_assumptions_are_ranked(
     page.get_by_role("button", name="Rank", exact=True).click()
     first = page.locator("#sheet details").first
     api.expect(first).to_contain_text("matters most", timeout=120_000)
-    assert first.locator("tbody tr").count() == 13
+    assert first.locator("tbody tr").count() == 14
     page.reload()
     page.wait_for_selector("html[data-ready]")
     api.expect(torque).to_have_value("0.5 N*m")

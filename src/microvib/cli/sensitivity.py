@@ -19,7 +19,8 @@ from microvib.cli.streams import echo
 def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None:
     """Rank, line by line, which value of SCENARIO matters most, of those whose sources note a range.
 
-    Each goes to both ends of its range, the others as they are; d ln/d ln is the sensitivity at the value itself.
+    Each goes to both ends of its range, and to extremes of the linearised drive in between, the others as they are;
+    d ln/d ln is the sensitivity at the value itself.
     """
     from microvib.io.tables import to_json
     from microvib.studies.sensitivity import sensitivities
@@ -32,7 +33,7 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
         return
     quantities = {key: quantity for key, _, quantity in loaded.entries()}
     for line in found:
-        echo(f"\n{line.line}, {line.frequency:.4g} Hz, {1e3 * line.amplitude:.4g} mN m")
+        echo(f"\n{line.line}, {line.frequency:.4g} Hz, {1e3 * line.amplitude:.4g} mN m: {line.verdict}")
         echo(f"  {'value':42s} {'d ln/d ln':>9s} {'mN m over its range':>22s}  range")
         for effect in line.effects:
             quantity = quantities[effect.key]
@@ -42,6 +43,9 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
             none = math.isnan(effect.sensitivity) and not math.isnan(effect.slopes[0])
             slope = "none *" if none else f"{effect.sensitivity:.3g}"
             echo(f"  {effect.key:42s} {slope:>9s} {moved:>22s}  {ends[0]} to {ends[1]}")
+            for value, amplitude in effect.between:
+                at = quantity.show(value) if quantity else f"{value:g}"
+                echo(f"    {1e3 * amplitude:.4g} mN m at {at}, where the linearised drive has an extreme")
             if none:
                 echo(
                     f"    * {effect.slopes[0]:.3g} below and {effect.slopes[1]:.3g} above: the line jumps or bends there"

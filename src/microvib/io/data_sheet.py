@@ -125,7 +125,10 @@ def _motor(sheet: DataSheet, torque: Between) -> Iterator[_Found]:
     count = sheet.phases_on or PHASES_ON[phases]
     on = "one phase on" if count == 1 else "both phases on" if phases == 2 else f"{count} of {phases} phases on"
     usual = "" if sheet.phases_on else ", the usual statement" if phases == 2 else ", assumed"
-    spring = math.sin(0.5 * math.pi * count / phases) / math.sin(0.5 * math.pi / phases) * current
+    spring, most = (
+        math.sin(0.5 * math.pi * j / phases) / math.sin(0.5 * math.pi / phases) * current for j in (count, phases)
+    )
+    per = _exactly(1.0 / spring) if sheet.phases_on else Between(1.0 / most, 1.0 / spring, 1.0 / current)
     if sheet.phases is not None:
         yield "motor.phases", Entry(f"{phases}", "data sheet: phases")
         yield "driver.beats", Entry(f"{2 * phases}", "data sheet: twice the phases, full steps per electrical period")
@@ -135,7 +138,7 @@ def _motor(sheet: DataSheet, torque: Between) -> Iterator[_Found]:
     )
     yield "motor.current", Entry(_text(Motor, "current", current), stated if sheet.current else lacking)
     said = f"holding torque of {torque.value:.4g} N m with {on}{usual}, over {spring:.4g} A{'' if sheet.current else ', assumed'}"
-    yield "motor.torque_constant", _entry(Motor, "torque_constant", torque.times(_exactly(1.0 / spring)), said)
+    yield "motor.torque_constant", _entry(Motor, "torque_constant", torque.times(per), said)
     detent = _known(sheet, "detent")
     said = f"{100.0 * detent.value:.3g} % of the holding torque"
     yield "motor.detent_torque", _entry(Motor, "detent_torque", detent.times(torque), said)
@@ -259,7 +262,7 @@ def _entry(part: type[Part], name: str, value: Between, said: str) -> Entry:
     """A value that is known, or assumed with its range."""
     if value.low == value.high:
         return Entry(_text(part, name, value.value), f"data sheet: {said}")
-    low, high = (_text(part, name, x, 3) for x in (value.low, value.high))
+    low, high = (_text(part, name, x, 6 if x == value.value else 3) for x in (value.low, value.high))
     return Entry(_text(part, name, value.value), f"assumed: {said}; range {low} to {high}")
 
 

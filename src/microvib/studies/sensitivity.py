@@ -9,8 +9,12 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from microvib.analysis.lines import lines_of_samples
+import numpy as np
+
+from microvib.analysis.limits import OWN_ERROR
+from microvib.analysis.lines import expected_in, lines_of_samples
 from microvib.errors import MicrovibError, SimulationError
+from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
@@ -20,6 +24,11 @@ STEP = 0.02
 """Part by which a value is changed for the derivative, to both sides."""
 BENDS = 0.2, 0.5
 """By how much the slopes on both sides may differ, and by what part of the larger, for a derivative."""
+ALIKE = 0.9
+"""Part of the largest span from which another counts as large: spans come from ends and peaks, not from all between."""
+INSIDE, FINER, STANDS_OUT = 41, 21, 1.1
+"""Values of a range at which the linearised drive is looked at, then about its extremes; and the factor by which one must stand out
+of the ends to be run."""
 MAX_LINES = 8
 """Lines that are looked at, the largest."""
 NOT_RANKED = "sources: none notes a range, such as 'assumed: ...; range 1 N*m to 2 N*m' of a dotted key"
@@ -41,11 +50,18 @@ class Effect:
     """The same below and above the value."""
     amplitudes: tuple[float, float]
     """Amplitudes [N m] at both ends of the range."""
+    between: tuple[tuple[float, float], ...] = ()
+    """Values [SI] within the range where the linearised drive's line has an extreme, and amplitudes [N m] there."""
 
     def span(self, amplitude: float) -> float:
-        """How far the line, ``amplitude`` [N m] with the value itself, moves from end to end of the range [N m]."""
-        known = [x for x in (amplitude, *self.amplitudes) if math.isfinite(x)]
+        """How far the line, ``amplitude`` [N m] with the value itself, moves within the range [N m]."""
+        known = [x for x in (amplitude, *self.amplitudes, *(x for _, x in self.between)) if math.isfinite(x)]
         return max(known) - min(known)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the line is not known somewhere in the range."""
+        return not all(map(math.isfinite, (*self.amplitudes, *(x for _, x in self.between))))
 
 
 @dataclass(frozen=True)
@@ -56,6 +72,19 @@ class LineEffects:
     frequency: float
     amplitude: float
     effects: tuple[Effect, ...]
+
+    @property
+    def verdict(self) -> str:
+        """Which value matters most, in words, as far as that is told."""
+        spans = [effect.span(self.amplitude) for effect in self.effects]
+        most = [e.key for e, span in zip(self.effects, spans, strict=True) if span >= ALIKE * max(spans)]
+        lost = [e.key for e in self.effects if e.lost]
+        said = f"{' and '.join(most)} matter{'s' if len(most) == 1 else ''} most"
+        if len(most) > 2:
+            said = f"{len(most)} of {len(spans)} values move it as far: which matters most is not told"
+        if max(spans) <= 2.0 * OWN_ERROR * self.amplitude:
+            said = "no value moves it beyond the error of a run"
+        return said + (f"; somewhere in the range of {', '.join(lost)} it is not known" if lost else "")
 
 
 @dataclass(frozen=True)
@@ -117,17 +146,18 @@ def _ends(key: str, quantity: Quantity | None, low: str, high: str) -> tuple[flo
 
 
 def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ranking:
-    """Effect of every value whose source notes a range on each of the MAX_LINES largest lines, by four runs a value.
+    """Effect of every value whose source notes a range on each of the MAX_LINES largest lines, by four runs a value or more.
 
-    Runs begin at rest and have the scenario's record. MicrovibError where no source notes a range; raises what ``simulate`` raises
-    for the scenario itself, while a changed one that fails has no amplitudes and is listed. Integers are not ranked.
+    Two are beside the value, two at the ends of its range, and more where the linearised drive has a resonance or its opposite
+    for a line in between. Runs begin at rest and have the scenario's record. MicrovibError where no source notes a range; raises
+    what ``simulate`` raises for the scenario itself, while a changed one that fails has no amplitudes and is listed. Integers are
+    not ranked.
     """
     ranges = noted_ranges(scenario)
     if not ranges:
         raise MicrovibError(NOT_RANKED)
     scenario = scenario.with_({"record.start": "rest"})
     values = {key: float(scenario[key]) for key in ranges}
-    points = [(key, x) for key, (low, high) in ranges.items() for x in (*_near(values[key]), low, high)]
     base = simulate_torques([scenario])[0]
     if isinstance(base, SimulationError):
         raise base
@@ -136,6 +166,11 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
         (x for x in table.notable() if x.kind not in ("sideband", "other") and math.isfinite(x.amplitude_n_m)),
         key=lambda x: -x.amplitude_n_m,
     )[:MAX_LINES]
+
+    inside = {
+        key: _extremes(scenario, key, values[key], ends, [line.line for line in main]) for key, ends in ranges.items()
+    }
+    points = [(key, x) for key, ends in ranges.items() for x in (*_near(values[key]), *ends, *inside[key])]
 
     def run(point: tuple[str, float]) -> dict[str, float] | str:
         return _amplitudes(scenario, *point)
@@ -148,7 +183,8 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
                 failed.append(Failed(*points[k - 1], found))
             if progress is not None:
                 progress(k, len(points))
-    by_key = {key: amplitudes[4 * k : 4 * k + 4] for k, key in enumerate(ranges)}
+    each = iter(amplitudes)
+    by_key = {key: [next(each) for _ in range(4 + len(inside[key]))] for key in ranges}
     result = []
     for line in main:
         effects = [
@@ -158,6 +194,7 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
                 ranges[key],
                 line.amplitude_n_m,
                 [found.get(line.line, math.nan) for found in by_key[key]],
+                inside[key],
             )
             for key in ranges
         ]
@@ -170,8 +207,49 @@ def _near(value: float) -> tuple[float, float]:
     return value * (1.0 - STEP), value * (1.0 + STEP)
 
 
-def _effect(key: str, value: float, ends: tuple[float, float], amplitude: float, found: Sequence[float]) -> Effect:
-    below, above, low, high = found
+def _extremes(
+    scenario: Scenario, key: str, value: float, ends: tuple[float, float], lines: Sequence[str]
+) -> tuple[float, ...]:
+    """Values within the range at which the linearised drive's ``lines`` are larger, or smaller, than at its ends and ``value``."""
+    grid = np.linspace(*ends, INSIDE)
+    gains = _gains(scenario, key, [*grid, value], lines)
+    step, found = grid[1] - grid[0], set[float]()
+    for k in np.flatnonzero(np.any(np.isfinite(gains), axis=0)):
+        for sign in (1.0, -1.0):
+            known = sign * np.log(gains[:, k])
+            at = int(np.nanargmax(known[:-1]))
+            close = np.linspace(max(grid[at] - step, ends[0]), min(grid[at] + step, ends[1]), FINER)
+            finer = sign * np.log(_gains(scenario, key, close, [lines[k]])[:, 0])
+            if np.nanmax(finer) > np.nanmax(known[[0, -2, -1]]) + math.log(STANDS_OUT):
+                found.add(float(f"{close[int(np.nanargmax(finer))]:.4g}"))
+    return tuple(sorted(x for x in found if ends[0] < x < ends[1]))
+
+
+def _gains(scenario: Scenario, key: str, values: Sequence[float] | np.ndarray, lines: Sequence[str]) -> np.ndarray:
+    """T_d of the linearised drive for 1 N m on the rotor at each line of the clock, (values, lines); nan of others."""
+    gains = np.full((len(values), len(lines)), np.nan)
+    for row, value in zip(gains, values, strict=True):
+        try:
+            changed = scenario.with_si({key: float(value)})
+        except MicrovibError:
+            continue
+        at = {x.name: x.frequency for x in expected_in(changed, changed.record.sample_rate) if x.kind != "array mode"}
+        for k, f in ((k, at[name]) for k, name in enumerate(lines) if name in at and at[name] > 0.0):
+            dynamic = dynamic_stiffness(changed, f)
+            moved = np.linalg.solve(dynamic, np.eye(dynamic.shape[0])[0])
+            row[k] = (2.0 * math.pi * f) ** 2 * abs(momentum_row(changed, f) @ moved)
+    return gains
+
+
+def _effect(
+    key: str,
+    value: float,
+    ends: tuple[float, float],
+    amplitude: float,
+    found: Sequence[float],
+    inside: Sequence[float] = (),
+) -> Effect:
+    below, above, low, high, *between = found
     known = below > 0.0 and above > 0.0 and amplitude > 0.0 and value != 0.0
     slope, sides = math.nan, (math.nan, math.nan)
     if known:
@@ -181,7 +259,7 @@ def _effect(key: str, value: float, ends: tuple[float, float], amplitude: float,
         )
         if abs(sides[1] - sides[0]) <= max(BENDS[0], BENDS[1] * max(map(abs, sides))):
             slope = math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP))
-    return Effect(key, value, ends, slope, sides, (low, high))
+    return Effect(key, value, ends, slope, sides, (low, high), tuple(zip(inside, between, strict=True)))
 
 
 def _amplitudes(scenario: Scenario, key: str, value: float) -> dict[str, float] | str:

@@ -283,11 +283,13 @@ def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
         "lines": [
             {
                 "line": line.line, "frequency": line.frequency, "amplitude": line.amplitude,
+                "verdict": line.verdict,
                 "effects": [
                     {
                         "key": e.key, "low": shown(e.key, e.range[0]), "high": shown(e.key, e.range[1]),
                         "sensitivity": e.sensitivity, "below": e.slopes[0], "above": e.slopes[1],
                         "at_low": e.amplitudes[0], "at_high": e.amplitudes[1],
+                        "between": [{"at": shown(e.key, at), "amplitude": x} for at, x in e.between],
                     }
                     for e in line.effects
                 ],

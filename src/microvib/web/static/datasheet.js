@@ -122,8 +122,7 @@ const rank = () => task.start("Ranking", () => post("/api/sensitivity", { scenar
 /** A table for each line, the largest first and open, and what was not ranked. */
 function ranked({ lines, left_out: left }) {
   const found = lines.map((line, k) => {
-    const { key } = line.effects[0];
-    const head = `${line.line}, ${number(line.frequency, 4)} Hz, ${number(1e3 * line.amplitude, 4)} mN m: ${key} matters most`;
+    const head = `${line.line}, ${number(line.frequency, 4)} Hz, ${number(1e3 * line.amplitude, 4)} mN m: ${line.verdict}`;
     return h("details", { open: k === 0 }, h("summary", {}, head), effects(line));
   });
   const unranked = left.map(({ key, why }) => h("li", {}, h("code", {}, key), `: ${why}`));
@@ -135,6 +134,8 @@ function ranked({ lines, left_out: left }) {
 
 function effects(line) {
   const mN = (value) => number(value === null ? null : 1e3 * value, 4);
+  const between = (extremes) => extremes.map(({ at, amplitude }) => `${mN(amplitude)} mN m at ${at}`).join("; ");
+  const rows = line.effects.map((effect) => ({ ...effect, between: between(effect.between) }));
   const bends = ({ below, above }) => `${number(below, 3)} below, ${number(above, 3)} above: the line jumps or bends there`;
   const slope = (value, row) => (value === null && row.below !== null ? h("span", { title: bends(row) }, "none: bends") : number(value, 3));
   return table(
@@ -144,9 +145,10 @@ function effects(line) {
       { key: "high", title: "to" },
       { key: "at_low", title: "line there", unit: "mN m", show: mN },
       { key: "at_high", title: "and there", unit: "mN m", show: mN },
+      { key: "between", title: "and between" },
       { key: "sensitivity", title: "d ln/d ln", show: slope },
     ],
-    line.effects,
+    rows,
     { caption: `Values by what they do to ${line.line}` },
   );
 }
