@@ -274,6 +274,20 @@ def test_a_curve_limits_each_line() -> None:
     assert judged(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
 
 
+def test_a_curve_is_decided_by_the_line_nearest_to_it_and_not_by_the_largest() -> None:
+    """Ten times smaller, but where the curve allows a hundredth: the line that the report names beside the smallest margin."""
+    curve = [{"frequency": Si(1.0), "amplitude": Si(1e-5)}, {"frequency": Si(100.0), "amplitude": Si(1e-7)}]
+    density = np.array([1.0, 50.0]), np.full((2, 2), 1e-12)
+    lines = source("a", (1.0, 1.0, 0.0), (100.0, 0.05, 0.0), density=density)
+    one = judged(Requirement(name="P-5", axis="x", curve=curve), [lines, source("b", (2.0, 3.0, 0.0))], "rss")
+    assert [(x.line, round(x.share, 6)) for x in one.ranking] == [("line_0", 0.6), ("line_1", 0.5), ("line_0", 0.1)]
+    assert [(x.source, round(x.share, 6)) for x in one.sources] == [
+        ("b", round(9.0 / 10.0025, 6)),
+        ("a", round(1.0025 / 10.0025, 6)),
+    ]
+    assert 1.0 / one.margin == pytest.approx(one.ranking[0].share)
+
+
 def test_a_picture_holds_a_limit_on_one_axis_against_lines_about_it() -> None:
     points = [{"frequency": "1 Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "0.01 urad"}]
     one = source("a", (10.0, 0.03, 0.04), (50.0, 0.0, 0.02))

@@ -100,7 +100,7 @@ def test_the_picture_turns_the_array_and_not_the_drive_axis() -> None:
         x, y = np.array([c, 0.0, -s]), np.array([-s, 0.0, -c])
         middle = root + center[0] * x + center[1] * y + center[2] * np.array([0.0, 1.0, 0.0])
         texts = {text.get_text(): text.xy for text in craft.draw_craft(turned).axes[0].texts}
-        assert texts[f"ψ = {angle:.4g}°"] == pytest.approx(craft._VIEW @ middle)
+        assert texts[f"ψ = {angle:.4g}°".replace("-", "−")] == pytest.approx(craft._VIEW @ middle)
 
 
 def test_a_box_has_the_inertia_that_it_stands_for() -> None:

@@ -67,7 +67,10 @@ def budget_text(budget: Budget) -> str:
     )
     for one in budget.judged[:1] if budget.judged else ():
         parts.append(
-            f"What {_name(one)} costs:\n" + text_table(("source", "line", "Hz", "rms rad", "share %"), _ranked(one))
+            f"What {_name(one)} costs:\n"
+            + text_table(
+                ("source", "line", "Hz", "rms rad", "of limit %" if one.requirement.curve else "share %"), _ranked(one)
+            )
         )
     if budget.short_way:
         parts.append(short_way_text(budget))
@@ -233,8 +236,9 @@ def _facts(budget: Budget) -> list[Fact]:
         facts.append(Fact(f"{_margin(worst)} dB", f"smallest margin judged: {_name(worst)}"))
         if worst.ranking:
             top = worst.ranking[0]
+            what = "what its curve allows" if worst.requirement.curve else "its mean square"
             facts.append(
-                Fact(f"{100 * top.share:.3g} %", f"of it from {top.line} of {top.source}, {brief(top.frequency)} Hz")
+                Fact(f"{100 * top.share:.3g} %", f"of {what}: {top.line} of {top.source}, {brief(top.frequency)} Hz")
             )
     return facts
 
@@ -263,7 +267,8 @@ def _requirements(budget: Budget) -> Table:
 
 
 def _costs(one: Judged) -> Table:
-    head = ["source", "line", "frequency [Hz]", "rms [rad]", "share [%]"]
+    share = "part of what the curve allows [%]" if one.requirement.curve else "share of the mean square [%]"
+    head = ["source", "line", "frequency [Hz]", "rms [rad]", share]
     return table(head, _ranked(one), f"{_name(one)}: {one.requirement.text}.")
 
 

@@ -89,11 +89,11 @@ def _craft(scenario: Scenario) -> tuple[Block, ...]:
     }
     arrays = "the array" if craft.second_wing is None else "the first array"
     caption = (
-        f"Hub and array as boxes of their mass and inertia, hub axes; dotted, {arrays} at angle 0. Red, the line of sight;"
-        " dashed, the drive axis."
+        f"Hub and array as boxes of their mass and inertia, hub axes; dotted, {arrays} at angle 0, dashed, the drive"
+        " axis."
     )
     if craft.second_wing is not None:
-        caption = caption.replace("Hub and array", "Hub and arrays").replace("drive axis.", "drive axes.")
+        caption = caption.replace("Hub and array", "Hub and arrays").replace("axis.", "axes.")
     return pairs(list(rows.items())), drawn(draw_craft(scenario), "Hub, array and line of sight", caption)
 
 
@@ -149,7 +149,8 @@ def draw_craft(scenario: Scenario) -> Drawing:
         ax.plot(*(_VIEW @ root), "o", color=ORANGE, markersize=5, zorder=8)
         white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.7}
         name = "ψ" if len(wings) == 1 else f"ψ{'₁₂'[k - 1]}"
-        ax.annotate(f"{name} = {math.degrees(angle):.4g}°", _VIEW @ middle, fontsize=9, zorder=9, bbox=white)
+        turned = f"{math.degrees(angle):.4g}".replace("-", "−")
+        ax.annotate(f"{name} = {turned}°", _VIEW @ middle, fontsize=9, zorder=9, bbox=white)
     _names(ax, craft, size)
     ax.autoscale_view()
     ax.margins(0.04)

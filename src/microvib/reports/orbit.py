@@ -120,7 +120,8 @@ def orbit_report(orbit: Orbit, picture: Figure, form: Form | None = None) -> Doc
     heads, notes = [head[0], *units], [Text(text, note=True) for text in orbit.notes()]
     meaning = (
         "Turning: size of what the array's rate itself changes (the modes' change while they settle, gyroscopic terms), of the"
-        f" rms; above {100 * NOT_QUASI_STATIC:g} % angle after angle is not allowed. Steps are halved from {100 * TOLERANCE:g} %."
+        f" rms; above {100 * NOT_QUASI_STATIC:g} % the angles cannot be taken one by one. Steps are halved from"
+        f" {100 * TOLERANCE:g} %."
     )
     return study(
         "Orbit", f"Over an orbit: {scenario.title or 'drive'}", f"{orbit.time[-1]:.6g} s, {_travel(orbit)} of the array",

@@ -32,7 +32,7 @@ STEP = math.radians(30.0)
 TOLERANCE = 0.01
 """Difference half way between two runs, over the rms of the orbit, from which their step is halved again."""
 NOT_QUASI_STATIC = 0.05
-"""Part of the rms of the orbit from which what the turning itself changes is too much for angle after angle."""
+"""Part of the rms of the orbit from which what the turning itself changes is too much for taking the angles one by one."""
 _CLOSEST = math.radians(0.25)
 """Step between angles that are run, below which none is halved: there a motion changes its kind."""
 _DENSE, _FINEST = 121, 6
@@ -116,7 +116,7 @@ class Orbit:
 
     @property
     def quasi_static(self) -> bool:
-        """Whether angle after angle is good enough."""
+        """Whether the angles may be taken one by one."""
         return all(w.turning <= NOT_QUASI_STATIC for w in self.windows)
 
     @property
@@ -137,7 +137,7 @@ class Orbit:
         if not self.quasi_static:
             worst = max(self.windows, key=lambda w: w.turning)
             said.append(
-                f"Angle after angle is not allowed here: while a mode settles the array turns by up to"
+                f"The angles cannot be taken one by one here: while a mode settles the array turns by up to"
                 f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in {worst.window:g} s by some"
                 f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed: {100 * NOT_QUASI_STATIC:g} %)."
             )

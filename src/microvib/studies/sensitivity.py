@@ -214,7 +214,7 @@ def _extremes(
     grid = np.linspace(*ends, INSIDE)
     gains = _gains(scenario, key, [*grid, value], lines)
     step, found = grid[1] - grid[0], set[float]()
-    for k in np.flatnonzero(np.any(np.isfinite(gains), axis=0)):
+    for k in np.flatnonzero(np.any(np.isfinite(gains), axis=0)).tolist():
         for sign in (1.0, -1.0):
             known = sign * np.log(gains[:, k])
             at = int(np.nanargmax(known[:-1]))

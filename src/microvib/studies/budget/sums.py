@@ -30,7 +30,7 @@ WORTH = 0.01
 
 @dataclass(frozen=True)
 class Cost:
-    """What one line or source adds to a figure: its own rms [rad], and its part of the sum of squares."""
+    """What one line or source adds to a figure: its own rms [rad], and its part of the sum of squares, of a curve of the limit."""
 
     source: str
     line: str
@@ -226,6 +226,15 @@ def _costs(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, 
 # ---- Curves over frequency ----
 
 
+def _costs_by_curve(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, ...], tuple[Cost, ...]]:
+    """Sources by their lines, for densities do not count; lines by their part of what the curve allows each."""
+    sources, lines = _costs(r, [replace(one, density=None) for one in chosen])
+    of = {(one.source, name): k for one in chosen for k, name in enumerate(one.names)}
+    over = {one.source: _over(r, one.frequency, np.abs(one.los) * one.settled[:, None]) for one in chosen}
+    parts = (replace(x, share=float(over[x.source][of[x.source, x.line]])) for x in lines)
+    return sources, tuple(sorted(parts, key=lambda x: -x.share))
+
+
 def _over(r: Requirement, frequency: np.ndarray, amplitude: np.ndarray, *, surely: bool = False) -> np.ndarray:
     """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band; ``surely`` as in ``figure``."""
     curve = r.curve or ()
@@ -265,7 +274,7 @@ def _by_curve(
     most = math.inf if unbounded else max(most, limit * max(hidden, default=0.0))
     verdict: Verdict = "pass" if most <= limit else "fail" if least > limit else "not judged"
     why = (_reasons(own, chosen, size) or [NEAR]) if verdict == "not judged" else []
-    return Judged(r, size, least, most, size, math.nan, limit, verdict, tuple(why), *_costs(own, chosen))
+    return Judged(r, size, least, most, size, math.nan, limit, verdict, tuple(why), *_costs_by_curve(own, chosen))
 
 
 # ---- Campaigns ----
