@@ -19,7 +19,7 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.model.coupling import transfer_from
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import motion_of
-from microvib.reports.budget import draw_budget
+from microvib.reports.budget import budget_text, draw_budget
 from microvib.signals.pointing import level, weight
 from microvib.studies.budget.figures import figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
@@ -274,6 +274,22 @@ def test_a_curve_limits_each_line() -> None:
     assert judged(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
 
 
+def test_the_text_ends_with_the_verdicts_within_a_terminal() -> None:
+    required = [
+        requirement(name=f"P-{k}", metric="rpe", window="10 ms", limit=limit)
+        for k, limit in ((1, "1 urad"), (2, "0.1 urad"))
+    ]
+    one = source("a", (60.0, 0.5, 0.0))
+    found = tuple(judged(r, [one], "rss") for r in required)
+    text = budget_text(Budget(scenario_of(whole.FullCraft()), None, "rss", (one,), merged([one], "rss"), found, ()))
+    *_, head, first, second = text.splitlines()
+    assert head.split() == ["limit", "value", "at", "most", "dB", "verdict"]
+    assert [row.split()[0] for row in (first, second)] == ["P-1", "P-2"]
+    assert "pass  RPE 10 ms, radial, rms" in first
+    assert "FAIL  RPE 10 ms, radial, rms" in second
+    assert max(map(len, (head, first, second))) <= 80
+
+
 def test_a_curve_is_decided_by_the_line_nearest_to_it_and_not_by_the_largest() -> None:
     """Ten times smaller, but where the curve allows a hundredth: the line that the report names beside the smallest margin."""
     curve = [{"frequency": Si(1.0), "amplitude": Si(1e-5)}, {"frequency": Si(100.0), "amplitude": Si(1e-7)}]
@@ -321,6 +337,14 @@ def test_percentiles_over_cases() -> None:
     few = judged(requirement(axis="x", percentile="95 percent"), [replace(one, cases=cases[:50])], "rss")
     assert few.verdict == "not judged"
     assert "needs 72 cases" in few.why[0]
+
+
+def test_cases_of_other_rates_count_at_their_own_frequencies() -> None:
+    """Half of the cases at 5 Hz, where a window of 1 s has moved through whole periods, half at 0.5 Hz."""
+    f = np.repeat([5.0, 0.5], 500)[:, None]
+    one = source("a", (5.0, 1.0, 0.0), cases=np.full((1000, 1, 2), URAD), cases_frequency=f)
+    found = judged(requirement(axis="x", metric="mpe", window="1 s", percentile="95 percent"), [one], "rss")
+    assert found.value == pytest.approx(URAD * math.sqrt(0.5 * float(weight("mpe", 0.5, 1.0))))
 
 
 def test_a_campaign_that_lacks_cases_has_no_percentile() -> None:

@@ -17,6 +17,7 @@ from support.commands import SHORT, microvib
 from support.terminal import in_terminal
 
 import microvib as mv
+from microvib.io.data_sheet import read_entry
 from microvib.io.gears import catalog_gears
 from microvib.io.new_scenario import new_text
 from microvib.io.scenario_file import catalog_text
@@ -247,6 +248,21 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
     assert "6 is not allowed; a whole number from 1 to 5 is expected" in shown.text
     sheet = {key: text for key, text in SHEET.items() if key != "rotor_inertia"}
     assert mv.load_scenario(tmp_path / "my.yaml") == mv.new_scenario(**sheet)
+
+
+def test_answers_that_contradict_each_other_are_asked_for_again(tmp_path):
+    """The motor's step in place of the output's is known to be wrong only in the end; the other answers stay."""
+    answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 6, "0.018 deg"]
+    shown = in_terminal("new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers)
+    assert shown.status == 0, shown.text
+    assert "Full step at the output: 1.8 deg at the output is 180 deg at the motor with ratio 100" in shown.text
+    expected = mv.new_scenario(holding_torque="0.5 N*m", step_angle="0.018 deg", ratio="100")
+    assert mv.load_scenario(tmp_path / "my.yaml") == expected
+
+
+@pytest.mark.parametrize("text", ["100", "1:100", "100:1", "1 : 100"])
+def test_a_ratio_is_read_as_data_sheets_write_it(text):
+    assert read_entry("ratio", text) == 100.0
 
 
 def test_a_person_who_gives_up_leaves_no_file(tmp_path):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from microvib.reports.campaign.report import _sampling, campaign_report, draw, s
 from microvib.reports.campaign.text import report_text
 from microvib.reports.document import Table
 from microvib.reports.rendering import html
+from microvib.studies.campaign import effects
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.effects import _first_and_total, sobol, tornado
 from microvib.studies.campaign.results import MISSING, merge, open_results
@@ -209,3 +212,14 @@ def test_effects_of_a_sample_and_sobol_indices_name_what_matters(tmp_path):
     indices = sobol(results, "drive_2", EVERYTHING)
     assert indices.total[0].value > 10 * abs(indices.total[1].value)
     assert sobol(results, "drive_2", EVERYTHING) == indices  # the bootstrap too
+
+
+def test_effects_are_in_order_though_one_is_not_known(monkeypatch):
+    """An end that could not be run leaves its key without an effect, which must not disturb the order of the others."""
+    keys = [SimpleNamespace(key=key) for key in "abc"]
+    study = SimpleNamespace(sampling=SimpleNamespace(method="one-at-a-time"))
+    design = SimpleNamespace(levels=(), uncertain=keys, samples=np.zeros((7, 3)), study=study)
+    y = np.array([1.0, 0.9, 1.1, math.nan, 1.2, 0.5, 1.5])
+    monkeypatch.setattr(effects, "amplitudes", lambda *_: y)
+    found = effects.tornado(SimpleNamespace(campaign=SimpleNamespace(design=design)), "drive_1", (0.0, math.inf))
+    assert [e.key for e in found.effects] == ["c", "a", "b"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +12,9 @@ from microvib.cli.common import PATH, options
 from microvib.cli.streams import echo
 from microvib.errors import OptionError, OutputError
 from microvib.io.questions import QUESTIONS
+
+if TYPE_CHECKING:
+    from microvib.io.gears import Entry
 
 _HYSTERESIS = (
     "The gear's hysteresis stands in the file as a comment, under reducer: a maker's bound, which stiffens and damps."
@@ -46,8 +50,7 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
         if sheet:
             echo(_HYSTERESIS)
         return
-    sheet = sheet or _asked()
-    text, missing = sheet_text(sheet)
+    text, missing = sheet_text(sheet) if sheet else _asked()
     write_file(file, text)
     echo("Assumed, as the data sheet does not say it:" if missing else "Nothing of the drive had to be assumed.")
     for key, entry in missing.items():
@@ -55,22 +58,40 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
     echo(f"Friction, array and tracking are examples. Written: {file}. Now: microvib run {file}")
 
 
-def _asked() -> dict[str, str]:
-    """Answers of a person at the terminal; OptionError where there is none."""
+def _asked() -> tuple[str, dict[str, Entry]]:
+    """What ``sheet_text`` makes of the answers of a person at the terminal; OptionError where there is none.
+
+    Answers that contradict each other are asked for again, and the others kept.
+    """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         known = ", ".join(map(_option, QUESTIONS))
         raise OptionError("from_datasheet", f"there is no terminal to ask on; give at least one of {known}")
-    from microvib.io.data_sheet import read_entry
+    from microvib.io.new_scenario import sheet_text
 
     echo("What does the data sheet say? Empty where it does not; a typical value is then assumed.")
     answers: dict[str, str] = {}
-    for key, question in QUESTIONS.items():
-        while text := click.prompt(str(question), default="", show_default=False).strip():
-            try:
-                read_entry(key, text)
-            except OptionError as error:
-                echo(str(error).removeprefix(f"{key}: "), err=True)
-            else:
-                answers[key] = text
-                break
-    return answers
+    for key in QUESTIONS:
+        _ask(key, answers)
+    while True:
+        try:
+            return sheet_text(answers)
+        except OptionError as error:
+            if error.key not in QUESTIONS:
+                raise
+            echo(f"{QUESTIONS[error.key].words}: {str(error).removeprefix(f'{error.key}: ')}", err=True)
+            _ask(error.key, answers)
+
+
+def _ask(key: str, answers: dict[str, str]) -> None:
+    """Ask one question until its answer can be read."""
+    from microvib.io.data_sheet import read_entry
+
+    answers.pop(key, None)
+    while text := click.prompt(str(QUESTIONS[key]), default="", show_default=False).strip():
+        try:
+            read_entry(key, text)
+        except OptionError as error:
+            echo(str(error).removeprefix(f"{key}: "), err=True)
+        else:
+            answers[key] = text
+            return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -61,6 +62,7 @@ class Between(NamedTuple):
         return Between(*(a * b for a, b in zip(self, other, strict=True)))
 
 
+_ONE_TO = re.compile(r"^1\s*:\s*(?=\d)|(?<=\d)\s*:\s*1$")
 TYPICAL = {
     "holding_torque": Between(0.1, 0.25, 1.0),
     "detent": Between(0.02, 0.05, 0.1),
@@ -81,6 +83,8 @@ def read_entry(key: str, text: str) -> Any:
     given: Any = (
         int(text) if key in ("phases", "phases_on", "microsteps") and text.strip().isdecimal() else text.strip()
     )
+    if key == "ratio" and isinstance(given, str):
+        given = _ONE_TO.sub("", given)  # data sheets write 1:100 and 100:1
     try:
         value = getattr(validated(DataSheet, {key: given[:200] if isinstance(given, str) else given}), key)
     except ScenarioError as error:

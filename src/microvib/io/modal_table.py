@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.io.tables import finite
+from microvib.io.tables import finite, plain_lines
 from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
 
 PARTICIPATIONS = tuple(f"participation_{d.lower()}" for d in DIRECTIONS)
@@ -47,7 +47,7 @@ def read_modes(path: Path | str, damping: float = 0.01) -> ModalModel:
     """
     path = Path(path)
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+        rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
     except (OSError, UnicodeDecodeError) as error:
         raise ModalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
     if not rows or "frequency_hz" not in rows[0]:

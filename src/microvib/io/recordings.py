@@ -16,6 +16,7 @@ from microvib.io.files import check_file, library, reading
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
 from microvib.io.scenario_file import read_text
+from microvib.io.tables import plain_lines
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
@@ -70,7 +71,7 @@ def _with_table(stage: Stage, folder: Path) -> Stage:
     """A stage with the rows of its table; ScenarioError says which row is wrong."""
     path = folder / str(stage.file)
     rows = []
-    table = csv.DictReader(read_text(path, "table of a response", ()).splitlines())
+    table = csv.DictReader(plain_lines(read_text(path, "table of a response", ())))
     for number, row in enumerate(table, 2):
         try:
             values = tuple(float(row.get(name) or default) for name, default in _RESPONSE_COLUMNS)

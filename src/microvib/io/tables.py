@@ -7,6 +7,7 @@ import io
 import json
 import math
 import platform
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
@@ -16,6 +17,8 @@ from typing import Any, Literal
 
 from microvib.errors import MicrovibError
 from microvib.signals.line_table import Line, LineTable
+
+_COMMA, _POINT = (re.compile(rf"\s*[+-]?\d*{mark}\d+([eE][+-]?\d+)?\s*") for mark in (",", r"\."))
 
 
 def rows_csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -53,9 +56,28 @@ def _finite(data: Any) -> Any:
     return data
 
 
+def plain_lines(text: str) -> list[str]:
+    """Lines of a table as text, separated by commas and with decimal points, however it came from a spreadsheet.
+
+    Where its columns are parted by semicolons or tabs, numbers may have decimal commas; not where another has a point, for then a
+    comma may part thousands.
+    """
+    lines = text.removeprefix("\ufeff").splitlines()
+    head = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    separator = next((x for x in ";\t" if x in head), ",")
+    if separator == "," or any("," in x and not _COMMA.fullmatch(x) for x in head.split(separator)):
+        return lines
+    rows = list(csv.reader(lines, delimiter=separator))
+    if not any(_POINT.fullmatch(cell) for row in rows for cell in row):
+        rows = [[cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row] for row in rows]
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue().splitlines()
+
+
 def named_rows(path: Path, columns: Sequence[str], what: str, kind: type[MicrovibError]) -> list[dict[str, str]]:
     """Rows of a CSV file with these columns; an error of this ``kind`` where it is none."""
-    rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+    rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
     missing = [name for name in columns if not rows or name not in rows[0]]
     if missing:
         raise kind(f"is not a table of {what}: a header with {', '.join(columns)} is expected; {missing[0]} is missing")

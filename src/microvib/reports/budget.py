@@ -57,24 +57,42 @@ def _up_to(one: Judged) -> str:
 def budget_text(budget: Budget) -> str:
     """Requirements with verdicts, sources, ranked lines, as text."""
     parts = [f"{budget.scenario.title or 'Pointing budget'}: {_decision(budget)}"]
-    if budget.judged:
-        head = ("requirement", "limit", "value", "at most", "margin dB", "median", "P95", "P99", "verdict")
-        parts.append(text_table(head, [[*_cells(one), _WORDS[one.verdict]] for one in budget.judged]))
-        parts += _not_judged(budget)
     rows = [(w.metric, f"{w.window:g}", *(f"{x[2]:.4g}" for x in (w.lines, w.noise, w.both))) for w in budget.windows]
     parts.append(
         "Radial rms of all sources:\n" + text_table(("metric", "window s", "lines rad", "noise rad", "both rad"), rows)
     )
-    for one in budget.judged[:1] if budget.judged else ():
+    for one in budget.judged[:1]:
+        share = "of limit %" if one.requirement.curve else "share %"
         parts.append(
-            f"What {_name(one)} costs:\n"
-            + text_table(
-                ("source", "line", "Hz", "rms rad", "of limit %" if one.requirement.curve else "share %"), _ranked(one)
-            )
+            f"What {_name(one)} costs:\n" + text_table(("source", "line", "Hz", "rms rad", share), _ranked(one))
         )
     if budget.short_way:
         parts.append(short_way_text(budget))
+    if budget.judged:  # last, where a terminal shows it, and what is required in words after the figures
+        spread = _spread(budget)
+        head = ["", "limit", "value", "at most", *spread, "dB", "verdict", ""]
+        parts.append(text_table(head, [_row(one, bool(spread)) for one in budget.judged], last_left=True))
+        parts += _not_judged(budget)
     return "\n\n".join(parts)
+
+
+def _spread(budget: Budget) -> list[str]:
+    """Heads of the percentiles, where there are any."""
+    return ["median", "P95", "P99"] if any(one.spread for one in budget.judged) else []
+
+
+def _row(one: Judged, spread: bool) -> list[str]:
+    what, limit, value, most, margin, *percentiles = _cells(one)
+    return [
+        one.requirement.name,
+        limit,
+        value,
+        most,
+        *percentiles[: 3 * spread],
+        margin,
+        _WORDS[one.verdict],
+        one.requirement.text,
+    ]
 
 
 def _not_judged(budget: Budget) -> list[str]:

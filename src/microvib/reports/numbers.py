@@ -69,7 +69,9 @@ def short(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
-def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table for the terminal, cells to the right under their heads."""
+def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], *, last_left: bool = False) -> str:
+    """A table for the terminal, cells to the right under their heads; words may stand ``last_left``."""
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    if last_left:
+        widths[-1] = 0
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows])

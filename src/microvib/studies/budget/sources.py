@@ -17,7 +17,7 @@ from microvib.analysis.run import RunResult
 from microvib.analysis.short_way import OWN
 from microvib.errors import MicrovibError, error_context
 from microvib.io.files import check_file, reading
-from microvib.io.tables import finite
+from microvib.io.tables import finite, plain_lines
 from microvib.model.coupling import (
     MEANINGLESS,
     about_modes,
@@ -96,6 +96,8 @@ class Contribution:
     scenario: Scenario | None = None
     cases: np.ndarray | None = None
     """Amplitudes of its lines over the cases of a campaign, (cases, k, 2)."""
+    cases_frequency: np.ndarray | None = None
+    """Their frequencies [Hz], (cases, k), where cases do not all have the nominal ones."""
     cases_lack: str = ""
     """What the campaign does not say of its cases, in words; no percentile is judged then."""
     alternatives: tuple[Contribution, ...] = ()
@@ -319,7 +321,7 @@ def _table(path: Path, what: str, *choices: tuple[str, ...]) -> tuple[list[dict[
     """Rows of a CSV file, and which of the ``choices`` of columns it has."""
     with reading(path, MicrovibError):
         check_file(path)
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+        rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
         head = rows[0] if rows else {}
         chosen = next((c for c in choices if any(name in head for name in c)), None)
         if chosen is None or "frequency_hz" not in head:

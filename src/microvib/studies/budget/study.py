@@ -240,7 +240,9 @@ def with_campaign(drive: Contribution, results: Results) -> Contribution:
         raise MicrovibError(f"{folder}: has no independent case that was computed")
     names = [name for name in results.lines if not name.startswith("other_")]
     known = {name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T for name in names}
-    none = np.full((int(drawn.sum()), 2), np.nan)
+    none, n = np.full((int(drawn.sum()), 2), np.nan), int(drawn.sum())
+    f = np.array([results.of(x, "frequency")[drawn] if x in known else np.full(n, np.nan) for x in drive.names]).T
+    f = np.where(np.isfinite(f), f, drive.frequency)
     cases = np.array([known.get(name, none) for name in drive.names]).transpose(1, 0, 2)
     size = np.hypot(*np.abs(drive.los).T)
     large = drive.settled & (size > FAINT_LINE * size.max())
@@ -248,7 +250,7 @@ def with_campaign(drive: Contribution, results: Results) -> Contribution:
     more = [n for n in names if n not in drive.names and np.nanmax(known[n], initial=0.0) > FAINT_LINE * size.max()]
     lack = [f"{int(np.sum(counted & ~drawn))} cases have no result"] if np.any(counted & ~drawn) else []
     lack += [f"{', '.join((missing + more)[:3])} is not in all cases"] if missing or more else []
-    return replace(drive, cases=np.nan_to_num(cases), cases_lack="; ".join(lack))
+    return replace(drive, cases=np.nan_to_num(cases), cases_frequency=f, cases_lack="; ".join(lack))
 
 
 def _windows(scenario: Scenario, contributions: Sequence[Contribution], rule: Rule) -> Iterator[Window]:

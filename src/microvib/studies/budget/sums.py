@@ -288,8 +288,10 @@ def _values(
     if drawn is None or drawn.cases is None or r.statistic == "level":
         return None
     phases, found = np.exp(1j * np.angle(drawn.los)), []
-    for case in drawn.cases:
-        tones = merged([*chosen[:k], replace(drawn, los=case * phases), *chosen[k + 1 :]], rule, doubtful=False)
+    at = [drawn.frequency] * len(drawn.cases) if drawn.cases_frequency is None else drawn.cases_frequency
+    for f, case in zip(at, drawn.cases, strict=True):
+        own = replace(drawn, frequency=f, los=case * phases)
+        tones = merged([*chosen[:k], own, *chosen[k + 1 :]], rule, doubtful=False)
         found.append(figure(r, tones.frequency, tones.value, densities))
     return np.array(found)
 

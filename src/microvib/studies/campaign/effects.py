@@ -78,7 +78,7 @@ def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado |
             return None
         effects += planes[0]
         explained = planes[1]
-    effects.sort(key=lambda effect: -effect.size)
+    effects.sort(key=lambda effect: (not math.isfinite(effect.size), -effect.size))  # what is not known comes last
     return Tornado(line, float(np.nanmean(y)), tuple(effects), explained)
 
 
