@@ -198,7 +198,7 @@ def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> 
     caption = (
         "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits one axis, lines about that axis"
         " have a marker of their own, as its legend says. Right, radial rms of all sources over the length"
-        " of the window; dots are limits on it."
+        " of the window, dashed about x and dotted about y where a limit is on that axis; markers are limits on them."
     )
     required = budget.requirements
     source = f" Required by: {required.source}." if required and required.source else ""
@@ -349,23 +349,22 @@ def draw_budget(budget: Budget) -> Figure:
     left.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     T = np.geomspace(1e-4, 1e2, 121)
     tones = merged(budget.contributions, budget.rule, doubtful=False)
-    squares = np.sum(tones.value**2, axis=1)
     for k, metric in enumerate(_DRAWN):
-        rms = [math.sqrt(np.sum(mean_square_of_lines(metric, tones.frequency, np.sqrt(squares), t))) for t in T]
-        right.plot(T, 1e6 * np.array(rms), color=sheets.COLOURS[k], linewidth=1.1, label=metric)
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
-        limits = [
-            (r.window, 1e6 * r.limit)
-            for r in asked
-            if r.window and r.limit and r.statistic == "rms" and r.axis == "radial"
-        ]
-        right.plot([x for x, _ in limits], [y for _, y in limits], "o", color=sheets.COLOURS[k], markersize=4)
-    largest = 1e6 * math.sqrt(0.5 * float(squares.sum())) or 1.0
+        limits = [(r.axis, r.window, 1e6 * r.limit) for r in asked if r.window and r.limit and r.statistic == "rms"]
+        for axis in sorted({"radial", *(axis for axis, _, _ in limits)}, key=list(_SIZE).index):
+            size, (marker, style, _) = _SIZE[axis](tones.value), _MARKERS[axis]
+            rms = [math.sqrt(np.sum(mean_square_of_lines(metric, tones.frequency, size, t))) for t in T]
+            label = metric if axis == "radial" else f"{metric} los_{axis}"
+            right.plot(T, 1e6 * np.array(rms), color=sheets.COLOURS[k], linestyle=style, linewidth=1.1, label=label)
+            at = [(window, limit) for own, window, limit in limits if own == axis]
+            right.plot(*(np.array(at).reshape(-1, 2).T), marker, color=sheets.COLOURS[k], markersize=4)
+    largest = 1e6 * math.sqrt(0.5 * float(np.sum(tones.value**2))) or 1.0
     right.set(
         xscale="log",
         yscale="log",
         xlabel="window [s]",
-        ylabel="rms of lines, radial [µrad]",
+        ylabel="rms of lines [µrad]",
         ylim=(1e-5 * largest, 30 * largest),
     )
     right.legend(fontsize=6.5, frameon=False)

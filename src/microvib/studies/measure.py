@@ -17,15 +17,18 @@ _NEEDED = ("T_d", "theta_l", "alpha_l", "eta", "eta_rate")
 def measure(scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progress | None = None) -> Recording:
     """Six components that ``bench`` records of ``scenario``, from ``record.settle`` on, for as long as the bench records.
 
-    Rate and length of the recording are the bench's. A scenario without interface participation has a torque about the drive axis
-    only; the other loads are then zero, and the recording says so.
+    The bench stands on the ground: drive and array of a craft are measured without it. Rate and length of the recording are the
+    bench's. A scenario without interface participation has a torque about the drive axis only; the other loads are then zero, and
+    the recording says so.
     """
     lead, axis = min(bench.lead, scenario.record.settle), scenario.array.drive_axis
     bench = bench.model_copy(update={"lead": lead})
     span = {"record.settle": scenario.record.settle - lead, "record.duration": bench.span}
-    tested = scenario.with_si({**span, "record.sample_rate": bench.analog_rate})
+    tested = scenario.with_si({**span, "record.sample_rate": bench.analog_rate, "spacecraft": None})
     motion = simulate(tested, channels=_NEEDED, progress=progress)
     notes, known = [f"simulated: {scenario.title or 'without a title'}"], motion.interface_loads()
+    if scenario.spacecraft is not None:
+        notes.append("drive and array on the ground, without their spacecraft")
     if known is not None:
         loads = np.ascontiguousarray(known.T)
     else:

@@ -120,6 +120,7 @@ def identify(
     late = math.inf if settle_error is None else quantity("settle_error", settle_error, "s", positive=True)
     trust = Trust(model_error, common_error, late)
     tests, notes = without_the_start(told, scenario, fitted, trust)
+    notes = (*_on_craft(tests, scenario), *notes)
     asked: tuple[Candidate, ...] = ()
     if effects:
         selector = Selector(scenario, tests, fitted, effects, trust, seed, starts, progress)
@@ -180,6 +181,22 @@ def _each(
             found.append(replace(alone, test=j, recording=f"{one.name} {j + 1}" if again else one.name))
         found += [key] if key.key in shared or len(evidence) == 1 else []
     return found
+
+
+def _on_craft(tests: Sequence[tuple[Evidence, Own]], scenario: Scenario) -> Iterator[str]:
+    """What is to be known of evidence that a craft's lines are compared with; MicrovibError where two drives make them."""
+    for one, own in tests:
+        tested = as_tested(scenario, one, own)
+        if tested.driven_wing is not None:
+            raise MicrovibError(
+                f"{one.name}: spacecraft.second_wing.drive: driven is not known to identification, which simulates one drive; hold"
+                f" it ({one.name}@spacecraft.second_wing.drive=held), or leave the craft out ({one.name}@spacecraft=null)"
+            )
+        if tested.spacecraft is not None:
+            yield (
+                f"{one.name}: compared with the drive on its spacecraft. A force table stands on the ground: name a recording of"
+                f" one {one.name}@spacecraft=null."
+            )
 
 
 def without_the_start(
