@@ -8,6 +8,7 @@ from support.craft_scenarios import scenario_of
 import microvib as mv
 from microvib.io.scenario_file import load_bench
 from microvib.model.scenario import Scenario
+from microvib.studies.measure import measure
 from microvib.units import Si
 
 SHORT = {"record.settle": Si(4.0), "record.duration": Si(4.0)}
@@ -49,7 +50,7 @@ def test_two_drives_in_one_recording_are_refused() -> None:
 def test_a_force_table_stands_on_the_ground() -> None:
     scenario = craft(**{"record.settle": Si(1.0)})
     bench = load_bench("force-table").model_copy(update={"duration": 2.0})
-    flown, ground = mv.measure(scenario, bench), mv.measure(scenario.with_si({"spacecraft": None}), bench)
+    flown, ground = measure(scenario, bench), measure(scenario.with_si({"spacecraft": None}), bench)
     assert flown.channels.keys() == ground.channels.keys()
     assert np.ptp(ground["Fx"]) > 0.0
     for name in ground.channels:

@@ -6,13 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import craft as whole
+from support.craft_scenarios import scenario_of
 
 import microvib as mv
 from microvib.io.hub_sources import COLUMNS
 from microvib.io.scenario_file import load_scenario
 from microvib.io.yaml_text import parse_yaml
-from microvib.structures.hub import FreeModes, hub_of
-from microvib.structures.modal import ModalError
+from microvib.model.coupling import receiver_of
+from microvib.model.rigid import motion_of
+from microvib.structures.hub import FreeModes, freed, hub_of
+from microvib.structures.modal import ModalError, ModalModel
 
 HUB_COLUMNS = ("mode", "frequency_hz", "damping", *COLUMNS[2:])
 SHAPE = COLUMNS[6:]
@@ -104,6 +107,35 @@ def test_a_scenario_names_its_tables(file: Path, tmp_path: Path) -> None:
     whole_again = tmp_path / "again.yaml"
     whole_again.write_text(mv.dump_scenario(scenario))
     assert load_scenario(whole_again) == scenario
+
+
+def test_a_hub_freed_of_its_clamp_weighs_what_its_clamped_modes_say(tmp_path: Path) -> None:
+    """Apparent mass at the root, D_0 + sum p p' (w_k^2 + 2 j z w_k w) / (w_k^2 - w^2 + 2 j z w_k w), with unequal damping."""
+    M = motion_of(np.array([0.2, -0.1, 0.6]))
+    M = M.T @ np.diag([300.0, 300.0, 300.0, 150.0, 120.0, 180.0]) @ M
+    parts = np.random.default_rng(2).normal(size=(6, 4))
+    P = 0.9 * np.linalg.cholesky(M) @ parts / np.linalg.norm(parts, 2)
+    f, xi = np.array([9.0, 9.4, 21.0, 30.0]), np.array([0.2, 0.001, 0.1, 0.02])
+    hub = hub_of(freed(ModalModel(f, xi, P, M)))
+    place = {"position": hub.points[0].position, "drive_axis": (0.0, 1.0, 0.0), "reference": (1.0, 0.0, 0.0)}
+    craft = {"hub": hub, "interface": place}
+    scenario = scenario_of(whole.FullCraft(), spacecraft=craft)
+    at, w_k = np.geomspace(1.0, 60.0, 41), 2.0 * np.pi * f
+    w = 2.0 * np.pi * at[:, None]
+    shares = (w_k**2 + 2j * xi * w_k * w) / (w_k**2 - w**2 + 2j * xi * w_k * w)
+    wanted = np.linalg.inv(M - P @ P.T + np.einsum("ik,mk,jk->mij", P, shares, P))
+    assert receiver_of(scenario).accelerance(at) == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+    alone = [mode.model_copy(update={"coupling": ()}) for mode in hub.modes]
+    diagonal = scenario.with_si({"spacecraft.hub.modes": alone})
+    assert np.abs(receiver_of(diagonal).accelerance(at) - wanted).max() > 0.05 * np.abs(wanted).max()
+    (tmp_path / "again.yaml").write_text(mv.dump_scenario(scenario))
+    assert load_scenario(tmp_path / "again.yaml") == scenario
+    with pytest.raises(mv.ScenarioError, match="damping and coupling would feed the hub"):
+        scenario.with_si({"spacecraft.hub.modes.1.coupling": [1e3]})
+    with pytest.raises(
+        mv.ScenarioError, match=r"modes\.1\.coupling: has 2 values; one for each mode before it, 1, is expected"
+    ):
+        scenario.with_si({"spacecraft.hub.modes.1.coupling": [0.1, 0.2]})
 
 
 def _changed(modes: FreeModes, **changes: object) -> FreeModes:

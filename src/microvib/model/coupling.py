@@ -116,6 +116,8 @@ class Receiver:
     """Both angles of the line of sight by the coordinates, (2, n)."""
     lowest: float
     """Frequency [Hz] below which its motion means nothing."""
+    coupled: np.ndarray | None = None
+    """Damping that couples the coordinates besides, (n, n); None where there is none."""
     second: Source | None = None
     """The second wing, which puts F_2 on the hub."""
     second_root: np.ndarray | None = None
@@ -129,10 +131,15 @@ class Receiver:
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None]
         on = (self.root if place is None else place).T
         dynamic = self.squares - omega**2 + 1j * omega * self.damping
-        if self.second is None or self.second_root is None:
+        if self.second is None and self.coupled is None:
             return np.asarray(np.linalg.solve(self.M, on) / dynamic[:, :, None])
-        carried = self.second_root.T @ self.second.apparent_mass(frequency) @ self.second_root
-        return np.asarray(np.linalg.solve(self.M * dynamic[:, None, :] - omega[:, :, None] ** 2 * carried, on))
+        whole = self.M * dynamic[:, None, :]
+        if self.coupled is not None:
+            whole = whole + 1j * omega[:, :, None] * self.coupled
+        if self.second is not None and self.second_root is not None:
+            carried = self.second_root.T @ self.second.apparent_mass(frequency) @ self.second_root
+            whole = whole - omega[:, :, None] ** 2 * carried
+        return np.asarray(np.linalg.solve(whole, on))
 
     def accelerance(self, frequency: np.ndarray) -> np.ndarray:
         """Acceleration of the interface point by loads there, (m, 6, 6); its inverse is the apparent mass."""
@@ -154,12 +161,14 @@ def receiver_of(scenario: Scenario) -> Receiver:
     M, K, C, _ = hub_matrices(craft.spacecraft)
     n, control = M.shape[0], craft.spacecraft.attitude_control
     root = craft.at(INTERFACE)[:, :n]
-    # Attitude control is in proportion to the hub's inertia and a mode has its own, so that K = M squares, C = M damping.
+    # Attitude control is in proportion to the hub's inertia and a mode has its own, so that K = M squares, C = M damping + coupled.
     squares, damping = (np.diag(np.linalg.solve(M, X)) for X in (K, C))
     los = None if craft.spacecraft.line_of_sight is None else craft.line_of_sight().position[:, :n]
     lowest = MEANINGLESS if control is None else 0.0
     second = (None, None) if other is None else (source_of(other), craft.at(SECOND)[:, :n])
-    return Receiver(root, M, squares, damping, los, lowest, *second)
+    coupled = np.zeros_like(C)
+    coupled[6:, 6:] = C[6:, 6:] - np.diag(np.diag(C[6:, 6:]))
+    return Receiver(root, M, squares, damping, los, lowest, coupled if np.any(coupled) else None, *second)
 
 
 @dataclass(frozen=True)

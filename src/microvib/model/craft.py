@@ -325,7 +325,8 @@ def hub_matrices(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray, np.nda
     M[:3, :3], M[3:6, 3:6] = hub.mass * np.eye(3), inertia
     for k, mode in enumerate(hub.modes, 6):
         Omega = 2.0 * math.pi * mode.frequency
-        K[k, k], C[k, k] = Omega**2, 2.0 * mode.damping * Omega
+        K[k, k] = Omega**2
+    C[6:, 6:] = hub.damping
     if control is None:
         return M, K, C, 6
     omega = 2.0 * math.pi * control.bandwidth

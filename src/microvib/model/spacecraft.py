@@ -21,6 +21,8 @@ from microvib.units import Quantity
 
 SQUARE = 1e-3
 """Cosine of the angle between the drive axis and ``reference`` up to which they count as perpendicular; the rest is taken out."""
+ROUNDING = 1e-6
+"""Part of the own damping of a hub's modes that is rounding."""
 SAME_PLACE = 1e-3
 """Distance [m] within which a point with known shapes is the interface point."""
 INTERFACE, CENTER = "interface", "center"
@@ -46,6 +48,11 @@ class HubMode(Part):
     shapes: tuple[Six, ...] = Field(
         max_length=10_000,
         description="at each of hub.points: displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] about hub axes",
+    )
+    coupling: tuple[float, ...] = Field(
+        default=(),
+        max_length=2000,
+        description="damping that couples it with each mode before it [1/s]; none without it",
     )
 
 
@@ -73,6 +80,23 @@ class Hub(Part):
                     f"modes.{k}.shapes: has {len(mode.shapes)} points and hub.points {len(self.points)}; six components for"
                     " each point are expected"
                 )
+            if len(mode.coupling) not in (0, k):
+                yield f"modes.{k}.coupling: has {len(mode.coupling)} values; one for each mode before it, {k}, is expected"
+                return
+        if any(mode.coupling for mode in self.modes):
+            size = np.sqrt(np.maximum(np.diag(self.damping), 1e-300))
+            least = float(np.linalg.eigvalsh(self.damping / np.outer(size, size)).min())
+            if not least > -ROUNDING:
+                yield f"modes: damping and coupling would feed the hub (eigenvalue {least:.3g} of the own damping, 0 at least)"
+
+    @property
+    def damping(self) -> np.ndarray:
+        """Damping matrix of the flexible modes, (s, s) [1/s]."""
+        C = np.zeros((len(self.modes), len(self.modes)))
+        for k, mode in enumerate(self.modes):
+            C[k, : len(mode.coupling)] = C[: len(mode.coupling), k] = mode.coupling
+            C[k, k] = 4.0 * math.pi * mode.damping * mode.frequency
+        return C
 
 
 class Interface(Part):

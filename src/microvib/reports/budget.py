@@ -353,10 +353,10 @@ def draw_budget(budget: Budget) -> Figure:
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
         limits = [(r.axis, r.window, 1e6 * r.limit) for r in asked if r.window and r.limit and r.statistic == "rms"]
         for axis in sorted({"radial", *(axis for axis, _, _ in limits)}, key=list(_SIZE).index):
-            size, (marker, style, _) = _SIZE[axis](tones.value), _MARKERS[axis]
+            size, (marker, line, _) = _SIZE[axis](tones.value), _MARKERS[axis]
             rms = [math.sqrt(np.sum(mean_square_of_lines(metric, tones.frequency, size, t))) for t in T]
             label = metric if axis == "radial" else f"{metric} los_{axis}"
-            right.plot(T, 1e6 * np.array(rms), color=sheets.COLOURS[k], linestyle=style, linewidth=1.1, label=label)
+            right.plot(T, 1e6 * np.array(rms), color=sheets.COLOURS[k], linestyle=line, linewidth=1.1, label=label)
             at = [(window, limit) for own, window, limit in limits if own == axis]
             right.plot(*(np.array(at).reshape(-1, 2).T), marker, color=sheets.COLOURS[k], markersize=4)
     largest = 1e6 * math.sqrt(0.5 * float(np.sum(tones.value**2))) or 1.0

@@ -33,15 +33,19 @@ class FreeModes:
     """Of the named points [m], (p, 3)."""
     shapes: np.ndarray
     """Displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] of the points, (p, 6, s)."""
+    coupling: np.ndarray | None = None
+    """Damping that couples them, (s, s) [1/s]; None where there is none."""
 
 
 def hub_of(modes: FreeModes, damping: float | None = None, count: int | None = None) -> Hub:
     """The hub with its first ``count`` flexible modes, all of them damped by ``damping`` where it is given.
 
-    ModalError where there are not six rigid modes, or they are not those of a rigid body.
+    Modes that are given a ``damping`` are not coupled by it. ModalError where there are not six rigid modes, or they are not those
+    of a rigid body.
     """
     order = np.argsort(modes.frequency, kind="stable")
     f, shapes = modes.frequency[order], modes.shapes[:, :, order]
+    coupled = None if damping is not None or modes.coupling is None else modes.coupling[np.ix_(order, order)]
     _check_rigid(f)
     motions = np.array([motion_of(position) for position in modes.positions])
     rigid = shapes[:, :, :6].reshape(-1, 6)
@@ -82,6 +86,7 @@ def hub_of(modes: FreeModes, damping: float | None = None, count: int | None = N
                     "frequency": float(f[k]),
                     "damping": float(modes.damping[order][k]) if damping is None else damping,
                     "shapes": shapes[:, :, k].tolist(),
+                    "coupling": () if coupled is None else coupled[k, 6:k].tolist(),
                 }
                 for k in range(6, f.size if count is None else min(6 + count, f.size))
             ],
@@ -105,10 +110,10 @@ def freed(model: ModalModel, name: str = "root") -> FreeModes:
             f"{model.title}: the modes hold all of the mass, or more; mass, participation and interface do not belong together"
         ) from None
     omega = np.sqrt(np.maximum(squares, 0.0))
-    damping = (model.damping * np.sqrt(stiffness[6:])) @ shapes[6:] ** 2  # what is on the diagonal
-    xi = np.divide(damping, omega, out=np.zeros_like(omega), where=omega > 0.0)
+    damping = (shapes[6:].T * (2.0 * model.damping * np.sqrt(stiffness[6:]))) @ shapes[6:]
+    xi = np.divide(0.5 * np.diag(damping), omega, out=np.zeros_like(omega), where=omega > 0.0)
     xi[:6] = 0.0
-    return FreeModes(natural_frequency(squares), np.clip(xi, 0.0, 0.99), (name,), np.zeros((1, 3)), shapes[None, :6])
+    return FreeModes(natural_frequency(squares), xi, (name,), np.zeros((1, 3)), shapes[None, :6], damping)
 
 
 def _check_rigid(f: np.ndarray) -> None:
