@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from support.scenarios import baseline
 
 import microvib as mv
 
+LONG = re.compile(r"pytest\.mark\.long|^pytestmark = PAGE", re.M)
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Where nothing is named, what takes long is left to a command of its own; Ctrl-C works in what tests start.
@@ -23,6 +26,13 @@ def pytest_configure(config: pytest.Config) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.args_source is not config.ArgsSource.ARGS and not config.option.markexpr:
         config.option.markexpr = "not long"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """With ``-m long`` the files without such tests are not imported, which takes as long as many of the tests."""
+    if config.option.markexpr != "long" or collection_path.suffix != ".py":
+        return None
+    return None if LONG.search(collection_path.read_text(encoding="utf-8")) else True
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,9 @@ PAGES = ["README.md", *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "d
 SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
 
 SHORTER: dict[str, list[str]] = {
+    "--seeds 60": [*SHORT, "--seeds", "2"],
+    "--angles 0:180:15": [*SHORT, "--angles", "0:180:90"],
+    "--orbit": [*SHORT, "--angles", "30:60:30"],
     "microvib rates": ["--count", "2", "--linear", "--from", "0.1 deg/s", "--microsteps", "16,32"],
     "microvib modes": ["--count", "3"],
     "microvib run": SHORT,
@@ -23,7 +26,11 @@ SHORTER: dict[str, list[str]] = {
     "microvib identify": ["--set", "record.settle=0.2 s", "--set", "record.duration=1 s", "--starts", "2"],
 }
 """What is appended to lines that have these words: the same command on less work."""
-FEWER = {"count: 128": "count: 16"}
+FEWER = {
+    "count: 128": "count: 16",
+    "record.settle: 2 s": "record.settle: 0.5 s",
+    "record.duration: 4 s": "record.duration: 1 s",
+}
 """What stands instead in files that a page prints."""
 NOT_RUN = {
     "-m venv": "makes an environment; CI does it",
@@ -46,7 +53,7 @@ CATALOG = ROOT / "src" / "microvib" / "catalog"
 DRIVE, ARRAY, BENCH = (
     (CATALOG / name).read_text("utf-8") for name in ("new.yaml", "reference-array.yaml", "benches/force-table.yaml")
 )
-STUDY = "{scenario: state-1, set: {record.settle: 0.5 s, record.duration: 1 s}, vary: {driver.microsteps: [16, 32]}}"
+STUDY = "{scenario: state-1, harmonics: 2, set: {record.settle: 0.5 s, record.duration: 1 s}, vary: {driver.microsteps: [16, 32]}}"
 CRAFT = {
     name: (ROOT / "examples" / name).read_text("utf-8")
     for name in ("spacecraft.yaml", "requirement.yaml", "sources.yaml")

@@ -15,7 +15,7 @@ from microvib.solve import kernel
 from microvib.solve.channels import CHANNELS
 from microvib.solve.command import Command
 from microvib.solve.pack import pack
-from microvib.structures.springs import spring_rate_times_arm_squared, torsion_frequency
+from microvib.structures.springs import torsion_frequency
 
 ROOT = Path(__file__).parents[1]
 
@@ -120,7 +120,7 @@ def test_eq_17_effective_inertia_is_positive(state_1):
 
 
 def test_eq_24_with_the_factor_that_gives_hertz():
-    assert spring_rate_times_arm_squared(1.19, 8.18) == pytest.approx(57.2, abs=0.05)
+    assert torsion_frequency(57.2, 1.0, 8.18) == pytest.approx(1.19, abs=5e-4)  # k l² [N m]
     assert torsion_frequency(635.0, 0.30, 8.18) == pytest.approx(1.19, abs=2e-3)
 
 

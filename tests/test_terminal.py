@@ -61,7 +61,16 @@ def test_the_screen_is_read_as_a_terminal_shows_it():
 
 
 def test_a_bar_is_drawn_while_it_goes_on_and_gone_at_the_end(worked, tmp_path):
-    arguments = ["measure", "state-1", *SHORT, "--set", "record.settle=20 s", "-o", str(tmp_path / "a.csv")]
+    arguments = [
+        "run",
+        "state-1",
+        *SHORT,
+        "--set",
+        "record.settle=20 s",
+        "--lines-only",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     shown = in_terminal(*arguments, cwd=worked)
     assert shown.status == 0, shown.text
     assert re.search(r"simulating.*━.* of \d+ s", shown.raw)

@@ -50,14 +50,7 @@ def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
     assert not list(tmp_path.glob(".page-*"))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--host", "0.0.0.0"], "(--allow-remote)"),
-        (["--host", "no.such.host.invalid"], "is not an address of this machine"),
-    ],
-)
-def test_addresses_that_are_refused(arguments, words):
-    status, said = told("--port", "0", *arguments)
+def test_an_address_that_is_not_of_this_machine_is_refused():
+    status, said = told("--port", "0", "--host", "no.such.host.invalid")
     assert (status, said.count("\n")) == (1, 1)
-    assert words in said
+    assert "is not an address of this machine" in said

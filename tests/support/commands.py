@@ -24,6 +24,7 @@ for name, arguments in json.loads(sys.argv[1]).items():
 
 SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
 _STUDY = """
+harmonics: 2
 scenario: state-1
 set: {record.settle: 0.2 s, record.duration: 1 s, record.sample_rate: 1024 Hz}
 """

@@ -7,7 +7,7 @@ from typing import Any
 
 from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
 from microvib.analysis.lines import lines
-from microvib.analysis.seeds import draws, with_seeds
+from microvib.analysis.seeds import check_noise, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import expect
 from microvib.model.scenario import Scenario
@@ -64,7 +64,7 @@ def solve_run(
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     if seeds:
-        next(draws(scenario))
+        check_noise(scenario)
     result = _solved(scenario, harmonics, lines_only, progress)
     return replace(result, table=with_seeds(result.table, scenario, seeds)) if seeds else result
 

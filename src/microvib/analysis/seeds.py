@@ -28,12 +28,17 @@ def seeds_of(scenario: Scenario, draw: int) -> dict[str, int]:
     return {key: (seed + draw) % 2**63 for key, seed in keys.items()}
 
 
-def draws(scenario: Scenario) -> Iterator[Scenario]:
-    """The scenario with its seeds, and with the following ones."""
+def check_noise(scenario: Scenario) -> None:
+    """OptionError where a scenario has no noise to draw."""
     if not seeds_of(scenario, 0):
         raise OptionError(
             "seeds", "says how many draws of the noise to run, and this scenario has none (friction.torque_noise)"
         )
+
+
+def draws(scenario: Scenario) -> Iterator[Scenario]:
+    """The scenario with its seeds, and with the following ones."""
+    check_noise(scenario)
     for k in count():
         yield scenario.with_(seeds_of(scenario, k))
 

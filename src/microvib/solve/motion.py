@@ -14,7 +14,7 @@ from microvib.model.spacecraft import INTERFACE as ROOT
 from microvib.model.spacecraft import SECOND
 from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LINE_OF_SIGHT, LOADS, SECOND_LOADS, TIME, Channel
 from microvib.solve.command import Command
-from microvib.solve.on_craft import hub_motion, line_of_sight, missing, second_loads, values_of
+from microvib.solve.on_craft import channel_on_craft, hub_motion, missing, values_of
 
 OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
@@ -140,17 +140,11 @@ _FROM_SECOND = {
 """What adds up of two wings: of each channel its name in the second's run, where the first is the second."""
 
 
-def interface_loads(
-    channels: Mapping[str, np.ndarray], scenario: Scenario, component: slice = slice(None)
-) -> np.ndarray | None:
-    """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md).
-
-    ``component`` says which are wanted.
-    """
+def interface_loads(channels: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray | None:
+    """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md)."""
     array, craft = scenario.array, scenario.craft
     if craft is not None:
-        rows = craft.loads().through(np.eye(6)[component])
-        return None if missing(channels, "Fx") else values_of(rows, channels, scenario)
+        return None if missing(channels, "Fx") else values_of(craft.loads(), channels, scenario)
     P = array.interface
     if P is None or not set(OF_INTERFACE) <= set(channels):
         return None
@@ -161,7 +155,15 @@ def interface_loads(
     if array.coupling is not None:
         loads -= np.outer(alpha, array.coupling)
     loads[:, 3 + "xyz".index(array.drive_axis)] = channels["T_d"]
-    return loads[:, component]
+    return loads
+
+
+def _on_firm_ground(
+    name: str, channels: Mapping[str, np.ndarray], scenario: Scenario, time: np.ndarray | None
+) -> np.ndarray | None:
+    """A load at the interface, (n,); None where there is none of it."""
+    loads = interface_loads(channels, scenario) if name in INTERFACE else None
+    return None if loads is None else loads[:, INTERFACE.index(name)]
 
 
 def unit_of(name: str) -> str:
@@ -181,19 +183,10 @@ def channel_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario
     """
     if name in channels:
         return channels[name]
-    angle = line_of_sight(name, channels, scenario, time)
-    if angle is not None:
-        return angle
-    if name in INTERFACE:
-        k = INTERFACE.index(name)
-        loads = interface_loads(channels, scenario, slice(k, k + 1))
-        if loads is not None:
-            column: np.ndarray = loads[:, 0]
-            return column
-    second = second_loads(channels, scenario, [name]) if name in SECOND_LOADS else None
-    if second is not None:
-        at_second: np.ndarray = second[:, 0]
-        return at_second
+    derived = _on_firm_ground if scenario.craft is None else channel_on_craft
+    values = derived(name, channels, scenario, time)
+    if values is not None:
+        return values
     raise ChannelError(
         f"channel '{name}' is not in this motion{_why(channels, name, scenario)}; there are {_names(channels, scenario)}"
     )
@@ -230,8 +223,7 @@ def _names(channels: Mapping[str, np.ndarray], scenario: Scenario) -> str:
 def _derived(channels: Mapping[str, np.ndarray], scenario: Scenario) -> Iterator[str]:
     """Names of what the kept channels tell of the spacecraft."""
     first, at = {key: values[:1] for key, values in channels.items()}, np.zeros(1)
-    if interface_loads(first, scenario) is not None:
-        yield from INTERFACE
-    if second_loads(first, scenario, ()) is not None:
-        yield from SECOND_LOADS
-    yield from (name for name in LINE_OF_SIGHT if line_of_sight(name, first, scenario, at) is not None)
+    derived = _on_firm_ground if scenario.craft is None else channel_on_craft
+    for name in (*INTERFACE, *SECOND_LOADS, *LINE_OF_SIGHT):
+        if derived(name, first, scenario, at) is not None:
+            yield name

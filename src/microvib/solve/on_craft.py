@@ -13,7 +13,7 @@ import numpy as np
 from microvib.errors import ChannelError
 from microvib.model.craft import Craft, Rows
 from microvib.model.scenario import Scenario
-from microvib.solve.channels import LINE_OF_SIGHT, SECOND_LOADS
+from microvib.solve.channels import INTERFACE, LINE_OF_SIGHT, SECOND_LOADS
 from microvib.solve.command import Command
 
 ACCELERATIONS = ("eta", "eta_rate", "omega_l", "omega_m", "alpha_l", "alpha_m")
@@ -47,13 +47,24 @@ def missing(channels: Mapping[str, np.ndarray], name: str) -> tuple[str, ...]:
     return tuple(one for one in needed if one not in channels)
 
 
-def second_loads(channels: Mapping[str, np.ndarray], scenario: Scenario, names: Sequence[str]) -> np.ndarray | None:
-    """Loads on the hub at the second wing's interface by their channels' ``names``, (n, k); None where there are none."""
-    craft = scenario.craft
-    if craft is None or craft.second is None or missing(channels, "Fx"):
+def channel_on_craft(
+    name: str, channels: Mapping[str, np.ndarray], scenario: Scenario, time: np.ndarray | None
+) -> np.ndarray | None:
+    """A load on the hub or an angle of the line of sight, (n,); None where there is none of it."""
+    rows = None if scenario.craft is None or missing(channels, name) else _rows_of(scenario.craft, name)
+    return None if rows is None else values_of(rows, channels, scenario, time)[:, 0]
+
+
+def _rows_of(craft: Craft, name: str) -> Rows | None:
+    if name in INTERFACE:
+        rows, k = craft.loads(), INTERFACE.index(name)
+    elif name in SECOND_LOADS and craft.second is not None:
+        rows, k = craft.second_loads(), list(SECOND_LOADS).index(name)
+    elif name in LINE_OF_SIGHT and craft.spacecraft.line_of_sight is not None:
+        rows, k = craft.line_of_sight(accelerations=name in OF_STATES), int(name.endswith("y"))
+    else:
         return None
-    rows = np.eye(6)[[list(SECOND_LOADS).index(name) for name in names]]
-    return values_of(craft.second_loads().through(rows), channels, scenario)
+    return rows.through(np.eye(len(rows.position))[[k]])
 
 
 def of_states(craft: Craft, columns: Sequence[str]) -> np.ndarray:
@@ -62,18 +73,6 @@ def of_states(craft: Craft, columns: Sequence[str]) -> np.ndarray:
     by = np.zeros((len(columns), 2))
     by[[columns.index(name) for name in SHAFTS]] = outputs.shafts[:, 2:].T
     return np.vstack([by, outputs.eta.T, outputs.rate.T])
-
-
-def line_of_sight(
-    name: str, channels: Mapping[str, np.ndarray], scenario: Scenario, time: np.ndarray | None
-) -> np.ndarray | None:
-    """A channel of the line of sight, (n,); None where there is none."""
-    craft = scenario.craft
-    if name not in LINE_OF_SIGHT or craft is None or craft.spacecraft.line_of_sight is None or missing(channels, name):
-        return None
-    rows = craft.line_of_sight(accelerations=name in ("los_ax", "los_ay"))
-    one = np.eye(2)[[1 if name.endswith("y") else 0]]
-    return values_of(rows.through(one), channels, scenario, time)[:, 0]
 
 
 def hub_motion(

@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 SPRINGS = 8  # four pairs, of which one spring lengthens by what the other shortens (Eq. 22)
-WIRE_SHEAR_MODULUS = 81.5e9  # of patented cold-drawn steel wire, EN 10270-1 [Pa]
 
 
 def kinetic_energy(inertia: float, rate: float) -> float:
@@ -29,11 +28,6 @@ def torsion_frequency(stiffness: float, arm: float, inertia: float) -> float:
     return 2.0 * arm * math.sqrt(2.0 * stiffness / inertia) / (2.0 * math.pi)
 
 
-def spring_rate_times_arm_squared(frequency: float, inertia: float) -> float:
-    """The product k l^2 [N m] that gives ``frequency`` [Hz] with ``inertia`` [kg m^2] (Eq. 23)."""
-    return (2.0 * math.pi * frequency) ** 2 * inertia / 8.0
-
-
 def preload_stiffness(force: Any, hook: float, length: Any) -> Any:
     """What the tension [N] of eight springs adds to the stiffness about the shaft [N m/rad].
 
@@ -42,11 +36,6 @@ def preload_stiffness(force: Any, hook: float, length: Any) -> Any:
     line there is no other.
     """
     return SPRINGS * force * hook * (hook + length) / length
-
-
-def coil_rate(wire: float, coil: float, coils: float) -> float:
-    """Rate [N/m] of a coil spring from wire and mean coil diameter [m] and active coils."""
-    return WIRE_SHEAR_MODULUS * wire**4 / (8.0 * coil**3 * coils)
 
 
 def wahl_factor(wire: float, coil: float) -> float:
