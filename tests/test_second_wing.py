@@ -26,6 +26,8 @@ from microvib.reports.craft import draw_craft
 from microvib.reports.parameters import derived
 from microvib.reports.run.folder import run_scenario
 from microvib.signals.pointing import radial
+from microvib.solve.channels import INTERFACE, SECOND_LOADS
+from microvib.solve.on_craft import values_of
 from microvib.studies.angles import angles_in, sweep_angles
 from microvib.studies.budget.files import Requirement, Requirements
 from microvib.studies.campaign.cases import Chunk, compute_bytes
@@ -305,6 +307,22 @@ def test_both_methods_agree() -> None:
     for name in ("T_d", "My", "My_2", "Fx", "los_x"):
         a, b = (motion[name] for motion in motions)
         assert np.sqrt(np.mean((a - b) ** 2)) < 2e-3 * np.sqrt(np.mean(b**2))
+
+
+def test_each_channel_of_the_craft_is_its_own_row() -> None:
+    scenario = both(whole.FullCraft(), {"drive": "driven"}, **{"record.settle": 0.0, "record.duration": 0.1})
+    motion, craft = mv.simulate(scenario).alone, scenario.craft
+    assert craft is not None
+    for names, rows in {
+        INTERFACE: craft.loads(),
+        tuple(SECOND_LOADS): craft.second_loads(),
+        ("los_x", "los_y"): craft.line_of_sight(),
+        ("los_ax", "los_ay"): craft.line_of_sight(accelerations=True),
+    }.items():
+        expected = values_of(rows, motion.channels, scenario, motion.time)
+        off_by = np.abs(np.column_stack([motion[name] for name in names]) - expected)
+        assert np.all(off_by.max(axis=0) <= 1e-12 * np.abs(expected).max(axis=0))
+        assert len(np.unique(np.abs(expected).max(axis=0))) == len(names)
 
 
 def test_one_wing_is_as_before() -> None:
