@@ -88,6 +88,21 @@ def test_what_cannot_be_told_apart_is_said():
     assert np.isnan(table["b"].amplitude_n_m)
 
 
+@pytest.mark.parametrize(("apart", "decay"), [(0.12, 0.02), (-0.06, 0.05)])
+def test_a_mode_that_is_found_beside_a_line_is_not_listed_as_another(apart, decay):
+    mode = expect("array_mode_1", 10 / 3 + apart, "array mode", 0.02)
+    lines = [expect("drive_1", 160 / 3), expect("full_step_1", 10 / 3, "full step"), mode]
+    rings = 0.002 * np.exp(-decay * T) * np.cos(2 * np.pi * mode.frequency * T)
+    x = rings + 0.04 * np.cos(2 * np.pi * T * 160 / 3) + 0.005 * np.cos(2 * np.pi * T * 10 / 3)
+    table = estimate_lines(x, RATE, lines)
+    assert [line.line for line in table] == ["drive_1", "full_step_1", "array_mode_1"]
+    assert table["array_mode_1"].frequency_hz == pytest.approx(mode.frequency, abs=1e-3)
+    beside = lines_at_known_clock(0.1 * x, RATE, lines, table)
+    assert beside["array_mode_1"].amplitude_n_m == pytest.approx(0.1 * table["array_mode_1"].amplitude_n_m, rel=0.01)
+    unlisted = estimate_lines(x, RATE, [*lines[:2], expect("array_mode_1", 10 / 3 - apart, "array mode")])
+    assert unlisted["other_1"].frequency_hz == pytest.approx(mode.frequency, abs=1e-3)
+
+
 def test_a_line_that_is_not_there_is_below_the_floor():
     x = np.cos(2 * np.pi * 53 * T) + np.random.default_rng(1).normal(0, 0.01, SAMPLES)
     table = estimate_lines(x, RATE, [expect("drive_1", 53.0), expect("drive_2", 106.0)])

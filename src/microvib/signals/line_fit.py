@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,7 @@ from microvib.signals.tones import (
 )
 from microvib.signals.uncertainties import disturbed, uncertainties, uncertainties_alone
 
+NOT_APART = "not separable from"
 SEPARATION = 2.5  # distance [bins] from which two lines can be told apart
 MAX_MODES = 300  # array modes that are fitted in one record: the work grows with the third power of their number
 _RANK = {"array mode": 1, "electrical": 2}
@@ -95,8 +96,8 @@ def tones_beside(
     channel of the same motion; those that it does not show are nan.
     """
     spectra = [HannSpectrum.of(x - x.mean(), sample_rate) for x in xs]
-    wanted, _ = _sort_out(expected, spectra[0].duration)
     rings = {x.line: x for x in beside if x.kind == "array mode" and x.status in SEEN}
+    wanted, _ = _sort_out(expected, spectra[0].duration, rings)
     clock = steady([line for line in wanted if line.kind != "array mode"])
     tones = clock.and_those(ringing([(line, rings[line.name]) for line in wanted if line.name in rings]))
     mean = mean_of_decay(tones.decay * spectra[0].duration)[0]
@@ -131,9 +132,9 @@ def _fitted(
     """
     x = np.asarray(x, dtype=float)
     spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
-    wanted, refused = _sort_out(expected, spectrum.duration)
-    clock = [line for line in wanted if line.kind != "array mode"]
     named = {line.line: line for line in rings}
+    wanted, refused = _sort_out(expected, spectrum.duration, named)
+    clock = [line for line in wanted if line.kind != "array mode"]
     known = ringing([(line, named[line.name]) for line in wanted if line.name in named])
     modes = [line for line in wanted if line.kind == "array mode" and line.name not in named]
     modes, left_out = _largest(modes, spectrum)
@@ -152,7 +153,23 @@ def _fitted(
         tones, ratio = moved(tones, spectrum, before, _telling(joint, clock, before))
         if abs((ratio or 0.0) - before) * max(line.frequency for line in clock) * spectrum.duration < _STILL:
             break
+    tones, refused = _as_modes(tones, expected, refused, orders, spectrum.duration)
     return Joint.of(spectrum, tones), refused | hidden, ratio
+
+
+def _as_modes(
+    tones: Tones, expected: Sequence[ExpectedLine], refused: dict[str, str], orders: Orders | None, duration: float
+) -> tuple[Tones, dict[str, str]]:
+    """Unlisted tones that lie where a mode is expected which was held to be too near another line, as that mode."""
+    lines, left = list(tones.lines), dict(refused)
+    modes = [line for line in expected if line.kind == "array mode" and left.get(line.name, "").startswith(NOT_APART)]
+    for i, f in enumerate(tones.frequency.tolist()):
+        near = [mode for mode in modes if mode.name in left and abs(mode.frequency - f) * duration < 0.5]
+        if lines[i].kind != "other" or len(near) != 1 or (orders and orders.name(f, 0.02 / duration)):
+            continue
+        lines[i] = near[0]
+        del left[near[0].name]
+    return replace(tones, lines=tuple(lines)), left
 
 
 def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
@@ -219,8 +236,10 @@ def _named(joint: Joint, spread: Uncertainty, orders: Orders | None) -> tuple[Jo
     return replace(joint, tones=replace(tones, lines=tuple(lines))), [lines[i] for i in mine]
 
 
-def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[ExpectedLine], dict[str, str]]:
-    """Lines that the record can resolve, and the names of the others with the reason.
+def _sort_out(
+    expected: Sequence[ExpectedLine], duration: float, known: Collection[str] = ()
+) -> tuple[list[ExpectedLine], dict[str, str]]:
+    """Lines that the record can resolve, or that are ``known`` by their names, and the names of the others with the reason.
 
     Lines of the clock go before array modes, since they last, while a mode rings down; but those of the electrical period
     go last, for equal phases make none.
@@ -232,10 +251,10 @@ def _sort_out(expected: Sequence[ExpectedLine], duration: float) -> tuple[list[E
             refused[line.name] = f"not resolved: needs a record of {SEPARATION / line.frequency:.3g} s"
             continue
         near = next((other for other in wanted if abs(other.frequency - line.frequency) * duration < SEPARATION), None)
-        if near is not None:
+        if near is not None and line.name not in known:
             needed = SEPARATION / max(abs(near.frequency - line.frequency), 1e-12)
             length = f"; a record of {needed:.3g} s could" if needed < 1e6 else ""
-            refused[line.name] = f"not separable from {near.name}{length}"
+            refused[line.name] = f"{NOT_APART} {near.name}{length}"
         else:
             wanted.append(line)
     return wanted, refused
