@@ -29,7 +29,8 @@ SHORTER: dict[str, list[str]] = {
 FEWER = {
     "count: 128": "count: 16",
     "record.settle: 2 s": "record.settle: 0.5 s",
-    "record.duration: 4 s": "record.duration: 1 s",
+    "record.duration: 4 s": "record.duration: 1 s\n  record.sample_rate: 1024 Hz",
+    "limit: 60 mN*m": "limit: 60 mN*m\nharmonics: 2",
 }
 """What stands instead in files that a page prints."""
 NOT_RUN = {
