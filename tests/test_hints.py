@@ -5,11 +5,13 @@ import pytest
 
 import microvib as mv
 from microvib.errors import OptionError
-from microvib.studies.evidence import evidence_of
+from microvib.studies.evidence import Evidence, Observation, evidence_of
 from microvib.studies.identify import parse_fit
 from microvib.studies.identify.goodness import deviations
 from microvib.studies.identify.hints import hints
-from microvib.studies.identify.problem import Problem, Trust
+from microvib.studies.identify.intervals import profiles
+from microvib.studies.identify.problem import Problem, Trust, cost
+from microvib.studies.identify.search import Optimum, local_at
 from microvib.testdata.recording import Recording
 
 
@@ -49,6 +51,22 @@ def test_a_motion_of_another_period_is_told(short, part, word):
     (one,) = said(short, torque + 3e-3 * np.cos(2 * np.pi * short.driving_frequency / part * t))
     assert f"made: the recording's motion repeats every {word} microstep, the model's does not" in one
     assert "3 and 0.00" in one
+
+
+def test_what_the_evidence_does_not_tell_costs_no_profile(short):
+    """A gain in the evidence of the full step alone, which hardly knows it: the interval is open to both ends at once."""
+    seen = Observation("full_step_1", "amplitude", 5.07e-3, 2e-3)
+    one = Evidence("made", (seen,), None, 8.0, 4096.0)
+    problem = Problem(short, [(one, {})], [parse_fit(short, "driver.imperfections.gain_b")], Trust(0.004))
+    (r,) = problem.residuals([problem.start])
+    best = Optimum(problem.start, r, cost(r))
+    local = local_at(problem, best)
+    before = problem.ledger.simulations
+    (interval,) = profiles(problem, best, local).intervals
+    assert interval.open_low
+    assert interval.open_high
+    assert (interval.low, interval.high) == pytest.approx((problem.low[0], problem.high[0]))
+    assert problem.ledger.simulations == before
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,8 @@ CLOSE = 0.05
 """How well an end of an interval is found on the profile, relatively."""
 AHEAD, SETTLED = 3, 0.02
 """Steps with the optimum's slopes towards a point of the profile; how far they may have left to go, relatively, to be there."""
+FLAT = 4.0
+"""Times of the way to an end of a range, from which a linearised interval reaches there without a look at the profile."""
 MAX_POINTS = 10
 """Points of a profile to one side, at most."""
 
@@ -88,6 +90,8 @@ class _Side:
         return (0.5 * self.linear, self.linear) if self.linear <= self.far else ()
 
     def run(self) -> _End:
+        if self.linear > FLAT * self.far:
+            return _End(self.far, self.linear, True)
         off = [abs(self.height(t) / (Z * t / self.linear) - 1.0) for t in self.checked]
         if off and max(off) < CONFIRMED:
             return _End(self.linear, self.linear, confirmed=True)
