@@ -9,9 +9,10 @@ from microvib.studies.evidence import Evidence, Observation, evidence_of
 from microvib.studies.identify import parse_fit
 from microvib.studies.identify.goodness import deviations
 from microvib.studies.identify.hints import hints
-from microvib.studies.identify.intervals import profiles
+from microvib.studies.identify.intervals import Interval, profiles
 from microvib.studies.identify.problem import Problem, Trust, cost
-from microvib.studies.identify.search import Optimum, local_at
+from microvib.studies.identify.search import Local, Optimum, local_at
+from microvib.studies.identify.verdict import Findings, estimate
 from microvib.testdata.recording import Recording
 
 
@@ -20,11 +21,16 @@ def short():
     return mv.load_scenario("state-1").with_si({"record.settle": 4.0, "record.duration": 8.0})
 
 
-def said(model, torque):
-    """Hints on a model, of a recording of a torque."""
+def posed(model, torque):
+    """The problem of a stiffness, of a recording of a torque."""
     recording = Recording({"Mz": torque}, 4096.0, {"Mz": "N*m"}, title="made")
     one = evidence_of(recording, model)
-    problem = Problem(model, [(one, {})], [parse_fit(model, "reducer.stiffness")], Trust(0.004))
+    return Problem(model, [(one, {})], [parse_fit(model, "reducer.stiffness")], Trust(0.004))
+
+
+def said(model, torque):
+    """Hints on a model, of a recording of a torque."""
+    problem = posed(model, torque)
     after = problem.lines(problem.start)
     return hints(problem.tests, after, deviations(problem, problem.start))
 
@@ -42,6 +48,23 @@ def test_lines_of_rounded_references_are_told_and_no_others(short):
     assert said(rounding, torque) == ()
     gain = short.with_si({"driver.imperfections.gain_b": 0.02})  # makes electrical_2, and is fitted
     assert said(short, torque_of(gain)) == ()
+
+
+def test_without_torque_noise_nothing_is_identified_where_the_floor_allows_it(short):
+    """It lowers driving lines by a tenth, since it frees what sticks; noise of the instrument is another thing."""
+    noisy = short.with_si({"friction.torque_noise": {"density": 2e-6, "seed": 3}})
+    torque = torque_of(noisy)
+    (one,) = said(short, torque)
+    assert "may be torque noise of some 8e-07 N^2*m^2/Hz" in one
+    problem = posed(short, torque)
+    assert 0.5e-6 < problem.tests[0][0].noise < 2e-6  # where the shaft sticks it swallows some
+    best = Optimum(problem.start, np.zeros(problem.figures + 1), 0.0)
+    local = Local(np.ones((problem.figures + 1, 1)), np.array([[1e-4]]), 1.0)
+    found = Findings(problem, best, local, True, (Interval(best.x[0] - 0.02, best.x[0] + 0.02),))
+    assert estimate(found, 0).verdict.startswith("not identifiable without friction.torque_noise")
+    instrument = np.random.default_rng(1).normal(0.0, 5e-3, torque.size)
+    assert not any("torque noise" in sentence for sentence in said(short, torque_of(short) + instrument))
+    assert posed(noisy, torque).tests[0][0].noise == 0.0  # known, and sought by its levels
 
 
 @pytest.mark.parametrize(("part", "word"), [(2, "second"), (3, "third")])

@@ -16,6 +16,7 @@ from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.io.tables import PAPER_LINES, PaperLines, read_table
+from microvib.model.driven import response
 from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -74,6 +75,8 @@ class Evidence:
     """What is left of a recording beside its lines, and the floor; None of a table."""
     parts: tuple[float, ...] = ()
     """``at_parts`` of a recording."""
+    noise: float = 0.0
+    """Density [N^2 m^2/Hz] of torque noise that the floor of a recording may be, where its scenario has none."""
 
 
 PARTS = {2: "second", 3: "third"}
@@ -135,7 +138,10 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
             parts = at_parts(
                 r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
             )
-            return Evidence(r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes, table.rest, parts)
+            noise = _allowed(r[channel], r.sample_rate, table, scenario)
+            return Evidence(
+                r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes, table.rest, parts, noise
+            )
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
             raise MicrovibError(f"{name or 'the source'}: is not evidence; expected {expected}")
@@ -208,19 +214,7 @@ def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scena
 
     The median of n bins under a Hann window is known to 1/sqrt(n) of itself.
     """
-    between = HannSpectrum.of(x - x.mean(), sample_rate).magnitude
-    f = np.arange(between.size) * sample_rate / x.size
-    free = np.ones(f.size, dtype=bool)
-    steps = [line.expected_hz for line in table if line.line in ("electrical_1", "full_step_1")]
-    for line in table:
-        free &= np.abs(f - line.frequency_hz) * table.duration > SEPARATION + 1.0
-    if steps:
-        spacing = min(steps) * (table.clock_ratio or 1.0)
-        away = np.abs(f - spacing * np.rint(f / spacing))
-        free &= (away * table.duration > SEPARATION) | (spacing * table.duration < 4.0 * SEPARATION)
-    free &= np.all([np.abs(f / mode.frequency - 1.0) > 0.1 for mode in coupled_modes(scenario)] or [free], axis=0)
-    bands = [np.flatnonzero(free & (f >= a) & (f < b)) for a, b in pairwise(LEVELS)]
-    bands = [k for k in bands if k.size >= FEWEST]
+    between, f, bands = _between(x, sample_rate, table, scenario)
     squares = np.array([float(np.median(between[k])) ** 2 for k in bands])
     spreads = np.array([2.0 * square / math.sqrt(k.size) for square, k in zip(squares, bands, strict=True)])
     quiet = int(np.argmin(squares)) if bands else -1
@@ -235,6 +229,38 @@ def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scena
                 Observation(name, "level", level, uncertainty, bin_hz=float(np.mean(f[k])), bins=tuple(k.tolist()))
             )
     return found
+
+
+def _allowed(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario) -> float:
+    """Density [N^2 m^2/Hz] of white torque noise that makes the floor of the band which allows least, by the linearised drive.
+
+    The median of bins under a Hann window is sqrt(1.5 ln 2) of their root mean square without a window.
+    """
+    if scenario.friction.torque_noise is not None or not scenario.driving_frequency:
+        return 0.0
+    between, f, bands = _between(x, sample_rate, table, scenario)
+    floors = [(float(np.median(between[k])), abs(response(scenario, float(np.median(f[k]))))) for k in bands]
+    medians = 1.5 * math.log(2.0) * 2.0 / table.duration
+    return min(((floor / G) ** 2 / medians for floor, G in floors), default=0.0)
+
+
+def _between(
+    x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Hann-window amplitudes of all bins (n,), their frequencies [Hz], and the bins between lines of each of some bands."""
+    between = HannSpectrum.of(x - x.mean(), sample_rate).magnitude
+    f = np.arange(between.size) * sample_rate / x.size
+    free = np.ones(f.size, dtype=bool)
+    steps = [line.expected_hz for line in table if line.line in ("electrical_1", "full_step_1")]
+    for line in table:
+        free &= np.abs(f - line.frequency_hz) * table.duration > SEPARATION + 1.0
+    if steps:
+        spacing = min(steps) * (table.clock_ratio or 1.0)
+        away = np.abs(f - spacing * np.rint(f / spacing))
+        free &= (away * table.duration > SEPARATION) | (spacing * table.duration < 4.0 * SEPARATION)
+    free &= np.all([np.abs(f / mode.frequency - 1.0) > 0.1 for mode in coupled_modes(scenario)] or [free], axis=0)
+    bands = [np.flatnonzero(free & (f >= a) & (f < b)) for a, b in pairwise(LEVELS)]
+    return between, f, [k for k in bands if k.size >= FEWEST]
 
 
 PHASE_OF = {"drive": "drive_1", "electrical": "full_step_1"}

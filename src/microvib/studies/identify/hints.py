@@ -1,7 +1,8 @@
-"""What a fitted model may lack: a motion that repeats after several microsteps, and rounding of the driver's references."""
+"""What a fitted model may lack: torque noise, a motion that repeats after several microsteps, rounding of references."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from microvib.model.scenario import Scenario
@@ -13,6 +14,16 @@ LARGE, APART = 0.02, 4.0
 ABOVE, FIRST = 10.0, 3
 """Times of the model's line, from which one of the full step stands above it, and the first order that counts."""
 
+LOOSE = 0.005
+"""Root mean square of torque noise up to UP_TO over the breakaway torque, from which it frees what sticks and so moves lines."""
+UP_TO = 200.0
+"""[Hz]."""
+
+
+def loose(one: Evidence, scenario: Scenario) -> bool:
+    """Whether torque noise that the scenario has not, and the floor of its recording may be, would move its lines."""
+    return math.sqrt(UP_TO * one.noise) > LOOSE * scenario.friction.breakaway_torque > 0.0
+
 
 def hints(
     tests: Sequence[tuple[Evidence, Scenario]], after: Sequence[Simulated], deviations: Sequence[Deviation]
@@ -21,6 +32,11 @@ def hints(
     found: list[str] = []
     for (one, scenario), simulated in zip(tests, after, strict=True):
         found += _period(one, at_parts(simulated.torque, simulated.sample_rate, scenario.driving_frequency))
+        if loose(one, scenario):
+            found.append(
+                f"{one.name}: its floor between the lines may be torque noise of some {one.noise:.1g} N^2*m^2/Hz, which frees what"
+                " sticks and so moves lines: give the scenario friction.torque_noise to start from, and fit its density."
+            )
     parts = {scenario.driving_frequency / part for _, scenario in tests for part in PARTS if scenario.driving_frequency}
     lines = {line.line: line.frequency_hz for simulated in after for line in simulated.table}
     above = {d.line for d in deviations if d.off and d.form == "amplitude" and d.measured > ABOVE * d.fitted}

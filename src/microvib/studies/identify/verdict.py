@@ -12,6 +12,7 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
 from microvib.studies.identify.goodness import REJECTED, Goodness, goodness
+from microvib.studies.identify.hints import loose
 from microvib.studies.identify.images import FRAMED, NEAR, turns
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import fittable
@@ -115,6 +116,11 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
         return False, "not identifiable: the model does not explain the data"
     if not findings.converged or findings.intervals is None:
         return False, "not identifiable: the search has not converged"
+    if any(loose(one, scenario) for one, scenario in findings.problem.tests):
+        return (
+            False,
+            "not identifiable without friction.torque_noise: the floor may be such noise, which would move the lines",
+        )
     if not key.interior(x):
         return False, "not identifiable: at the end of its range"
     interval = findings.intervals[k]
