@@ -52,6 +52,8 @@ class Observation:
     """Bin of a nearest_bin figure: the test's bin, whichever bin is nearest to the line of a simulation."""
     bins: tuple[int, ...] = ()
     """Bins of a level: those of a band that no line is near."""
+    less: tuple[int, ...] = ()
+    """Bins of the quietest band, whose level is taken off, of a simulation's as of the recording's."""
 
     @property
     def is_angle(self) -> bool:
@@ -225,9 +227,9 @@ def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scena
             level = math.sqrt(own)
             name = f"level_{f[k[0]]:.3g}_to_{f[k[-1]]:.3g}_Hz"
             uncertainty = ONE_DRAW * spread / (2.0 * level)
-            found.append(
-                Observation(name, "level", level, uncertainty, bin_hz=float(np.mean(f[k])), bins=tuple(k.tolist()))
-            )
+            less = tuple(bands[quiet].tolist())
+            at = float(np.mean(f[k]))
+            found.append(Observation(name, "level", level, uncertainty, bin_hz=at, bins=tuple(k.tolist()), less=less))
     return found
 
 
@@ -326,7 +328,8 @@ class Simulated:
 def predicted(lines: Simulated, wanted: Observation) -> float:
     """The simulated figure for one observation; nan if the lines do not have it."""
     if wanted.bins:
-        return float(np.median(lines.between[list(wanted.bins)]))
+        levels = (float(np.median(lines.between[list(bins)])) if bins else 0.0 for bins in (wanted.bins, wanted.less))
+        return math.sqrt(max(next(levels) ** 2 - next(levels) ** 2, 0.0))
     by_name = {line.line: line for line in lines.table}
     line = by_name.get(wanted.line)
     if line is None:
