@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from microvib.solve import kernel
+from microvib.solve.pack import samples_into
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.segments import Segments
 
@@ -45,10 +46,9 @@ def test_segments_in_a_row_are_the_period(period):
     x = period.advance(period.guess())
     states, known = chain(period, segments, x)
 
-    rows = np.zeros((20 * period.microsteps, period.packed.channels))
+    rows = np.zeros((20 * period.microsteps, period.packed.columns))
     width = period.microstep_time / 20
-    cursor = np.zeros(2, dtype=np.int64)
-    end = period.advance(x, kernel.Samples(period.start, width, rows, np.zeros(rows.shape[1]), cursor))
+    end = period.advance(x, samples_into(rows, period.start, width))
     # Each segment begins with a step of its own: apart by the solver's tolerance.
     assert np.max(np.abs(states[-1] - end) / period.sizes) < 2e-3
     T_d = np.concatenate([ends.T_d for ends in known])

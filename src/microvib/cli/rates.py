@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+
 import click
 
 from microvib.cli.common import Target, load, set_option, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 from microvib.units import quantity
+
+WORTH_PROCESSES = 40
+"""Cases that take longer than to start processes for them."""
 
 
 @click.command()
@@ -36,9 +41,19 @@ def rates(
         raise OptionError("keep_away", "must be at least 0 and below 100 percent", str(keep_away))
     loaded = load(scenario, settings)
     counts = None if microsteps is None else _counts(microsteps)
+    many = not linear and count * (1 if counts is None else len(counts)) >= WORTH_PROCESSES
+    workers = os.cpu_count() if many else None
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(
-            loaded, grid, counts, limit=limit, band=band, linear=linear, keep_away=away, progress=progress
+            loaded,
+            grid,
+            counts,
+            limit=limit,
+            band=band,
+            linear=linear,
+            keep_away=away,
+            workers=workers,
+            progress=progress,
         )
         text = linear_text(plan) if linear else ""
     said = "\n".join(filter(None, (plan_text(plan), text)))

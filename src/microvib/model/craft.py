@@ -196,6 +196,7 @@ class Craft:
         return np.asarray(rows.position @ x - omega**2 * (rows.acceleration @ x) + rows.direct)
 
 
+@lru_cache(maxsize=8)  # as often as a motion is compared with another
 def load_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float) -> Load:
     """What hangs on the two shafts: an array on firm ground, or with the craft that carries the drive."""
     craft = craft_of(array, spacecraft, output_inertia, rotor_inertia)

@@ -50,9 +50,10 @@ class Orders:
         for rank, (base, words) in enumerate(self._families()):
             for q in range(1, _LARGEST + 1):
                 p = round(frequency * q / base)
-                chance = 2.0 * within * sum(_coprime(i) for i in range(1, q + 1)) / base
-                if p > 0 and math.gcd(p, q) == 1 and abs(frequency - p * base / q) <= within and chance < _CHANCE:
-                    hits.append((q, rank, words(p, q)))
+                if p > 0 and abs(frequency - p * base / q) <= within and math.gcd(p, q) == 1:
+                    chance = 2.0 * within * sum(_coprime(i) for i in range(1, q + 1)) / base
+                    if chance < _CHANCE:
+                        hits.append((q, rank, words(p, q)))
         return min(hits)[2] if hits else None
 
     def _families(self) -> Iterable[tuple[float, Callable[[int, int], str]]]:

@@ -74,8 +74,6 @@ from microvib.solve.vector import rows, where
 
 LAYER = 5.0
 """Rate over the Stribeck rate below which friction falls."""
-SHOWN, SHOWN_CURRENT = 0.5, 1.0
-"""Weights of rates and of currents between the ends of a step, where they are sampled."""
 
 code = Unit(
     __name__,
@@ -106,7 +104,7 @@ class Work(NamedTuple):
     noise: Matrix  # lanes: torque noise
     margins: Matrix  # lanes: of the elements of frictions with memory
     values: Matrix  # lanes: channels
-    by_node: Matrix  # channels, (4, channels)
+    by_node: Matrix  # what is sampled, (4, channels)
     powers: Matrix  # coefficients of the deficits' cubics, two rows for each power
     shifted: Matrix  # the same about another instant
     halves: Matrix  # ``end`` as two rows of lanes
@@ -285,7 +283,7 @@ def _states_at_nodes(K, x, p, t, w):
 
 
 @code.inner(**INLINE)
-def _error(level, shown, t, w):
+def _error(level, t, w, out):
     """The highest Legendre term of the deficits, peak to peak, over what a microstep moves; weighted, that of rates and currents.
 
     The ends of steps are exact where deficits are cubics; what is sampled inside is a cubic only where the motion itself is.
@@ -300,7 +298,7 @@ def _error(level, shown, t, w):
         total = 0.0
         for j in range(4):
             total += HIGHEST[j] * w.at[INPUTS[k], j]
-        weight = SHOWN * shown if k >= 2 else SHOWN_CURRENT if shown == 1.0 else 0.0
+        weight = out.rates_shown if k >= 2 else out.currents_shown
         error = max(error, weight * math.fabs(total) * t.per_size[k])
     return error
 

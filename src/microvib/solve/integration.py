@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time as clock_time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,20 +18,22 @@ from microvib.solve.channels import CHANNELS, INTERFACE, LINE_OF_SIGHT, MODAL
 from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
 from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
-from microvib.solve.pack import Packed, pack
+from microvib.solve.pack import Packed, pack, samples_into
 from microvib.solve.sampling import Decimator, sample_intervals
+from microvib.solve.vector import whole_lanes
 
 Progress = Callable[[float, float], None]
-CHUNK_TIME = 1.0
-"""Simulated seconds between two reports of progress; also bounds the memory of a long run."""
+CHUNK_TIME = 16.0
+"""Simulated seconds between two reports of progress, at most; also bounds the memory of a long run."""
 METHODS = {
     "propagators": "exact propagation of what is linear, with located friction events",
     "rodas4": "RODAS4, order 4(3), with located friction events",
 }
 SECOND_WING = "spacecraft.second_wing"
 """How sentences on a second wing's run begin."""
-CHUNK_BYTES = 32_000_000
-"""Memory of one chunk's rows, at most."""
+CHUNK_BYTES = 4_000_000
+"""Memory of one chunk's rows, about what a processor holds; more where that is less than CHUNK_ROWS."""
+CHUNK_ROWS = 8192
 
 
 def from_rest(
@@ -128,9 +131,9 @@ class Simulation:
             near = did_you_mean(unknown[0], known)
             raise ChannelError(f"channel '{unknown[0]}' does not exist; {near}there are {', '.join(known)}")
         self._wanted = channels or None
+        self.packed = packed or pack(scenario)
         made = craft is not None and set(channels or ()) & set(OF_STATES)
         self._of_states = of_states(craft, tuple(CHANNELS)) if craft is not None and made else None
-        self.packed = packed or pack(scenario)
         self._torque_only, self._balanced = torque_only, balanced
         self._command = command or Command(scenario)
 
@@ -143,20 +146,21 @@ class Simulation:
         intervals = sample_intervals(self.scenario, start)
         self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
         before, momentum_before = packed.snapshot(), packed.momentum
-        columns = packed.torque_columns if self._torque_only else packed.channels
-        settling = columns if self._balanced else packed.torque_columns
-        samples = kernel.Samples(first, width, np.zeros((0, settling)), np.zeros(settling), np.zeros(2, dtype=np.int64))
-        chunk = CHUNK_TIME * (16 if self._torque_only else 1)
+        torque, channels = np.zeros((0, packed.torque_columns)), np.zeros((0, packed.columns))
+        silent = torque if self._torque_only or not self._balanced else channels
         while t < first:
-            t = self._advance(min(t + chunk, first), end, samples)
+            t = self._advance(min(t + CHUNK_TIME, first), end, samples_into(silent, first, width))
         if not self._balanced:
             before, momentum_before, start = packed.snapshot(), packed.momentum, t
             x.clock[kernel.IMPULSE], x.energy[:] = 0.0, 0.0
-        samples = samples._replace(partial=np.zeros(columns))
+        mix = None if self._wanted is None else self._picked(np.eye(packed.channels), self._wanted).T.copy()
+        mix = mix if mix is not None and packed.mixes(mix) else None
+        columns = torque.shape[1] if self._torque_only else packed.columns if mix is None else whole_lanes(len(mix))
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
-        per_chunk = int(np.clip(chunk / width, 512, CHUNK_BYTES // (8 * columns)))
+        per_chunk = chunk_rows(columns, width)
         buffer = np.zeros((per_chunk, columns))
+        samples = samples_into(buffer[:0], first, width, mix)
         done = made = 0
         stuck = largest = 0.0
         lead = round((record.settle - first) / width)
@@ -176,8 +180,12 @@ class Simulation:
                         max(largest, float(np.max(np.abs(T_d)))),
                     )
                     rows = np.ascontiguousarray(T_d)[:, None]
+                elif mix is not None:
+                    rows = rows[:, : len(mix)]
                 elif self._wanted is not None:  # before they are filtered, which takes as long as all the rest
-                    rows = self._picked(rows, self._wanted)
+                    rows = self._picked(rows[:, : packed.channels], self._wanted)
+                else:
+                    rows = rows[:, : packed.channels]
                 if done == 0:
                     rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
                 done += count
@@ -238,6 +246,11 @@ class Simulation:
             "wall_s": seconds,
             "times_real_time": simulated / seconds,
         }
+
+
+def chunk_rows(columns: int, width: float) -> int:
+    """Rows of one chunk, of intervals of ``width`` [s]."""
+    return min(max(CHUNK_BYTES // (8 * columns), CHUNK_ROWS), math.ceil(CHUNK_TIME / width))
 
 
 def method_of(scenario: Scenario) -> dict[str, Any]:

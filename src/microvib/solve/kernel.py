@@ -13,7 +13,7 @@ The functions take floats, for one state, or lanes, for the four nodes of a step
 import math
 from typing import Any, NamedTuple
 
-from microvib.compiled import Counts, Cube, Matrix, Unit, Vector
+from microvib.compiled import Counts, Matrix, Unit, Vector
 from microvib.solve.vector import exp, floor, picked, sincos, some, where
 
 code = Unit(__name__, "vector.py", "vector_type.py", types="microvib.solve.vector_type")
@@ -137,13 +137,21 @@ class State(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Where samples go: interval means of all channels, one row each; with a width of 0 none are taken."""
+    """Where samples go: interval means, one row each; with a width of 0 none are taken.
+
+    They are of all channels; of sums of channels, ``mix``; or, in two columns, of the torque and the output's stick alone.
+    """
 
     first: float  # start of the first interval
     width: float
     rows: Matrix
     partial: Vector  # integrals over the current interval so far
     cursor: Counts  # rows filled here, rows filled before
+    mix: Matrix  # weights of the channels in each column, (columns, channels); (0, 0) where columns are no sums
+    rates_shown: (
+        float  # weights of the errors of rates and of currents between the ends of a step, where propagators sample
+    )
+    currents_shown: float
 
 
 # ---- Equations of motion ----
@@ -864,27 +872,3 @@ def snapshot(x: State, p: Drive, scratch: Matrix, out: Vector) -> None:
         scratch[1],
         out,
     )
-
-
-@code.entry(**COMPILE)
-def filter_and_decimate(phases: Cube, taps: Vector, out: Matrix) -> None:
-    """``out[c, m] = sum over k of taps[k] rows[factor m + k, c]``; ``phases[c, p, m] = rows[factor m + p, c]``; out (channels, m).
-
-    Sums over m lie side by side in memory, so that four go in a vector, and four taps at a time, because what is summed up is
-    read and written for each.
-    """
-    factor, count, whole = phases.shape[1], out.shape[1], taps.size - taps.size % 4
-    for c in range(out.shape[0]):
-        total = out[c]
-        for m in range(count):
-            total[m] = 0.0
-        for k in range(0, whole, 4):
-            t0, t1, t2, t3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
-            p0, p1 = phases[c, k % factor, k // factor :], phases[c, (k + 1) % factor, (k + 1) // factor :]
-            p2, p3 = phases[c, (k + 2) % factor, (k + 2) // factor :], phases[c, (k + 3) % factor, (k + 3) // factor :]
-            for m in range(count):
-                total[m] += (t0 * p0[m] + t1 * p1[m]) + (t2 * p2[m] + t3 * p3[m])
-        for k in range(whole, taps.size):
-            t0, p0 = taps[k], phases[c, k % factor, k // factor :]
-            for m in range(count):
-                total[m] += t0 * p0[m]

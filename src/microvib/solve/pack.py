@@ -14,7 +14,15 @@ from microvib.model.record import Solver
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, propagate, propagators, rodas4
 from microvib.solve.noise import roughness, torque_noise
+from microvib.solve.vector import whole_lanes
 
+SHOWN, TORQUE_SHOWN = (0.5, 1.0), (0.1, 0.0)
+"""Weights of the errors of rates and of currents inside steps: where channels are sampled, and where nothing but the torque is,
+which is that of polynomials of degree 7."""
+OF_CURRENTS = [kernel.CHANNELS.index(name) for name in ("i_A", "i_B", "u_A", "u_B", "T_e", "E_magnetic")]
+"""Channels that follow the currents at once."""
+FEW = 8
+"""Sums of channels that are made in every step, rather than picked from all channels' samples."""
 SHORTEST = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
 
@@ -33,6 +41,8 @@ class Packed:
 
     def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
         """Advance to the time ``stop`` [s]; see ``propagate.advance``, ``rodas4.advance``."""
+        n, columns = samples.rows.shape
+        assert self.propagators is None or n == 0 or columns in (self.torque_columns, whole_lanes(columns))
         if self.propagators is None:
             return int(rodas4.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
         own = self.state, self.drive, self.propagators
@@ -80,6 +90,19 @@ class Packed:
         return rows[:, 0], rows[:, 1]
 
     @property
+    def columns(self) -> int:
+        """Number of columns of samples of all channels; propagators fill whole lanes."""
+        return self.channels if self.propagators is None else whole_lanes(self.channels)
+
+    def mixes(self, mix: np.ndarray) -> bool:
+        """Whether it pays, and is allowed, to sample sums of channels, (columns, channels), instead of the channels.
+
+        Energies add up over steps, which no sum of one step shows.
+        """
+        energies = mix[:, kernel.POWERS : kernel.N_CHANNELS]
+        return self.propagators is not None and len(mix) <= FEW and not np.any(energies)
+
+    @property
     def momentum(self) -> float:
         """Angular momentum L of all that moves [N m s]."""
         y, p = self.state.y, self.drive
@@ -90,9 +113,23 @@ class Packed:
         return own + float(p.J_c * (y[kernel.WM] + y[kernel.WL]) + modes)
 
 
-def no_samples(channels: int) -> Any:
+def no_samples(columns: int) -> Any:
     """Samples for a stretch in which nothing is recorded."""
-    return kernel.Samples(math.inf, 1.0, np.zeros((0, channels)), np.zeros(channels), np.zeros(2, dtype=np.int64))
+    return samples_into(np.zeros((0, columns)), math.inf, 1.0)
+
+
+def samples_into(rows: np.ndarray, first: float, width: float, mix: np.ndarray | None = None) -> Any:
+    """Samples that fill ``rows`` (n, columns) with means over intervals of ``width`` [s] from ``first`` [s] on.
+
+    The first columns are sums of the channels by the weights ``mix`` (sums, channels); without it, all channels or, where there are
+    two, the torque and the output's stick (``Packed.torque_of``). Propagators fill whole lanes (``Packed.columns``).
+    """
+    columns = rows.shape[1]
+    shown = TORQUE_SHOWN if columns == 2 and mix is None else SHOWN
+    if mix is not None and not np.any(mix[:, OF_CURRENTS]):
+        shown = SHOWN[0], 0.0
+    cursor, mix = np.zeros(2, dtype=np.int64), np.zeros((0, 0)) if mix is None else mix
+    return kernel.Samples(first, width, rows, np.zeros(columns), cursor, mix, *shown)
 
 
 def pack(scenario: Scenario) -> Packed:
@@ -119,7 +156,7 @@ def pack(scenario: Scenario) -> Packed:
     if scenario.record.rotor_offset != 0.0:
         _hold(scenario, drive, state, scenario.record.rotor_offset * scenario.driver.full_step(scenario.motor))
     lanes = np.zeros((70 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
-    by_node = np.zeros((4, kernel.N_CHANNELS + size - kernel.MODES))
+    by_node = np.zeros((4, whole_lanes(kernel.N_CHANNELS + size - kernel.MODES)))
     return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
 
 

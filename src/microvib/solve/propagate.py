@@ -73,8 +73,6 @@ code = Unit(
 AFTER_MICROSTEP, AFTER_EVENT, FURTHER, KINDS = range(4)
 FIRST_LEVEL = 4
 """Level at which steps of each kind are tried first."""
-TORQUE_SHOWN = 0.2
-"""Weight of what moves inside a step where nothing but the torque is sampled, which is that of polynomials of degree 7."""
 AFRESH = -1
 """In place of the step whose deficits go on in the next: none."""
 ALMOST_AT_REST = 0.3
@@ -133,7 +131,7 @@ def _first_level(kind, left, x, p, t, w):
 
 
 @code.inner(**FORCED)
-def _solved_step(kind, left, last_level, shown, s, c, x, p, t, w):
+def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
     """Solve a step short enough for its iteration to converge and its error to pass; its level, and a status code.
 
     ``last_level`` is that of the step before, whose deficits go on in this one, or -1.
@@ -146,7 +144,7 @@ def _solved_step(kind, left, last_level, shown, s, c, x, p, t, w):
             _continue(onwards, t, w)
         change, shortest = _iterate(level, onwards < 0, s, c, x, p, t, w), level >= t.levels - 1
         _weigh(x, p, t, w)  # by the end of the step
-        error, converged = _error(level, shown, t, w), change <= CONVERGED * t.accuracy
+        error, converged = _error(level, t, w, out), change <= CONVERGED * t.accuracy
         if converged and error <= t.accuracy:
             break
         if shortest and (converged or change <= UNRESOLVED):
@@ -219,7 +217,6 @@ def advance(
     and ``room`` are scratch. Returns a status code.
     """
     w, clock, coming, stalled, status = _work(x, p.elements.shape[0], lanes, flat, by_node, room), x.clock, 0, 0, OK
-    shown = 1.0 if out.rows.shape[1] > 2 else TORQUE_SHOWN
     s, c = _see(x, p, t, w)
     kind, last_level = FURTHER, -1
     while clock[NOW] < stop:
@@ -236,7 +233,7 @@ def advance(
             s, c = _see(x, p, t, w)
             kind = AFTER_MICROSTEP
             continue
-        level, status = _solved_step(kind, left, last_level, shown, s, c, x, p, t, w)
+        level, status = _solved_step(kind, left, last_level, s, c, x, p, t, w, out)
         if status != OK:
             break
         u, event = _end_step(level, left, x, p, t, w)
@@ -297,7 +294,10 @@ def advance_each(
         sticks[j, 0], sticks[j, 1] = x.stick[0], x.stick[1]
         first, last = steps[j, 0], steps[j, 1]
         rows = each * (last - first)
-        own = Samples(begun[j, NOW], out.width, out.rows[done : done + rows], out.partial, out.cursor)
+        own = Samples(
+            begun[j, NOW], out.width, out.rows[done : done + rows], out.partial, out.cursor, out.mix,
+            out.rates_shown, out.currents_shown,
+        )  # fmt: skip
         status = advance(stops[j], x, p, t, own, steps_t[first:last], steps_ref[first:last], lanes, flat, by_node, room)
         if status != OK:
             return status

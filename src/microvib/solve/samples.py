@@ -3,6 +3,7 @@
 import math
 
 from microvib.compiled import Unit
+from microvib.solve.collocation import CHANGE, N_SUMS
 from microvib.solve.kernel import (
     COMPILE,
     FORCED,
@@ -24,14 +25,23 @@ from microvib.solve.kernel import (
     sticks,
 )
 from microvib.solve.propagators import BY_ROTOR, LAGRANGE, M_ETA, M_ETA_BY, M_W, M_W_BY, MODE_ROWS
-from microvib.solve.vector import rows
+from microvib.solve.vector import WIDTH, rows
 
-code = Unit(__name__, "kernel.py", "propagators.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+code = Unit(
+    __name__,
+    "kernel.py",
+    "propagators.py",
+    "frame.py",
+    "collocation.py",
+    "vector.py",
+    "vector_type.py",
+    types="microvib.solve.vector_type",
+)
 
 
 @code.inner(**FORCED)
-def _channels_at_nodes(level, x, p, t, w):
-    """All channels at the nodes, by node."""
+def _channels_at_nodes(level, x, p, t, w, out):
+    """All channels at the nodes, and what is sampled, by node."""
     y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
     modes = rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS)
     for k in range(p.H.size):
@@ -47,6 +57,7 @@ def _channels_at_nodes(level, x, p, t, w):
                 there_w += modes[k, BY_ROTOR + M_W_BY + j] * w.at[WM, j]
         y[MODES + 2 * k], y[MODES + 2 * k + 1] = there_eta, there_w
     dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
+    values, sums = rows(w.values, 0, w.values.shape[0], 1), rows(w.sums, 0, N_SUMS, 1)
     channels(
         y,
         references_after(dt, x.clock),
@@ -55,11 +66,19 @@ def _channels_at_nodes(level, x, p, t, w):
         p,
         f,
         q,
-        rows(w.values, 0, w.values.shape[0], 1),
+        values,
     )
-    for k in range(w.values.shape[0]):
+    if out.mix.shape[0] == 0:
+        for k in range(w.values.shape[0]):
+            for j in range(4):
+                w.by_node[j, k] = w.values[k, j]
+    for k in range(out.mix.shape[0]):
+        total = values[0] * out.mix[k, 0]
+        for c in range(1, w.values.shape[0]):
+            total += values[c] * out.mix[k, c]
+        sums[CHANGE] = total
         for j in range(4):
-            w.by_node[j, k] = w.values[k, j]
+            w.by_node[j, k] = w.sums[CHANGE, j]
 
 
 @code.inner(**INLINE)
@@ -119,15 +138,15 @@ def _whole_intervals(count, u, T, stuck, all_channels, w, out):
             L_a = L_b
     else:
         before, after = w.weights[0], w.weights[1]
-        n0, n1, n2, n3 = w.by_node[0], w.by_node[1], w.by_node[2], w.by_node[3]
+        columns, of = out.rows.shape[1] // WIDTH, w.by_node.shape[1] // WIDTH
+        n, to = rows(w.by_node, 0, 4 * of, of), rows(out.rows, 0, out.rows.shape[0] * columns, columns)
         _weights(u, before)
         for m in range(count):
             _weights(u + (m + 1) * d, after)
             w0, w1 = (after[0] - before[0]) / d, (after[1] - before[1]) / d
             w2, w3 = (after[2] - before[2]) / d, (after[3] - before[3]) / d
-            row = out.rows[first + m]
-            for k in range(row.size):
-                row[k] = w0 * n0[k] + w1 * n1[k] + w2 * n2[k] + w3 * n3[k]
+            for k in range(columns):
+                to[first + m, k] = (n[0, k] * w0 + n[1, k] * w1) + (n[2, k] * w2 + n[3, k] * w3)
             before, after = after, before
     out.cursor[0] += count
     return u + count * d
@@ -137,13 +156,13 @@ def _whole_intervals(count, u, T, stuck, all_channels, w, out):
 def _record(u, end, level, x, p, t, w, out):
     """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every sample interval that ends inside.
 
-    A sample is the mean over its interval. Where ``out`` has two columns, only the torque, by the change of momentum, and the
-    output's stick are recorded. Steps end at events, so jumps are averaged exactly, not sampled.
+    A sample is the mean over its interval. Where ``out`` has two columns and no sums, only the torque, by the change of momentum,
+    and the output's stick are recorded. Steps end at events, so jumps are averaged exactly, not sampled.
     """
     clock, cursor = x.clock, out.cursor
-    T, all_channels = t.longest * 0.5**level, out.rows.shape[1] > 2
+    T, all_channels = t.longest * 0.5**level, out.rows.shape[1] > 2 or out.mix.shape[0] > 0
     if all_channels:
-        _channels_at_nodes(level, x, p, t, w)
+        _channels_at_nodes(level, x, p, t, w, out)
     now, stuck = clock[NOW], sticks(1, x.stick, p)
     first_row = cursor[0]
     if end > out.first and cursor[0] < out.rows.shape[0]:
@@ -169,19 +188,19 @@ def _record(u, end, level, x, p, t, w, out):
 def _integrate(u, now, T, first_row, x, w, out):
     """Energies over the step, also at the middles of the intervals closed in it, and the balance of momentum."""
     clock = x.clock
-    for row in range(first_row, out.cursor[0]):
+    for row in range(first_row, out.cursor[0] if out.mix.shape[0] == 0 else first_row):
         until = min((out.first + (row + out.cursor[1] + 1) * out.width - now) / T, u)
         _weights(until, w.weights[0])
         for k in range(N_POWERS):
             energy = x.energy[k] - 0.5 * out.width * out.rows[row, POWERS + k]
             for j in range(4):
-                energy += T * w.weights[0, j] * w.by_node[j, POWERS + k]
+                energy += T * w.weights[0, j] * w.values[POWERS + k, j]
             out.rows[row, POWERS + k] = energy
     _weights(u, w.weights[0])
     for j in range(4):
-        values = w.by_node[j]
         for k in range(N_POWERS):
-            x.energy[k] += T * w.weights[0, j] * values[POWERS + k]
-        clock[IMPULSE] += T * w.weights[0, j] * values[T_D_FORCE]
-        clock[MISMATCH] = max(clock[MISMATCH], math.fabs(values[T_D] - values[T_D_FORCE]))
-        clock[LARGEST] = max(clock[LARGEST], math.fabs(values[T_D]))
+            x.energy[k] += T * w.weights[0, j] * w.values[POWERS + k, j]
+        T_d, T_d_force = w.values[T_D, j], w.values[T_D_FORCE, j]
+        clock[IMPULSE] += T * w.weights[0, j] * T_d_force
+        clock[MISMATCH] = max(clock[MISMATCH], math.fabs(T_d - T_d_force))
+        clock[LARGEST] = max(clock[LARGEST], math.fabs(T_d))

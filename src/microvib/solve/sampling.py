@@ -18,7 +18,8 @@ from functools import lru_cache
 import numpy as np
 
 from microvib.model.scenario import Scenario
-from microvib.solve.kernel import filter_and_decimate
+from microvib.solve.decimate import filter_and_decimate
+from microvib.solve.vector import whole_lanes
 
 MIN_FACTOR = 4
 STEP_ORDERS = 100
@@ -94,18 +95,20 @@ class Decimator:
     def __init__(self, factor: int = MIN_FACTOR) -> None:
         self._factor = factor
         self._taps = taps(factor)
-        self._left = np.zeros((0, 0))
+        self._rows, self._left = np.zeros((0, 0)), 0
 
     def push(self, rows: np.ndarray) -> np.ndarray:
         """Samples that ``rows`` (n, channels) complete; the first belongs to input row ``half_length(factor)``."""
-        rows = np.concatenate([self._left, rows]) if self._left.size else rows
-        n, channels = rows.shape
-        out = np.empty((channels, max((n - self._taps.size) // self._factor + 1, 0)))
-        phases = np.zeros((channels, self._factor, -(-n // self._factor)))
-        for p in range(self._factor):
-            own = rows[p :: self._factor]
-            phases[:, p, : len(own)] = own.T
+        count, channels = self._left + len(rows), rows.shape[1]
+        if len(self._rows) < count:  # kept: fresh memory for each block would cost as much as filtering it
+            left, self._rows = self._rows[: self._left], np.zeros((count, whole_lanes(channels)))
+            self._rows[: self._left, : left.shape[1]] = left
+        here = self._rows[:count]
+        here[self._left :, :channels] = rows
+        out = np.empty((max((count - self._taps.size) // self._factor + 1, 0), here.shape[1]))
         # Compiled, not a matrix product: threads of BLAS collapse where other processes keep the cores busy.
-        filter_and_decimate(phases, self._taps, out)
-        self._left = rows[out.shape[1] * self._factor :].copy()
-        return out.T
+        filter_and_decimate(here, self._taps, self._factor, out)
+        left = here[len(out) * self._factor :].copy()
+        self._left = len(left)
+        self._rows[: self._left] = left
+        return out[:, :channels]

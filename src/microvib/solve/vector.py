@@ -17,6 +17,11 @@ WIDTH = 4
 """Lanes."""
 
 
+def whole_lanes(columns: int) -> int:
+    """Numbers of a row of so many ``columns`` where it fills whole lanes."""
+    return -(-columns // WIDTH) * WIDTH
+
+
 def where(condition: Any, a: Any, b: Any) -> Any:
     """``a`` where the condition holds, else ``b``; both are computed."""
     return a if condition else b

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
@@ -13,7 +13,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from microvib.analysis.lines import steady
-from microvib.errors import OptionError, SimulationError, expect
+from microvib.errors import MicrovibError, OptionError, SimulationError, expect
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import FAINT
@@ -165,6 +165,7 @@ def plan_rates(
     band: Band | None = None,
     linear: bool = False,
     keep_away: float = 0.0,
+    workers: int | None = None,
     progress: Progress | None = None,
 ) -> RatePlan:
     """Steady lines at all ``rates`` of the array and ``microsteps`` counts, and at every rate where a line meets a mode.
@@ -173,8 +174,9 @@ def plan_rates(
     ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
     its rate within which a resonance is too near. ``linear`` uses the closed form
     of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved
-    independently, so that results do not depend on their order; threads share them, since the kernel releases the lock
-    of the interpreter.
+    independently, so that results do not depend on their order or on who solves them: threads, which share one interpreter, or as
+    many processes as there are ``workers``, which start in a second and want a script to guard its main part
+    (``if __name__ == "__main__":``).
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
@@ -185,7 +187,7 @@ def plan_rates(
     meetings = [m for n in microsteps for m in _meetings(scenario, n, modes, min(grid), max(grid))]
     wanted = {(float(rate), n) for n in microsteps for rate in grid}
     wanted |= {(rate, m.microsteps) for m in meetings for rate in _near(m, modes)}
-    with _solver(scenario, linear, progress) as solve:
+    with _solver(scenario, linear, workers, progress) as solve:
         found = {(case.rate, case.microsteps): case for case in solve(sorted(wanted))}
         rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
         forbidden = [] if most is None else [b for row in rows for b in _forbidden(row, most, within, solve)]
@@ -247,10 +249,9 @@ Solve = Callable[[Iterable[tuple[float, int]]], list[RateCase]]
 
 
 @contextmanager
-def _solver(scenario: Scenario, linear: bool, progress: Progress | None) -> Iterator[Solve]:
+def _solver(scenario: Scenario, linear: bool, workers: int | None, progress: Progress | None) -> Iterator[Solve]:
     """A function that solves cases on all cores; in what order does not matter."""
     one = linear_case if linear else full_case
-    pool = ThreadPoolExecutor(os.cpu_count() or 1)
     futures: list[Future[RateCase]] = []
 
     def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
@@ -259,10 +260,26 @@ def _solver(scenario: Scenario, linear: bool, progress: Progress | None) -> Iter
         for done, _ in enumerate(as_completed(futures[before:]), before + 1):
             if progress is not None:
                 progress(done, len(futures))
-        return [future.result() for future in futures[before:]]
+        try:
+            return [future.result() for future in futures[before:]]
+        except BrokenExecutor:
+            raise MicrovibError("a process that solved cases was ended; memory may be short") from None
 
-    try:
+    with _pool(workers) as pool:
         yield solve
+
+
+@contextmanager
+def _pool(workers: int | None) -> Iterator[Executor]:
+    if workers is not None:
+        from microvib.studies.campaign.run import local
+
+        with local(workers) as backend:
+            yield backend.executor()
+        return
+    pool = ThreadPoolExecutor(os.cpu_count() or 1)
+    try:
+        yield pool
     finally:  # an interrupt, too, must not wait for what has not begun
         pool.shutdown(cancel_futures=True)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.solve import kernel
-from microvib.solve.pack import no_samples
+from microvib.solve.pack import no_samples, samples_into
 from microvib.solve.steady.period import PeriodMap, interrupted
 
 MOST = 8
@@ -51,8 +51,7 @@ class Segments:
         y, made = period.absolute(x, period.turn(first)), int(np.sum(last - first))
         samples, width = self._unseen, period.microstep_time / self.rows
         if sampled:
-            rows = np.zeros((self.rows * made, packed.torque_columns))
-            samples = kernel.Samples(0.0, width, rows, samples.partial * 0.0, np.zeros(2, dtype=np.int64))
+            samples = samples_into(np.zeros((self.rows * made, packed.torque_columns)), 0.0, width)
         status, sticks, sticking = packed.advance_each(
             y,
             period.clocks(first),

@@ -15,7 +15,6 @@ import numpy as np
 
 from microvib.errors import error_context
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel
 from microvib.solve.integration import (
     SECOND_WING,
     Progress,
@@ -28,6 +27,7 @@ from microvib.solve.integration import (
     shows_hub,
 )
 from microvib.solve.motion import Invariants, Motion, channel_of
+from microvib.solve.pack import samples_into
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search
 
@@ -98,13 +98,13 @@ class SteadyState:
     def _period(self) -> tuple[dict[str, np.ndarray], Invariants]:
         period = PeriodMap(self.scenario, self.microsteps)
         packed, n = period.packed, self.T_d.size
-        rows, partial = np.zeros((n, packed.channels)), np.zeros(packed.channels)
+        rows = np.zeros((n, packed.columns))
         period.put(self.state)
         before, momentum = packed.snapshot(), packed.momentum
         width = 1.0 / (self.frequency * n)
-        period.advance(self.state, kernel.Samples(period.start, width, rows, partial, np.zeros(2, dtype=np.int64)))
+        period.advance(self.state, samples_into(rows, period.start, width))
         invariants = balance(packed, before, momentum, 1.0 / self.frequency)
-        return channels_of(rows, packed.drive.H.size) | {"T_d": self.T_d}, invariants
+        return channels_of(rows[:, : packed.channels], packed.drive.H.size) | {"T_d": self.T_d}, invariants
 
     @property
     def time(self) -> np.ndarray:
