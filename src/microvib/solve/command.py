@@ -10,8 +10,8 @@ import numpy as np
 from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 
-MAX_AT_ONCE = 5_000_000
-"""Microsteps of one stretch of a second or less."""
+FASTEST = 300_000
+"""Microsteps per second, at most."""
 
 
 class Command:
@@ -84,10 +84,10 @@ class Command:
         rate_a = self._rates[leg] + slope * dt_a
         from_count = self._counts[leg] + dt_a * (self._rates[leg] + 0.5 * slope * dt_a)
         to_count = self._counts[leg] + dt_b * (self._rates[leg] + 0.5 * slope * dt_b)
-        if abs(to_count - from_count) > MAX_AT_ONCE:
+        if abs(to_count - from_count) > FASTEST * max(b - a, 1.0):
             raise SimulationError(
                 f"tracking: the command asks for {abs(to_count - from_count) / (b - a):.3g} microsteps per second at t = {a:.4g} s;"
-                f" at most {MAX_AT_ONCE:.0e} are followed; lower the rate, reducer.ratio or driver.microsteps"
+                f" at most {FASTEST} are followed; lower the rate, reducer.ratio or driver.microsteps"
             )
         if to_count >= from_count:
             levels = np.arange(np.ceil(from_count - 0.5), np.ceil(to_count - 0.5)) + 0.5

@@ -24,16 +24,15 @@ from microvib.solve.vector import whole_lanes
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME = 16.0
-"""Simulated seconds between two reports of progress, at most; also bounds the memory of a long run."""
+"""Simulated seconds between two reports of progress, at most."""
 METHODS = {
     "propagators": "exact propagation of what is linear, with located friction events",
     "rodas4": "RODAS4, order 4(3), with located friction events",
 }
 SECOND_WING = "spacecraft.second_wing"
 """How sentences on a second wing's run begin."""
-CHUNK_BYTES = 4_000_000
-"""Memory of one chunk's rows, about what a processor holds; more where that is less than CHUNK_ROWS."""
-CHUNK_ROWS = 8192
+CHUNK_ROWS, CHUNK_BYTES = 16_384, 32_000_000
+"""Rows of one chunk of a record, and their memory, at most: what stays in a processor's reach, and what a long run takes."""
 
 
 def from_rest(
@@ -158,7 +157,8 @@ class Simulation:
         columns = torque.shape[1] if self._torque_only else packed.columns if mix is None else whole_lanes(len(mix))
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
-        per_chunk = chunk_rows(columns, width)
+        # As long whatever is kept, since a step ends where a chunk does.
+        per_chunk = chunk_rows(columns if self._torque_only else packed.columns, width)
         buffer = np.zeros((per_chunk, columns))
         samples = samples_into(buffer[:0], first, width, mix)
         done = made = 0
@@ -250,7 +250,7 @@ class Simulation:
 
 def chunk_rows(columns: int, width: float) -> int:
     """Rows of one chunk, of intervals of ``width`` [s]."""
-    return min(max(CHUNK_BYTES // (8 * columns), CHUNK_ROWS), math.ceil(CHUNK_TIME / width))
+    return min(CHUNK_ROWS, max(CHUNK_BYTES // (8 * columns), 512), math.ceil(CHUNK_TIME / width))
 
 
 def method_of(scenario: Scenario) -> dict[str, Any]:

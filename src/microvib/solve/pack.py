@@ -19,8 +19,6 @@ from microvib.solve.vector import whole_lanes
 SHOWN, TORQUE_SHOWN = (0.5, 1.0), (0.1, 0.0)
 """Weights of the errors of rates and of currents inside steps: where channels are sampled, and where nothing but the torque is,
 which is that of polynomials of degree 7."""
-OF_CURRENTS = [kernel.CHANNELS.index(name) for name in ("i_A", "i_B", "u_A", "u_B", "T_e", "E_magnetic")]
-"""Channels that follow the currents at once."""
 FEW = 8
 """Sums of channels that are made in every step, rather than picked from all channels' samples."""
 SHORTEST = 0.01
@@ -126,8 +124,6 @@ def samples_into(rows: np.ndarray, first: float, width: float, mix: np.ndarray |
     """
     columns = rows.shape[1]
     shown = TORQUE_SHOWN if columns == 2 and mix is None else SHOWN
-    if mix is not None and not np.any(mix[:, OF_CURRENTS]):
-        shown = SHOWN[0], 0.0
     cursor, mix = np.zeros(2, dtype=np.int64), np.zeros((0, 0)) if mix is None else mix
     return kernel.Samples(first, width, rows, np.zeros(columns), cursor, mix, *shown)
 
