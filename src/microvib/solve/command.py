@@ -10,7 +10,7 @@ import numpy as np
 from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 
-FASTEST = 300_000
+FASTEST = 5_000_000
 """Microsteps per second, at most."""
 
 

@@ -19,12 +19,12 @@ from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
 from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
 from microvib.solve.pack import Packed, pack, samples_into
-from microvib.solve.sampling import Decimator, sample_intervals
+from microvib.solve.sampling import Decimator, sample_intervals, top_frequency
 from microvib.solve.vector import whole_lanes
 
 Progress = Callable[[float, float], None]
-CHUNK_TIME = 16.0
-"""Simulated seconds between two reports of progress, at most."""
+CHUNK_TIME, CHUNK_STEPS = 16.0, 1_000_000
+"""Simulated seconds between two reports of progress, and microsteps, at most."""
 METHODS = {
     "propagators": "exact propagation of what is linear, with located friction events",
     "rodas4": "RODAS4, order 4(3), with located friction events",
@@ -147,8 +147,9 @@ class Simulation:
         before, momentum_before = packed.snapshot(), packed.momentum
         torque, channels = np.zeros((0, packed.torque_columns)), np.zeros((0, packed.columns))
         silent = torque if self._torque_only or not self._balanced else channels
+        chunk = min(CHUNK_TIME, CHUNK_STEPS / max(top_frequency(self.scenario), 1.0))
         while t < first:
-            t = self._advance(min(t + CHUNK_TIME, first), end, samples_into(silent, first, width))
+            t = self._advance(min(t + chunk, first), end, samples_into(silent, first, width))
         if not self._balanced:
             before, momentum_before, start = packed.snapshot(), packed.momentum, t
             x.clock[kernel.IMPULSE], x.energy[:] = 0.0, 0.0
@@ -158,7 +159,7 @@ class Simulation:
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         # As long whatever is kept, since a step ends where a chunk does.
-        per_chunk = chunk_rows(columns if self._torque_only else packed.columns, width)
+        per_chunk = chunk_rows(columns if self._torque_only else packed.columns, math.ceil(chunk / width))
         buffer = np.zeros((per_chunk, columns))
         samples = samples_into(buffer[:0], first, width, mix)
         done = made = 0
@@ -248,9 +249,9 @@ class Simulation:
         }
 
 
-def chunk_rows(columns: int, width: float) -> int:
-    """Rows of one chunk, of intervals of ``width`` [s]."""
-    return min(CHUNK_ROWS, max(CHUNK_BYTES // (8 * columns), 512), math.ceil(CHUNK_TIME / width))
+def chunk_rows(columns: int, longest: int) -> int:
+    """Rows of one chunk, at most as many as the ``longest`` has."""
+    return min(CHUNK_ROWS, max(CHUNK_BYTES // (8 * columns), 512), longest)
 
 
 def method_of(scenario: Scenario) -> dict[str, Any]:

@@ -62,12 +62,16 @@ class SampleIntervals:
         return self.first + self.rows * self.width
 
 
+def top_frequency(scenario: Scenario) -> float:
+    """The highest driving frequency [Hz] at any time."""
+    fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
+    return scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
+
+
 def sample_intervals(scenario: Scenario, start: float = 0.0) -> SampleIntervals:
     """Intervals for the record of ``scenario``, as many before its first sample as there are since ``start`` [s]."""
     record = scenario.record
-    fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
-    top = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
-    factor = inner_factor(record.sample_rate, top)
+    factor = inner_factor(record.sample_rate, top_frequency(scenario))
     half, width = half_length(factor), 1.0 / (factor * record.sample_rate)
     lead = min(half, int((record.settle - start) / width))
     first = record.settle - (lead + 0.5) * width
