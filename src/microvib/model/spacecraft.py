@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -252,9 +252,7 @@ class Spacecraft(Part):
     interface: Interface
     attitude_control: Annotated[
         AttitudeControl | None,
-        BeforeValidator(
-            lambda x: None if x == "none" else x, json_schema_input_type=AttitudeControl | Literal["none"] | None
-        ),
+        BeforeValidator(lambda x: _control(x), json_schema_input_type=AttitudeControl | Literal["none"] | None),
     ] = Field(
         default=None, description="none leaves the craft free; lines far below the array's first mode mean nothing then"
     )
@@ -309,6 +307,13 @@ class Spacecraft(Part):
         here = np.array(interface.position)
         near = (k for k, p in enumerate(self.hub.points) if np.linalg.norm(np.array(p.position) - here) <= SAME_PLACE)
         return next(near, None)
+
+
+def _control(given: Any) -> Any:
+    """None for ``none``; ValueError for other words."""
+    if isinstance(given, str | bool) and given != "none":
+        raise ValueError("write none, or bandwidth and damping, such as {bandwidth: 0.02 Hz, damping: 0.7}")
+    return None if given == "none" else given
 
 
 def _is_direction(given: Direction) -> bool:

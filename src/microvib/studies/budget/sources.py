@@ -40,8 +40,8 @@ from microvib.studies.budget.files import OtherSource, Wheel
 from microvib.testdata.recording import Recording
 
 SHORT_WAY_DOUBT = 0.03
-"""Relative doubt of lines that went the short way: what detent torque, friction and current loop change as the hub yields; assumed,
-from the differences that ``analysis.short_way`` finds in lines that count."""
+"""Relative doubt of lines that went the short way, for a drive that is not quite the scenario's; assumed. What detent torque,
+friction and current loop change as the hub yields comes on top, from runs of the scenario (``study.with_doubt``)."""
 HELD_DOUBT = 0.03
 """Relative doubt of lines of a craft on which another drive holds its wing: what its detent torque and friction change; assumed."""
 SPEEDS = 101

@@ -121,14 +121,16 @@ def pointing_budget(
     tables: list[HubLines] = []
     compared: tuple[Difference, ...] = ()
     for k, (name, scenario) in enumerate(drives):
-        if k == 0 and recording is not None:
-            found.append(of_recording(name, scenario, recording, harmonics))
+        recorded = recording if k == 0 else None
+        tried = scenario if recorded is None else scenario.with_({"record.start": "steady"})
+        one, full = of_run(name, tried, solve_run(tried, harmonics=harmonics, progress=progress), harmonics)
+        if k == 0 and (short_way or recorded is not None):
+            compared = tuple(differences(*short_way_of(tried, harmonics=harmonics, progress=progress), full))
+        if recorded is not None:
+            found.append(with_doubt(of_recording(name, scenario, recorded, harmonics), compared))
             continue
-        one, full = of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress), harmonics)
         found.append(replace(one, clock="drives" if one_clock else clocks[k]))
         tables.append(full)
-        if k == 0 and short_way:
-            compared = tuple(differences(*short_way_of(scenario, harmonics=harmonics, progress=progress), full))
     if ensemble is not None:
         if two:
             found[:2] = [both_wings(whole, found[0], found[1], *tables[:2])]
@@ -137,7 +139,14 @@ def pointing_budget(
     judgements = () if required is None else tuple(judged(r, found, rule) for r in required.requirements)
     windows = tuple(_windows(first, found, rule))
     return Budget(
-        first, required, rule, tuple(found), merged(found, rule, doubtful=False), judgements, windows, compared
+        first,
+        required,
+        rule,
+        tuple(found),
+        merged(found, rule, doubtful=False),
+        judgements,
+        windows,
+        compared if short_way else (),
     )
 
 
@@ -183,6 +192,14 @@ def _scenarios(
 def _second(name: str) -> str:
     """The drive of the second wing of the craft that is called ``name``."""
     return f"{name} {SECOND}"
+
+
+def with_doubt(recorded: Contribution, compared: Sequence[Difference]) -> Contribution:
+    """Lines of a recording, doubted besides by what the short way misses in each of the scenario's own; of others by the most."""
+    missed = {d.line: d.los_error * d.los[1] / max(d.los[0], 1e-300) for d in compared}
+    most = max(missed.values(), default=0.0)
+    each = np.array([missed.get(name, most) for name in recorded.names])
+    return replace(recorded, doubt=recorded.doubt + np.tile(each[:, None], 2))
 
 
 def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *tables: HubLines) -> Contribution:
