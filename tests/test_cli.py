@@ -21,7 +21,9 @@ from microvib.io.writing import RUN_FILES, write_folder
 
 SHORT = ["--set", "record.settle=1 s", "--set", "record.duration=4 s"]
 
-BOLTED = sorted(name for name in RUN_FILES if name not in ("loads.csv", "pointing.csv") and "wing_2" not in name)
+BOLTED = sorted(
+    name for name in RUN_FILES if name not in ("loads.csv", "pointing.csv", "densities.csv") and "wing_2" not in name
+)
 """Files of a run without a craft."""
 
 

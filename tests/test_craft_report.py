@@ -1,5 +1,6 @@
 """The spacecraft in a run's report: its figures are those of the lines, its picture has the array at its angle."""
 
+import csv
 import math
 import re
 from pathlib import Path
@@ -7,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy import signal
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
 from microvib.analysis.run import RunResult
 from microvib.cli.main import main
 from microvib.reports import craft
+from microvib.reports.densities import densities_csv
 from microvib.reports.document import Figure, Section, Table
 from microvib.reports.moving import box_corners
 from microvib.reports.run.report import run_report
@@ -108,6 +111,29 @@ def test_a_box_has_the_inertia_that_it_stands_for() -> None:
     corners = box_corners(m, m / 12.0 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b]))
     assert sorted(np.ptp(corners, axis=0)) == pytest.approx(sorted((a, b, c)))
     assert np.ptp(corners, axis=0) == pytest.approx([a, b, c])
+
+
+def test_densities_add_up_to_what_they_are_of(motion: Motion) -> None:
+    """Above a frequency to the rms that a filter leaves; about a line of the line of sight to its mean square."""
+    table = list(csv.DictReader(densities_csv(motion).splitlines()))
+    f, found = np.array([float(row["frequency_hz"]) for row in table]), {}
+    for name in table[0]:
+        found[name] = np.array([float(row[name]) for row in table])
+    acceleration = motion.hub("center", accelerations=True)
+    for name, unit, samples in (
+        ("mx", "n_m", motion["Mx"]), ("fz", "n", motion["Fz"]), ("center_ay", "m_s2", acceleration[:, 1]),
+        ("center_alpha_z", "rad_s2", acceleration[:, 5]),
+    ):  # fmt: skip
+        high = signal.sosfilt(signal.butter(8, 30.0, "high", fs=motion.sample_rate, output="sos"), samples)[8192:]
+        up, down = found[f"{name}_rms_up_{unit}"], found[f"{name}_rms_down_{unit}"]
+        assert np.interp(30.0, f, down) == pytest.approx(high.std(), rel=0.03)
+        assert up[-1] == down[0]
+        assert np.sum(found[f"{name}_psd_{unit}2_hz"]) * f[1] == pytest.approx(up[-1] ** 2, rel=0.01)
+    lines = hub_lines(motion, mv.lines(motion))
+    k = lines.names.index("drive_1")
+    near = np.abs(f - lines.frequency[k]) < 3.0 * f[1]
+    square = np.sum(found["los_x_psd_rad2_hz"][near]) * f[1]
+    assert square == pytest.approx(0.5 * lines.amplitude[k, 0] ** 2, rel=0.02)
 
 
 def test_a_folder_of_a_craft_may_be_written_again(tmp_path: Path) -> None:

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from microvib import reports
 from microvib.errors import OutputError
-from microvib.io.writing import check_folder, clear, workspace, write_file, write_files, write_folder
+from microvib.io.writing import (
+    RUN_FILES,
+    STUDY_FILES,
+    check_folder,
+    clear,
+    workspace,
+    write_file,
+    write_files,
+    write_folder,
+)
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="locks and signals of POSIX")
 KILLED = """
@@ -133,3 +144,15 @@ def test_a_file_that_cannot_be_written_keeps_the_old_one(tmp_path):
         write_file(tmp_path / "one.csv", "new")
     assert names(tmp_path) == ["one.csv"]
     assert (tmp_path / "one.csv").read_text() == "old"
+
+
+def test_a_folder_may_hold_every_file_that_a_report_writes() -> None:
+    """Else what wrote it could not replace it."""
+    sources = Path(reports.__file__).parent.rglob("*.py")
+    named = {
+        name
+        for path in sources
+        for name in re.findall(r'"(\w+\.(?:csv|json|png|nc))"', path.read_text(encoding="utf-8"))
+    }
+    assert {"orbit.csv", "seeds.csv", "loads.csv"} <= named
+    assert named <= {*RUN_FILES, *STUDY_FILES}

@@ -169,7 +169,7 @@ def _locked(path: Path) -> int | None:
 
 RUN_FILES = (
     "motion.nc", "lines.csv", "loads.csv", "pointing.csv", "summary.json", "scenario.yaml", "report.html",
-    "motion_wing_2.nc", "lines_wing_2.csv", "loads_wing_2.csv",
+    "motion_wing_2.nc", "lines_wing_2.csv", "loads_wing_2.csv", "densities.csv",
 )  # fmt: skip
 """Files of a run's folder; only a folder that holds nothing else may be replaced."""
 
@@ -179,6 +179,7 @@ STUDY_FILES = (
     "sas.csv", "sas.json", "simulator.yaml", "drawing.png", "report.pdf",
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
     "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
+    "orbit.csv", "orbit_lines.csv", "orbit.json", "orbit.png", "seeds.csv",
     "tornado.png", "sobol.png", "scatter.png", "levels.png",
 )  # fmt: skip
 """Further files of the folders of studies."""

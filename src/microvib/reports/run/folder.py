@@ -20,6 +20,7 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
 from microvib.model.scenario import Scenario
+from microvib.reports.densities import densities_csv
 from microvib.reports.document import Form
 from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
@@ -72,6 +73,8 @@ def write_run(
         files = {"motion.nc": partial(write_motion, motion)}
         if motion.beside is not None:
             files[SECOND_MOTION] = partial(write_motion, motion.beside)
+        if of_hub is not None:
+            files["densities.csv"] = densities_csv(motion)
         files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit, form=form), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
