@@ -31,8 +31,10 @@ METHODS = {
 }
 SECOND_WING = "spacecraft.second_wing"
 """How sentences on a second wing's run begin."""
-CHUNK_ROWS, CHUNK_BYTES = 16_384, 32_000_000
-"""Rows of one chunk of a record, and their memory, at most: what stays in a processor's reach, and what a long run takes."""
+CHUNK_BYTES, CHUNK_ROWS = 4_000_000, 8192
+"""Memory of the rows of one chunk of a record, what stays in a processor's reach; of many modes rather so many rows, if they take
+no more than MOST_BYTES."""
+MOST_BYTES = 8 * CHUNK_BYTES
 
 
 def from_rest(
@@ -134,7 +136,8 @@ class Simulation:
         made = craft is not None and set(channels or ()) & set(OF_STATES)
         self._of_states = of_states(craft, tuple(CHANNELS)) if craft is not None and made else None
         self._torque_only, self._balanced = torque_only, balanced
-        self._command = command or Command(scenario)
+        self._command, self._known_until = command or Command(scenario), -math.inf
+        self._chunk = min(CHUNK_TIME, CHUNK_STEPS / max(top_frequency(scenario), 1.0))
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         begun = clock_time.perf_counter()
@@ -147,9 +150,8 @@ class Simulation:
         before, momentum_before = packed.snapshot(), packed.momentum
         torque, channels = np.zeros((0, packed.torque_columns)), np.zeros((0, packed.columns))
         silent = torque if self._torque_only or not self._balanced else channels
-        chunk = min(CHUNK_TIME, CHUNK_STEPS / max(top_frequency(self.scenario), 1.0))
         while t < first:
-            t = self._advance(min(t + chunk, first), end, samples_into(silent, first, width))
+            t = self._advance(min(t + self._chunk, first), end, samples_into(silent, first, width))
         if not self._balanced:
             before, momentum_before, start = packed.snapshot(), packed.momentum, t
             x.clock[kernel.IMPULSE], x.energy[:] = 0.0, 0.0
@@ -159,7 +161,7 @@ class Simulation:
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
         # As long whatever is kept, since a step ends where a chunk does.
-        per_chunk = chunk_rows(columns if self._torque_only else packed.columns, math.ceil(chunk / width))
+        per_chunk = chunk_rows(columns if self._torque_only else packed.columns, math.ceil(self._chunk / width))
         buffer = np.zeros((per_chunk, columns))
         samples = samples_into(buffer[:0], first, width, mix)
         done = made = 0
@@ -206,7 +208,13 @@ class Simulation:
 
     def _advance(self, stop: float, end: float, samples: Any) -> float:
         clock = self.packed.state.clock
-        status = self.packed.advance(stop, samples, *self._command.microsteps(float(clock[kernel.NOW]), stop))
+        now = float(clock[kernel.NOW])
+        if stop > self._known_until:
+            self._known_until = max(stop, now + self._chunk)
+            self._microsteps = self._command.microsteps(now, self._known_until)
+        times, references = self._microsteps
+        due = slice(*np.searchsorted(times, [now, stop]))
+        status = self.packed.advance(stop, samples, times[due], references[due])
         now = float(clock[kernel.NOW])
         if status != kernel.OK:
             raise stopped(self.scenario, status, now)
@@ -251,7 +259,8 @@ class Simulation:
 
 def chunk_rows(columns: int, longest: int) -> int:
     """Rows of one chunk, at most as many as the ``longest`` has."""
-    return min(CHUNK_ROWS, max(CHUNK_BYTES // (8 * columns), 512), longest)
+    row = 8 * columns
+    return min(max(CHUNK_BYTES // row, min(CHUNK_ROWS, MOST_BYTES // row), 512), longest)
 
 
 def method_of(scenario: Scenario) -> dict[str, Any]:
