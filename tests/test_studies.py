@@ -278,7 +278,7 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
     ("text", "complaint"),
     [
         ("reducer.stifness", "is not a key of the scenario; allowed are motor.current"),
-        ("driver.microsteps", "not a number"),
+        ("driver.microsteps", "is a whole number, which is set and not fitted"),
         ("reducer.stiffness=9000:3000", "needs a unit|below HIGH"),
         ("reducer.stiffness=9000 N*m/rad:3000 N*m/rad", "LOW must be below HIGH"),
         ("reducer.output_inertia", "starts at 0; give its range"),
