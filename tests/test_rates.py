@@ -115,6 +115,12 @@ def test_results_do_not_depend_on_what_else_is_planned(plan, state_1):
     assert full_case(state_1, case.rate, 8) == case
 
 
+def test_processes_solve_cases_as_threads_do(plan, state_1):
+    rates = [case.rate for case in plan.of(16)[:3]]
+    apart = plan_rates(state_1, [Si(rate) for rate in rates], (16,), band="0.1:5 Hz", workers=1)
+    assert [case for case in apart.cases if case.rate in rates] == plan.of(16)[:3]
+
+
 def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
     weak = state_1.with_si({"motor.current": 0.02, "record.settle": 1.0, "record.duration": 2.0})
     failed = full_case(weak, Si(0.3 * DEG), 16)
