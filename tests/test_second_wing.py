@@ -25,6 +25,7 @@ from microvib.model.scenario import Scenario
 from microvib.reports.craft import draw_craft
 from microvib.reports.parameters import derived
 from microvib.reports.run.folder import run_scenario
+from microvib.reports.run.text import run_text
 from microvib.signals.pointing import radial
 from microvib.solve.channels import INTERFACE, SECOND_LOADS
 from microvib.solve.on_craft import values_of
@@ -403,7 +404,7 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     assert "second wing with the first, driven, 0.25 microsteps after the first" in report
     assert "At the second wing" in report
     texts = [text.get_text() for text in draw_craft(scenario).axes[0].texts]
-    assert {"ψ₁ = 30°", "ψ₂ = -30°"} <= set(texts)
+    assert {"ψ₁ = 30°", "ψ₂ = −30°"} <= set(texts)
     said = derived(scenario)
     assert any("rate of its shaft -0.06 deg/s" in text for text in said)
     assert any("first shaft locked second drive 100 %" in text or "second drive 9" in text for text in said)
@@ -489,6 +490,23 @@ def test_cases_of_a_campaign_keep_lines_of_both_clocks(tmp_path: Path) -> None:
     for name in ("drive_1", "wing_2 drive_1"):
         found = [chunk.figures[key][0, chunk.lines.index(name)] for key in ("los_x", "los_y")]
         assert found == pytest.approx(own.amplitude[own.names.index(name)], rel=1e-6)
+
+
+def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
+    """The second has more current and a larger line; a verdict on the first alone would pass."""
+    wings = quick().with_si({"spacecraft.second_wing.motor": {**quick().motor.model_dump(), "current": 1.2}})
+    result = mv.run(wings.with_({"record.start": "steady"}))
+    assert result.second is not None
+    own, other = (table["drive_1"].amplitude_n_m for table in (result.table, result.second))
+    assert other > 1.05 * own
+    between = mv.Limit(Si(0.5 * (own + other)))
+    judged = mv.judge(result.table, between, result.scenario, result.second)
+    assert judged.verdict == "fail"
+    assert judged.margins[0].line.line == "wing_2 drive_1"
+    assert "FAIL" in run_text(result, between)
+    alone = mv.judge(result.table, between, result.scenario)
+    assert alone.verdict == "not judged"
+    assert "the second wing's drive, of which there are no lines here" in alone.gaps
 
 
 def test_over_an_orbit_a_held_wing_turns_with_the_first() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from microvib.errors import OptionError, expect
@@ -153,11 +153,14 @@ _LEFT = 1.5
 _DRAWN = "driven by noise, one draw of many"
 
 
-def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> Judgement:
+def judge(
+    table: LineTable, limit: Limit, scenario: Scenario | None = None, second: LineTable | None = None
+) -> Judgement:
     """Judge every line of the table within the band, also those too small for a report, and what the table does not list.
 
     The ``scenario`` of the table says what may be above the passband and how long a start rings; without it, nothing above the
-    passband is judged.
+    passband is judged. Where it has a second wing that is driven, the ``second`` table has that drive's lines, which are judged
+    too.
     """
     expect(table, LineTable, "a table of lines (mv.lines)")
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
@@ -177,7 +180,20 @@ def judge(table: LineTable, limit: Limit, scenario: Scenario | None = None) -> J
     if scenario is not None and scenario.rate is None:
         gaps.append("lines of the step clock, since the rate changes within the record (a record at one rate)")
     gaps += _above_passband(table, limit, scenario)
-    return Judgement(limit, tuple(margins), unknown, tuple(gaps))
+    judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
+    other = None if scenario is None else scenario.driven_wing
+    return judged if other is None else _both(judged, second, other.alone)
+
+
+def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
+    """The judgement of two drives on one craft, the second's lines called so."""
+    if table is None:
+        return replace(first, gaps=(*first.gaps, "the second wing's drive, of which there are no lines here"))
+    second = judge(table, first.limit, scenario)
+    theirs = (replace(m, line=replace(m.line, line=f"wing_2 {m.line.line}")) for m in second.margins)
+    margins = sorted([*first.margins, *theirs], key=lambda m: m.factor)
+    gaps = (*first.gaps, *(f"wing_2 {gap}" for gap in second.gaps))
+    return replace(first, margins=tuple(margins), unknown=(*first.unknown, *second.unknown), gaps=gaps)
 
 
 def unsettled(table: LineTable, scenario: Scenario) -> list[str]:

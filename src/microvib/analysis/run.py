@@ -44,6 +44,11 @@ class RunResult:
         return None if source is None else source.beside
 
     @property
+    def second(self) -> LineTable | None:
+        """Lines of the second wing's drive, where that is known."""
+        return None if self.beside is None else lines(self.beside)
+
+    @property
     def accuracy(self) -> Accuracy | None:
         """How far the integration may be off; None where that is not known."""
         return estimate_in(self.solver)

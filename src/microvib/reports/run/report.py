@@ -10,6 +10,7 @@ import numpy as np
 from microvib.analysis.accuracy import KEY
 from microvib.analysis.budget import budget
 from microvib.analysis.limits import Judgement, Limit, judge
+from microvib.analysis.lines import lines as found_lines
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -59,7 +60,8 @@ def run_report(
         Text("In the folder of this report (the scenario there is complete):"),
         Code("microvib run scenario.yaml --out again"),
     )
-    judged = None if limit is None else judge(lines, limit, scenario)
+    second = None if motion.beside is None else found_lines(motion.beside)
+    judged = None if limit is None else judge(lines, limit, scenario, second)
     if hub is None and scenario.spacecraft is not None:
         hub = hub_lines(motion, lines)
     return study(

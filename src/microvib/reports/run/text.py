@@ -41,7 +41,7 @@ def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
 def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
     scenario, solver, i = result.scenario, result.solver, result.invariants
     if limit is not None:
-        yield f"\n{judge(result.table, limit, scenario)}"
+        yield f"\n{judge(result.table, limit, scenario, result.second)}"
     if result.fallback:
         yield f"\nNo steady state: {result.fallback}. Simulated from rest instead."
     elif scenario.record.start == "steady":

@@ -263,16 +263,23 @@ def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
     stuck = float(np.mean(source["stuck_output"])) if state is None else state.stuck_output
     on_hub = hub_lines(source, table, harmonics, los_only=True)
     los = dict(zip(on_hub.names, on_hub.amplitude, strict=True))
-    return replace(_result(work.study, scenario, table, source["T_d"], stuck, fallback), los=los)
+    second = None if source.beside is None else lines_of(source.beside, harmonics=harmonics)
+    return replace(_result(work.study, scenario, table, source["T_d"], stuck, fallback, second), los=los)
 
 
 def _result(
-    study: Study, scenario: Scenario, table: LineTable, x: np.ndarray, stuck_output: float, note: str = ""
+    study: Study,
+    scenario: Scenario,
+    table: LineTable,
+    x: np.ndarray,
+    stuck_output: float,
+    note: str = "",
+    second: LineTable | None = None,
 ) -> _Result:
-    """A case whose lines are known, judged as its run would be."""
+    """A case whose lines are known, with those of a ``second`` wing's drive, judged as its run would be."""
     verdict, gaps, limit = 0, "", limit_of(study)
     if limit is not None:
-        judgement = judge(table, limit, scenario)
+        judgement = judge(table, limit, scenario, second)
         verdict, gaps = VERDICTS.index(judgement.verdict), judgement.not_judged(1).strip()
     scalars = (float(np.abs(x).max()), float(x.std()), stuck_output)
     return _Result(table, scalars, verdict, gaps, note=note, T_d=x if "T_d" in study.keep else None)
