@@ -493,6 +493,27 @@ def test_what_the_short_way_misses_is_doubted(lowest: float, highest: float) -> 
         assert abs(found.value / wanted.value - 1.0) > SHORT_WAY_DOUBT
 
 
+@pytest.mark.parametrize(("channel", "noise"), [("Mz", 0.3), ("Mx", 3.0), ("Fx", 30.0)])
+def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: float) -> None:
+    """Where it hides lines of one channel the others tell of them, and where it makes lines of its own they decide nothing."""
+    scenario = scenario_of(
+        whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1),
+        **{"record.settle": Si(20.0), "record.duration": Si(8.0)},
+    )
+    ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
+    loads = {n: np.array(ground[n]) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+    loads[channel] = loads[channel] + noise * np.random.default_rng(1).standard_normal(loads[channel].size)
+    units = {n: "N" if n[0] == "F" else "N*m" for n in loads}
+    keys = {"limit": "1 urad", "lowest": "5 Hz", "highest": "300 Hz"}
+    r = Requirements(requirements=[{"axis": axis, **keys} for axis in ("x", "y", "radial")])
+    truth = pointing_budget(scenario, r).judged
+    for found, true in zip(
+        pointing_budget(scenario, r, recording=Recording(loads, 1024.0, units, "table")).judged, truth, strict=True
+    ):
+        assert math.isfinite(found.most)
+        assert found.least <= true.value <= found.most
+
+
 def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     scenario = scenario_of(whole.FullCraft(), **{"record.settle": Si(0.5), "record.duration": Si(2.0)})
     (tmp_path / "craft.yaml").write_text(dump_scenario(scenario))

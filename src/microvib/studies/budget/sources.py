@@ -226,8 +226,9 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     los = short_way(scenario, f, np.nan_to_num(loads) @ turn.T).los
     if los is None:
         raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
-    by_each = [short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T]
-    most = np.sum([np.abs(by) * floors[:, [k]] for k, by in enumerate(by_each) if by is not None], axis=0)
+    by_each = np.abs([short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T])  # (6, k, 2)
+    noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, np.nan_to_num(floors) ** 2))
+    most = np.einsum("jka,kj->ka", by_each, np.abs(np.nan_to_num(loads))) + noise
     known = np.all(np.isfinite(los), axis=1)
     faint = np.array([x is not None and x.status == FAINT for x in found]) & np.all(np.isfinite(floors), axis=1) & known
     gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")] if missing else []
@@ -241,7 +242,7 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     gaps += list(_above(scenario, PASSBAND * recording.sample_rate))
     kept = seen & known
     spread = np.array([_relative(row) for row in found])
-    doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[kept], initial=0.0))
+    doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[kept], initial=0.0)) + noise[kept] / np.abs(los[kept])
     names = tuple(x.name for x, ok in zip(expected, kept, strict=True) if ok)
     how = f"clock lines of the recording {recording.title}, the short way"
     return Contribution(name, how, names, f[kept], los[kept], gaps=tuple(gaps), doubt=doubt, scenario=scenario)

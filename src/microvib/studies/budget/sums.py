@@ -69,12 +69,22 @@ class Judged:
         return self.limit / self.value if self.value > 0.0 else math.inf
 
 
+_Part = tuple[float, np.ndarray, str, np.ndarray, bool]
+"""A line: frequency, both angles, clock, doubts of both, and whether it belongs to the settled motion."""
+
+
 def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
     """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
     parts = [
-        (float(f), one.los[k], one.clock or f"{n}:{k}", doubts[k] if doubtful else np.zeros(2), bool(one.settled[k]))
+        (
+            float(f),
+            one.los[k],
+            one.clock or f"{n}:{k}",
+            doubts[k] if doubtful else 0.0 * doubts[k],
+            bool(one.settled[k]),
+        )
         for n, one in enumerate(contributions)
-        for doubts in (np.broadcast_to(one.doubt, one.los.shape),)
+        for doubts in (_doubts(one),)
         for k, f in enumerate(one.frequency)
     ]
     parts.sort(key=lambda part: part[0])
@@ -87,6 +97,12 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
     rows = np.array([_of_group(group, rule) for group in groups]).reshape(-1, 3, 2)
     frequency = np.array([group[0][0] for group in groups])
     return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2])
+
+
+def _doubts(one: Contribution) -> np.ndarray:
+    """Relative doubt of each line about both axes, (k, 2)."""
+    given = np.asarray(one.doubt, dtype=float)
+    return np.broadcast_to(given[:, None] if given.ndim == 1 else given, (len(one.frequency), 2))
 
 
 def _of_group(group: Sequence[tuple[float, np.ndarray, str, np.ndarray, bool]], rule: Rule) -> np.ndarray:
