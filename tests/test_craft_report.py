@@ -39,7 +39,7 @@ def motion(result: RunResult) -> Motion:
 @pytest.fixture(scope="module")
 def sections(result: RunResult, motion: Motion) -> dict[str, Section]:
     document = run_report(motion, result.table)
-    assert any(fact.label == "line of sight, RPE in 1 s" for fact in document.facts)
+    assert any(fact.label.startswith("line of sight, RPE in 1 s") for fact in document.facts)
     return {section.title: section for section in document.sections}
 
 
@@ -66,6 +66,22 @@ def test_tables_are_those_of_the_lines(result: RunResult, motion: Motion, sectio
             assert number(micro) == pytest.approx(1e6 * sums[metric, window], rel=6e-3)
             assert number(pixel) == pytest.approx(sums[metric, window] / 0.5e-6, rel=6e-3)
     assert ranks.rows[0].cells[2].startswith(hub.ranking("rpe", 0.01)[0][0])
+
+
+def test_what_rings_after_the_start_is_said_beside_the_figure_that_it_is_in(result: RunResult, motion: Motion) -> None:
+    """A settled motion has none of it; after five seconds of settling most of the figure is the start's."""
+    hub = hub_lines(motion, result.table)
+    assert {"array_mode_1", "array_mode_2"} <= set(hub.rings)
+    assert not [name for name in hub.rings if name.startswith(("drive", "full"))]
+    (fact,) = craft.pointing_facts(hub)
+    rings = [name in hub.rings for name in hub.names]
+    squares = hub.mean_squares("rpe", 1.0).sum(axis=1)
+    part = 100.0 * squares[rings].sum() / squares.sum()
+    assert part > 10.0
+    assert fact.label == f"line of sight, RPE in 1 s, {part:.2g} % of its square ringing after the start"
+    steady = mv.run(result.scenario.with_({"record.start": "steady"}))
+    assert steady.state is not None
+    assert hub_lines(steady.state, steady.table).rings == ()
 
 
 def test_densities_add_up_to_what_moves(motion: Motion, monkeypatch: pytest.MonkeyPatch) -> None:

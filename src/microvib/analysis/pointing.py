@@ -62,6 +62,8 @@ class HubLines:
     """Loads on the hub at the second wing's interface, (k, 6); None without a second wing."""
     driven: tuple[str, ...] = ()
     """Lines that noise drives: one draw of what ``density`` has of all, so that sums leave them out."""
+    rings: tuple[str, ...] = ()
+    """Lines that ring after the start and die away; sums count them with their mean."""
     drives: tuple[HubLines, ...] = ()
     """What each of two drives makes by itself, where two are added here; empty of one."""
 
@@ -191,8 +193,7 @@ class HubLines:
         """Header and rows of ``loads.csv``; ``second`` those of the second wing's interface."""
         found = self.second if second else self.loads
         assert found is not None
-        units = ["n", "n", "n", "n_m", "n_m", "n_m"]
-        keys = [f"{name.lower()}_{unit}" for name, unit in zip(INTERFACE, units, strict=True)]
+        keys = [f"{name.lower()}_{'n' if name[0] == 'F' else 'n_m'}" for name in INTERFACE]
         header = ["line", "frequency_hz", *keys, *(f"{name.lower()}_phase_rad" for name in INTERFACE)]
         return header, [
             [name, float(f), *np.abs(values).tolist(), *np.angle(values).tolist()]
@@ -208,10 +209,8 @@ class HubLines:
             for metric in METRICS:
                 header += [f"{metric}_{_words(window)}_{axis}_rad" for axis in "xy"]
                 columns.append(np.sqrt(self.mean_squares(metric, window)))
-        figures = np.hstack(columns)
-        return header, [
-            [name, float(f), *row.tolist()] for name, f, row in zip(self.names, self.frequency, figures, strict=True)
-        ]
+        rows = zip(self.names, self.frequency, np.hstack(columns), strict=True)
+        return header, [[name, float(f), *row.tolist()] for name, f, row in rows]
 
 
 def _rms(squares: np.ndarray) -> dict[str, float]:
@@ -270,7 +269,9 @@ def _lines_of_one(source: Motion | SteadyState, table: LineTable, harmonics: int
     tones = tones[keep]
     los, second = tones[:, -2:] if looks else None, tones[:, 6:12] if two else None
     driven = tuple(line.line for line in table if line.status == DRIVEN)
-    return HubLines(scenario, names, frequency[keep], tones[:, :6], los, shafts[keep], unknown, second, driven)
+    lasts = {line.line for line in table if line.status in ("ok", DRIVEN)}
+    rings = tuple(x.name for x, kept in zip(expected, own & keep, strict=True) if kept and x.name not in lasts)
+    return HubLines(scenario, names, frequency[keep], tones[:, :6], los, shafts[keep], unknown, second, driven, rings)
 
 
 def together(first: HubLines, second: HubLines) -> HubLines:
@@ -314,6 +315,7 @@ def together(first: HubLines, second: HubLines) -> HubLines:
         second=added(first.second, second.loads),
         unknown=(*first.unknown, *(f"{SECOND} {name}" for name in second.unknown)),
         driven=(*first.driven, *(names[place[name]] for name in second.driven if name in place)),
+        rings=(*first.rings, *(names[place[name]] for name in second.rings if name in place)),
         drives=(first, second),
     )
 

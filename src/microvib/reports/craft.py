@@ -36,6 +36,8 @@ _LEAST_BINS = 4.0
 """Bins below which an angle says nothing: it is an acceleration over the square of a frequency."""
 _VIEW = np.array([[-0.64, 0.77, 0.0], [-0.29, -0.24, 0.93]])
 """Hub axes as they are drawn: to the right, and up; the eye looks at their cross product."""
+RINGS = 0.01
+"""Part of a mean square from which it is told that it rings after the start."""
 
 
 def craft_sections(motion: Motion, hub: HubLines) -> tuple[Section, ...]:
@@ -50,7 +52,10 @@ def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
         return ()
     window = max(hub.windows)
     rms = float(radial(hub.sums("rpe", window).sum(axis=0)))
-    return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {_window(window)}"),)
+    die = np.array([name in hub.rings for name in hub.names], dtype=bool)
+    part = float(hub.mean_squares("rpe", window)[die].sum()) / rms**2 if rms else 0.0
+    rings = f", {100 * part:.2g} % of its square ringing after the start" if part > RINGS else ""
+    return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {_window(window)}{rings}"),)
 
 
 def craft_words(craft: Spacecraft) -> str:
@@ -306,17 +311,22 @@ def _windows(hub: HubLines) -> list[Block]:
         found.append(table(["metric", *(f"{name} [1]" for name in names)], pixels, caption))
     ranks = [[x for x in hub.ranking("rpe", w)[:_RANKS] if x[1] > 0.0] for w in hub.windows]
     rows = [
-        [str(k + 1), *(f"{rank[k][0]}, {_micro(rank[k][1])}" if k < len(rank) else "" for rank in ranks)]
+        [str(k + 1), *(f"{_named(hub, rank[k][0])}, {_micro(rank[k][1])}" if k < len(rank) else "" for rank in ranks)]
         for k in range(_RANKS)
     ]
     found.append(
         table(
             ["", *names],
             rows,
-            "Lines that cost most in each window: RPE, radial rms in µrad. What rings counts with its mean over the record.",
+            "Lines that cost most in each window: RPE, radial rms in µrad. What rings after the start counts with its mean over the"
+            " record; record.start=steady leaves it out.",
         )
     )
     return found
+
+
+def _named(hub: HubLines, line: str) -> str:
+    return f"{line} (rings)" if line in hub.rings else line
 
 
 def _angles(motion: Motion) -> Figure:

@@ -80,13 +80,17 @@ def _craft(hub: HubLines) -> dict[str, Any]:
         "words": craft_words(spacecraft),
         "drawing": address(svg(draw_craft(hub.scenario))),
         "lines": [
-            {"line": name, "frequency_hz": f, "loads": loads, "los": angles if los is not None else None}
+            {
+                "line": name, "frequency_hz": f, "loads": loads, "los": angles if los is not None else None,
+                "rings": name in hub.rings, "noise": name in hub.driven,
+            }
             for name, f, loads, angles in lines
         ],
+        "noise": hub.density is not None,
         "windows": list(hub.windows),
         "pixel": None if los is None else los.pixel,
         "driven_wing": hub.scenario.driven_wing is not None,
-    }
+    }  # fmt: skip
 
 
 def _facts(motion: Motion, T_d: Share, summed: dict[str, Any]) -> dict[str, Any]:

@@ -41,10 +41,11 @@ export function weight(metric, frequency, window) {
 
 /** Mean squares about both axes of each line, the most costly first, and their sums. */
 export function cost(lines, metric, window) {
-  const squares = lines.map(({ line, frequency_hz, los }) => {
+  const lasting = lines.filter(({ noise }) => !noise); // of what noise drives this is one draw
+  const squares = lasting.map(({ line, frequency_hz, los, rings }) => {
     const w = 0.5 * weight(metric, frequency_hz, window);
     const [x, y] = los.map((amplitude) => w * amplitude ** 2);
-    return { line, frequency_hz, x, y, radial: x + y };
+    return { line, frequency_hz, x, y, radial: x + y, rings };
   });
   const sum = (key) => Math.sqrt(squares.reduce((total, one) => total + one[key], 0));
   return { ranked: squares.sort((a, b) => b.radial - a.radial), x: sum("x"), y: sum("y"), radial: sum("radial") };
@@ -96,19 +97,22 @@ function windowOf(craft) {
   function fill() {
     const window = 10 ** view.decade;
     const { ranked, x, y, radial } = cost(craft.lines, view.metric, window);
+    const part = ranked.reduce((total, one) => total + (one.rings ? one.radial : 0), 0) / radial ** 2;
+    const rings = part > 0.01 ? `; ${number(100 * part, 2)} % of its square rings after the start (steady leaves it out)` : "";
+    const noise = craft.noise ? "; noise, which the report has, is left out" : "";
     const pixels = craft.pixel ? `, ${number(radial / craft.pixel, 3)} pixels` : "";
     slider.value = view.decade;
     slider.setAttribute("aria-valuetext", span(window));
     said.textContent =
       `${METRICS[view.metric]} in ${span(window)}: ${quantity(radial, "rad")} radial${pixels}` +
-      ` (x ${quantity(x, "rad")}, y ${quantity(y, "rad")}), rms of all lines`;
+      ` (x ${quantity(x, "rad")}, y ${quantity(y, "rad")}), rms of all lines${rings}${noise}`;
     const top = ranked[0]?.radial || 1;
     ranking.replaceChildren(
       ...ranked.slice(0, RANKS).map((one) =>
         h(
           "li",
           {},
-          h("span", {}, `${one.line}, ${number(one.frequency_hz, 4)} Hz`),
+          h("span", {}, `${one.line}, ${number(one.frequency_hz, 4)} Hz${one.rings ? ", rings" : ""}`),
           h("span", { class: "rod", css: { "--share": Math.sqrt(one.radial / top) } }),
           h("span", { class: "n" }, quantity(Math.sqrt(one.radial), "rad")),
         ),
