@@ -226,7 +226,8 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     los = short_way(scenario, f, np.nan_to_num(loads) @ turn.T).los
     if los is None:
         raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
-    by_each = np.abs([short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T])  # (6, k, 2)
+    each = (short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T)
+    by_each = np.abs(np.array([one for one in each if one is not None]))  # (6, k, 2)
     noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, np.nan_to_num(floors) ** 2))
     most = np.einsum("jka,kj->ka", by_each, np.abs(np.nan_to_num(loads))) + noise
     known = np.all(np.isfinite(los), axis=1)
