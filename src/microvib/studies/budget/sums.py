@@ -88,7 +88,7 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
         for k, f in enumerate(one.frequency)
     ]
     parts.sort(key=lambda part: part[0])
-    groups: list[list[tuple[float, np.ndarray, str, np.ndarray, bool]]] = []
+    groups: list[list[_Part]] = []
     for part in parts:
         if groups and part[0] - groups[-1][0][0] <= SAME * part[0]:
             groups[-1].append(part)
@@ -105,7 +105,7 @@ def _doubts(one: Contribution) -> np.ndarray:
     return np.broadcast_to(given[:, None] if given.ndim == 1 else given, (len(one.frequency), 2))
 
 
-def _of_group(group: Sequence[tuple[float, np.ndarray, str, np.ndarray, bool]], rule: Rule) -> np.ndarray:
+def _of_group(group: Sequence[_Part], rule: Rule) -> np.ndarray:
     """Least, given and largest amplitude (3, 2) of lines of one frequency; what rings counts in the largest only."""
     clocks: dict[str, list[np.ndarray]] = {}
     for _, los, clock, doubt, settled in group:
