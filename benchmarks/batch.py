@@ -24,8 +24,8 @@ from microvib.signals.line_fit import lines_at_known_clock
 from microvib.solve import kernel
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
-from microvib.solve.sampling import sample_intervals
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples, sample_intervals
 from microvib.units import Si
 
 TOP = 1400.0

@@ -11,7 +11,8 @@ from microvib.model.part import plain
 from microvib.model.reducer import Reducer
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 
 STEP = 1.2e-5  # rad at the output; a microstep of state 1 is 1.96e-5
 NO_DRY_FRICTION = {

@@ -9,7 +9,8 @@ from support.scenarios import baseline
 import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 
 SMOOTH = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.0}
 NO_ROTOR_LOSS = {"motor.friction.viscous": 0.0}

@@ -37,7 +37,8 @@ from microvib.signals.pointing import weight
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.integration import from_rest
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 from microvib.units import Si
 
 

@@ -13,7 +13,8 @@ from microvib.errors import MicrovibError
 from microvib.model.presliding import loop_elements, maxwell_elements, quasi_static_torque
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 from microvib.solve.steady.state import steady_state
 
 MICROSTEPS = 6

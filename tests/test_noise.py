@@ -14,7 +14,8 @@ from microvib.analysis.limits import judge, unsettled
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.noise import torque_noise
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 from microvib.solve.steady.state import steady_state
 
 NOISE = {"density": 2e-6, "lowest": 0.5, "highest": 20.0, "seed": 3}

@@ -7,7 +7,8 @@ import pytest
 from support.scenarios import baseline
 
 from microvib.solve import kernel, propagators
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 
 SMOOTH = {
     "sources": {},

@@ -16,7 +16,8 @@ from microvib.model.part import plain
 from microvib.model.sentences import validated
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 from microvib.solve.steady.period import repeats_after
 from microvib.solve.steady.state import steady_state
 

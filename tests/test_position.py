@@ -12,7 +12,8 @@ import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.noise import roughness
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 from microvib.solve.steady.state import steady_state
 
 ROUGH = {"density": 1e-6, "lowest": 2000.0, "highest": 30_000.0, "seed": 3}

@@ -13,7 +13,8 @@ from microvib.analysis.seeds import quantile_bounds
 from microvib.model.driven import driven_lines, noise_density, response
 from microvib.signals.line_table import DRIVEN
 from microvib.solve import kernel
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 
 NOISE = {"density": 2e-4, "lowest": 0.3, "highest": 5.0, "seed": 1}
 SHORT = {"record.settle": 30.0, "record.duration": 16.0, "record.sample_rate": 512.0}

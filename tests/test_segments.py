@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from microvib.solve import kernel
-from microvib.solve.pack import samples_into
+from microvib.solve.sampling import samples_into
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.segments import Segments
 

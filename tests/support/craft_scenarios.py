@@ -13,7 +13,8 @@ from microvib.model.rigid import elements
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 from support import craft as whole
 from support.scenarios import in_si
 

@@ -15,7 +15,8 @@ from support.scenarios import baseline
 
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 
 SMOOTH = {
     "sources": {},

@@ -14,7 +14,8 @@ from support.scenarios import baseline
 
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 
 ON_ROTOR = {"motor.friction.coulomb": 0.002, "motor.friction.breakaway": 0.004, "motor.friction.stribeck_rate": 0.05}
 NO_OUTPUT = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.0}

@@ -18,8 +18,8 @@ from microvib.solve.channels import CHANNELS, INTERFACE, LINE_OF_SIGHT, MODAL
 from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
 from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
-from microvib.solve.pack import Packed, pack, samples_into
-from microvib.solve.sampling import Decimator, sample_intervals, top_frequency
+from microvib.solve.pack import Packed, pack
+from microvib.solve.sampling import Decimator, sample_intervals, samples_into, top_frequency
 from microvib.solve.vector import whole_lanes
 
 Progress = Callable[[float, float], None]

@@ -16,9 +16,6 @@ from microvib.solve import kernel, propagate, propagators, rodas4
 from microvib.solve.noise import roughness, torque_noise
 from microvib.solve.vector import whole_lanes
 
-SHOWN, TORQUE_SHOWN = (0.5, 1.0), (0.1, 0.0)
-"""Weights of the errors of rates and of currents inside steps: where channels are sampled, and where nothing but the torque is,
-which is that of polynomials of degree 7."""
 FEW = 8
 """Sums of channels that are made in every step, rather than picked from all channels' samples."""
 SHORTEST = 0.01
@@ -109,23 +106,6 @@ class Packed:
             return own
         modes = p.H_m @ y[kernel.MODES + 1 :: 2] + (p.V + p.V_m) @ y[kernel.MODES :: 2]
         return own + float(p.J_c * (y[kernel.WM] + y[kernel.WL]) + modes)
-
-
-def no_samples(columns: int) -> Any:
-    """Samples for a stretch in which nothing is recorded."""
-    return samples_into(np.zeros((0, columns)), math.inf, 1.0)
-
-
-def samples_into(rows: np.ndarray, first: float, width: float, mix: np.ndarray | None = None) -> Any:
-    """Samples that fill ``rows`` (n, columns) with means over intervals of ``width`` [s] from ``first`` [s] on.
-
-    The first columns are sums of the channels by the weights ``mix`` (sums, channels); without it, all channels or, where there are
-    two, the torque and the output's stick (``Packed.torque_of``). Propagators fill whole lanes (``Packed.columns``).
-    """
-    columns = rows.shape[1]
-    shown = TORQUE_SHOWN if columns == 2 and mix is None else SHOWN
-    cursor, mix = np.zeros(2, dtype=np.int64), np.zeros((0, 0)) if mix is None else mix
-    return kernel.Samples(first, width, rows, np.zeros(columns), cursor, mix, *shown)
 
 
 def pack(scenario: Scenario) -> Packed:

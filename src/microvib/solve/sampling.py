@@ -14,10 +14,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from microvib.model.scenario import Scenario
+from microvib.solve import kernel
 from microvib.solve.decimate import filter_and_decimate
 from microvib.solve.vector import whole_lanes
 
@@ -28,6 +30,9 @@ FASTEST = 65_536.0
 """Inner rate [Hz] above which a high driving frequency no longer raises it."""
 LOBES = 9
 """Half length of the filter in samples of the record."""
+SHOWN, TORQUE_SHOWN = (0.5, 1.0), (0.1, 0.0)
+"""Weights of the errors of rates and of currents inside steps: where channels are sampled, and where nothing but the torque is,
+which is that of polynomials of degree 7."""
 _BETA = 7.86  # Kaiser window, 80 dB
 
 
@@ -78,6 +83,23 @@ def sample_intervals(scenario: Scenario, start: float = 0.0) -> SampleIntervals:
     if first < start:
         lead, first = lead - 1, first + width
     return SampleIntervals(factor, width, first, half - lead, lead + 1 + (record.samples - 1) * factor + half)
+
+
+def no_samples(columns: int) -> Any:
+    """Samples for a stretch in which nothing is recorded."""
+    return samples_into(np.zeros((0, columns)), math.inf, 1.0)
+
+
+def samples_into(rows: np.ndarray, first: float, width: float, mix: np.ndarray | None = None) -> Any:
+    """Samples that fill ``rows`` (n, columns) with means over intervals of ``width`` [s] from ``first`` [s] on.
+
+    The first columns are sums of the channels by the weights ``mix`` (sums, channels); without it, all channels or, where there are
+    two, the torque and the output's stick (``Packed.torque_of``). Propagators fill whole lanes (``Packed.columns``).
+    """
+    columns = rows.shape[1]
+    shown = TORQUE_SHOWN if columns == 2 and mix is None else SHOWN
+    cursor, mix = np.zeros(2, dtype=np.int64), np.zeros((0, 0)) if mix is None else mix
+    return kernel.Samples(first, width, rows, np.zeros(columns), cursor, mix, *shown)
 
 
 @lru_cache(maxsize=8)

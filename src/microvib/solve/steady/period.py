@@ -16,9 +16,9 @@ from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import no_samples, pack
+from microvib.solve.pack import pack
 from microvib.solve.propagate import FIRST_LEVEL
-from microvib.solve.sampling import LOBES
+from microvib.solve.sampling import LOBES, no_samples
 
 SECTION = 0.1
 """The map starts this part of a microstep period before a microstep, when the last transient has decayed longest."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.solve import kernel
-from microvib.solve.pack import no_samples, samples_into
+from microvib.solve.sampling import no_samples, samples_into
 from microvib.solve.steady.period import PeriodMap, interrupted
 
 MOST = 8

@@ -27,7 +27,7 @@ from microvib.solve.integration import (
     shows_hub,
 )
 from microvib.solve.motion import Invariants, Motion, channel_of
-from microvib.solve.pack import samples_into
+from microvib.solve.sampling import samples_into
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search
 
