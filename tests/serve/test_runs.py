@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from support.scenarios import limit_of
 from support.server import SHORT, result, start
 
 import microvib as mv
+from microvib.io.writing import RUN_FILES
 from microvib.reports.run.folder import run_scenario
 from microvib.signals.screen import outline
 from microvib.solve.channels import CHANNELS
+from microvib.web.routes import results
 from microvib.web.routes.results import series
 
 
@@ -155,3 +158,11 @@ def test_events_tell_how_far_a_run_is(client):
 
 def test_channels_of_the_page_are_those_of_a_motion(client, finished):
     assert [c["name"] for c in result(client, finished)["channels"]] == list(CHANNELS)
+
+
+def test_the_page_offers_every_file_of_a_run():
+    offered = (Path(results.__file__).parents[1] / "static" / "run.js").read_text(encoding="utf-8")
+    for name in RUN_FILES:
+        if name != "motion_wing_2.nc":  # the page keeps the first drive's channels
+            assert name in results.FILES
+            assert f'["{name}"' in offered

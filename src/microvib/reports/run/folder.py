@@ -73,8 +73,6 @@ def write_run(
         files = {"motion.nc": partial(write_motion, motion)}
         if motion.beside is not None:
             files[SECOND_MOTION] = partial(write_motion, motion.beside)
-        if of_hub is not None:
-            files["densities.csv"] = densities_csv(motion)
         files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit, form=form), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
@@ -98,6 +96,7 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
         **({} if of_hub is None or result.beside is None else {"lines_wing_2.csv": lines_csv(lines(result.beside))}),
         **({"seeds.csv": seeds_csv(result.table)} if result.table.seeds else {}),
         **({} if of_hub is None else {"loads.csv": rows_csv(*of_hub.loads_table())}),
+        **({} if of_hub is None or result.motion is None else {"densities.csv": densities_csv(result.motion)}),
         **(
             {}
             if of_hub is None or of_hub.second is None

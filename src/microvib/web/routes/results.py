@@ -29,6 +29,7 @@ FILES = {
     "seeds.csv": "text/csv",
     "loads.csv": "text/csv",
     "pointing.csv": "text/csv",
+    "densities.csv": "text/csv",
     "lines_wing_2.csv": "text/csv",
     "loads_wing_2.csv": "text/csv",
     "summary.json": "application/json",

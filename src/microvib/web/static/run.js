@@ -31,6 +31,7 @@ const FILES = [
   ["seeds.csv", "lines over the seeds (CSV)"],
   ["loads.csv", "loads on the hub (CSV)"],
   ["pointing.csv", "line of sight (CSV)"],
+  ["densities.csv", "densities of both (CSV)"],
   ["lines_wing_2.csv", "lines of the second wing's drive (CSV)"],
   ["loads_wing_2.csv", "loads of the second wing (CSV)"],
   ["summary.json", "summary"],
@@ -231,6 +232,7 @@ function menu(run) {
   const lacks = {
     "seeds.csv": !run.result.seeds?.length,
     "loads.csv": !craft,
+    "densities.csv": !craft,
     "pointing.csv": !craft?.lines.some(({ los }) => los),
     "lines_wing_2.csv": !craft?.driven_wing,
     "loads_wing_2.csv": !craft?.driven_wing,
