@@ -17,7 +17,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
-from microvib.signals.line_fit import lines_at_known_clock, tones_beside
+from microvib.signals.line_fit import crowded, lines_at_known_clock, tones_beside
 from microvib.signals.line_table import DRIVEN, SEEN, Line, LineTable
 from microvib.signals.pointing import (
     METRICS,
@@ -335,7 +335,7 @@ def _found(
 
     Where it has to be ``fast``, what rings does so as in T_d, and only what T_d does not show is sought.
     """
-    shafts, rows = ("alpha_l", "alpha_m"), table if fast else None
+    shafts, rows = ("alpha_l", "alpha_m"), table if fast else crowded(table)
     if not fast or isinstance(source, SteadyState):
         return _each(source, expected, shafts, rows)[0], _each(source, expected, channels, rows)
     tones, frequency, decay = tones_beside(

@@ -87,6 +87,14 @@ def lines_at_known_clock(
     return LineTable(figures.rows(Uncertainty(none, none, none, none)), 1.0, 0.0, np.size(x), sample_rate)
 
 
+def crowded(table: LineTable) -> LineTable:
+    """Of a table the modes that are so near a line of the clock that another channel can tell them only if it knows them."""
+    clock = [x.expected_hz for x in table if x.kind not in ("array mode", "other")]
+    modes = (x for x in table if x.kind == "array mode")
+    near = (x for x in modes if any(abs(x.expected_hz - f) * table.duration < SEPARATION for f in clock))
+    return replace(table, lines=tuple(near))
+
+
 def tones_beside(
     xs: Sequence[np.ndarray], sample_rate: float, expected: Sequence[ExpectedLine], beside: LineTable
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
