@@ -19,7 +19,7 @@ from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
 from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import Decimator, sample_intervals, samples_into, top_frequency
+from microvib.solve.sampling import Decimator, half_length, sample_intervals, samples_into, top_frequency
 from microvib.solve.vector import whole_lanes
 
 Progress = Callable[[float, float], None]
@@ -155,8 +155,7 @@ class Simulation:
         if not self._balanced:
             before, momentum_before, start = packed.snapshot(), packed.momentum, t
             x.clock[kernel.IMPULSE], x.energy[:] = 0.0, 0.0
-        mix = None if self._wanted is None else self._picked(np.eye(packed.channels), self._wanted).T.copy()
-        mix = mix if mix is not None and packed.mixes(mix) else None
+        mix = self._mix()
         columns = torque.shape[1] if self._torque_only else packed.columns if mix is None else whole_lanes(len(mix))
         decimator = Decimator(self._factor)
         # One buffer for all chunks: fresh memory for each would cost as much as filling it.
@@ -183,17 +182,13 @@ class Simulation:
                         max(largest, float(np.max(np.abs(T_d)))),
                     )
                     rows = np.ascontiguousarray(T_d)[:, None]
-                elif mix is not None:
-                    rows = rows[:, : len(mix)]
-                elif self._wanted is not None:  # before they are filtered, which takes as long as all the rest
+                elif self._wanted is not None and mix is None:  # before they are filtered, which takes its time
                     rows = self._picked(rows[:, : packed.channels], self._wanted)
-                else:
-                    rows = rows[:, : packed.channels]
                 if done == 0:
                     rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
                 done += count
             else:  # pad the filter's last block
-                rows = np.repeat(rows[-1:], per_chunk, axis=0)
+                rows = np.repeat(rows[-1:], 2 * half_length(self._factor) + self._factor, axis=0)
             block = decimator.push(rows)[: record.samples - made]
             made += block.shape[0]
             if block.shape[0]:
@@ -228,12 +223,26 @@ class Simulation:
             block |= dict(zip(OF_STATES, self._of_states.T @ rows.T, strict=True))
         return np.vstack([block[name].T for name in wanted]).T
 
+    def _mix(self) -> np.ndarray | None:
+        """What is wanted as sums of the channels (wanted, channels); None where propagators do not make them (``Packed.mixes``)."""
+        wanted, packed = self._wanted or MODAL, self.packed
+        if set(wanted) & set(MODAL):
+            return None
+        mix = np.zeros((len(wanted), packed.channels))
+        for row, name in zip(mix, wanted, strict=True):
+            if name in CHANNELS:
+                row[list(CHANNELS).index(name)] = 1.0
+            elif self._of_states is not None:
+                row[:] = self._of_states[:, OF_STATES.index(name)]
+        return mix if packed.mixes(mix) else None
+
     def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
         modes = self.packed.drive.H.size
         if self._wanted is None:
-            return {name: np.ascontiguousarray(x) for name, x in channels_of(samples, modes).items()}
+            whole = channels_of(samples[:, : self.packed.channels], modes)
+            return {name: np.ascontiguousarray(x) for name, x in whole.items()}
         ends = np.cumsum([modes if name in MODAL else 1 for name in self._wanted])
-        parts = zip(self._wanted, np.split(samples, ends[:-1], axis=1), strict=True)
+        parts = zip(self._wanted, np.split(samples[:, : ends[-1]], ends[:-1], axis=1), strict=True)
         return {name: np.ascontiguousarray(x if name in MODAL else x[:, 0]) for name, x in parts}
 
     def _finish(self, simulated: float, seconds: float) -> None:
