@@ -116,7 +116,7 @@ def test_what_the_turning_changes_is_of_the_stated_size(rate: float) -> None:
     psi = np.radians(np.arange(40.0, 140.0, 0.1 * rate))  # every 0.1 s
     los = other.turned(psi, math.radians(rate))[:, 3:5]
     at = np.linspace(1000 * 0.06 / rate, psi.size - 1, 61).astype(int)
-    moved = [moved_by(scenario.at_angle(a), np.array([f]), np.array([[1.0, 0.0]])) for a in psi[at].tolist()]
+    moved = [moved_by(scenario.at_angle(Si(a)), np.array([f]), np.array([[1.0, 0.0]])) for a in psi[at].tolist()]
     still, slope = np.array([m.los[0] for m in moved]), np.array([m.slope[0] for m in moved])
     wanted = np.array([other.quasi_static(a)[3:5] for a in psi[at].tolist()])
     assert np.abs(still - wanted).max() < 2e-3 * np.abs(wanted).max()

@@ -511,7 +511,7 @@ def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
 
 def test_over_an_orbit_a_held_wing_turns_with_the_first() -> None:
     scenario = quick().alone
-    turned = scenario.at_angle(1.0).other_wing
+    turned = scenario.at_angle("1 rad").other_wing
     assert turned is not None
     assert turned.spacecraft is not None
     assert turned.spacecraft.array_angle == -1.0

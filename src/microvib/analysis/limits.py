@@ -190,10 +190,15 @@ def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judg
     if table is None:
         return replace(first, gaps=(*first.gaps, "the second wing's drive, of which there are no lines here"))
     second = judge(table, first.limit, scenario)
-    theirs = (replace(m, line=replace(m.line, line=f"wing_2 {m.line.line}")) for m in second.margins)
+
+    def called(line: Line) -> Line:
+        return replace(line, line=f"wing_2 {line.line}")
+
+    theirs = (replace(m, line=called(m.line)) for m in second.margins)
     margins = sorted([*first.margins, *theirs], key=lambda m: m.factor)
+    unknown = (*first.unknown, *map(called, second.unknown))
     gaps = (*first.gaps, *(f"wing_2 {gap}" for gap in second.gaps))
-    return replace(first, margins=tuple(margins), unknown=(*first.unknown, *second.unknown), gaps=gaps)
+    return replace(first, margins=tuple(margins), unknown=unknown, gaps=gaps)
 
 
 def unsettled(table: LineTable, scenario: Scenario) -> list[str]:

@@ -24,6 +24,7 @@ from microvib.model.linear import coordinates, coupled_modes, pulls
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import INTERFACE, SECOND
+from microvib.units import Si
 
 MEANINGLESS = 0.05
 """Frequency [Hz] below which the lines of a hub without attitude control mean nothing, and are left out."""
@@ -293,7 +294,7 @@ def chart(scenario: Scenario, rates: np.ndarray, angles: np.ndarray | None = Non
     found = []
     for angle in psi:
         if hub.second is not None:  # which may turn, too
-            there = receiver_of(scenario.at_angle(float(angle)))
+            there = receiver_of(scenario.at_angle(Si(angle)))
             Y, seen = there.accelerance(f), there.transfer(f)
         turn = np.kron(np.eye(2), about_axis(spacecraft.interface.axis, float(angle) - spacecraft.array_angle))
         found.append(_coupled(f, loads @ turn.T, turn @ mass @ turn.T, Y, seen))

@@ -21,7 +21,7 @@ from microvib.model.reducer import Reducer
 from microvib.model.sentences import validated
 from microvib.model.spacecraft import DRIVE, Spacecraft
 from microvib.model.tracking import Tracking
-from microvib.units import Quantity
+from microvib.units import Given, Quantity, quantity
 
 _WORDS = ("title", "source", "sources")  # fields that hold no parameters
 
@@ -210,13 +210,14 @@ class Scenario(Part):
         wing = craft.second_wing.model_copy(update=held)
         return self.model_copy(update={"spacecraft": craft.model_copy(update={"second_wing": wing})})
 
-    def at_angle(self, angle: float) -> Scenario:
-        """The same with its array at an ``angle`` [rad], on a craft.
+    def at_angle(self, angle: Given) -> Scenario:
+        """The same with its array at an ``angle``, such as ``"30 deg"``, on a craft.
 
         A second wing without ``array_angle`` turns with it; a driven one with its own does by its rate, from where it is.
         """
         craft = self.spacecraft
         assert craft is not None
+        angle = quantity("angle", angle, "rad", example="deg")
         update: dict[str, Any] = {"array_angle": angle}
         wing, other = craft.second_wing, self.driven_wing
         if wing is not None and wing.array_angle is not None and other is not None and self.rate and other.rate:

@@ -40,6 +40,13 @@ class HubPoint(Part):
     position: Position = Field(description="position from the hub's centre of mass, hub axes")
 
 
+def _control(given: Any) -> Any:
+    """None for ``none``; ValueError for other words."""
+    if isinstance(given, str | bool) and given != "none":
+        raise ValueError("write none, or bandwidth and damping, such as {bandwidth: 0.02 Hz, damping: 0.7}")
+    return None if given == "none" else given
+
+
 class HubMode(Part):
     """One flexible free-free mode of the hub alone, mass-normalised."""
 
@@ -252,7 +259,7 @@ class Spacecraft(Part):
     interface: Interface
     attitude_control: Annotated[
         AttitudeControl | None,
-        BeforeValidator(lambda x: _control(x), json_schema_input_type=AttitudeControl | Literal["none"] | None),
+        BeforeValidator(_control, json_schema_input_type=AttitudeControl | Literal["none"] | None),
     ] = Field(
         default=None, description="none leaves the craft free; lines far below the array's first mode mean nothing then"
     )
@@ -307,13 +314,6 @@ class Spacecraft(Part):
         here = np.array(interface.position)
         near = (k for k, p in enumerate(self.hub.points) if np.linalg.norm(np.array(p.position) - here) <= SAME_PLACE)
         return next(near, None)
-
-
-def _control(given: Any) -> Any:
-    """None for ``none``; ValueError for other words."""
-    if isinstance(given, str | bool) and given != "none":
-        raise ValueError("write none, or bandwidth and damping, such as {bandwidth: 0.02 Hz, damping: 0.7}")
-    return None if given == "none" else given
 
 
 def _is_direction(given: Direction) -> bool:

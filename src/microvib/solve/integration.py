@@ -158,8 +158,8 @@ class Simulation:
         mix = self._mix()
         columns = torque.shape[1] if self._torque_only else packed.columns if mix is None else whole_lanes(len(mix))
         decimator = Decimator(self._factor)
-        # One buffer for all chunks: fresh memory for each would cost as much as filling it.
-        # As long whatever is kept, since a step ends where a chunk does.
+        # One buffer for all chunks: fresh memory for each would cost as much as filling it. It is as long whatever is kept, since a
+        # step ends where a chunk does.
         per_chunk = chunk_rows(columns if self._torque_only else packed.columns, math.ceil(self._chunk / width))
         buffer = np.zeros((per_chunk, columns))
         samples = samples_into(buffer[:0], first, width, mix)
@@ -225,11 +225,11 @@ class Simulation:
 
     def _mix(self) -> np.ndarray | None:
         """What is wanted as sums of the channels (wanted, channels); None where propagators do not make them (``Packed.mixes``)."""
-        wanted, packed = self._wanted or MODAL, self.packed
-        if set(wanted) & set(MODAL):
+        packed = self.packed
+        if self._wanted is None or set(self._wanted) & set(MODAL):
             return None
-        mix = np.zeros((len(wanted), packed.channels))
-        for row, name in zip(mix, wanted, strict=True):
+        mix = np.zeros((len(self._wanted), packed.channels))
+        for row, name in zip(mix, self._wanted, strict=True):
             if name in CHANNELS:
                 row[list(CHANNELS).index(name)] = 1.0
             elif self._of_states is not None:

@@ -68,7 +68,7 @@ def sweep_angles(
     check_sweep(scenario)
     turns = [quantity("angles", angle, "rad", example="deg") for angle in angles]
 
-    def at(angle: float) -> tuple[HubLines, str]:
+    def at(angle: Si) -> tuple[HubLines, str]:
         turned = scenario.at_angle(angle)
         state, why = find_steady(turned) if turned.record.start == "steady" else (None, "")
         if state is not None:

@@ -328,8 +328,8 @@ class Simulated:
 def predicted(lines: Simulated, wanted: Observation) -> float:
     """The simulated figure for one observation; nan if the lines do not have it."""
     if wanted.bins:
-        levels = (float(np.median(lines.between[list(bins)])) if bins else 0.0 for bins in (wanted.bins, wanted.less))
-        return math.sqrt(max(next(levels) ** 2 - next(levels) ** 2, 0.0))
+        level, less = (float(np.median(lines.between[list(k)])) if k else 0.0 for k in (wanted.bins, wanted.less))
+        return math.sqrt(max(level**2 - less**2, 0.0))
     by_name = {line.line: line for line in lines.table}
     line = by_name.get(wanted.line)
     if line is None:

@@ -185,7 +185,7 @@ def over_orbit(
     between = _Between(runs)
     psi, moved = between.dense()
     lines = tuple(
-        HubLines(steady.at_angle(angle), between.names, between.frequency, one.loads, one.los, np.empty((0, 2)))
+        HubLines(steady.at_angle(Si(angle)), between.names, between.frequency, one.loads, one.los, np.empty((0, 2)))
         for angle, one in zip(psi.tolist(), moved, strict=True)
     )
     rates = [abs(one.rate or 0.0) for one in _drives(scenario)]
@@ -298,7 +298,7 @@ class _Between:
         first, *second = (
             moved_by(drive, self.frequency, (1.0 - part) * torque[k - 1] + part * torque[k], at_second=n > 0)
             for n, (drive, torque) in enumerate(
-                zip(_drives(self._runs.scenario.at_angle(angle)), self._torques, strict=True)
+                zip(_drives(self._runs.scenario.at_angle(Si(angle))), self._torques, strict=True)
             )
         )
         return sum(second, first)

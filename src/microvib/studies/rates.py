@@ -256,11 +256,11 @@ def _solver(scenario: Scenario, linear: bool, workers: int | None, progress: Pro
 
     def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
         before = len(futures)
-        futures.extend(pool.submit(one, scenario, Si(rate), n) for rate, n in wanted)
-        for done, _ in enumerate(as_completed(futures[before:]), before + 1):
-            if progress is not None:
-                progress(done, len(futures))
         try:
+            futures.extend(pool.submit(one, scenario, Si(rate), n) for rate, n in wanted)
+            for done, _ in enumerate(as_completed(futures[before:]), before + 1):
+                if progress is not None:
+                    progress(done, len(futures))
             return [future.result() for future in futures[before:]]
         except BrokenExecutor:
             raise MicrovibError("a process that solved cases was ended; memory may be short") from None
