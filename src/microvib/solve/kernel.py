@@ -594,11 +594,9 @@ def noise_at(t, p):
 #     slipping:  stick x rate                        ends where the body comes to rest
 #     stuck:     breakaway torque - |hold torque|    ends where friction can no longer hold the body
 #
-# A step is first made as if no mode ended (``step``). If a margin is negative at its end, the event lies inside the step, and the
-# step is repeated with shorter lengths until it ends where the margin is just spent (``_shorten_to_event``). ``first_trial`` takes
-# the first length from the continuous extension of the step, which costs no new step; ``next_trial`` improves it by the ends of
-# steps actually made, so that the time of the event is as accurate as the step. There ``decide_friction`` sets the rate to
-# exactly zero and chooses the next mode from the hold torque, and the next step starts in that mode.
+# Where a margin is negative inside a step or at its end, the step is made to end where it is just spent (by
+# ``microvib.solve.ends`` or ``microvib.solve.rodas4``). There ``decide_friction`` sets the rate to exactly zero and chooses the
+# next mode from the hold torque, and the next step starts in that mode.
 
 
 @code.inner(**INLINE)
