@@ -5,15 +5,20 @@ from __future__ import annotations
 import csv
 import io
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from microvib.io.recordings import Prepared
 from microvib.io.sources import open_source
 from microvib.reports.comparison import clock_sentence, comparison_report, comparison_text, verdict_sentence
 from microvib.reports.document import Table, Text
 from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
-from microvib.studies.compare import Figures, Row, Side, compare, comparison_csv
+from microvib.studies.analyse import analyse
+from microvib.studies.compare import Figures, Row, Side, _with_names_of, compare, comparison_csv
+from microvib.testdata.recording import Recording
 
 
 def row(line: str, a: tuple[float, ...], b: tuple[float, ...]) -> Row:
@@ -21,6 +26,7 @@ def row(line: str, a: tuple[float, ...], b: tuple[float, ...]) -> Row:
     return Row(line, *(Figures(10.0, *side) if side else Figures() for side in (a, b)))
 
 
+SHORT = {"record.settle": "2 s", "record.duration": "4 s", "record.sample_rate": "1024 Hz"}
 ROWS = [
     row("drive_1", (1.0, 0.03), (1.09, 0.04)),  # 1.8 standard uncertainties
     row("drive_2", (0.5, 0.003), (0.5105, 0.004)),  # 2.1
@@ -43,12 +49,66 @@ def test_two_standard_uncertainties_of_the_difference_decide():
     }
 
 
+def test_a_line_that_does_not_stand_out_agrees_with_nothing():
+    """Under a floor that is high enough any two would."""
+    loud = Row("drive_1", Figures(10.0, 0.5, 0.4, seen=False), Figures(10.0, 0.1, 0.001))
+    assert loud.verdict == "hidden"
+    assert Row("drive_1", loud.b, loud.a).verdict == "hidden"
+    assert Row("drive_1", loud.a, replace(loud.b, amplitude=5.0)).verdict == "differs"  # larger than the floor allows
+    assert Row("drive_1", replace(loud.a, amplitude=2.0), loud.b).verdict == "hidden"  # what noise alone may make
+    assert verdict_sentence([loud]).startswith("No line is judged")
+    assert "1 line hidden by the floor of one side (drive_1)" in verdict_sentence([*ROWS, loud])
+
+
+def test_noise_does_not_agree_with_a_drive(state_1):
+    """A recording of ten newton metres of noise, of a drive that may have stood still."""
+    loud = np.random.default_rng(1).normal(size=16_384)
+    rows = compare(Recording({"Mz": 10.0 * loud}, 1024.0, {"Mz": "N*m"}, "noise"), state_1.with_(SHORT)).rows
+    assert sum(row.verdict == "hidden" for row in rows) > 30
+    assert not [row.line for row in rows if row.verdict in ("agrees", "differs")]
+
+
+def heard(*tones: tuple[float, float]) -> Recording:
+    t = np.arange(8192) / 1024.0
+    x = 1e-3 * np.random.default_rng(2).normal(size=t.size)
+    return Recording({"Mz": x + sum(a * np.cos(2.0 * np.pi * f * t) for f, a in tones)}, 1024.0, {"Mz": "N*m"}, "heard")
+
+
+@pytest.mark.parametrize(
+    ("nominal", "tones", "told"),
+    [
+        (50.4, [(50.0, 0.05), (100.0, 0.02), (150.0, 0.03)], ["the drive may not have moved"]),
+        (51.5, [(51.5, 0.05), (103.0, 0.02), (154.5, 0.03)], []),
+        (53.0, [(106.0, 0.05), (212.0, 0.02)], ["drive_2, drive_4 stand out: the drive may have run at 2 times"]),
+        (53.0, [(53.0, 0.05), (106.0, 0.02)], []),
+        (60.1, [(60.1, 0.05), (120.2, 0.02), (15.025, 0.01)], ["pick-up of the mains (50 or 60 Hz) may stand: drive_1, drive_2"]),
+        (53.0, [(71.0, 0.05)], ["no line of the step clock stands out within 2 % of the scenario's rate"]),
+        (53.0, [], ["no line of the step clock"]),
+    ],
+)  # fmt: skip
+def test_what_speaks_against_a_clock_is_told(state_1, nominal, tones, told):
+    scenario = state_1.with_(
+        {"tracking.clock_ratio": nominal / (state_1.driving_frequency / state_1.tracking.clock_ratio)}
+    )
+    notes = analyse(Prepared(heard(*tones)), scenario=scenario).recording.notes
+    assert len(notes) == len(told)
+    assert all(words in note for words, note in zip(told, notes, strict=True))
+
+
+def test_unexpected_lines_are_the_same_within_their_uncertainty():
+    a = Side("a", "table", {"other_1": Figures(2.0, 1.0, frequency_uncertainty=1e-3)})
+    b = Side("b", "table", {"other_1": Figures(2.003, 1.0, frequency_uncertainty=1e-3)})
+    assert list(_with_names_of(a, b).lines) == ["other_1"]
+    apart = replace(b, lines={"other_1": replace(b.lines["other_1"], frequency=2.01)})
+    assert list(_with_names_of(a, apart).lines) == ["other_1_of_b"]
+
+
 def test_the_sentence_counts_and_names():
     assert verdict_sentence(ROWS) == (
         "1 of 2 lines agrees within 2 standard uncertainties of the difference (drive_1); 1 differs (drive_2)."
         " 1 line only A has (drive_4). 1 line only B has (drive_5). 2 lines without uncertainties (drive_6, drive_3)."
     )
-    assert verdict_sentence(ROWS[2:3]) == "No line is judged: one side has no known uncertainty."
+    assert verdict_sentence(ROWS[2:3]) == "No line is judged: one side has no known uncertainty, or hides them."
 
 
 def test_the_file_keeps_all_digits_and_the_verdict():

@@ -48,6 +48,8 @@ TEXTS = {
     "separator at the end": "Time [s];Mz [Nm];\n" + table(T, MZ, separator=";", end=";\n").replace("\n", ";\n"),
     "rate on top": "Sample rate: 4096 Hz\nMz [N*m],Fx [N]\n" + table(MZ, MZ),
     "rate in German on top": "Abtastrate;4,096 kHz\nMz [Nm];Fx [N]\n" + table(MZ, MZ, separator=";", decimal=","),
+    "kilohertz before the number": "Sampling rate [kHz]: 4.096\nMz [N*m],Fx [N]\n" + table(MZ, MZ),
+    "in kilohertz": "Sample rate in kHz = 4.096\nMz [N*m],Fx [N]\n" + table(MZ, MZ),
     "no end of line": "time,Mz\ns,N*m\n" + table(T, MZ, end=""),
     "other encoding": "Zeit [s];Mz [µNm]\n".encode("cp1252") + table(T, 1e6 * MZ, separator=";").encode(),
 }  # fmt: skip
@@ -94,6 +96,9 @@ WHOLE = "time,Mz\ns,N*m\n"
         (WHOLE + table(np.round(T, 3), MZ), "too few digits to tell the samples apart"),
         (WHOLE + table(np.where(T > 0.3, T - 0.1, T), MZ), "does not increase"),
         (WHOLE + table(T + 1e-4 * np.sin(40 * T) * (T > 0.2), MZ), "wanders|missing"),
+        ("Sample rate: 4,096 Hz\nMz [N*m]\n" + table(MZ), "give the sample rate in Hz"),  # thousands
+        ("Abtastrate: 4.096 Hz\nMz [Nm]\n" + table(1e4 * MZ, form="{:.0f}"), "give the sample rate in Hz"),
+        ("Sample rate divider: 4\nMz [N*m]\n" + table(MZ), "give the sample rate in Hz"),
         ("date,Mz\n" + "2026-11-21 12:00:00.1,0.5\n" * 20, "has no 8 rows of numbers"),
     ],
 )
@@ -133,6 +138,8 @@ MATS = {
     "catman": mat(**CATMAN),
     "structs in a list": mat(fs=RATE, ch=ONE_EACH),
     "signals with time": mat(out={"time": T, "signals": {"values": MZ, "label": "Mz", "unit": "N*m"}}),
+    "time in milliseconds by its name": mat(Mz=MZ, t_ms=1e3 * T, units={"Mz": "N*m"}),
+    "a vector of something else": mat(Mz=MZ, t=T, units={"Mz": "N*m"}, calibration=np.arange(7.0)),
     "step": mat(Mz=1e3 * MZ, dt=1 / RATE, units={"Mz": "mN*m"}),
     "cells": mat(x=np.array([MZ, MZ, 0], dtype=object)[:2], names=np.array(["Mz", "Fx"], dtype=object), units=np.array(["N*m", "N"], dtype=object), fs=RATE),
 }  # fmt: skip

@@ -8,6 +8,7 @@ import scipy.io
 
 from microvib.errors import OutputError
 from microvib.io.recordings import read_recording, write_recording
+from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, check, regular_rate
 
 RATE = 4096.0
@@ -125,6 +126,43 @@ def test_bad_channels_are_named_as_what_they_are(change, complaint):
         check(made(Mz=change(made()["Mz"])), "Mz")
 
 
+CLIPPED = np.clip(made()["Mz"], -0.3, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "how", "complaint"),
+    [
+        ({"Mz": CLIPPED}, {"detrend": 1}, "Mz is clipped"),
+        ({"Mz": CLIPPED}, {"response": "boxcar"}, "Mz is clipped"),
+        ({"Mz": CLIPPED}, {"decimate": 2, "channels": {"Mz": "-Mz"}}, "Mz is clipped"),
+        ({"Mz": np.where((T > 0.5) & (T < 0.52), 0.1, made()["Mz"])}, {"detrend": 1}, "Mz repeats one value"),
+        ({"Mz": np.full_like(T, 0.1)}, {"detrend": 1}, "Mz is constant"),
+        (
+            {"Mz": np.where(np.arange(T.size) == 7, np.nan, T)},
+            {"detrend": 1},
+            "has 1 samples that are not numbers, the first at",
+        ),
+        ({"Fx": CLIPPED}, {"offset": (0.0, 1.0, 0.0)}, "Mz is made of Fx, which is clipped"),
+        ({"Mx": CLIPPED}, {"axes": ("y", "z", "x")}, "Mz is made of Mx, which is clipped"),
+    ],
+)
+def test_what_is_wrong_is_told_whatever_is_done_to_it(changes, how, complaint):
+    with pytest.raises(RecordingError, match=complaint):
+        check(Preparation(**how).apply(made(**changes)), "Mz")
+
+
+@pytest.mark.parametrize(
+    ("changes", "how"),
+    [
+        ({"Mz": np.where(T < 0.2, CLIPPED, made()["Mz"])}, {"start": "0.25 s", "detrend": 1}),  # cut away
+        ({"Fx": CLIPPED}, {"offset": (1.0, 0.0, 0.0)}),  # no part of it
+        ({"Fx": 1e-6 * np.round(10 * CLIPPED)}, {"offset": (0.0, 1.0, 0.0)}),  # of no account
+    ],
+)
+def test_what_is_wrong_elsewhere_does_not_count(changes, how):
+    check(Preparation(**how).apply(made(**changes)), "Mz")
+
+
 def test_good_channels_pass_and_short_ones_do_not():
     check(made(), "Mz")
     with pytest.raises(RecordingError, match=r"lasts 1 s; the lines asked for need 16 s"):
@@ -148,8 +186,11 @@ def test_time_axes():
     assert regular_rate(np.round(T, 9))[0] == 4096.0
     with pytest.raises(RecordingError, match="about 3 samples are missing, the first at"):
         regular_rate(np.delete(T, [100, 101, 102]))
-    with pytest.raises(RecordingError, match="wanders"):
-        regular_rate(T + 1e-4 * np.sin(7 * T))
+    late = 100.0 + T
+    assert regular_rate(np.round(late, 4))[0] == pytest.approx(RATE, rel=1e-3)  # written to its last digit
+    for t in (T + 1e-4 * np.sin(7 * T), late + 2e-4 * np.sin(7 * T)):
+        with pytest.raises(RecordingError, match="wanders"):
+            regular_rate(t)
 
 
 @pytest.mark.parametrize(("name", "content"), [("a.uff", b"no uff"), ("a.mat", b"MATLAB 5.0 broken"), ("a.tdms", b"TDSm?"), ("a.nc", b"\x89HDF"), ("a.csv", b"Mz\n1\n2\n"), ("a.wav", b"RIFF")])  # fmt: skip

@@ -15,7 +15,9 @@ from microvib.signals.line_table import LineTable
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording
 
-LINES = "line,frequency_hz,amplitude_n_m,phase_rad\ndrive_1,53.1,0.04,unread\ndrive_2,,0.01,\n"
+LINES = (
+    "line,frequency_hz,amplitude_n_m,phase_rad,status\ndrive_1,53.1,0.04,unread,ok\ndrive_2,,0.01,,below the floor\n"
+)
 
 
 @pytest.fixture
@@ -51,9 +53,15 @@ def test_names_of_the_catalog_and_of_the_paper():
 def test_a_table_of_lines_says_what_it_says_and_no_more(files):
     table = open_source(str(files / "lines.csv"))
     assert (table["drive_1"].frequency_hz, table["drive_1"].amplitude_n_m) == (53.1, 0.04)
+    assert [line.status for line in table] == ["ok", "below the floor"]
     assert np.isnan(
         [table["drive_2"].frequency_hz, table["drive_1"].phase_rad, table["drive_1"].bin_amplitude_n_m]
     ).all()
+
+
+def test_a_table_from_a_spreadsheet_is_the_same(files):
+    (files / "saved.csv").write_text(LINES.replace(",", ";").replace(".", ","))
+    assert open_source(str(files / "saved.csv"))["drive_1"].amplitude_n_m == 0.04
 
 
 def test_a_folder_is_read_as_far_as_it_is_there(files):

@@ -8,7 +8,7 @@ up to the edge of the record's passband, ``model.record.PASSBAND``; ``signals.li
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -215,6 +215,32 @@ def lines_of_recording(
         return table
     check(background, channel, _SHORTEST)
     return with_background(table, background[channel])
+
+
+MAINS = (50.0, 60.0)
+
+
+def near_mains(frequency: float, duration: float) -> bool:
+    """Whether pick-up of the mains, or of one of its first harmonics, may stand in a line [Hz] of a record [s]."""
+    return any(abs(frequency - m * mains) * duration < 5.0 for mains in MAINS for m in range(1, 7))
+
+
+def clock_doubts(table: LineTable) -> Iterator[str]:
+    """What speaks against the clock that was found in a recording: a sentence each."""
+    clock = [x for x in table if x.kind not in ("array mode", "other")]
+    seen = [x for x in clock if x.status in SEEN]
+    hum = [x.line for x in seen if near_mains(x.frequency_hz, table.duration)]
+    drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
+    common = math.gcd(*(k for k, x in drive.items() if x in seen))
+    if clock and table.clock_ratio is None:
+        yield f"no line of the step clock stands out within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
+    elif hum and len(hum) == len(seen):
+        yield "all lines of the step clock stand where the mains (50 or 60 Hz) may: the drive may not have moved"
+    elif hum:
+        yield f"where pick-up of the mains (50 or 60 Hz) may stand: {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
+    if common > 1 and all(x.status == FAINT for k, x in drive.items() if k % common):
+        names = ", ".join(x.line for x in drive.values() if x in seen)
+        yield f"of the driving lines only {names} stand out: the drive may have run at {common} times the scenario's rate"
 
 
 def expected_in(

@@ -13,7 +13,6 @@ import numpy as np
 from microvib.io.measured import Column, Hints, recording_of
 from microvib.testdata.channels import in_yaml, is_unit, named_unit
 from microvib.testdata.recording import Recording, RecordingError
-from microvib.units import convert
 
 FEWEST_ROWS = 8
 LONGEST_TOP = 500  # lines that may stand above the numbers
@@ -22,10 +21,13 @@ _FORMS = (("\t", "."), (";", "."), (",", "."), (None, "."), ("\t", ","), (";", "
 _NUMBER = re.compile(
     r"\s*\"?\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*\"?\s*|\s*\"?[+-]?(nan|inf|infinity)\"?\s*", re.IGNORECASE
 )
+_HERTZ = r"([kM]?)(?:Hz|S/s|Sa/s)"
 _RATE = re.compile(
-    r"\W*(?:sampl\w*|abtast\w*)[ _-]*(?:rate|freq\w*|frequenz)[^\d]*?(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\W*([kM]?(?:Hz|S/s))?\W*",
+    rf"\W*(?:sampl\w*|abtast\w*)[ _-]*(?:rate|freq\w*|frequenz)\W*(?:(?:in\s+)?{_HERTZ}\W+)?"
+    rf"(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\W*(?:{_HERTZ})?\W*",
     re.IGNORECASE,
 )
+_THOUSANDS = re.compile(r"\d{1,3}([.,])\d{3}")
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
         notes.append("the last row has no end of line and may be cut off: it was left out")
     elif last is not None:
         notes.append("the last row has no end of line")
-    rates = _rates(top)
+    rates = _rates(top, form.decimal if any(form.decimal in line for line in body) else "")
     columns = [Column(name, data[:, k], units[k], rates) for k, name in enumerate(names)]
     if not headed and hints.time is None and not rates and hints.sample_rate is None:
         raise RecordingError(
@@ -175,12 +177,17 @@ def _doubtful(texts: Sequence[str]) -> bool:
     return not any(decimals)
 
 
-def _rates(top: Sequence[str]) -> dict[str, float]:
-    """Sample rates [Hz] that the lines on top say, such as ``Sample rate: 4096 Hz``."""
+def _rates(top: Sequence[str], decimal: str) -> dict[str, float]:
+    """Sample rates [Hz] that the lines on top say, such as ``Sample rate: 4096 Hz`` or ``Sampling rate [kHz]: 4.096``.
+
+    Not one such as ``4,096`` where the numbers below do not show that its mark is the ``decimal`` one: it may part thousands.
+    """
     found = {}
     for line in top:
         said = _RATE.fullmatch(line.strip())
-        if said:
-            unit = (said[2] or "Hz").replace("S/s", "Hz")
-            found[f"the line '{line.strip()[:40]}'"] = float(said[1].replace(",", ".")) * convert(f"1 {unit}", "Hz")
+        grouped = said and _THOUSANDS.fullmatch(said[2])
+        if said and not (grouped and grouped[1] != decimal):
+            prefix = said[1] or "" if said[3] is None else said[3]
+            times = {"": 1.0, "k": 1e3, "m": 1e6}[prefix.lower()]
+            found[f"the line '{line.strip()[:40]}'"] = float(said[2].replace(",", ".")) * times
     return found

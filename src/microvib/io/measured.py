@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from microvib.testdata.channels import in_yaml, is_time
+from microvib.testdata.channels import in_yaml, is_time, named_unit
 from microvib.testdata.recording import Recording, RecordingError, regular_rate, snapped_rate
 from microvib.units import convert
 
@@ -67,6 +67,11 @@ def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] =
     named = _with_time(list(columns), hints)
     if not named:
         raise RecordingError("has no channels")
+    sampled = [c for c in named if c.rates or c.time is not None]
+    if mixed and sampled and hints.sample_rate is None:
+        bare = (c for c in named if not c.rates and c.time is None)
+        said += [f"left out, without a sample rate: {c.name} ({c.values.size})" for c in bare]
+        named = sampled
     for column in named:
         key = (id(column.time), *column.rates.items())
         if key not in known:
@@ -161,7 +166,8 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
 
 
 def _rate_of_axis(time: Column, hints: Hints, said: list[str]) -> dict[str, float]:
-    unit = hints.units.get(time.name, time.unit).strip().strip("[]()").split(" since ")[0].strip()
+    own = time.unit or named_unit(time.name.rsplit(".", 1)[-1])[1]  # as time_ms
+    unit = hints.units.get(time.name, own).strip().strip("[]()").split(" since ")[0].strip()
     try:
         seconds = convert(f"1 {unit}", "s") if unit else 1.0
     except ValueError:

@@ -137,20 +137,20 @@ def is_line_table(path: Path) -> bool:
     """Whether a CSV file is a table of lines and not a recording."""
     try:
         with path.open("rb") as stream:
-            return stream.readline(1000).removeprefix(b"\xef\xbb\xbf").split(b",")[0].strip() == b"line"
+            first = stream.readline(1000).removeprefix(b"\xef\xbb\xbf")
+            return re.split(rb"[,;\t]", first)[0].strip(b' "\r\n') == b"line"
     except OSError:
         return False
 
 
 def read_lines(path: Path) -> LineTable:
-    """Frequencies and amplitudes of a table of lines by name, nan where they are empty; nothing else of the table is read.
+    """Frequencies, amplitudes and status of a table of lines by name, empty or nan where they are; nothing else is read.
 
     MicrovibError names the row where one is not a number, or not finite.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            rows = enumerate(csv.DictReader(stream), 2)
-            return _table([(row.get("line") or "", _figures(f"{path}, row {k}", row)) for k, row in rows])
+        rows = enumerate(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))), 2)
+        return _table([(row.get("line") or "", _figures(f"{path}, row {k}", row)) for k, row in rows])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or f"is not a table as text ({error})"
         raise MicrovibError(f"{path}: cannot be read: {reason}") from None
@@ -167,11 +167,14 @@ def paper_lines(column: Literal["test", "simulation"]) -> PaperLines:
     return PaperLines(column, _table(rows))
 
 
-def _table(rows: list[tuple[str, dict[str, float]]]) -> LineTable:
+def _table(rows: list[tuple[str, dict[str, Any]]]) -> LineTable:
     lines = tuple(Line(**{**_UNKNOWN, "line": name, **figures}) for name, figures in rows)
     return LineTable(lines, None, None, 0, math.nan)
 
 
-def _figures(where: str, row: dict[str, str | None]) -> dict[str, float]:
-    texts = {column: (row.get(column) or "").strip() for column in _FIGURES}
-    return {column: finite(f"{where}: {column}", text) if text else math.nan for column, text in texts.items()}
+def _figures(where: str, row: dict[str, str | None]) -> dict[str, Any]:
+    found: dict[str, Any] = {"status": (row.get("status") or "").strip()}
+    for column in _FIGURES:
+        text = (row.get(column) or "").strip()
+        found[column] = finite(f"{where}: {column}", text) if text else math.nan
+    return found

@@ -13,7 +13,18 @@ from microvib.reports.document import Block, Document, Fact, Form, Mark, Section
 from microvib.reports.numbers import brief, count, format_number, milli, percent
 from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
-from microvib.studies.compare import AGREES, COVERAGE, DIFFERS, ONLY_A, ONLY_B, UNJUDGED, Row, Side, comparison_csv
+from microvib.studies.compare import (
+    AGREES,
+    COVERAGE,
+    DIFFERS,
+    HIDDEN,
+    ONLY_A,
+    ONLY_B,
+    UNJUDGED,
+    Row,
+    Side,
+    comparison_csv,
+)
 
 _MAX_FIRST_PAGE = 10
 """Lines on the first page."""
@@ -61,16 +72,21 @@ def worth_a_row(rows: Sequence[Row]) -> list[Row]:
 
 def verdict_sentence(rows: Sequence[Row]) -> str:
     """How many lines agree within the uncertainties, which do not, and what that is worth."""
-    of = {v: [r for r in rows if r.verdict == v] for v in (AGREES, DIFFERS, ONLY_A, ONLY_B, UNJUDGED)}
+    of = {v: [r for r in rows if r.verdict == v] for v in (AGREES, DIFFERS, HIDDEN, ONLY_A, ONLY_B, UNJUDGED)}
     agree, differ = (f"{verb}{'s' if len(of[v]) == 1 else ''}" for verb, v in (("agree", AGREES), ("differ", DIFFERS)))
     judged = len(of[AGREES]) + len(of[DIFFERS])
-    rest = "No line is judged: one side has no known uncertainty."
+    rest = "No line is judged: one side has no known uncertainty, or hides them."
     if judged:
         rest = (
             f"{len(of[AGREES])} of {count(judged, 'line')} {agree} within {COVERAGE:g} standard uncertainties of the"
             f" difference{_names(of[AGREES])}; {len(of[DIFFERS])} {differ}{_names(of[DIFFERS])}."
         )
-    for v, text in ((ONLY_A, "only A has"), (ONLY_B, "only B has"), (UNJUDGED, "without uncertainties")):
+    for v, text in (
+        (HIDDEN, "hidden by the floor of one side"),
+        (ONLY_A, "only A has"),
+        (ONLY_B, "only B has"),
+        (UNJUDGED, "without uncertainties"),
+    ):
         if of[v] and (judged or v != UNJUDGED):
             rest += f" {count(len(of[v]), 'line')} {text}{_names(of[v])}."
     return rest

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from microvib.analysis import spectra
-from microvib.analysis.lines import lines_of_recording, lines_of_samples
+from microvib.analysis.lines import clock_doubts, lines_of_recording, lines_of_samples
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source
@@ -101,9 +101,9 @@ def _source(
                 check(recording, channel)
                 return recording, background, None, 1.0
             table = lines_of_recording(recording, channel, guide, background)
-            if guide is None:
-                return recording.noted(NO_DRIVE), background, table, 1.0
-            return recording, background, table, guide.tracking.clock_ratio
+            for note in (NO_DRIVE,) if guide is None else clock_doubts(table):
+                recording = recording.noted(note)
+            return recording, background, table, 1.0 if guide is None else guide.tracking.clock_ratio
         case _:
             expected = "a scenario, the folder of a run or a recording"
             raise MicrovibError(f"{name or 'the source'}: lines alone cannot be analysed; expected {expected}")

@@ -9,14 +9,14 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from microvib.analysis.lines import lines, lines_of_recording
+from microvib.analysis.lines import clock_doubts, lines, lines_of_recording
 from microvib.errors import MicrovibError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
 from microvib.io.tables import PaperLines, rows_csv
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import LineTable
+from microvib.signals.line_table import SEEN, LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -31,8 +31,11 @@ COLUMNS = (
 COVERAGE = 2.0
 """Standard uncertainties of the difference within which two amplitudes agree; of equal lines one in twenty is beyond."""
 AGREES, DIFFERS, UNJUDGED, ONLY_A, ONLY_B = "agrees", "differs", "not judged", "only A", "only B"
+HIDDEN = "hidden"
+"""Of a line that does not stand out of the floor or the background of a side, unless the other's is too large for that floor: under
+a floor that is high enough anything agrees, and amplitudes of noise alone are above two deviations in one of seven cases."""
 SAME = 1e-4
-"""Relative difference of frequency up to which unexpected lines of aligned clocks are the same."""
+"""Relative difference of frequency up to which unexpected lines of aligned clocks are the same, or three uncertainties."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,9 @@ class Figures:
     uncertainty: float = math.nan
     bin_frequency: float = math.nan
     bin_amplitude: float = math.nan
+    seen: bool = True
+    """Whether it stands out."""
+    frequency_uncertainty: float = 0.0
 
     @property
     def known(self) -> bool:
@@ -98,7 +104,10 @@ class Row:
             return ONLY_A if self.a.known else ONLY_B
         if math.isnan(self.significance):
             return UNJUDGED
-        return AGREES if self.significance <= COVERAGE else DIFFERS
+        larger = max(self.a, self.b, key=lambda side: side.amplitude)
+        if self.significance > COVERAGE and larger.seen:
+            return DIFFERS
+        return AGREES if self.a.seen and self.b.seen else HIDDEN
 
 
 class Comparison(NamedTuple):
@@ -158,12 +167,18 @@ def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | No
 
 def _with_names_of(a: Side, b: Side) -> Side:
     """``b`` with its unexpected lines named as those of ``a`` at the same frequency; each side numbers them by size."""
-    known = {name: x.frequency for name, x in a.lines.items() if name.startswith("other_")}
+    known = {name: x for name, x in a.lines.items() if name.startswith("other_")}
     lines: dict[str, Figures] = {}
     for name, x in b.lines.items():
-        same = next((k for k, f in known.items() if abs(f - x.frequency) < SAME * x.frequency), None)
+        same = next((k for k, one in known.items() if _at_one_frequency(one, x)), None)
         lines[(same or f"{name}_of_b") if name.startswith("other_") else name] = x
     return replace(b, lines=lines)
+
+
+def _at_one_frequency(a: Figures, b: Figures) -> bool:
+    spread = math.hypot(a.frequency_uncertainty, b.frequency_uncertainty)
+    allowed = max(SAME * b.frequency, 0.0 if math.isnan(spread) else 3.0 * spread)
+    return abs(a.frequency - b.frequency) < allowed
 
 
 def _side(
@@ -190,7 +205,8 @@ def _side(
             table = lines_of_recording(recording, channel, guide, background)
             found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
             ratio = None if found is None or guide is None else found * guide.tracking.clock_ratio
-            return Side(recording.title, "recording", _figures(table), ratio, x, rate, notes=recording.notes)
+            notes = (*recording.notes, *clock_doubts(table))
+            return Side(recording.title, "recording", _figures(table), ratio, x, rate, notes=notes)
         case PaperLines():
             return Side(f"paper-{source.column}", "paper", _figures(source.table))
         case LineTable():
@@ -199,7 +215,10 @@ def _side(
 
 def _figures(table: LineTable) -> dict[str, Figures]:
     return {
-        x.line: Figures(x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m)
+        x.line: Figures(
+            x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m,
+            x.status in ("", *SEEN), x.frequency_uncertainty_hz,
+        )
         for x in table
     }  # fmt: skip
 

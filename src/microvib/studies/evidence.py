@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from microvib.analysis.lines import lines_of_recording
+from microvib.analysis.lines import clock_doubts, lines_of_recording, near_mains
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
@@ -135,14 +135,15 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
             return evidence_of(Prepared(source), scenario, channel, name)
         case Prepared(recording, background):
             table, r = lines_of_recording(recording, channel, scenario, background), recording
-            found = tuple(o for o in observations(table) if not _near_mains(table[o.line].frequency_hz, r.duration))
+            found = tuple(o for o in observations(table) if not near_mains(table[o.line].frequency_hz, r.duration))
             found = with_scatter(found, r[channel], r.sample_rate, table, scenario)
             parts = at_parts(
                 r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
             )
             noise = _allowed(r[channel], r.sample_rate, table, scenario)
+            notes = (*r.notes, *clock_doubts(table))
             return Evidence(
-                r.title, found, table.clock_ratio, r.duration, r.sample_rate, r.notes, table.rest, parts, noise
+                r.title, found, table.clock_ratio, r.duration, r.sample_rate, notes, table.rest, parts, noise
             )
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
@@ -345,11 +346,6 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
         "turn": line.phase_rad,
     }
     return figures[wanted.form]
-
-
-def _near_mains(frequency: float, duration: float) -> bool:
-    """Whether pick-up of 50 or 60 Hz mains, or of one of its first harmonics, may stand in a line."""
-    return any(abs(frequency - m * mains) * duration < 5.0 for mains in (50.0, 60.0) for m in range(1, 7))
 
 
 def paper_evidence(scenario: Scenario) -> Evidence:

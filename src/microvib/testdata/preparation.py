@@ -57,6 +57,8 @@ class Preparation(Part):
         if self.channels:
             recording = recording.mapped(self.channels)
         recording = recording.in_si()
+        ends = [None if at is None else round(at * recording.sample_rate) for at in (self.start, self.stop)]
+        recording = recording.looked_at(slice(*ends))
         if self.response:
             recording = without_response(recording, self.response)
         if self.cross_talk is not None:
@@ -112,9 +114,10 @@ def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
 
 def _moved(recording: Recording, r: np.ndarray) -> Recording:
     """Torques about the point ``r`` [m] of the table's frame instead of its origin: M - r x F."""
-    six = recording.six()
-    six[3:] -= np.cross(r, six[:3], axisb=0, axisc=0)
-    return recording.with_six(six, f"torques about {r.tolist()} m")
+    x, y, z = r
+    A = np.eye(6)
+    A[3:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return recording.combined(A, f"torques about {r.tolist()} m")
 
 
 def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:
@@ -129,5 +132,4 @@ def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:
         raise RecordingError(
             f"{recording.title}: axes: {', '.join(axes)} is not a right-handed frame; name each axis once, with signs to suit"
         )
-    six = recording.six()
-    return recording.with_six(np.vstack([R @ six[:3], R @ six[3:]]), f"axes {', '.join(axes)}")
+    return recording.combined(np.kron(np.eye(2), R), f"axes {', '.join(axes)}")

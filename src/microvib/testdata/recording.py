@@ -32,6 +32,8 @@ class Recording:
     title: str = ""
     notes: tuple[str, ...] = ()
     """What reading and preparing did, in words."""
+    faults: Mapping[str, str] | None = None
+    """What was wrong with the samples of channels before they were changed, which hides it; None while they are as read."""
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.channels:
@@ -101,24 +103,40 @@ class Recording:
         """The six components, (6, n)."""
         return np.array([self.load(name) for name in COMPONENTS])
 
-    def with_six(self, six: np.ndarray, note: str) -> Recording:
-        """A copy with other components, which says what was done to them."""
-        return self.noted(note, channels={**self.channels, **dict(zip(COMPONENTS, six, strict=True))})
+    def looked_at(self, part: slice = slice(None)) -> Recording:
+        """A copy that keeps in mind what is wrong with a ``part`` of its samples: filters and sums hide what was clipped."""
+        if self.faults is not None:
+            return self
+        found = {name: next(_in_samples(x[part], self.sample_rate), "") for name, x in self.channels.items()}
+        return replace(self, faults={name: fault for name, fault in found.items() if fault})
+
+    def combined(self, A: np.ndarray, note: str) -> Recording:
+        """Six components that are ``A`` (6, 6) times these, with the faults of all that make a hundredth of one."""
+        six, told = self.six(), dict(self.looked_at().faults or {})
+        after = A @ six
+        large = np.abs(A) * np.ptp(six, axis=1) > 0.01 * np.ptp(after, axis=1)[:, None]
+        faults = {name: fault for name, fault in told.items() if name not in COMPONENTS}
+        for i, j in np.argwhere(large).tolist():
+            name, of = COMPONENTS[i], COMPONENTS[j]
+            if of in told:
+                faults[name] = told[of] if name == of else f"is made of {of}, which {told[of]}"
+        return self.noted(note, channels={**self.channels, **dict(zip(COMPONENTS, after, strict=True))}, faults=faults)
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
         """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to reverse it."""
-        channels, units = {}, {}
+        channels, units, told = {}, {}, self.faults
         for new, old in names.items():
             sign, old = (-1.0, old[1:]) if old.startswith("-") else (1.0, old)
             channels[new], units[new] = sign * self[old], self.units.get(old, "")
-        return self.noted(f"channels {dict(names)}", channels=channels, units=units)
+        faults = told and {new: told[old.lstrip("-")] for new, old in names.items() if old.lstrip("-") in told}
+        return self.noted(f"channels {dict(names)}", channels=channels, units=units, faults=faults)
 
     def without_cross_talk(self, matrix: np.ndarray) -> Recording:
         """Six components after the cross-talk ``matrix`` (6, 6), readings = matrix @ loads, is inverted."""
         matrix = np.asarray(matrix, dtype=float)
         if matrix.shape != (6, 6) or not np.all(np.isfinite(matrix)) or np.linalg.cond(matrix) > 1e6:
             raise RecordingError(f"{self.title}: the cross-talk matrix must be 6 x 6, finite and invertible")
-        return self.with_six(np.linalg.solve(matrix, self.six()), "cross-talk matrix applied")
+        return self.combined(np.linalg.inv(matrix), "cross-talk matrix applied")
 
     def trimmed(self, start: float, stop: float) -> Recording:
         """The part from ``start`` to ``stop`` [s]."""
@@ -133,7 +151,7 @@ class Recording:
         u = np.linspace(-1.0, 1.0, self.samples)
         basis = np.polynomial.legendre.legvander(u, order)
         channels = {name: x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0] for name, x in self.channels.items()}
-        return self.noted(f"polynomial of order {order} removed", channels=channels)
+        return self.looked_at().noted(f"polynomial of order {order} removed", channels=channels)
 
     def decimated(self, factor: int) -> Recording:
         """Every ``factor``-th sample after a zero-phase low-pass (FIR, 80 dB)."""
@@ -142,7 +160,8 @@ class Recording:
         if factor < 1 or self.samples < 20 * factor:
             raise RecordingError(f"{self.title}: factor {factor} does not go with {self.samples} samples")
         channels = {name: resample_poly(x, 1, factor, window=("kaiser", 8.0)) for name, x in self.channels.items()}
-        return self.noted(f"decimated by {factor}", channels=channels, sample_rate=self.sample_rate / factor)
+        slower = self.sample_rate / factor
+        return self.looked_at().noted(f"decimated by {factor}", channels=channels, sample_rate=slower)
 
 
 def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
@@ -160,15 +179,28 @@ def _faults(recording: Recording, name: str, shortest: float) -> Iterator[str]:
     x, rate = recording.load(name), recording.sample_rate
     if x.size == 0:
         yield "is empty"
-    bad = np.flatnonzero(~np.isfinite(x))
-    if bad.size:
-        yield f"has {bad.size} samples that are not numbers, the first at {bad[0] / rate:.4g} s"
+    yield from filter(None, [(recording.faults or {}).get(name)])
+    yield from _broken(x, rate)
     largest = float(np.max(np.abs(x)))
     if largest > LARGEST_LOAD:
         measured = f"{largest:.3g} {recording.units[name]}"
         yield f"reaches {measured}, which no instrument measures; the file is broken or its unit wrong"
     if recording.duration < shortest:
         yield f"lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s"
+    yield from _in_samples(x, rate)
+
+
+def _broken(x: np.ndarray, rate: float) -> Iterator[str]:
+    bad = np.flatnonzero(~np.isfinite(x))
+    if bad.size:
+        yield f"has {bad.size} samples that are not numbers, the first at {bad[0] / rate:.4g} s"
+
+
+def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
+    """What is wrong with samples as they were read."""
+    if x.size == 0:
+        return
+    yield from _broken(x, rate)
     if np.ptp(x) == 0.0:
         yield f"is constant, {x[0]:g}; nothing was measured"
     away = np.abs(x - np.median(x))
@@ -220,13 +252,23 @@ def regular_rate(t: np.ndarray) -> tuple[float, str]:
         missing = round(float((steps[gaps] / typical - 1).sum()))
         raise RecordingError(f"about {missing} samples are missing, the first at {t[gaps[0]]:.6g} s")
     mean = float((t[-1] - t[0]) / (t.size - 1))
-    digits = 10.0 ** (math.floor(math.log10(max(abs(float(t[-1])), 1e-12))) - 5)  # six digits at the end of the axis
     wander = float(np.max(np.abs(t - t[0] - mean * np.arange(t.size))))
-    if wander > max(0.05 * mean, digits):
+    if wander > max(0.05 * mean, _written_to(t)):
         raise RecordingError(
             f"the spacing of its samples wanders by {wander:.3g} s; resample it at a constant rate first"
         )
     return snapped_rate(1.0 / mean)
+
+
+def _written_to(t: np.ndarray) -> float:
+    """The last digit [s] to which a time axis is written where that is the sixth to tenth; 0 where it has more."""
+    decade = math.floor(math.log10(max(abs(float(t[-1])), 1e-12)))
+    last = t[np.abs(t) >= 10.0**decade]  # what is smaller may have more decimals
+    for k in range(5, 10):
+        counts = last / 10.0 ** (decade - k)
+        if np.all(np.abs(counts - np.rint(counts)) < 1e-3):
+            return float(10.0 ** (decade - k))
+    return 0.0
 
 
 def snapped_rate(rate: float) -> tuple[float, str]:

@@ -122,7 +122,7 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
         channels[name] = np.fft.irfft(np.fft.rfft(longer) * gain, longer.size)[room : room + n]
     low, high = f[usable][[0, -1]]
     factor = float(np.max(np.abs(gain[usable])))
-    return recording.noted(
+    return recording.looked_at().noted(
         f"response of the measuring chain removed ({', '.join(map(str, chain))}) from {low:.4g} to {high:.5g} Hz, where it is at"
         f" least {LEAST:g}; by a factor of at most {factor:.4g}; outside, lines are as recorded",
         channels=channels,
