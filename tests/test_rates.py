@@ -15,7 +15,7 @@ from microvib.cli.rates import _counts
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
 from microvib.reports.rates import best_text, found_text
-from microvib.studies.rates import at_rate, full_case, linear_error, plan_rates, rate_grid
+from microvib.studies.rates import HIDES, at_rate, full_case, linear_error, plan_rates, rate_grid
 from microvib.units import Si, band, quantity
 
 DEG = math.pi / 180.0
@@ -140,6 +140,23 @@ def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
     assert both.best() is None
     assert math.isnan(both.worst(16))
     assert "synchronism" in both.forbidden[0].why
+
+
+def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
+    """Without a steady state a record tells the lines: what it does not resolve, or its floor hides, may be above the limit."""
+    noise = {"density": "1e-5 N^2*m^2/Hz", "highest": "200 Hz"}
+    noisy = state_1.with_({"friction.torque_noise": noise, "record.settle": "1 s", "record.duration": "4 s"})
+    slow = full_case(noisy, Si(0.0025 * DEG), 16)
+    lines = {x.line: x.amplitude for x in slow.hidden}
+    assert "full_step_1" in lines
+    assert not set(lines) & {x.line for x in slow.lines}
+    assert slow.verdict((0.0, math.inf), 2.0 * max(lines.values())) == ""
+    assert slow.verdict((0.0, math.inf), 1.01 * slow.largest((0.0, math.inf)).amplitude) == HIDES
+    best, top = limited(plan).best()
+    hidden = (replace(best.lines[0], line="full_step_3", frequency=1.0, amplitude=1.0),)
+    cases = tuple(replace(case, hidden=hidden) if case is best else case for case in plan.cases)
+    assert limited(plan, cases=cases).best()[1] >= top
+    assert limited(plan, cases=cases).best(best.microsteps)[0].rate != best.rate
 
 
 @pytest.mark.parametrize("stiffness", ["8400 N*m/rad", "rigid"])

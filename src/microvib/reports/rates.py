@@ -15,7 +15,7 @@ from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Form, Section, Table, Text, table
 from microvib.reports.numbers import brief, count, given, milli, plain, torque
 from microvib.reports.rendering import write_study
-from microvib.studies.rates import ABOVE, RatePlan, Resonance, linear_error
+from microvib.studies.rates import ABOVE, HIDES, RatePlan, Resonance, linear_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +40,9 @@ def plan_text(plan: RatePlan) -> str:
         lines.append(f"{n:10d} {shown[0]:>11s} {shown[1]:>17s} {brief(plan.worst(n)):>15s} N m")
     lines.append(best_text(plan))
     if plan.limit is not None or plan.keep_away:
-        what = {b: f"{b.line} reaches {b.largest:.4g} N m" if b.why == ABOVE else b.why for b in plan.forbidden}
-        bands = [f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {text}" for b, text in what.items()]
+        said = {ABOVE: "{0.line} reaches {0.largest:.4g} N m", HIDES: "{0.why} ({0.line}, up to {0.largest:.4g} N m)"}
+        what = ((b, said.get(b.why, "{0.why}").format(b)) for b in plan.forbidden)
+        bands = [f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {text}" for b, text in what]
         lines += ["", f"Forbidden, {_criteria(plan)}:", *(bands or ["none"])]
     if plan.resonances:
         lines += ["", "Where lines meet modes, strongest first:"]

@@ -12,11 +12,12 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
+from microvib.analysis.limits import BEYOND
 from microvib.analysis.lines import steady
 from microvib.errors import MicrovibError, OptionError, SimulationError, expect
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import FAINT
+from microvib.signals.line_table import DETECTION, FAINT
 from microvib.solve.integration import Progress
 from microvib.units import Band, Given, Si, quantity
 from microvib.units import band as ends
@@ -30,6 +31,7 @@ BISECTIONS = 8
 """Halvings of the step between two rates with which the edge of a forbidden band is found."""
 
 ABOVE = "a line is above the limit"
+HIDES = "not known: a line is hidden that may be above the limit"
 NEAR = "too near to a resonance:"
 
 
@@ -56,11 +58,22 @@ class RateCase:
     microsteps: int
     lines: tuple[RateLine, ...]
     reason: str = ""
+    hidden: tuple[RateLine, ...] = ()
+    """Lines of a time integration that a floor or what is beside them hides, with what they may have at most."""
 
-    def largest(self, band: tuple[float, float]) -> RateLine | None:
-        """The largest line within ``band`` [Hz]; None if there is none."""
-        inside = [line for line in self.lines if band[0] <= line.frequency <= band[1]]
+    def largest(self, band: tuple[float, float], hidden: bool = False) -> RateLine | None:
+        """The largest line within ``band`` [Hz], or the largest that is ``hidden``; None if there is none."""
+        inside = [x for x in (self.hidden if hidden else self.lines) if band[0] <= x.frequency <= band[1]]
         return max(inside, key=lambda line: line.amplitude, default=None)
+
+    def verdict(self, band: tuple[float, float], limit: float) -> str:
+        """Empty where all lines within ``band`` [Hz] are known to be below ``limit`` [N m]; else ``failed`` or why they are not."""
+        if not self.lines:
+            return "failed"
+        largest, hidden = self.largest(band), self.largest(band, hidden=True)
+        if largest is not None and largest.amplitude > limit:
+            return ABOVE
+        return HIDES if hidden is not None and hidden.amplitude > limit else ""
 
 
 @dataclass(frozen=True)
@@ -126,9 +139,9 @@ class RatePlan:
         return self._smallest(self._solved(microsteps))
 
     def is_allowed(self, case: RateCase) -> bool:
-        """Whether a case has lines, none of them above the limit, and is far enough from every resonance."""
+        """Whether a case has lines, none of them above the limit or hidden, and is far enough from every resonance."""
         near, limit = self.nearest(case), math.inf if self.limit is None else self.limit
-        return bool(case.lines) and self._top(case) <= limit and (near is None or near[1] >= self.keep_away)
+        return not case.verdict(self.band, limit) and (near is None or near[1] >= self.keep_away)
 
     def nearest(self, case: RateCase) -> tuple[Resonance, float] | None:
         """The resonance nearest to a case, and how far its rate is away from it, over the resonance's."""
@@ -218,7 +231,17 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
     top = max((x.amplitude_n_m for x in seen), default=0.0)
     kept = (x for x in seen if x.amplitude_n_m >= LEAST * top)
     lines = (RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m) for x in kept)
-    return RateCase(rate, microsteps, tuple(lines), result.fallback)
+    unseen = [x for x in result.lines if x.kind != "array mode" and x not in seen] if result.fallback else []
+    most = (
+        DETECTION * x.floor_n_m if x.status == FAINT and x.floor_n_m > 0.0 else BEYOND * x.bin_amplitude_n_m
+        for x in unseen
+    )
+    hidden = (
+        RateLine(x.line, x.kind, x.expected_hz / f_d, x.expected_hz, top)
+        for x, top in zip(unseen, most, strict=True)
+        if top > 0.0
+    )
+    return RateCase(rate, microsteps, tuple(lines), result.fallback, tuple(hidden))
 
 
 def linear_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
@@ -324,10 +347,7 @@ def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float],
     """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
 
     def state(case: RateCase) -> str:
-        if not case.lines:
-            return "failed"
-        line = case.largest(band)
-        return "limit" if line is not None and line.amplitude > limit else ""
+        return case.verdict(band, limit)
 
     edges = [(a, b) for a, b in pairwise(row) if state(a) != state(b)]
     n = row[0].microsteps
@@ -340,9 +360,9 @@ def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float],
         members = list(group)
         high = row[-1].rate if members[-1] is row[-1] else next(turns)
         if why:
-            lines = [line for case in members if (line := case.largest(band))]
+            lines = [line for case in members if (line := case.largest(band, hidden=why == HIDES))]
             top = max(lines, key=lambda line: line.amplitude, default=None)
-            text = ABOVE if why == "limit" else members[0].reason
+            text = members[0].reason if why == "failed" else why
             bands.append(Forbidden(n, low, high, text, top.line if top else "", top.amplitude if top else math.nan))
         low = high
     return bands
