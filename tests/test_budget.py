@@ -23,7 +23,8 @@ from microvib.reports.budget import budget_text, draw_budget
 from microvib.signals.pointing import level, weight
 from microvib.studies.budget.figures import figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
-from microvib.studies.budget.sources import SHORT_WAY_DOUBT, Contribution, Gap, of_other, of_run, open_gap
+from microvib.studies.budget.other_sources import in_any_phase, of_other
+from microvib.studies.budget.sources import SHORT_WAY_DOUBT, Contribution, Gap, of_run, open_gap
 from microvib.studies.budget.study import Budget, ensemble_of, pointing_budget, with_campaign
 from microvib.studies.budget.sums import judged, merged
 from microvib.studies.campaign.cases import compute_bytes
@@ -387,6 +388,79 @@ def test_a_wheel_moves_the_whole_system() -> None:
     assert any(np.abs(found.los[0]) == pytest.approx(np.abs(each), rel=1e-9) for each in expected)
 
 
+def test_force_and_torque_of_one_order_are_one_line_in_the_worst_phase() -> None:
+    """A verdict knows both ends: at best they cancel. Phases of wheels are not known under any rule."""
+    scenario, at = scenario_of(whole.FullCraft(bandwidth=0.2)), {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
+
+    def wheel(*harmonics: dict[str, object]) -> Contribution:
+        given = {"speed": "1500 rpm", "axis": [0, 0, 1], "harmonics": list(harmonics)}
+        return of_other(OtherSource(name="w", wheel=given, **at), scenario, Path())
+
+    force, torque = {"radial_force": "1e-6 N*s^2/rad^2"}, {"radial_torque": "1e-7 N*m*s^2/rad^2"}
+    parts = [wheel({"order": 1.0, **part}) for part in (force, torque)]
+    for both in (wheel({"order": 1.0, **force, **torque}), wheel({"order": 1.0, **force}, {"order": 1.0, **torque})):
+        assert both.names == ("order 1",)
+        tones = merged([both], "rss")
+        sizes = np.abs([one.los[0] for one in parts])
+        assert tones.value[0] == pytest.approx(sizes.sum(axis=0), rel=1e-9)
+        assert tones.most[0] == pytest.approx(sizes.sum(axis=0), rel=1e-9)
+        assert tones.least[0] == pytest.approx(np.abs(sizes[0] - sizes[1]), rel=1e-9)
+    drive = source("a", (float(both.frequency[0]), -1e6 * both.los[0, 0], 0.0))
+    assert judged(requirement(axis="x"), [both, drive], "coherent").most == pytest.approx(
+        math.sqrt(2.0) * float(both.los[0, 0].real)
+    )
+
+
+def test_a_wheel_is_judged_at_the_speed_that_is_worst_in_any_phase() -> None:
+    """Both speeds have the same mean square of force and torque, but only at the second can the two add up."""
+    alone, split = (np.array([[[a, 0.0]], [[b, 0.0]]]) * URAD for a, b in ((1.0, 0.0), (0.7, 0.7)))
+    each = []
+    for f, sizes in ((4.0, alone), (6.0, split)):
+        los, doubt = in_any_phase(sizes)
+        each.append(Contribution("w", "given", ("order 1",), np.array([f]), los, doubt=doubt, phased=False))
+    wheel = replace(each[0], alternatives=tuple(each))
+    one = judged(requirement(axis="x", limit=Si(0.8 * URAD)), [wheel], "rss")
+    assert one.verdict == "not judged"
+    assert (one.least, one.most) == pytest.approx((0.0, 1.4 * URAD / math.sqrt(2.0)))
+
+
+def test_loads_without_phases_do_not_cancel(tmp_path: Path) -> None:
+    """A force and the torque that takes its turn away: with phases nothing is left, without them both may add."""
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.2))
+    at = {"position": ["0 m", "0 m", "0 m"]}
+    ratio = np.linalg.solve(
+        transfer_from(scenario, np.array([40.0]), motion_of(np.zeros(3)))[0][:, 3:5],
+        -transfer_from(scenario, np.array([40.0]), motion_of(np.zeros(3)))[0][:, 0],
+    )
+    sizes, phases = np.abs(ratio), np.angle(ratio)
+    head, row = "frequency_hz,fx_n,mx_n_m,my_n_m", f"40,1,{sizes[0]},{sizes[1]}"
+    (tmp_path / "known.csv").write_text(
+        f"{head},fx_phase_rad,mx_phase_rad,my_phase_rad\n{row},0,{phases[0]},{phases[1]}\n"
+    )
+    (tmp_path / "unknown.csv").write_text(f"{head}\n{row}\n")
+    known, unknown = (
+        of_other(OtherSource(name="p", lines=f"{name}.csv", **at), scenario, tmp_path) for name in ("known", "unknown")
+    )
+    assert np.abs(known.los).max() < 1e-9 * np.abs(unknown.los).max()
+    tones = merged([unknown], "rss")
+    assert np.all(tones.least < 1e-9 * tones.most)
+    with pytest.raises(mv.MicrovibError, match=r"p: clock: .* lacks some of fx_phase_rad"):
+        of_other(OtherSource(name="p", lines="unknown.csv", clock="one", **at), scenario, tmp_path)
+
+
+def test_what_can_be_refused_is_refused_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("microvib.studies.budget.study.solve_run", lambda *a, **k: pytest.fail("was simulated"))
+    scenario = scenario_of(whole.FullCraft())
+    gains = {f"driver.{key}_gain": 0.0 for key in ("proportional", "integral", "derivative")}
+    with pytest.raises(mv.MicrovibError, match=r"driver\.drive: voltage is not known"):
+        pointing_budget(scenario.with_si(gains | {"driver.drive": "voltage"}))
+    with pytest.raises(mv.MicrovibError, match=r"no\.yaml"):
+        pointing_budget(scenario, tmp_path / "no.yaml")
+    units = {"Fx": "N"}
+    with pytest.raises(mv.MicrovibError, match="Mz"):
+        pointing_budget(scenario, recording=Recording({"Fx": np.zeros(9000)}, 1024.0, units, "table"))
+
+
 def test_a_range_of_speeds_counts_with_its_worst() -> None:
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2))
     wheel = {
@@ -583,6 +657,10 @@ def test_wrong_requirements_are_a_sentence(tmp_path: Path, text: str, says: str)
         (
             "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 0], harmonics: [{order: 1}]}, point: center}",
             "axis: [0, 0, 0]",
+        ),
+        (
+            "{name: w, clock: a, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}, point: center}",
+            "clock: keeps the phases of lines from a file",
         ),
         ("{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}}", "a wheel needs its place"),
     ],

@@ -103,6 +103,26 @@ def test_a_mode_that_is_found_beside_a_line_is_not_listed_as_another(apart, deca
     assert unlisted["other_1"].frequency_hz == pytest.approx(mode.frequency, abs=1e-3)
 
 
+@pytest.mark.parametrize("sizes", [(0.01, 0.02), (0.02, 0.01), (0.001, 0.02), (0.02, 0.001)])
+def test_modes_nearer_than_the_record_parts_are_told_by_their_order_or_said_to_be_one(sizes):
+    """1.25 bins apart: the one that is looked for may take the other's peak, and the other one may be found beside it."""
+    first, second = (expect(f"array_mode_{k}", 3.0 + apart, "array mode") for k, apart in ((1, 0.0), (2, 1.25 / 16.0)))
+    x = sum(
+        a * np.exp(-0.5 * T / 16.0) * np.cos(2 * np.pi * mode.frequency * T + 100 * a)
+        for a, mode in zip(sizes, (first, second), strict=True)
+    )
+    table = estimate_lines(x, RATE, [expect("drive_1", 160 / 3), first, second])
+    assert [line.line for line in table] == ["drive_1", "array_mode_1", "array_mode_2"]
+    if min(sizes) > 0.3 * max(sizes):
+        found = [table[mode.name].frequency_hz for mode in (first, second)]
+        assert found == pytest.approx([first.frequency, second.frequency], abs=0.1 / 16.0)
+        return
+    larger, smaller = (first, second) if sizes[0] > sizes[1] else (second, first)
+    assert table[larger.name].frequency_hz == pytest.approx(larger.frequency, abs=0.2 / 16.0)
+    assert table[smaller.name].status.startswith(f"not separable from {larger.name}")
+    assert table[larger.name].origin.endswith(f"{smaller.name} as well: not separable")
+
+
 def test_a_line_that_is_not_there_is_below_the_floor():
     x = np.cos(2 * np.pi * 53 * T) + np.random.default_rng(1).normal(0, 0.01, SAMPLES)
     table = estimate_lines(x, RATE, [expect("drive_1", 53.0), expect("drive_2", 106.0)])

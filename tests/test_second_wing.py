@@ -17,6 +17,7 @@ from support.two_wings import BothDrives, Wing
 
 import microvib as mv
 from microvib.analysis.pointing import hub_lines
+from microvib.analysis.run import lines_of_second
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import short_way, source_of
 from microvib.model.craft import Craft, Rows
@@ -31,7 +32,7 @@ from microvib.solve.channels import INTERFACE, SECOND_LOADS
 from microvib.solve.on_craft import values_of
 from microvib.studies.angles import angles_in, sweep_angles
 from microvib.studies.budget.files import Requirement, Requirements
-from microvib.studies.campaign.cases import Chunk, compute_bytes
+from microvib.studies.campaign.cases import VERDICTS, Chunk, compute_bytes
 from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
 from microvib.studies.campaign.results import merge
@@ -387,6 +388,11 @@ def quick(**wing: Any) -> Scenario:
 def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     out, scenario = tmp_path / "run", quick(stagger=0.25)
     result, files = run_scenario(scenario, out)
+    assert result.second is not None
+    assert result.second.accuracy is not None
+    assert result.second.accuracy != result.accuracy
+    assert f"Integration of wing_2: {result.second.accuracy}." in run_text(result)
+    assert "Invariants of wing_2: torque forms" in run_text(result)
     assert {"motion_wing_2.nc", "lines_wing_2.csv", "loads_wing_2.csv"} <= set(files)
     assert result.state is not None
     loads = {row["line"]: row for row in csv.DictReader((out / "loads_wing_2.csv").read_text().splitlines())}
@@ -398,11 +404,17 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     assert float(own["drive_1"]["amplitude_n_m"]) == pytest.approx(found, rel=0.01)
     again = mv.read_run(out).motion
     assert result.motion is not None
+    assert again.beside is not None
+    assert again.beside.invariants == result.second.invariants != again.invariants
+    told = lines_of_second(again)
+    assert told is not None
+    assert told.own_error == result.second.table.own_error == result.second.accuracy.doubt
     for name in ("T_d", "My", "My_2", "los_x"):
         assert again[name] == pytest.approx(result.motion[name], abs=1e-12)
     report = (out / "report.html").read_text()
     assert "second wing with the first, driven, 0.25 microsteps after the first" in report
     assert "At the second wing" in report
+    assert "All invariants hold, second wing" in report
     texts = [text.get_text() for text in draw_craft(scenario).axes[0].texts]
     assert {"ψ₁ = 30°", "ψ₂ = −30°"} <= set(texts)
     said = derived(scenario)
@@ -497,16 +509,32 @@ def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
     wings = quick().with_si({"spacecraft.second_wing.motor": {**quick().motor.model_dump(), "current": 1.2}})
     result = mv.run(wings.with_({"record.start": "steady"}))
     assert result.second is not None
-    own, other = (table["drive_1"].amplitude_n_m for table in (result.table, result.second))
+    own, other = (table["drive_1"].amplitude_n_m for table in (result.table, result.second.table))
     assert other > 1.05 * own
     between = mv.Limit(Si(0.5 * (own + other)))
-    judged = mv.judge(result.table, between, result.scenario, result.second)
+    judged = mv.judge(result.table, between, result.scenario, result.second.table)
     assert judged.verdict == "fail"
     assert judged.margins[0].line.line == "wing_2 drive_1"
     assert "FAIL" in run_text(result, between)
     alone = mv.judge(result.table, between, result.scenario)
     assert alone.verdict == "not judged"
     assert "the second wing's drive, of which there are no lines here" in alone.gaps
+
+
+@pytest.mark.parametrize("steady", ["", "solve: steady"])
+def test_a_campaign_of_the_torque_alone_is_judged_by_both_drives(tmp_path: Path, steady: str) -> None:
+    """Without a line of sight, a limit between the first drive's largest line and the second's, which has more current."""
+    wings = quick().with_si({"spacecraft.second_wing.motor": {**quick().motor.model_dump(), "current": 1.2}})
+    blind = wings.with_({"spacecraft.line_of_sight": None, "record.start": "rest", "record.settle": "0.5 s"})
+    (tmp_path / "craft.yaml").write_text(mv.dump_scenario(blind))
+    limits = [mv.steady(one).lines["drive_1"].amplitude_n_m for one in (blind, blind.driven_wing) if one is not None]
+    (tmp_path / "study.yaml").write_text(
+        "scenario: craft.yaml\nvary: {motor.detent_torque: {distribution: uniform, within: 1 percent}}\n"
+        f"sampling: {{method: random, count: 1}}\nlimit: {0.5 * sum(limits)} N*m\nband: 50 Hz:60 Hz\n{steady}\n"
+    )
+    campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
+    chunk = Chunk.from_bytes(compute_bytes(campaign.work(0)))
+    assert [VERDICTS[k] for k in chunk.verdict] == ["fail"]
 
 
 def test_over_an_orbit_a_held_wing_turns_with_the_first() -> None:

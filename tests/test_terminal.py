@@ -207,6 +207,17 @@ def test_a_bug_is_called_a_bug_and_shows_its_traceback_on_request(capsys, monkey
     assert "Traceback" in capsys.readouterr().err
 
 
+def test_what_is_refused_before_the_work_begins_is_told_without_a_bar(capsys, monkeypatch):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    with pytest.raises(MicrovibError), progress_bar():
+        raise MicrovibError("requirement: is not there")
+    assert capsys.readouterr().err == ""
+    with progress_bar() as tell:
+        tell(0.0, 46.0)
+    assert "compiles on first use" in capsys.readouterr().err
+
+
 def test_progress_on_lines_has_rate_and_time_left(capsys, monkeypatch):
     now = iter([0.0, 5.0, 16.0, 20.0])
     monkeypatch.setattr("microvib.cli.progress.time.monotonic", lambda: next(now))

@@ -7,6 +7,7 @@ from typing import Any
 
 from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
 from microvib.analysis.lines import lines
+from microvib.analysis.pointing import SECOND
 from microvib.analysis.seeds import check_noise, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import expect
@@ -33,20 +34,16 @@ class RunResult:
     """The steady state, where the record starts in it: lines, invariants and account of the solver are then its own."""
     fallback: str = ""
     """Why a steady state that was asked for was not found; the run then began at rest."""
+    second: RunResult | None = None
+    """What the second wing's drive does by itself, where it is driven and more than lines of T_d was kept."""
 
     def __repr__(self) -> str:
         return f"Run of {self.scenario!r}\n{self.table!r}"
 
     @property
-    def beside(self) -> SteadyState | Motion | None:
-        """What the second wing's drive does, where it is driven and more than lines was kept."""
-        source = self.state or self.motion
-        return None if source is None else source.beside
-
-    @property
-    def second(self) -> LineTable | None:
-        """Lines of the second wing's drive, where that is known."""
-        return None if self.beside is None else lines(self.beside)
+    def drives(self) -> dict[str, RunResult]:
+        """This result and that of the second wing's drive, by how texts call what is theirs."""
+        return {"": self} if self.second is None else {"": self, f" of {SECOND}": self.second}
 
     @property
     def accuracy(self) -> Accuracy | None:
@@ -70,6 +67,8 @@ def solve_run(
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     if seeds:
         check_noise(scenario)
+    if progress is not None:  # a steady state tells nothing while it is sought
+        progress(0.0, scenario.record.settle + scenario.record.duration)
     result = _solved(scenario, harmonics, lines_only, progress)
     return replace(result, table=with_seeds(result.table, scenario, seeds)) if seeds else result
 
@@ -77,15 +76,31 @@ def solve_run(
 def _solved(scenario: Scenario, harmonics: int, lines_only: bool, progress: Progress | None) -> RunResult:
     state, fallback = find_steady(scenario) if scenario.record.start == "steady" else (None, "")
     not_used = {"steady": f"not used: {fallback}"} if fallback else {}
-    if lines_only and state is not None:
-        return RunResult(scenario, lines(state, harmonics=harmonics), state.invariants, state.solver, None, state)
-    if lines_only:
+    if lines_only and state is None:
         table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
         return RunResult(scenario, table, invariants, solver | not_used, None, None, fallback)
-    motion = from_rest(scenario, progress=progress) if state is None else state.motion(progress=progress)
+    motion = None
+    if not lines_only:
+        motion = from_rest(scenario, progress=progress) if state is None else state.motion(progress=progress)
+    result = _of_source(state, motion, harmonics)
+    return replace(result, solver=result.solver | not_used, fallback=fallback)
+
+
+def _of_source(state: SteadyState | None, motion: Motion | None, harmonics: int) -> RunResult:
+    """What a steady state says, or a motion, or both of one drive; and the same of the second wing's."""
     source = state or motion
-    table = lines(source, harmonics=harmonics)
-    found = accuracy(motion, table)
-    solver = account(source.solver, found) | not_used
-    motion = replace(motion, solver=account(motion.solver, found))
-    return RunResult(scenario, noted(table, found), source.invariants, solver, motion, state, fallback)
+    assert source is not None
+    table, solver, second = lines(source, harmonics=harmonics), source.solver, None
+    if source.beside is not None:
+        second = _of_source(state and state.beside, motion and motion.beside, harmonics)
+    if motion is not None:
+        found = accuracy(motion, table)
+        table, solver = noted(table, found), account(solver, found)
+        motion = replace(motion, solver=account(motion.solver, found), beside=None if second is None else second.motion)
+    return RunResult(source.scenario, table, source.invariants, solver, motion, state, second=second)
+
+
+def lines_of_second(motion: Motion) -> LineTable | None:
+    """Lines of the second wing's drive in a run's motion, which know how far they are off; None where it is not driven."""
+    beside = motion.beside
+    return None if beside is None else noted(lines(beside), estimate_in(beside.solver))

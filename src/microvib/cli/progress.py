@@ -16,7 +16,8 @@ _WIDE = 80  # columns of a terminal from which on there is room for the bar itse
 class progress_bar:
     """A bar where a terminal can draw one, gone when the work is done; elsewhere a line every ``lines_every`` seconds.
 
-    Called with what is done and the whole, in ``unit``; ``finishing`` stands there when all is done.
+    It begins with the first call, so that what is refused before the work begins is told without it. Called with what is done
+    and the whole, in ``unit``; ``finishing`` stands there when all is done.
     """
 
     def __init__(
@@ -24,15 +25,19 @@ class progress_bar:
     ) -> None:
         self._doing, self._unit, self._finishing, self._every = doing, unit, finishing, lines_every
         self._bar: Any = None
+        self._begun = False
         self._told = -math.inf
         self._first: tuple[float, float] | None = None
 
     def __enter__(self) -> progress_bar:
-        if sys.stderr.isatty():
-            self._bar = _bar(self._doing)
-        if self._bar is not None:
-            self._bar.start()
         return self
+
+    def _begin(self) -> None:
+        if not self._begun and sys.stderr.isatty():
+            self._bar = _bar()
+            if self._bar is not None:
+                self._bar.start()
+        self._begun = True
 
     def __exit__(self, *args: object) -> None:
         if self._bar is not None:
@@ -40,6 +45,7 @@ class progress_bar:
 
     def __call__(self, done: float, total: float) -> None:
         """Tell how far it is, unless it was told just now."""
+        self._begin()
         if self._bar is None and not math.isfinite(self._every):
             return
         now = time.monotonic()
@@ -53,13 +59,15 @@ class progress_bar:
         self._told = now
         amount, pace = f"{done:.0f} of {total:.0f} {self._unit}", self._pace(now, done, total)
         if self._bar is not None:
-            text = self._finishing if done >= total else f"{self._doing}{pace}"
+            doing = f"{self._doing}{pace}" if done > 0.0 else f"{self._doing} (compiles on first use)"
+            text = self._finishing if done >= total else doing
             self._bar.update(self._bar.task_ids[0], completed=done, total=total, description=text, amount=amount)
         else:
             click.echo(f"{amount}{pace}", err=True)
 
     def say(self, text: str) -> None:
         """What is being done, where nobody knows how much of it there is."""
+        self._begin()
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], description=text)
 
@@ -73,7 +81,7 @@ class progress_bar:
         return f", {rate:.3g} {self._unit}/s{left}"
 
 
-def _bar(doing: str) -> Any:
+def _bar() -> Any:
     """A bar that fits into the terminal; None where it can only print lines."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -88,5 +96,5 @@ def _bar(doing: str) -> Any:
     amount = TextColumn("{task.fields[amount]}", markup=False, table_column=Column(no_wrap=True))
     columns = (text, BarColumn(), amount, TimeRemainingColumn()) if console.width >= _WIDE else (text, amount)
     bar = Progress(*columns, console=console, transient=True, expand=True)
-    bar.add_task(f"{doing} (compiles on first use)", total=None, amount="")
+    bar.add_task("", total=None, amount="")
     return bar

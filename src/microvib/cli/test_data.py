@@ -198,7 +198,8 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
 
     def report(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
         values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
-        progress.say(f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}")
+        found = f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}"
+        progress.say(found if simulations else "searching (compiles on first use)")
 
     return report
 

@@ -24,6 +24,8 @@ from microvib.signals.line_table import Line, LineTable, Rest, SeedLine
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
 
+SECOND = "wing_2"
+"""Key of ``summary.json`` under which a second wing's drive is, where it is driven."""
 SECOND_MOTION = "motion_wing_2.nc"
 """Motion of a second wing's drive that is driven."""
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
@@ -82,7 +84,7 @@ def scenario_hash(scenario: Scenario) -> str:
 
 
 def summary(
-    scenario: Scenario, invariants: Any, solver: dict[str, Any], table: LineTable, **timings: float
+    scenario: Scenario, invariants: Invariants, solver: dict[str, Any], table: LineTable, **timings: float
 ) -> dict[str, Any]:
     """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the coupled drive."""
     rest = table.rest  # the highest peaks that no line accounts for
@@ -91,8 +93,7 @@ def summary(
         "title": scenario.title,
         "source": scenario.source,
         "scenario_sha256": scenario_hash(scenario),
-        "invariants": asdict(invariants),
-        "solver": solver,
+        **numerics(invariants, solver),
         "clock_ratio_found": table.clock_ratio,
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
         "doubts": list(scenario.doubts()),
@@ -104,6 +105,18 @@ def summary(
     }
 
 
+def numerics(invariants: Invariants, solver: dict[str, Any]) -> dict[str, Any]:
+    """What ``summary.json`` says of how one drive was solved; of the second wing's under SECOND."""
+    return {"invariants": asdict(invariants), "solver": solver}
+
+
+Numerics = tuple[Invariants, dict[str, Any]]
+
+
+def _numerics(said: dict[str, Any]) -> Numerics:
+    return Invariants(**{k: math.nan if x is None else float(x) for k, x in said["invariants"].items()}), said["solver"]
+
+
 def read_run(folder: Path | str) -> Run:
     """Read the run in ``folder``. MicrovibError if a file is missing, is not a run's, or has been changed since."""
     folder = Path(folder)
@@ -112,17 +125,17 @@ def read_run(folder: Path | str) -> Run:
         raise MicrovibError(f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected")
     with _expected(folder / "summary.json", "a summary of a run of this version") as path:
         said = json.loads(path.read_text(encoding="utf-8"))
-        invariants = Invariants(**{k: math.nan if x is None else float(x) for k, x in said["invariants"].items()})
-        digest, solver, versions, record = (said[key] for key in ("scenario_sha256", "solver", "versions", "record"))
+        first, second = _numerics(said), _numerics(said.get(SECOND, said))
+        digest, versions, record = (said[key] for key in ("scenario_sha256", "versions", "record"))
         limit = _limit(said.get("limit"))
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
         raise MicrovibError(f"{written}: was changed since the run; run it again: microvib run {written}")
     scenario = load_scenario(written)
-    motion = _motion(folder / "motion.nc", scenario, invariants, solver)
+    motion = _motion(folder / "motion.nc", scenario, first)
     other = scenario.driven_wing
     if other is not None:
-        motion = replace(motion, beside=_motion(folder / SECOND_MOTION, other, invariants, solver))
+        motion = replace(motion, beside=_motion(folder / SECOND_MOTION, other, second))
     with _expected(folder / "lines.csv", "a table of lines of a run") as path:
         left = said.get("left_by_lines")
         table = LineTable(
@@ -134,12 +147,12 @@ def read_run(folder: Path | str) -> Run:
     return Run(motion, table, versions, limit)
 
 
-def _motion(path: Path, scenario: Scenario, invariants: Invariants, solver: dict[str, Any]) -> Motion:
+def _motion(path: Path, scenario: Scenario, how: Numerics) -> Motion:
     import h5netcdf
 
     with _expected(path, "a motion of a run"), h5netcdf.File(path, "r") as f:
         channels = {name: np.asarray(f[name]) for name in (*CHANNELS, *MODAL) if name in f}
-        return Motion(scenario, np.asarray(f["time"]), channels, invariants, solver)
+        return Motion(scenario, np.asarray(f["time"]), channels, *how)
 
 
 @contextmanager

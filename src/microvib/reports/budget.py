@@ -16,7 +16,7 @@ from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Document, Fact, Form, Mark, Section, Status, Table, Text, table
 from microvib.reports.numbers import brief, count, text_table
 from microvib.reports.rendering import write_study
-from microvib.signals.pointing import Metric, mean_square_of_density, mean_square_of_lines
+from microvib.signals.pointing import Metric, mean_square_of_density, weight
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Judged, merged
 from microvib.studies.campaign.statistics import NONE
@@ -198,7 +198,8 @@ def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> 
     caption = (
         "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits one axis, lines about that axis"
         " have a marker of their own, as its legend says. Right, radial rms of all sources over the length"
-        " of the window, dashed about x and dotted about y where a limit is on that axis; markers are limits on them."
+        " of the window (the largest within each twentieth of a decade), dashed about x and dotted about y where a limit is on that"
+        " axis; markers are limits on them."
     )
     required = budget.requirements
     source = f" Required by: {required.source}." if required and required.source else ""
@@ -307,6 +308,8 @@ def _sources(budget: Budget) -> Table:
 
 
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")
+_WITHIN = 24
+"""Windows within a twentieth of a decade, of which the largest figure is drawn: weights fall to nothing between."""
 
 
 _SIZE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -347,16 +350,18 @@ def draw_budget(budget: Budget) -> Figure:
     if top:
         left.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
     left.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    T = np.geomspace(1e-4, 1e2, 121)
+    T = np.geomspace(1e-4, 1e2, 120 * _WITHIN)
     tones = merged(budget.contributions, budget.rule, doubtful=False)
     for k, metric in enumerate(_DRAWN):
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
         limits = [(r.axis, r.window, 1e6 * r.limit) for r in asked if r.window and r.limit and r.statistic == "rms"]
         for axis in sorted({"radial", *(axis for axis, _, _ in limits)}, key=list(_SIZE).index):
             size, (marker, line, _) = _SIZE[axis](tones.value), _MARKERS[axis]
-            rms = [math.sqrt(np.sum(mean_square_of_lines(metric, tones.frequency, size, t))) for t in T]
+            squares = 0.5 * size**2 @ weight(metric, tones.frequency[:, None] * T, 1.0)  # these metrics know f T only
+            rms = np.sqrt(squares.reshape(-1, _WITHIN).max(axis=1))
             label = metric if axis == "radial" else f"{metric} los_{axis}"
-            right.plot(T, 1e6 * np.array(rms), color=sheets.COLOURS[k], linestyle=line, linewidth=1.1, label=label)
+            style = {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}  # smear lies on it
+            right.plot(T[::_WITHIN], 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
             at = [(window, limit) for own, window, limit in limits if own == axis]
             right.plot(*(np.array(at).reshape(-1, 2).T), marker, color=sheets.COLOURS[k], markersize=4)
     largest = 1e6 * math.sqrt(0.5 * float(np.sum(tones.value**2))) or 1.0

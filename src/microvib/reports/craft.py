@@ -241,7 +241,10 @@ def _loads_at(motion: Motion, hub: HubLines, loads: np.ndarray, names: tuple[str
         for k in kept
     ]
     left = len(hub.names) - len(kept)
-    caption = "Amplitudes 0-to-peak." + (f" {count(left, 'line')} more and all phases in `{file}`." if left else "")
+    ringing = [name for name in hub.rings if name in (hub.names[k] for k in kept)]
+    caption = "Amplitudes 0-to-peak"
+    caption += f", of {', '.join(ringing)}, which ring after the start, the mean over the record." if ringing else "."
+    caption += f" {count(left, 'line')} more and all phases in `{file}`." if left else ""
     drawing, axes = plain_sheet(2.7, 1, 2)
     for ax, some, unit in ((axes[0, 0], names[:3], "mN"), (axes[0, 1], names[3:], "mN m")):
         spectra = {name: amplitude_spectrum(motion[name], motion.sample_rate, "hann") for name in some}

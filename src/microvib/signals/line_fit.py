@@ -11,8 +11,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
     ratio_spread = ratio_spread if searched or ratio is None else 0.0
     refused |= _not_apart(joint, spread)
     joint, others = _named(joint, spread, Orders.of(expected, ratio))
-    lines = (*expected, *others)
+    lines = (*_shared(expected, refused), *others)
     rows = _figures(lines, joint, refused).rows(_placed(spread, lines, joint.tones))
     return LineTable(rows, ratio, ratio_spread, joint.spectrum.samples, sample_rate, rest=_left(joint.rest))
 
@@ -168,16 +169,58 @@ def _fitted(
 def _as_modes(
     tones: Tones, expected: Sequence[ExpectedLine], refused: dict[str, str], orders: Orders | None, duration: float
 ) -> tuple[Tones, dict[str, str]]:
-    """Unlisted tones that lie where a mode is expected which was held to be too near another line, as that mode."""
+    """Unlisted tones where modes are expected that were held to be too near another line, as these modes.
+
+    Of modes that are too near each other the one that is looked for may have taken another's peak: tones are given out anew, in the
+    order of the modes and to those that they are nearest to.
+    """
     lines, left = list(tones.lines), dict(refused)
-    modes = [line for line in expected if line.kind == "array mode" and left.get(line.name, "").startswith(NOT_APART)]
-    for i, f in enumerate(tones.frequency.tolist()):
-        near = [mode for mode in modes if mode.name in left and abs(mode.frequency - f) * duration < 0.5]
-        if lines[i].kind != "other" or len(near) != 1 or (orders and orders.name(f, 0.02 / duration)):
+    unlisted = [
+        i for i, line in enumerate(lines)
+        if line.kind == "other" and not (orders and orders.name(float(tones.frequency[i]), 0.02 / duration))
+    ]  # fmt: skip
+    for group in _near_each_other(expected, duration):
+        names = [mode.name for mode in group]
+        there = [i for i, line in enumerate(lines) if line.name in names]
+        there += [
+            i for i in unlisted if any(abs(mode.frequency - tones.frequency[i]) * duration < 0.5 for mode in group)
+        ]
+        if not any(left.get(name, "").startswith(NOT_APART) for name in names) or not 0 < len(there) <= len(group):
             continue
-        lines[i] = near[0]
-        del left[near[0].name]
+        at = np.sort(tones.frequency[there])
+        chosen = min(
+            combinations(group, len(there)), key=lambda some: float(np.sum(np.abs(at - [x.frequency for x in some])))
+        )
+        for i, mode in zip(sorted(there, key=lambda i: float(tones.frequency[i])), chosen, strict=True):
+            lines[i] = mode
+            left.pop(mode.name, None)
+        for mode in group:
+            if mode not in chosen and (mode.name not in left or left[mode.name].partition(";")[0].split()[-1] in names):
+                left[mode.name] = _too_near(mode, min(chosen, key=lambda x: abs(x.frequency - mode.frequency)))
     return replace(tones, lines=tuple(lines)), left
+
+
+def _near_each_other(expected: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:
+    """Array modes in the order of their frequencies, those together of which one is too near the next to be told from it."""
+    groups: list[list[ExpectedLine]] = []
+    for mode in sorted((x for x in expected if x.kind == "array mode"), key=lambda x: x.frequency):
+        if not groups or (mode.frequency - groups[-1][-1].frequency) * duration >= SEPARATION:
+            groups.append([])
+        groups[-1].append(mode)
+    return groups
+
+
+def _shared(expected: Sequence[ExpectedLine], refused: dict[str, str]) -> Iterator[ExpectedLine]:
+    """The lines; of a mode the origin says which others are not separable from it, since its peak may be theirs."""
+    modes = {line.name for line in expected if line.kind == "array mode"}
+    hidden = {
+        name: why.removeprefix(f"{NOT_APART} ").partition(";")[0] for name, why in refused.items() if name in modes
+    }
+    for line in expected:
+        others = [name for name, other in hidden.items() if other == line.name]
+        if line.name in modes and others:
+            line = replace(line, origin=f"{line.origin}; {' or '.join(others)} as well: not separable")
+        yield line
 
 
 def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
@@ -260,12 +303,17 @@ def _sort_out(
             continue
         near = next((other for other in wanted if abs(other.frequency - line.frequency) * duration < SEPARATION), None)
         if near is not None and line.name not in known:
-            needed = SEPARATION / max(abs(near.frequency - line.frequency), 1e-12)
-            length = f"; a record of {needed:.3g} s could" if needed < 1e6 else ""
-            refused[line.name] = f"{NOT_APART} {near.name}{length}"
+            refused[line.name] = _too_near(line, near)
         else:
             wanted.append(line)
     return wanted, refused
+
+
+def _too_near(line: ExpectedLine, near: ExpectedLine) -> str:
+    """Why a line has no figures of its own, and what would help."""
+    needed = SEPARATION / max(abs(near.frequency - line.frequency), 1e-12)
+    length = f"; a record of {needed:.3g} s could" if needed < 1e6 else ""
+    return f"{NOT_APART} {near.name}{length}"
 
 
 def _largest(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> tuple[list[ExpectedLine], dict[str, str]]:

@@ -146,6 +146,7 @@ class Simulation:
         t = start = float(x.clock[kernel.NOW])
         self.beginning = Beginning(np.concatenate([x.y, x.stick, x.clock, x.levels]), self._command)
         intervals = sample_intervals(self.scenario, start)
+        self._progress(start, intervals.end)
         self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
         before, momentum_before = packed.snapshot(), packed.momentum
         torque, channels = np.zeros((0, packed.torque_columns)), np.zeros((0, packed.columns))

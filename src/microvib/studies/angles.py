@@ -78,6 +78,8 @@ def sweep_angles(
         return hub_lines(result.motion, result.table, harmonics), why
 
     found = []
+    if progress is not None:
+        progress(0, len(turns))
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         for k, one in enumerate(pool.map(at, turns), 1):
             found.append(one)

@@ -200,6 +200,8 @@ def plan_rates(
     meetings = [m for n in microsteps for m in _meetings(scenario, n, modes, min(grid), max(grid))]
     wanted = {(float(rate), n) for n in microsteps for rate in grid}
     wanted |= {(rate, m.microsteps) for m in meetings for rate in _near(m, modes)}
+    if progress is not None:
+        progress(0, len(wanted))
     with _solver(scenario, linear, workers, progress) as solve:
         found = {(case.rate, case.microsteps): case for case in solve(sorted(wanted))}
         rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]

@@ -158,6 +158,8 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
         raise MicrovibError(NOT_RANKED)
     scenario = scenario.with_({"record.start": "rest"})
     values = {key: float(scenario[key]) for key in ranges}
+    if progress is not None:
+        progress(0, 4 * len(ranges))
     base = simulate_torques([scenario])[0]
     if isinstance(base, SimulationError):
         raise base

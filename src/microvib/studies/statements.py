@@ -345,6 +345,8 @@ def extend(path: Path, draws: int, seeds: int, progress: Callable[[int], None] |
     rows = read_draws(path.read_text(encoding="utf-8")) if path.is_file() else []
     if rows and list(rows[0]) != _COLUMNS:
         raise OutputError(f"{path}: is not a table of draws of this version; nothing was written; choose another file")
+    if progress:
+        progress(0)
     have = {int(row["draw"]) for row in rows}
     for number in range(draws + 1):
         if number in have:

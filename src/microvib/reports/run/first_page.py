@@ -14,7 +14,7 @@ from microvib.reports.blocks import drawn
 from microvib.reports.craft import craft_words
 from microvib.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, given, milli, short, torque
-from microvib.reports.run.trust import failing, invariants_sentence
+from microvib.reports.run.trust import drives, failing, invariants_sentence
 from microvib.signals.line_table import DRIVEN, SEEN, Line, LineTable
 from microvib.solve.motion import Motion
 
@@ -91,7 +91,6 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
     steps = f"{phases}{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step"
     gears = f"gear train of {count(len(reducer.train), 'stage')}" if reducer.train else "reducer"
     steps += ", driven by voltages" if driver.drive == "voltage" else ""
-    estimate = estimate_in(motion.solver)
     rows = {
         "Drive": f"{steps}, {gears} {reducer.ratio:.6g}:1, {stiffness}",
         "Array": f"{array.inertia:.5g} kg m² about {array.drive_axis}, {count(len(array.modes), 'mode')}{first}",
@@ -99,9 +98,11 @@ def _simulated(motion: Motion) -> list[tuple[str, str]]:
         "Motion": _motion(motion),
         "Record": f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s",
         "Values": short(scenario.source, 160),
-        "Invariants": invariants_sentence(motion),
-        "Integration": "" if estimate is None else str(estimate),
     }
+    for whose, one in drives(motion).items():
+        estimate = estimate_in(one.solver)
+        rows[f"Invariants{whose}"] = invariants_sentence(one)
+        rows[f"Integration{whose}"] = "" if estimate is None else str(estimate)
     return [(name, text) for name, text in rows.items() if text]
 
 

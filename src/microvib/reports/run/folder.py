@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from microvib.analysis.limits import Limit
-from microvib.analysis.lines import lines
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError, expect
-from microvib.io.runs import SECOND_MOTION, lines_csv, seeds_csv, summary, write_motion
+from microvib.io.runs import SECOND, SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
@@ -84,7 +83,9 @@ def write_run(
 def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
     """What ``summary.json`` says of a run."""
     timings = {"simulate": result.solver["wall_s"], **timings}
-    return summary(result.scenario, result.invariants, result.solver, result.table, **timings)
+    second = result.second
+    told = summary(result.scenario, result.invariants, result.solver, result.table, **timings)
+    return told if second is None else told | {SECOND: numerics(second.invariants, second.solver)}
 
 
 def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None) -> dict[str, str]:
@@ -93,7 +94,7 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
         summed = summed | {"pointing": of_hub.summary()}
     return {
         "lines.csv": lines_csv(result.table),
-        **({} if of_hub is None or result.beside is None else {"lines_wing_2.csv": lines_csv(lines(result.beside))}),
+        **({} if of_hub is None or result.second is None else {"lines_wing_2.csv": lines_csv(result.second.table)}),
         **({"seeds.csv": seeds_csv(result.table)} if result.table.seeds else {}),
         **({} if of_hub is None else {"loads.csv": rows_csv(*of_hub.loads_table())}),
         **({} if of_hub is None or result.motion is None else {"densities.csv": densities_csv(result.motion)}),

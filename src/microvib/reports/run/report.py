@@ -10,8 +10,8 @@ import numpy as np
 from microvib.analysis.accuracy import KEY
 from microvib.analysis.budget import budget
 from microvib.analysis.limits import Judgement, Limit, judge
-from microvib.analysis.lines import lines as found_lines
 from microvib.analysis.pointing import HubLines, hub_lines
+from microvib.analysis.run import lines_of_second
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
@@ -60,8 +60,7 @@ def run_report(
         Text("In the folder of this report (the scenario there is complete):"),
         Code("microvib run scenario.yaml --out again"),
     )
-    second = None if motion.beside is None else found_lines(motion.beside)
-    judged = None if limit is None else judge(lines, limit, scenario, second)
+    judged = None if limit is None else judge(lines, limit, scenario, lines_of_second(motion))
     if hub is None and scenario.spacecraft is not None:
         hub = hub_lines(motion, lines)
     return study(

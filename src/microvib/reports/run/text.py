@@ -38,23 +38,30 @@ def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
         yield "\nThe paper tabulates the lines of state 1 only; for the other states it gives statements."
 
 
-def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
-    scenario, solver, i = result.scenario, result.solver, result.invariants
-    if limit is not None:
-        yield f"\n{judge(result.table, limit, scenario, result.second)}"
-    if result.fallback:
-        yield f"\nNo steady state: {result.fallback}. Simulated from rest instead."
-    elif scenario.record.start == "steady":
+def _numerics(whose: str, result: RunResult) -> Iterator[str]:
+    """How one drive was solved, and how well."""
+    solver, i = result.solver, result.invariants
+    if result.state is not None:
         yield (
-            f"\nSteady state: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found with"
-            f" {solver['periods_evaluated']:.3g} periods; a deviation falls to {solver['multiplier']:.3g} of itself in one period,"
-            f" to a hundredth in {solver['settling_s']:.3g} s."
+            f"\nSteady state{whose}: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found"
+            f" with {solver['periods_evaluated']:.3g} periods; a deviation falls to {solver['multiplier']:.3g} of itself in one"
+            f" period, to a hundredth in {solver['settling_s']:.3g} s."
         )
     yield (
-        f"\nInvariants: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
+        f"\nInvariants{whose}: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
         f" {solver['simulated_s']:.4g} s simulated in {solver['wall_s']:.2g} s."
     )
     if result.accuracy is not None:
-        yield f"Integration: {result.accuracy}."
+        yield f"Integration{whose}: {result.accuracy}."
+
+
+def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
+    scenario, second = result.scenario, result.second
+    if limit is not None:
+        yield f"\n{judge(result.table, limit, scenario, None if second is None else second.table)}"
+    if result.fallback:
+        yield f"\nNo steady state: {result.fallback}. Simulated from rest instead."
+    for whose, one in result.drives.items():
+        yield from _numerics(whose, one)
     if scenario.craft is not None and result.state is None and result.motion is None:
         yield "Loads and line of sight need the motion, or a steady state: leave --lines-only out, or add --steady."

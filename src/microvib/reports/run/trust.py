@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from microvib.analysis.accuracy import estimate_in
-from microvib.reports.document import Mark, Section, Text, table
+from microvib.reports.document import Mark, Section, Table, Text, table
 from microvib.solve.motion import Motion
 
 _BARS = {
@@ -15,23 +15,32 @@ _BARS = {
 """Bar of each invariant, and its meaning."""
 
 
+def drives(motion: Motion) -> dict[str, Motion]:
+    """Motions of the drives that step, by how a report calls what is theirs."""
+    return {"": motion.alone} if motion.beside is None else {"": motion.alone, ", second wing": motion.beside}
+
+
 def failing(motion: Motion) -> list[str]:
-    """Names of the invariants that do not hold."""
-    values = vars(motion.invariants)
-    return [name for name, (bar, _) in _BARS.items() if not values[name] <= bar]
+    """Names of the invariants that do not hold, of any drive."""
+    values = [vars(one.invariants) for one in drives(motion).values()]
+    return [name for name, (bar, _) in _BARS.items() if not all(each[name] <= bar for each in values)]
 
 
 def invariants_sentence(motion: Motion) -> str:
-    """Whether all invariants hold, with the two that say most."""
+    """Whether all invariants of one drive hold, with the two that say most."""
     values, fails = vars(motion.invariants), failing(motion)
     figures = f"momentum within {values['momentum']:.1e}, energy within {values['energy_mechanical']:.1e}"
     return f"NOT all hold ({', '.join(fails)}); {figures}" if fails else f"all hold; {figures}"
 
 
 def trust_section(motion: Motion) -> Section:
-    """Every invariant with its bar and verdict, and what they do not say."""
+    """Every invariant of each drive with its bar and verdict, and what they do not say."""
+    return Section("Can it be trusted?", tuple(x for one in drives(motion).items() for x in _of_drive(*one)))
+
+
+def _of_drive(whose: str, motion: Motion) -> tuple[Text | Table, ...]:
     values, fails = vars(motion.invariants), failing(motion)
-    verdict = f"NOT to be used: {', '.join(fails)} above the bar." if fails else "All invariants hold."
+    verdict = f"NOT to be used{whose}: {', '.join(fails)} above the bar." if fails else f"All invariants hold{whose}."
     holds = {name: "does NOT hold" if name in fails else "holds" for name in _BARS}
     rows = [
         (name.replace("_", " "), f"{values[name]:.2g}", f"{bar:g}", meaning, holds[name])
@@ -49,4 +58,4 @@ def trust_section(motion: Motion) -> Section:
     if estimate is not None:
         finer = f"The run was done again from the same state with finer steps: {estimate}."
     lines = f"These invariants do not bound the error of a line. {finer}"
-    return Section("Can it be trusted?", (Text(verdict), bars, Text(energy), Text(lines)))
+    return Text(verdict), bars, Text(energy), Text(lines)

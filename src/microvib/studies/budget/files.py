@@ -166,7 +166,7 @@ class OtherSource(Part):
     clock: str = Field(
         default="",
         max_length=60,
-        description="sources of one clock: lines of one frequency are added with their phases",
+        description="sources of one clock, lines from files: those of one frequency are added with their phases",
     )
 
     def _misfits(self) -> Iterator[str]:
@@ -174,6 +174,8 @@ class OtherSource(Part):
             yield "wheel: give one of wheel, lines and density"
         if self.point is not None and self.position is not None:
             yield "position: is an alternative of point; give one of them"
+        if self.clock and self.lines is None:
+            yield "clock: keeps the phases of lines from a file; those of a wheel or a density are not known"
         if self.wheel is not None and self.point is None and self.position is None:
             yield "position: missing; a wheel needs its place on the hub, position or point"
 

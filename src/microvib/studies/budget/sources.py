@@ -1,12 +1,10 @@
-"""What moves the line of sight: drives by their runs, by a recording, reaction wheels, lines and densities from files."""
+"""What drives do to the line of sight, by their runs or by a recording, and what is not known of it."""
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -15,28 +13,22 @@ from microvib.analysis.lines import expected_in, lines_of_recording
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
 from microvib.analysis.short_way import OWN
-from microvib.errors import MicrovibError, error_context
-from microvib.io.files import check_file, reading
-from microvib.io.tables import finite, plain_lines
+from microvib.errors import MicrovibError
 from microvib.model.coupling import (
     MEANINGLESS,
-    about_modes,
     chart,
     craft_in,
     density_of_noise,
     receiver_of,
     short_way,
-    transfer_from,
 )
 from microvib.model.driven import noise_bands
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
-from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, LineTable
 from microvib.solve.channels import INTERFACE
-from microvib.studies.budget.files import OtherSource, Wheel
 from microvib.testdata.recording import Recording
 
 SHORT_WAY_DOUBT = 0.03
@@ -44,13 +36,7 @@ SHORT_WAY_DOUBT = 0.03
 friction and current loop change as the hub yields comes on top, from runs of the scenario (``study.with_doubt``)."""
 HELD_DOUBT = 0.03
 """Relative doubt of lines of a craft on which another drive holds its wing: what its detent torque and friction change; assumed."""
-SPEEDS = 101
-"""Speeds that are tried of a wheel with a range of them, besides those at which it meets a mode."""
-_BANDWIDTH = np.array([-0.5, 0.0, 0.5])
 _FREE = f"below {MEANINGLESS:g} Hz, where without spacecraft.attitude_control lines mean nothing"
-_LOADS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
-_LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
-_LOS, _LOS_DENSITIES = ("los_x_rad", "los_y_rad"), ("los_x_rad2_hz", "los_y_rad2_hz")
 
 
 @dataclass(frozen=True)
@@ -92,7 +78,9 @@ class Contribution:
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
     gaps: tuple[Gap, ...] = ()
     doubt: float | np.ndarray = 0.0
-    """Relative doubt of its amplitudes; of each, (k, 2), where they differ."""
+    """Relative doubt of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where less and more do."""
+    phased: bool = True
+    """Whether its lines have phases; those that have none keep none to each other, whatever is asked for."""
     scenario: Scenario | None = None
     cases: np.ndarray | None = None
     """Amplitudes of its lines over the cases of a campaign, (cases, k, 2)."""
@@ -239,7 +227,7 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
         open_gap(f"{x.name} ({'not in the table' if row is None else row.status}; a longer recording)", x.frequency, x.frequency)
         for x, row, ok in zip(expected, found, seen | faint, strict=True) if not ok
     ]  # fmt: skip
-    gaps += _below(not np.all(known))
+    gaps += below(not np.all(known))
     gaps += list(_above(scenario, PASSBAND * recording.sample_rate))
     kept = seen & known
     spread = np.array([_relative(row) for row in found])
@@ -255,134 +243,6 @@ def _relative(line: object) -> float:
     return spread / amplitude if amplitude > 0.0 and math.isfinite(spread) else 0.0
 
 
-def of_other(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
-    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; files are relative to ``folder``."""
-    with error_context(f"sources: {source.name}"):
-        if source.wheel is not None:
-            return _of_wheel(source, source.wheel, scenario)
-        return _of_lines(source, scenario, folder) if source.lines else _of_density(source, scenario, folder)
-
-
-def _place(source: OtherSource, scenario: Scenario) -> np.ndarray:
-    """Motion of the place where loads act by the hub's coordinates, (6, n)."""
-    craft = craft_in(scenario)
-    n = receiver_of(scenario).root.shape[1]
-    if source.point is not None:
-        if source.point not in craft.spacecraft.points:
-            raise MicrovibError(
-                f"point: '{source.point}' is not on the hub; there are {', '.join(craft.spacecraft.points)}"
-            )
-        return craft.at(source.point)[:, :n]
-    if source.position is None:
-        raise MicrovibError("position: missing; loads need their place on the hub, position or point")
-    if n > 6:
-        known = ", ".join(craft.spacecraft.points)
-        raise MicrovibError(f"position: a flexible hub moves only where it has points; give point, one of {known}")
-    return motion_of(np.array(source.position))
-
-
-def _of_wheel(source: OtherSource, wheel: Wheel, scenario: Scenario) -> Contribution:
-    ends = (wheel.speed, wheel.speed_to or wheel.speed)
-    orders = np.unique([h.order for h in wheel.harmonics])
-    speeds = np.linspace(*ends, SPEEDS if wheel.speed_to else 1)
-    # A resonance lies between two speeds of any grid: those at which an order meets a mode, and at half its bandwidth about it.
-    met = np.outer(2.0 * np.pi * about_modes(scenario, _BANDWIDTH), 1.0 / orders).ravel()
-    speeds = np.union1d(speeds, met[(met > ends[0]) & (met < ends[1])])
-    place, axis = _place(source, scenario), np.array(wheel.axis) / np.linalg.norm(wheel.axis)
-    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    first /= np.linalg.norm(first)
-    turning = first - 1j * np.cross(axis, first)
-    shapes = [("radial_force", np.r_[turning, 0, 0, 0]), ("radial_torque", np.r_[0, 0, 0, turning])]
-    shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
-    parts = [(h.order, f"order {h.order:g} {key.replace('_', ' ')}", getattr(h, key) * shape)
-             for h in wheel.harmonics for key, shape in shapes if getattr(h, key) > 0.0]  # fmt: skip
-    orders = np.array([order for order, _, _ in parts])
-    frequency = speeds[:, None] * orders / (2.0 * np.pi)
-    by = transfer_from(scenario, frequency.ravel(), place).reshape(speeds.size, orders.size, 2, 6)
-    los = np.einsum("sokc,oc->sok", by, np.array([shape for _, _, shape in parts])) * speeds[:, None, None] ** 2
-    names = tuple(name for _, name, _ in parts)
-    each = tuple(
-        Contribution(
-            source.name, f"wheel at {60.0 * speed / (2.0 * np.pi):.5g} rpm", names, frequency[k], np.nan_to_num(los[k]),
-            source.clock, gaps=_below(bool(np.isnan(los[k]).any())),
-        )
-        for k, speed in enumerate(speeds)
-    )  # fmt: skip
-    if len(each) == 1:
-        return each[0]
-    low, high = (60.0 * speed / (2.0 * np.pi) for speed in ends)
-    largest = max(each, key=lambda one: float(np.sum(np.abs(one.los) ** 2)))
-    return replace(largest, how=f"wheel, the worst of {low:.5g} to {high:.5g} rpm", alternatives=each)
-
-
-def _below(any_lost: bool) -> tuple[Gap, ...]:
+def below(any_lost: bool) -> tuple[Gap, ...]:
+    """The gap below MEANINGLESS, where figures are lost there."""
     return (open_gap(_FREE, 0.0, MEANINGLESS),) if any_lost else ()
-
-
-def _table(path: Path, what: str, *choices: tuple[str, ...]) -> tuple[list[dict[str, str]], tuple[str, ...]]:
-    """Rows of a CSV file, and which of the ``choices`` of columns it has."""
-    with reading(path, MicrovibError):
-        check_file(path)
-        rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
-        head = rows[0] if rows else {}
-        chosen = next((c for c in choices if any(name in head for name in c)), None)
-        if chosen is None or "frequency_hz" not in head:
-            either = " or ".join(", ".join(c) for c in choices)
-            raise MicrovibError(f"is not a table of {what}: columns frequency_hz and {either} are expected")
-        return rows, chosen
-
-
-def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> np.ndarray:
-    """Numbers of columns, (rows, columns), 0 where a column is missing; nan where a cell is empty."""
-    with error_context(path):
-        return np.array(
-            [[finite(f"row {k}: {n}", row[n]) if row.get(n) else math.nan if n in row else 0.0 for n in names]
-             for k, row in enumerate(rows, 2)]
-        )  # fmt: skip
-
-
-def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
-    path = folder / str(source.lines)
-    rows, chosen = _table(path, "lines", _LOS, _LOADS)
-    f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
-    stems = [name.removesuffix("_rad").removesuffix("_n").removesuffix("_n_m") for name in chosen]
-    stems = [stem.removesuffix("_n") for stem in stems]
-    phases = np.nan_to_num(_columns(path, rows, tuple(f"{stem}_phase_rad" for stem in stems)))
-    if not np.all(f > 0.0):
-        raise MicrovibError(f"{path}: frequency_hz: frequencies greater than 0 Hz are expected")
-    tones = sizes * np.exp(1j * phases)
-    lost = np.isnan(sizes).any(axis=1)
-    if chosen == _LOADS:
-        tones = np.einsum("fkc,fc->fk", transfer_from(scenario, f, _place(source, scenario)), tones)
-    names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
-    gaps = tuple(open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k])) for k in np.flatnonzero(lost))
-    gaps += _below(bool(np.isnan(tones[~lost]).any()))
-    how = f"lines of {path.name}" + ("" if chosen == _LOS else ", loads on the hub")
-    return Contribution(source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps)
-
-
-def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
-    path = folder / str(source.density)
-    rows, chosen = _table(path, "densities", _LOS_DENSITIES, _LOAD_DENSITIES)
-    f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
-    if f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0 or np.any(~(S >= 0.0)):
-        raise MicrovibError(
-            f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or more"
-        )
-    gaps: tuple[Gap, ...] = ()
-    if chosen == _LOAD_DENSITIES:
-        f, S = _finer(f, S, about_modes(scenario))
-        by = transfer_from(scenario, np.maximum(f, 1e-6), _place(source, scenario))
-        gaps = _below(bool(np.isnan(by).any()))
-        S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
-    none = np.zeros((0, 2), dtype=complex)
-    return Contribution(source.name, f"density of {path.name}", (), np.zeros(0), none, density=(f, S), gaps=gaps)
-
-
-def _finer(f: np.ndarray, S: np.ndarray, near: np.ndarray, part: float = 2e-3) -> tuple[np.ndarray, np.ndarray]:
-    """A density on a grid that resolves the craft's resonances by frequencies ``near`` them, linear between what was given."""
-    grid = np.union1d(
-        np.r_[f, near], np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / part) + 2)
-    )
-    grid = grid[(grid >= f[0]) & (grid <= f[-1])]
-    return grid, np.array([np.interp(grid, f, column) for column in S.T]).T

@@ -15,13 +15,14 @@ from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import Difference, differences, short_way_of
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.scenario_file import load_scenario
-from microvib.model.coupling import craft_in
+from microvib.model.coupling import craft_in, source_of
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
 from microvib.studies.budget.figures import Tones, figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
-from microvib.studies.budget.sources import Contribution, of_other, of_recording, of_run
+from microvib.studies.budget.other_sources import of_other
+from microvib.studies.budget.sources import Contribution, of_recording, of_run
 from microvib.studies.budget.sums import Judged, Rule, costliest, judged, merged
 from microvib.studies.campaign.folder import open_campaign
 from microvib.studies.campaign.results import DONE, Results, open_results
@@ -117,17 +118,20 @@ def pointing_budget(
             "campaign", "holds what both wings do together, and a recording has one of them; leave one out"
         )
     ensemble = None if campaign is None else ensemble_of(whole, Path(campaign))
+    for _, scenario in drives:
+        source_of(scenario)
+    measured = None if recording is None else of_recording(*drives[0], recording, harmonics)
     found: list[Contribution] = []
     tables: list[HubLines] = []
     compared: tuple[Difference, ...] = ()
     for k, (name, scenario) in enumerate(drives):
-        recorded = recording if k == 0 else None
+        recorded = measured if k == 0 else None
         tried = scenario if recorded is None else scenario.with_({"record.start": "steady"})
         one, full = of_run(name, tried, solve_run(tried, harmonics=harmonics, progress=progress), harmonics)
         if k == 0 and (short_way or recorded is not None):
             compared = tuple(differences(*short_way_of(tried, harmonics=harmonics, progress=progress), full))
         if recorded is not None:
-            found.append(with_doubt(of_recording(name, scenario, recorded, harmonics), compared))
+            found.append(with_doubt(recorded, compared))
             continue
         found.append(replace(one, clock="drives" if one_clock else clocks[k]))
         tables.append(full)
@@ -245,16 +249,16 @@ def ensemble_of(scenario: Scenario, folder: Path) -> Results:
         raise MicrovibError(
             f"{folder}: has levels, which are no ensemble; a campaign of distributions alone is expected"
         )
-    return open_results(campaign)
+    results = open_results(campaign)
+    if not np.any(independent(campaign.design) & (results.state == DONE)):
+        raise MicrovibError(f"{folder}: has no independent case that was computed")
+    return results
 
 
 def with_campaign(drive: Contribution, results: Results) -> Contribution:
     """A drive with the amplitudes of its lines over the independent cases of a campaign."""
-    design, folder = results.campaign.design, results.campaign.folder
-    counted = independent(design)
+    counted = independent(results.campaign.design)
     drawn = counted & (results.state == DONE)
-    if not drawn.any():
-        raise MicrovibError(f"{folder}: has no independent case that was computed")
     names = [name for name in results.lines if not name.startswith("other_")]
     known = {name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T for name in names}
     none, n = np.full((int(drawn.sum()), 2), np.nan), int(drawn.sum())

@@ -70,7 +70,7 @@ class Judged:
 
 
 _Part = tuple[float, np.ndarray, str, np.ndarray, bool]
-"""A line: frequency, both angles, clock, doubts of both, and whether it belongs to the settled motion."""
+"""A line: frequency, both angles, clock, doubts of both (less, more; 2, 2), and whether it belongs to the settled motion."""
 
 
 def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
@@ -79,8 +79,8 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
         (
             float(f),
             one.los[k],
-            one.clock or f"{n}:{k}",
-            doubts[k] if doubtful else 0.0 * doubts[k],
+            "all" if rule == "coherent" and one.phased else one.clock or f"{n}:{k}",
+            doubts[:, k] if doubtful else 0.0 * doubts[:, k],
             bool(one.settled[k]),
         )
         for n, one in enumerate(contributions)
@@ -100,27 +100,23 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
 
 
 def _doubts(one: Contribution) -> np.ndarray:
-    """Relative doubt of each line about both axes, (k, 2)."""
-    given = np.asarray(one.doubt, dtype=float)
-    return np.broadcast_to(given[:, None] if given.ndim == 1 else given, (len(one.frequency), 2))
+    """By which part each line may be smaller and larger about both axes, (2, k, 2)."""
+    return np.broadcast_to(one.doubt, (2, len(one.frequency), 2))
 
 
 def _of_group(group: Sequence[_Part], rule: Rule) -> np.ndarray:
     """Least, given and largest amplitude (3, 2) of lines of one frequency; what rings counts in the largest only."""
-    clocks: dict[str, list[np.ndarray]] = {}
-    for _, los, clock, doubt, settled in group:
-        settled_los = los if settled else np.zeros(2)
-        name = "all" if rule == "coherent" else clock
+    clocks: dict[str, np.ndarray] = {}
+    doubt, ringing = np.zeros((2, 2)), np.zeros(2)
+    for _, los, clock, doubts, settled in group:
         size = np.abs(los)
-        clocks.setdefault(name, []).append(np.array([settled_los, doubt * size, np.zeros(2) if settled else size]))
-    sums = [np.sum(each, axis=0) for each in clocks.values()]
-    given = np.array([np.abs(x[0]) for x in sums])
-    doubt = np.sum([np.abs(x[1]) for x in sums], axis=0)
-    ringing = np.sum([np.abs(x[2]) for x in sums], axis=0)
+        clocks[clock] = clocks.get(clock, 0.0) + (los if settled else 0.0 * los)
+        doubt, ringing = doubt + doubts * size, ringing + (0.0 * size if settled else size)
+    given = np.abs(list(clocks.values()))
     total = given.sum(axis=0)
-    least = np.maximum(2.0 * given.max(axis=0) - total - doubt, 0.0)
+    least = np.maximum(2.0 * given.max(axis=0) - total - doubt[0], 0.0)
     value = total if rule == "bound" else np.sqrt(np.sum(given**2, axis=0))
-    return np.array([least, value, total + doubt + ringing])
+    return np.array([least, value, total + doubt[1] + ringing])
 
 
 def judged(requirement: Requirement, contributions: Sequence[Contribution], rule: Rule) -> Judged:

@@ -17,12 +17,12 @@ from microvib.analysis.limits import judge
 from microvib.analysis.lines import lines as lines_of
 from microvib.analysis.lines import lines_of_samples, steady
 from microvib.analysis.pointing import hub_lines
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
-from microvib.solve.integration import from_rest
+from microvib.solve.integration import SECOND_WING, from_rest
 from microvib.solve.on_craft import OF_STATES
 from microvib.solve.steady.state import find_steady
 from microvib.studies.campaign.design import limit_of
@@ -234,12 +234,14 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
             raise torque
         if torque is not None:
             table = lines_of_samples(torque.T_d, torque.sample_rate, scenario, work.study.harmonics)
-            return _result(work.study, scenario, table, torque.T_d, torque.stuck_output)
+            second = _second(work, scenario)
+            return _result(work.study, scenario, table, torque.T_d, torque.stuck_output, second=second)
         if _looks(scenario):
             return _with_line_of_sight(work, scenario)
         found = steady(scenario, harmonics=work.study.harmonics)
         stuck = found.state.stuck_output if found.state is not None else math.nan
-        return _result(work.study, scenario, found.lines, found.source["T_d"], stuck, found.fallback)
+        second = _second(work, scenario)
+        return _result(work.study, scenario, found.lines, found.source["T_d"], stuck, found.fallback, second)
     except MicrovibError as error:
         return _failed(error)
     except MemoryError:
@@ -251,6 +253,20 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
 def _looks(scenario: Scenario) -> bool:
     """Whether it has a line of sight."""
     return scenario.spacecraft is not None and scenario.spacecraft.line_of_sight is not None
+
+
+def _second(work: Work, scenario: Scenario) -> LineTable | None:
+    """Lines of the second wing's drive, by its torque alone, where it is driven and a limit judges them."""
+    other = scenario.driven_wing
+    if other is None or limit_of(work.study) is None:
+        return None
+    with error_context(SECOND_WING):
+        if work.steady:
+            return steady(other, harmonics=work.study.harmonics).lines
+        (torque,) = _torques([other])
+        if isinstance(torque, Exception):
+            raise torque
+        return lines_of_samples(torque.T_d, torque.sample_rate, other, work.study.harmonics)
 
 
 def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:

@@ -122,6 +122,8 @@ def identify(
     tests, notes = without_the_start(told, scenario, fitted, trust)
     notes = (*_on_craft(tests, scenario), *notes)
     asked: tuple[Candidate, ...] = ()
+    if progress is not None:
+        progress("global", 0, math.inf, {})
     if effects:
         selector = Selector(scenario, tests, fitted, effects, trust, seed, starts, progress)
         scenario, tests, fitted, asked = selector.run()

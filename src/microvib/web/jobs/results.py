@@ -12,6 +12,7 @@ from microvib.analysis.budget import Share, budget
 from microvib.analysis.pointing import HubLines
 from microvib.errors import MicrovibError
 from microvib.io.modal_sources import ModalSource, modal_source
+from microvib.io.runs import SECOND
 from microvib.model.array import Array
 from microvib.model.scenario import Scenario
 from microvib.reports.angles import angles_table, angles_texts, bracketed, draw_angles, fallbacks
@@ -55,7 +56,7 @@ def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: Hu
         "seeds": [asdict(line) for line in table.seeds],
         "facts": _facts(motion, shares["T_d"], summed),
         "budget": [_budget_row(name, share) for name, share in shares.items()],
-        "invariants": summed["invariants"],
+        "invariants": {whose: one["invariants"] for whose, one in (("", summed), *_second(summed))},
         "solver": summed["solver"],
         "paper": [asdict(row) for row in compare_with_paper(scenario, table)],
         "standing": comparison_worth(scenario),
@@ -67,6 +68,11 @@ def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: Hu
         "t1": float(motion.time[-1]),
         "sample_rate": motion.sample_rate,
     }
+
+
+def _second(summed: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """What a summary says of the second wing's drive, where it is driven."""
+    return [(", second wing", summed[SECOND])] if SECOND in summed else []
 
 
 def _craft(hub: HubLines) -> dict[str, Any]:

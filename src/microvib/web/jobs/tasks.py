@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Limit, judge
-from microvib.analysis.lines import lines
-from microvib.analysis.run import solve_run
+from microvib.analysis.run import lines_of_second, solve_run
 from microvib.analysis.seeds import with_seeds
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, read_recording
@@ -108,8 +107,7 @@ def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None
 def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
     """Lines of a run against a limit."""
     motion, table = _kept(Path(folder))
-    second = None if motion.beside is None else lines(motion.beside)
-    judged = judge(table, limit, motion.scenario, second)
+    judged = judge(table, limit, motion.scenario, lines_of_second(motion))
     margins = [
         {"line": m.line.line, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why} for m in judged.margins
     ]

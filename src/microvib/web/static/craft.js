@@ -156,5 +156,7 @@ function loads(craft) {
       show: (value) => number(value === null ? null : 1e3 * value, 4),
     })),
   ];
-  return [h("h3", {}, "Loads on the hub"), shortTable(columns, rows, matters, { caption: "Loads on the hub at the interface point" })];
+  const ringing = craft.lines.filter(({ rings }) => rings).map(({ line }) => line);
+  const mean = ringing.length > 0 && `Of ${ringing.join(", ")}, which ring after the start, the mean over the record.`;
+  return [h("h3", {}, "Loads on the hub"), mean && h("p", { class: "soft" }, mean), shortTable(columns, rows, matters, { caption: "Loads on the hub at the interface point" })];
 }

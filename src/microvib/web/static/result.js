@@ -89,9 +89,11 @@ function checks({ drivetrain, invariants, modes }) {
   const power = ["electrical", "joule", "friction", "damping"]
     .map((name) => [name, drivetrain.power[name]])
     .map(([name, value]) => [`power, ${name}`, quantity(value, "W")]);
-  const kept = ["torque_forms", "momentum", "energy"]
-    .filter((name) => name in invariants)
-    .map((name) => [`residual of ${name.replace("_", " ")}`, number(invariants[name], 2)]);
+  const kept = Object.entries(invariants).flatMap(([whose, values]) =>
+    ["torque_forms", "momentum", "energy"]
+      .filter((name) => name in values)
+      .map((name) => [`residual of ${name.replace("_", " ")}${whose}`, number(values[name], 2)]),
+  );
   const seen = modes.map((mode) => [
     mode.name.replaceAll("_", " "),
     `${number(mode.frequency, 5)} Hz, damping ${number(100 * mode.damping, 3)} %`,

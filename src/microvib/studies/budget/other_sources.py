@@ -1,0 +1,176 @@
+"""What moves the line of sight besides the drives: reaction wheels, lines and densities from files."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from microvib.errors import MicrovibError, error_context
+from microvib.io.files import check_file, reading
+from microvib.io.tables import finite, plain_lines
+from microvib.model.coupling import about_modes, craft_in, receiver_of, transfer_from
+from microvib.model.rigid import motion_of
+from microvib.model.scenario import Scenario
+from microvib.studies.budget.files import OtherSource, Wheel
+from microvib.studies.budget.sources import Contribution, Gap, below, open_gap
+
+SPEEDS = 101
+"""Speeds that are tried of a wheel with a range of them, besides those at which it meets a mode."""
+_BANDWIDTH = np.array([-0.5, 0.0, 0.5])
+_LOADS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
+_LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
+_LOS, _LOS_DENSITIES = ("los_x_rad", "los_y_rad"), ("los_x_rad2_hz", "los_y_rad2_hz")
+
+
+def of_other(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
+    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; files are relative to ``folder``."""
+    with error_context(f"sources: {source.name}"):
+        if source.wheel is not None:
+            return _of_wheel(source, source.wheel, scenario)
+        return _of_lines(source, scenario, folder) if source.lines else _of_density(source, scenario, folder)
+
+
+def _place(source: OtherSource, scenario: Scenario) -> np.ndarray:
+    """Motion of the place where loads act by the hub's coordinates, (6, n)."""
+    craft = craft_in(scenario)
+    n = receiver_of(scenario).root.shape[1]
+    if source.point is not None:
+        if source.point not in craft.spacecraft.points:
+            raise MicrovibError(
+                f"point: '{source.point}' is not on the hub; there are {', '.join(craft.spacecraft.points)}"
+            )
+        return craft.at(source.point)[:, :n]
+    if source.position is None:
+        raise MicrovibError("position: missing; loads need their place on the hub, position or point")
+    if n > 6:
+        known = ", ".join(craft.spacecraft.points)
+        raise MicrovibError(f"position: a flexible hub moves only where it has points; give point, one of {known}")
+    return motion_of(np.array(source.position))
+
+
+def _of_wheel(source: OtherSource, wheel: Wheel, scenario: Scenario) -> Contribution:
+    ends = (wheel.speed, wheel.speed_to or wheel.speed)
+    orders = np.unique([h.order for h in wheel.harmonics])
+    speeds = np.linspace(*ends, SPEEDS if wheel.speed_to else 1)
+    # A resonance lies between two speeds of any grid: those at which an order meets a mode, and at half its bandwidth about it.
+    met = np.outer(2.0 * np.pi * about_modes(scenario, _BANDWIDTH), 1.0 / orders).ravel()
+    speeds = np.union1d(speeds, met[(met > ends[0]) & (met < ends[1])])
+    place, axis = _place(source, scenario), np.array(wheel.axis) / np.linalg.norm(wheel.axis)
+    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    first /= np.linalg.norm(first)
+    turning = first - 1j * np.cross(axis, first)
+    shapes = [("radial_force", np.r_[turning, 0, 0, 0]), ("radial_torque", np.r_[0, 0, 0, turning])]
+    shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
+    frequency = speeds[:, None] * orders / (2.0 * np.pi)
+    by = transfer_from(scenario, frequency.ravel(), place).reshape(speeds.size, orders.size, 2, 6)
+    parts = [[getattr(h, key) * shape * (orders == h.order)[:, None] for key, shape in shapes] for h in wheel.harmonics]
+    sizes = np.abs(np.einsum("sokc,poc->psok", by, np.concatenate(parts))) * speeds[:, None, None] ** 2
+    los, doubt = in_any_phase(sizes)
+    names = tuple(f"order {order:g}" for order in orders)
+    each = tuple(
+        Contribution(
+            source.name, f"wheel at {60.0 * speed / (2.0 * np.pi):.5g} rpm", names, frequency[k], np.nan_to_num(los[k]),
+            gaps=below(bool(np.isnan(los[k]).any())), doubt=doubt[:, k], phased=False,
+        )
+        for k, speed in enumerate(speeds)
+    )  # fmt: skip
+    if len(each) == 1:
+        return each[0]
+    low, high = (60.0 * speed / (2.0 * np.pi) for speed in ends)
+    largest = max(each, key=lambda one: float(np.sum(np.abs(one.los) ** 2)))
+    return replace(largest, how=f"wheel, the worst of {low:.5g} to {high:.5g} rpm", alternatives=each)
+
+
+def in_any_phase(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest amplitudes (...) that parts (p, ...) of a line make whose phases to each other are not known, and by which part of
+    them the line may be smaller and larger, (2, ...)."""
+    most = np.sum(sizes, axis=0)
+    least = np.maximum(2.0 * np.max(sizes, axis=0) - most, 0.0)
+    less = np.divide(most - least, most, out=np.zeros_like(most), where=most > 0.0)
+    return most, np.array([less, 0.0 * less])
+
+
+def _table(path: Path, what: str, *choices: tuple[str, ...]) -> tuple[list[dict[str, str]], tuple[str, ...]]:
+    """Rows of a CSV file, and which of the ``choices`` of columns it has."""
+    with reading(path, MicrovibError):
+        check_file(path)
+        rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
+        head = rows[0] if rows else {}
+        chosen = next((c for c in choices if any(name in head for name in c)), None)
+        if chosen is None or "frequency_hz" not in head:
+            either = " or ".join(", ".join(c) for c in choices)
+            raise MicrovibError(f"is not a table of {what}: columns frequency_hz and {either} are expected")
+        return rows, chosen
+
+
+def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> np.ndarray:
+    """Numbers of columns, (rows, columns), 0 where a column is missing; nan where a cell is empty."""
+    with error_context(path):
+        return np.array(
+            [[finite(f"row {k}: {n}", row[n]) if row.get(n) else math.nan if n in row else 0.0 for n in names]
+             for k, row in enumerate(rows, 2)]
+        )  # fmt: skip
+
+
+def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
+    path = folder / str(source.lines)
+    rows, chosen = _table(path, "lines", _LOS, _LOADS)
+    f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
+    stems = [name.removesuffix("_rad").removesuffix("_n").removesuffix("_n_m") for name in chosen]
+    stems = [stem.removesuffix("_n") for stem in stems]
+    of_phases = tuple(f"{stem}_phase_rad" for stem in stems)
+    phases = _columns(path, rows, of_phases)
+    phases[:, [name not in rows[0] for name in of_phases]] = np.nan
+    phased = ~np.any(np.isnan(phases) & (np.nan_to_num(sizes) != 0.0), axis=1)
+    if source.clock and not np.all(phased):
+        raise MicrovibError(
+            f"clock: its lines are added with their phases, and {path.name} lacks some of {', '.join(of_phases)}"
+        )
+    if not np.all(f > 0.0):
+        raise MicrovibError(f"{path}: frequency_hz: frequencies greater than 0 Hz are expected")
+    tones, doubt = sizes * np.exp(1j * np.nan_to_num(phases)), np.zeros((2, f.size, 2))
+    lost = np.isnan(sizes).any(axis=1)
+    if chosen == _LOADS:
+        parts = np.einsum("fkc,fc->cfk", transfer_from(scenario, f, _place(source, scenario)), tones)
+        most, unsure = in_any_phase(np.abs(parts))
+        tones = np.where(phased[:, None], parts.sum(axis=0), most)
+        doubt = np.where(phased[:, None], 0.0, unsure)
+    names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
+    gaps = tuple(open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k])) for k in np.flatnonzero(lost))
+    gaps += below(bool(np.isnan(tones[~lost]).any()))
+    how = f"lines of {path.name}" + ("" if chosen == _LOS else ", loads on the hub")
+    return Contribution(
+        source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, doubt=np.nan_to_num(doubt),
+        phased=bool(np.all(phased)),
+    )  # fmt: skip
+
+
+def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
+    path = folder / str(source.density)
+    rows, chosen = _table(path, "densities", _LOS_DENSITIES, _LOAD_DENSITIES)
+    f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
+    if f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0 or np.any(~(S >= 0.0)):
+        raise MicrovibError(
+            f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or more"
+        )
+    gaps: tuple[Gap, ...] = ()
+    if chosen == _LOAD_DENSITIES:
+        f, S = _finer(f, S, about_modes(scenario))
+        by = transfer_from(scenario, np.maximum(f, 1e-6), _place(source, scenario))
+        gaps = below(bool(np.isnan(by).any()))
+        S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
+    none = np.zeros((0, 2), dtype=complex)
+    return Contribution(source.name, f"density of {path.name}", (), np.zeros(0), none, density=(f, S), gaps=gaps)
+
+
+def _finer(f: np.ndarray, S: np.ndarray, near: np.ndarray, part: float = 2e-3) -> tuple[np.ndarray, np.ndarray]:
+    """A density on a grid that resolves the craft's resonances by frequencies ``near`` them, linear between what was given."""
+    grid = np.union1d(
+        np.r_[f, near], np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / part) + 2)
+    )
+    grid = grid[(grid >= f[0]) & (grid <= f[-1])]
+    return grid, np.array([np.interp(grid, f, column) for column in S.T]).T
