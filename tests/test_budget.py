@@ -176,6 +176,21 @@ def test_what_rings_can_neither_pass_nor_fail() -> None:
     assert judged(requirement(axis="x", highest="6 Hz"), [rings], "rss").verdict == "pass"
 
 
+def test_a_mode_whose_decay_does_not_show_decides_nothing() -> None:
+    """A tone that looks steady where a mode has not died away by its damping."""
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.settle": Si(1.0), "record.duration": Si(8.0)})
+    result = mv.run(scenario)
+    steady = (replace(x, status="ok", decay_per_s=0.0) if x.line == "array_mode_2" else x for x in result.table)
+    one, _ = of_run("drive", scenario, replace(result, table=replace(result.table, lines=tuple(steady))), 8)
+    k = one.names.index("array_mode_2")
+    size, f = float(np.linalg.norm(one.los[k])), float(one.frequency[k])
+    band = {"lowest": Si(f - 0.05), "highest": Si(f + 0.05)}
+    found = judged(requirement(**band, limit=Si(0.1 * size)), [one], "rss")
+    assert found.verdict == "not judged"
+    assert any("array_mode_2" in why and "rings" in why for why in found.why)
+    assert found.most >= size / math.sqrt(2.0)
+
+
 def test_what_was_not_looked_at_keeps_it_from_passing_within_its_band_only() -> None:
     gap = open_gap("below 0.05 Hz, where without spacecraft.attitude_control lines mean nothing", 0.0, 0.05)
     one = source("a", (5.0, 0.5, 0.0), gaps=(gap,))

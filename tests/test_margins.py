@@ -132,6 +132,12 @@ def test_an_unlisted_line_where_a_mode_may_ring_is_not_failed(table, scenario):
     assert judge(only(table, "drive_1", kind="other", amplitude_n_m=0.020), limit_of(0.010), scenario).verdict == "fail"
 
 
+def test_a_mode_whose_decay_the_record_is_too_short_to_show_is_not_failed(table, scenario):
+    steady = only(table, "array_mode_1", status="ok", decay_per_s=0.0, amplitude_n_m=0.020)
+    assert judge(steady, limit_of(0.010), scenario).verdict == "not judged"
+    assert judge(steady, limit_of(0.010), scenario.with_({"record.settle": "300 s"})).verdict == "fail"
+
+
 RECORDS = (
     {"record.sample_rate": "150 Hz"}, {"record.sample_rate": "900 Hz"}, {"record.duration": "5 s"}, {"record.settle": "0 s"},
     {"record.settle": "6 s"},

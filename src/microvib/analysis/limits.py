@@ -291,9 +291,9 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     steady = line.status in ("ok", FAINT) and seeds is not None and math.isfinite(seeds.p95_high_n_m)
     if seeds is not None and (line.status == DRIVEN or steady):
         amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
-    if verdict == "fail" and _may_ring(line, table, scenario):
+    if verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
         verdict = "not judged"
-        why = "may be an array mode that rings and that the record does not resolve; a longer record.settle"
+        why = "may be an array mode that rings, which the record is too short to show; a longer record.settle"
     factor = most / amplitude if amplitude > 0.0 else math.inf
     return Margin(line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else "")
 
@@ -371,11 +371,18 @@ def _is_small(line: Line, limit: Limit) -> bool:
     return line.status.startswith("not separable") and BEYOND * line.bin_amplitude_n_m <= limit.torque
 
 
-def _may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
-    """Whether an unlisted line lies within the resolution of a mode that has not died away since the start."""
-    if scenario is None or line.kind != "other":
+def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
+    """Whether a line rings after the start and dies away, or may do so.
+
+    A mode whose decay the record is too short to show does, and what lies within its resolution, until it has died away by its
+    damping.
+    """
+    if line.kind not in ("array mode", "other") or line.status == DRIVEN:
         return False
-    modes = [m for m in coupled_modes(scenario) if abs(m.frequency - line.frequency_hz) * table.duration < SEPARATION]
+    if scenario is None or line.status != "ok":
+        return line.status != "ok"
+    near = SEPARATION / table.duration
+    modes = [m for m in coupled_modes(scenario) if m.name == line.line or abs(m.frequency - line.frequency_hz) < near]
     return any(2.0 * math.pi * m.frequency * m.damping * calm_for(scenario) < CALM for m in modes)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib.analysis.limits import may_ring
 from microvib.analysis.lines import expected_in, lines
 from microvib.errors import MicrovibError
 from microvib.model.coupling import MEANINGLESS, density_of_noise
@@ -63,7 +64,7 @@ class HubLines:
     driven: tuple[str, ...] = ()
     """Lines that noise drives: one draw of what ``density`` has of all, so that sums leave them out."""
     rings: tuple[str, ...] = ()
-    """Lines that ring after the start and die away; sums count them with their mean."""
+    """Lines that ring after the start and die away, or may do so; sums count them with their mean."""
     drives: tuple[HubLines, ...] = ()
     """What each of two drives makes by itself, where two are added here; empty of one."""
 
@@ -269,8 +270,7 @@ def _lines_of_one(source: Motion | SteadyState, table: LineTable, harmonics: int
     tones = tones[keep]
     los, second = tones[:, -2:] if looks else None, tones[:, 6:12] if two else None
     driven = tuple(line.line for line in table if line.status == DRIVEN)
-    lasts = {line.line for line in table if line.status in ("ok", DRIVEN)}
-    rings = tuple(x.name for x, kept in zip(expected, own & keep, strict=True) if kept and x.name not in lasts)
+    rings = tuple(line.line for line in table if line.line in names and may_ring(line, table, scenario))
     return HubLines(scenario, names, frequency[keep], tones[:, :6], los, shafts[keep], unknown, second, driven, rings)
 
 
@@ -301,6 +301,9 @@ def together(first: HubLines, second: HubLines) -> HubLines:
         total: np.ndarray = np.where(np.isnan(both).all(axis=0), np.nan, np.nansum(both, axis=0))
         return total
 
+    def of_both(ours: tuple[str, ...], theirs: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys([*ours, *(names[place[name]] for name in theirs if name in place)]))
+
     # a natural mode has the name that it has in the first's run, even if that one does not look for it
     names = (*first.names, *(partner.get(second.names[k], f"{SECOND} {second.names[k]}") for k in new))
     loads = added(first.loads, second.loads if second.second is None else second.second)
@@ -314,8 +317,8 @@ def together(first: HubLines, second: HubLines) -> HubLines:
         shafts=np.vstack([first.shafts, np.zeros((len(new), 2))]),
         second=added(first.second, second.loads),
         unknown=(*first.unknown, *(f"{SECOND} {name}" for name in second.unknown)),
-        driven=(*first.driven, *(names[place[name]] for name in second.driven if name in place)),
-        rings=(*first.rings, *(names[place[name]] for name in second.rings if name in place)),
+        driven=of_both(first.driven, second.driven),
+        rings=of_both(first.rings, second.rings),
         drives=(first, second),
     )
 

@@ -198,7 +198,7 @@ def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> 
     caption = (
         "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits one axis, lines about that axis"
         " have a marker of their own, as its legend says. Right, radial rms of all sources over the length"
-        " of the window (the largest within each twentieth of a decade), dashed about x and dotted about y where a limit is on that"
+        " of the window (the largest within each fortieth of a decade), dashed about x and dotted about y where a limit is on that"
         " axis; markers are limits on them."
     )
     required = budget.requirements
@@ -308,8 +308,8 @@ def _sources(budget: Budget) -> Table:
 
 
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")
-_WITHIN = 24
-"""Windows within a twentieth of a decade, of which the largest figure is drawn: weights fall to nothing between."""
+_WITHIN = 12
+"""Windows within a fortieth of a decade, of which the largest figure is drawn: weights fall to nothing between."""
 
 
 _SIZE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -350,7 +350,7 @@ def draw_budget(budget: Budget) -> Figure:
     if top:
         left.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
     left.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    T = np.geomspace(1e-4, 1e2, 120 * _WITHIN)
+    T = np.geomspace(1e-4, 1e2, 240 * _WITHIN)
     tones = merged(budget.contributions, budget.rule, doubtful=False)
     for k, metric in enumerate(_DRAWN):
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]

@@ -27,7 +27,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, LineTable
+from microvib.signals.line_table import DETECTION, FAINT, LineTable
 from microvib.solve.channels import INTERFACE
 from microvib.testdata.recording import Recording
 
@@ -106,10 +106,11 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
         raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
     rows = {line.line: line for line in result.table}
     own = [rows[name] for name in found.names]
-    rings = np.array([(x.kind in OWN and x.status != "ok") or x.status == DRIVEN for x in own], dtype=bool)
-    # Of what dies away the amplitude at the start of the record.
-    T = result.table.duration
-    start = [x.starting(T) / x.amplitude_n_m if x.status == "decaying" else 1.0 for x in own]
+    rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
+    # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by the mode's damping.
+    T, decay = result.table.duration, {m.name: math.tau * m.frequency * m.damping for m in coupled_modes(scenario)}
+    falls = (x if x.status == "decaying" else replace(x, decay_per_s=decay.get(x.line, 0.0)) for x in own)
+    start = [x.starting(T) / x.amplitude_n_m if x.amplitude_n_m > 0.0 else 1.0 for x in falls]
     return Contribution(
         name,
         "steady state of the coupled run" if result.state else "coupled run",
