@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import microvib as mv
@@ -157,6 +158,29 @@ def test_what_a_cell_ends_with_is_shown_in_a_line_or_as_its_lines(motion_1):
     assert repr(mv.rates(scenario, ["0.06 deg/s"], linear=True)) == f"Rate plan of {title}: 1 cases, 0 resonances"
 
 
+def recorded(x, rate=4096.0, unit="N*m", **channels):
+    return mv.Recording({"Mz": x, **channels}, rate, {"Mz": unit}, "mine")
+
+
+@pytest.mark.parametrize(
+    "form", [list, pd.Series, np.float32, lambda x: pd.Series(x, np.arange(x.size) / 4096.0 + 5.0)]
+)
+def test_samples_of_ones_own_come_in_many_forms(motion_1, form):
+    x, expected = motion_1["T_d"], mv.lines(motion_1)["drive_1"].amplitude_n_m
+    for one in (recorded(form(x)), recorded(form(1e3 * x), rate="4.096 kHz", unit="mN*m")):
+        table = mv.lines(one, scenario=motion_1.scenario)
+        assert table.unit == "N*m"
+        assert table["drive_1"].amplitude_n_m == pytest.approx(expected, rel=1e-4)
+
+
+def test_numbers_of_numpy_are_numbers(state_1):
+    assert state_1.with_({"driver.microsteps": np.int64(8), "tracking.clock_ratio": np.array(0.99)}) == state_1.with_(
+        {"driver.microsteps": 8, "tracking.clock_ratio": 0.99}
+    )
+    assert state_1.with_(pd.Series({"driver.microsteps": 8}))["driver.microsteps"] == 8
+    assert mv.rates(state_1, ["0.06 deg/s"], np.array([8, 16]), linear=True).counts == (8, 16)
+
+
 WRONG = {
     "a name for a scenario, simulated": (lambda m: mv.batch(["state-1"]), "'state-1' is a name; expected is a list of scen"),
     "a name for a scenario, steady": (lambda m: mv.steady("state-1"), "'state-1' is a name; expected is a scenario"),
@@ -190,6 +214,16 @@ WRONG = {
     "a number of numpy": (lambda m: m.scenario.with_({"tracking.rate": np.float64(0.05)}), "tracking.rate: 0.05 needs a unit, "),
     "a speed, judged as a torque": (
         lambda m: mv.judge(mv.lines(m, "omega_l"), mv.Limit("10 mN*m")), "limit: is a torque, and these lines are in rad/s; ",
+    ),
+    "a band from high to low": (lambda m: mv.Limit("1 mN*m", "150 Hz", "0.5 Hz"), "the first bound must be at least 0 and below"),
+    "a limit below zero": (lambda m: mv.Limit("-1 mN*m"), "torque: '-1 mN*m' is not allowed; it must be greater than 0"),
+    "samples in columns": (lambda m: recorded(np.ones((9, 2))), "channel Mz is float64 of shape (9, 2); real numbers one after"),
+    "complex samples": (lambda m: recorded(np.ones(9) * 1j), "channel Mz is complex128 of shape (9,); real numbers one after"),
+    "words for samples": (lambda m: recorded(["a"] * 9), "real numbers one after another, (n,), are expected"),
+    "channels of two lengths": (lambda m: recorded([1.0, 2.0], Fx=[1.0]), "its channels differ in length: {'Mz': 2, 'Fx': 1}"),
+    "no sample rate": (lambda m: recorded([1.0, 2.0], rate=0.0), "sample rate 0 Hz is not allowed; it must be greater than 0"),
+    "masked samples": (
+        lambda m: mv.lines(recorded(np.ma.masked_less(m["T_d"], -0.05))), "samples that are not numbers, the first at ",
     ),
     "a component that is not there": (lambda m: mv.lines(m, "Fx"), "whose array has no participation in six components"),
 }  # fmt: skip

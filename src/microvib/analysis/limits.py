@@ -39,7 +39,7 @@ _ALL = Si(0.0), Si(math.inf)
 class Limit:
     """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz].
 
-    ``Limit("10 mN*m")``, ``Limit("10 mN*m", "0.5 Hz", "150 Hz")``; OptionError for a bare number.
+    ``Limit("10 mN*m")``, ``Limit("10 mN*m", "0.5 Hz", "150 Hz")``; OptionError for a bare number, and for what is no limit or band.
     """
 
     torque: float
@@ -47,8 +47,9 @@ class Limit:
     high: float
 
     def __init__(self, torque: Given, low: Given = _ALL[0], high: Given = _ALL[1]) -> None:
-        for name, given, unit in (("torque", torque, "N*m"), ("low", low, "Hz"), ("high", high, "Hz")):
-            object.__setattr__(self, name, quantity(name, given, unit))
+        object.__setattr__(self, "torque", quantity("torque", torque, "N*m", positive=True))
+        for name, end in zip(("low", "high"), band((low, high)), strict=True):
+            object.__setattr__(self, name, end)
 
     @classmethod
     def of(cls, limit: Given | None, ends: Band | None) -> Limit | None:

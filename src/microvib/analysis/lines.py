@@ -104,7 +104,7 @@ def lines(
         table = _of_steady_state(source, channel or "T_d", harmonics)
         return replace(table, unit=unit_of(channel or "T_d"))
     if isinstance(source, Recording):
-        name = channel or f"M{scenario.array.drive_axis if scenario else 'z'}"
+        name, source = channel or f"M{scenario.array.drive_axis if scenario else 'z'}", source.in_si()
         check(source, name, _SHORTEST)
         table = lines_of_samples(source[name], source.sample_rate, scenario, harmonics, measured=True)
         return replace(table, unit=source.units[name])

@@ -124,6 +124,8 @@ def plain(value: Any, quantity: Quantity | None = None, *, text: bool = False) -
         return [plain(item, quantity, text=text) for item in value]
     if isinstance(value, dict):
         return {key: plain(item, text=text) for key, item in value.items()}
+    if hasattr(value, "item") and getattr(value, "ndim", 1) == 0:  # a number of numpy's
+        value = value.item()
     if not isinstance(value, float) or quantity is None:
         return value
     if text:

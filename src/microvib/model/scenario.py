@@ -248,14 +248,14 @@ class Scenario(Part):
         ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError, also
         for a bare number where a unit decides: ``with_si`` takes those.
         """
-        return self._changed({**(changes or {}), **groups}, si=False)
+        return self._changed({**({} if changes is None else changes), **groups}, si=False)
 
     def with_si(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
         """A changed copy, for programs that compute in SI: as ``with_``, but a bare number is in the SI unit of its key.
 
         ``scenario.with_si({"tracking.rate": 0.001})`` is 0.001 rad/s. Raises ScenarioError.
         """
-        return self._changed({**(changes or {}), **groups}, si=True)
+        return self._changed({**({} if changes is None else changes), **groups}, si=True)
 
     def _changed(self, changes: dict[str, Any], si: bool) -> Scenario:
         data: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}

@@ -193,7 +193,7 @@ def _side(
             clock, x, rate = scenario.tracking.clock_ratio, source["T_d"], source.sample_rate
             return Side(name, "simulation", _figures(lines(source)), clock, x, rate, scenario)
         case Recording():
-            return _side(Prepared(source), name, guide, channel, clock, progress)
+            return _side(Prepared(source.in_si()), name, guide, channel, clock, progress)
         case RunFolder():
             if source.lines is None:
                 raise MicrovibError(f"{source.path}: is not a run folder; it has no lines.csv")

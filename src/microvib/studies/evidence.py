@@ -132,7 +132,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
         case LineTable():
             return _of_table(source, scenario, name)
         case Recording():
-            return evidence_of(Prepared(source), scenario, channel, name)
+            return evidence_of(Prepared(source.in_si()), scenario, channel, name)
         case Prepared(recording, background):
             table, r = lines_of_recording(recording, channel, scenario, background), recording
             found = tuple(o for o in observations(table) if not near_mains(table[o.line].frequency_hz, r.duration))

@@ -9,6 +9,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
+from operator import index
 
 import numpy as np
 
@@ -193,7 +194,7 @@ def plan_rates(
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
-    microsteps = (scenario.driver.microsteps,) if microsteps is None else microsteps
+    microsteps = (scenario.driver.microsteps,) if microsteps is None else tuple(map(index, microsteps))
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
     modes = tuple(m for m in coupled_modes(scenario) if m.fixed_frequency is not None or m.damping < LIGHT)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Real
+from typing import Any
 
 import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.testdata.channels import LOADS, as_load, in_yaml, per
+from microvib.units import Si, quantity
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -24,7 +28,10 @@ class RecordingError(MicrovibError):
 
 @dataclass(frozen=True)
 class Recording:
-    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; forces and torques in N and N m after ``in_si``."""
+    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; forces and torques in N and N m after ``in_si``.
+
+    Samples may be anything that numpy takes for numbers; masked ones are nan. RecordingError where they are not (n,) each.
+    """
 
     channels: Mapping[str, np.ndarray]
     sample_rate: float
@@ -34,6 +41,33 @@ class Recording:
     """What reading and preparing did, in words."""
     faults: Mapping[str, str] | None = None
     """What was wrong with the samples of channels before they were changed, which hides it; None while they are as read."""
+
+    def __post_init__(self) -> None:
+        given: Any = self.sample_rate
+        rate = quantity("sample_rate", Si(given) if isinstance(given, Real) else given, "Hz")
+        if not 0.0 < rate < math.inf:
+            raise RecordingError(
+                f"{self.title}: sample rate {rate:g} Hz is not allowed; it must be greater than 0 and finite"
+            )
+        channels = {str(name): self._samples(name) for name in self.channels}
+        sizes = {name: x.size for name, x in channels.items()}
+        if len(set(sizes.values())) > 1:
+            raise RecordingError(f"{self.title}: its channels differ in length: {sizes}")
+        object.__setattr__(self, "sample_rate", float(rate))
+        object.__setattr__(self, "channels", channels)
+
+    def _samples(self, name: str) -> np.ndarray:
+        given = self.channels[name]
+        x = np.ma.filled(given.astype(float), np.nan) if isinstance(given, np.ma.MaskedArray) else np.asarray(given)
+        if x.dtype.kind in "biuO":
+            with contextlib.suppress(TypeError, ValueError):
+                x = x.astype(float)
+        if x.dtype.kind != "f" or x.ndim != 1:
+            what = f"{x.dtype} of shape {x.shape}"
+            raise RecordingError(
+                f"{self.title}: channel {name} is {what}; real numbers one after another, (n,), are expected"
+            )
+        return x
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.channels:
