@@ -167,11 +167,11 @@ class _Search:
         if fit.tones.limited[-1] or not self._explains(fit, k, height) or self._is_change(fit, -1):
             return None
         fold = abs(fit.tones.decay[-1]) * self.duration
-        falls = fold > max(FALLS, 3.0 * self._spread(fit, -1).decay[0] * self.duration)
+        falls = fold > FALLS and fold > 3.0 * self._spread(fit, -1).decay[0] * self.duration
         return fit if falls else held
 
     def _explains(self, fit: Joint, k: int, height: float) -> bool:
-        return float(np.max(fit.rest.magnitude[max(k - 1, 0) : k + 2])) < 0.5 * height
+        return float(np.max(np.abs(fit.rest.values[max(k - 1, 0) : k + 2]))) < 0.5 * height
 
     def _is_change(self, fit: Joint, i: int) -> bool:
         """Whether tone ``i`` only compensates for another that changes, or does not decay exponentially."""

@@ -85,8 +85,9 @@ class Rest:
     def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> Rest:
         """The highest of peaks, or of bins, at each ``frequency`` (n,) above 0."""
         band = np.floor(12.0 * np.log2(frequency)).astype(int)
-        order = np.lexsort((-amplitude, band))
-        first = order[np.unique(band[order], return_index=True)[1]]
+        order = np.argsort(band, kind="stable")
+        parts = np.split(order, 1 + np.flatnonzero(np.diff(band[order])))
+        first = np.array([part[np.argmax(amplitude[part])] for part in parts if part.size], dtype=int)
         return cls(frequency[first], amplitude[first])
 
     def within(self, low: float, high: float) -> tuple[float, float]:

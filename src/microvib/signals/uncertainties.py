@@ -42,15 +42,14 @@ def uncertainties(joint: Joint, ratio: float | None = None) -> tuple[Uncertainty
     def spread(rows: np.ndarray) -> np.ndarray:
         return np.sqrt(np.maximum(np.sum(rows * hann.correlated(rows, near, noise), axis=1), 0.0))
 
-    turns, decays = np.split(by[2 * m + 1 :], [free.size])[0], np.zeros((m, by.shape[1]))
+    turns, decays = by[2 * m + 1 :][: free.size], np.zeros((m, by.shape[1]))
     decays[falls] = by[2 * m + 1 + free.size :][: falls.size]
     along, across = _directions(joint.amplitudes, fold, by[0 : 2 * m : 2], by[1 : 2 * m : 2], decays)
     ratio_spread = None if ratio is None else float(spread(by[-1:])[0])
     frequency = (ratio_spread or 0.0) * np.array([line.frequency for line in tones.lines])
-    frequency[free] = spread(turns) / duration
-    return _of_spreads(
-        joint.amplitudes, spread(along), spread(across), frequency, spread(decays) / duration
-    ), ratio_spread
+    frequency[free], decay = spread(turns) / duration, np.zeros(m)
+    decay[falls] = spread(decays[falls]) / duration
+    return _of_spreads(joint.amplitudes, spread(along), spread(across), frequency, decay), ratio_spread
 
 
 def uncertainties_alone(joint: Joint, which: Sequence[int]) -> Uncertainty:
@@ -67,16 +66,11 @@ def uncertainties_alone(joint: Joint, which: Sequence[int]) -> Uncertainty:
     columns[:, 3] *= tones.free[:, None, None]
     columns[:, 4] *= tones.falls[:, None, None]
     by = _estimators(columns.reshape(-1, 5, 2 * width))
-    noise = _noise_about(joint, tones.frequency)
-
-    def spread(rows: np.ndarray) -> np.ndarray:
-        squares = np.sum(rows * hann.correlated(np.ascontiguousarray(rows), np.arange(width), np.ones(width)), axis=1)
-        return noise * np.sqrt(np.maximum(squares, 0.0))
-
     along, across = _directions(amplitudes, fold, by[:, 0], by[:, 1], by[:, 4])
-    return _of_spreads(
-        amplitudes, spread(along), spread(across), spread(by[:, 3]) / duration, spread(by[:, 4]) / duration
-    )
+    rows = np.concatenate([along, across, by[:, 3], by[:, 4]])
+    squares = np.sum(rows * hann.correlated(rows, np.arange(width), np.ones(width)), axis=1).reshape(4, -1)
+    spread = _noise_about(joint, tones.frequency) * np.sqrt(np.maximum(squares, 0.0))
+    return _of_spreads(amplitudes, spread[0], spread[1], spread[2] / duration, spread[3] / duration)
 
 
 def _directions(
@@ -153,13 +147,19 @@ def _floors(joint: Joint, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray
     k = np.rint(frequency * rest.duration).astype(int)[:, None] + _AWAY
     k = np.where((k >= 1) & (k < size), k, size)
     free = quiet[k] | (np.count_nonzero(quiet[k], axis=1) < _FEWEST)[:, None] & (k < size)
-    values = np.ma.masked_array(np.append(rest.magnitude, 0.0)[k], ~free)
-    half = np.maximum(np.count_nonzero(free, axis=1), 2) / 2.0
+    values, count = np.where(free, np.append(rest.magnitude, 0.0)[k], np.inf), np.count_nonzero(free, axis=1)
+    half = np.maximum(count, 2) / 2.0
     student = 1.0 + 1.21 / half + 1.44 / half**2  # Cornish and Fisher's expansion
     # median of a Rayleigh distribution is sqrt(2 ln 2) times the RMS of one of its parts
-    median = np.ma.filled(np.ma.median(values, axis=1), 0.0)  # type: ignore[no-untyped-call]
-    floors = student * median / np.sqrt(2.0 * np.log(2.0))
+    floors = student * _medians(values, count) / np.sqrt(2.0 * np.log(2.0))
     return floors, hann.bin_rms(frequency * rest.duration, rest.values) / np.sqrt(2.0)
+
+
+def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Median of the finite values of each row, of which there are ``count``; 0 where there are none. The rest is infinite."""
+    values.sort(axis=1)
+    each = np.arange(count.size)
+    return np.where(count > 0, 0.5 * (values[each, (count - 1) // 2] + values[each, count // 2]), 0.0)
 
 
 def _estimators(columns: np.ndarray) -> np.ndarray:
