@@ -1,24 +1,28 @@
 """How often the intervals of an identification hold the truth: many synthetic recordings, each identified.
 
-``python benchmarks/intervals.py [--recordings N] [--seed N] [--mismatch PART] [--driver]``
+``python benchmarks/intervals.py [--recordings N] [--seed N] [--state N] [--mismatch PART] [--driver] [--results FILE]``
 
 Each recording is of a drive of its own (reducer, rotor friction, inertia and clock drawn), with noise, and with figures that
-are wrong by random parts of the size that the identification states for them. The search starts from the catalog's state 1. With
+are wrong by random parts of the size that the identification states for them. The search starts from the catalog's state. With
 ``--mismatch`` the rotor's inertia is wrong by that part in the model: then no parameter must be called identifiable. With
 ``--driver`` errors of the driver are drawn and identified, and the time before the recording, which is known to SETTLE_ERROR.
-Nothing is asserted.
+With ``--results`` a run that was interrupted goes on. In brackets are 95 % confidence limits of each share (Clopper and
+Pearson). Nothing is asserted.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 import microvib as mv
 from microvib.analysis.lines import lines_of_samples
@@ -81,42 +85,75 @@ def identified(start: Scenario, one: Made, seed: int, driver: bool) -> Fit:
     return identify(start, [(one.evidence, {})], keys, starts=32, finishes=1, seed=seed, settle_error=late)
 
 
+def told(one: Made, fit: Fit) -> dict[str, object]:
+    """What is counted of one recording."""
+    keys = {
+        e.key: {
+            "truth": one.truth[e.key], "estimate": e.estimate, "standard_error": e.standard_error,
+            "interval": e.interval, "identifiable": e.identifiable, "profiled": e.profiled,
+        }
+        for e in fit.estimates
+    }  # fmt: skip
+    return {"explained": fit.goodness.explained, "converged": fit.converged, "keys": keys}
+
+
+def counts(rows: Sequence[dict[str, Any]]) -> dict[str, tuple[int, int]]:
+    """How often something held, of how many."""
+    found = {"explained": (sum(row["explained"] for row in rows), len(rows))}
+    found["not come to its end"] = (sum(not row["converged"] for row in rows), len(rows))
+    for key in dict.fromkeys(key for row in rows for key in row["keys"]):
+        every = [row["keys"][key] for row in rows if key in row["keys"]]
+        have = [e for e in every if e["interval"][0] <= e["interval"][1]]  # those that are not withheld
+        sure = [e for e in every if e["identifiable"]]
+        found[f"{key} identifiable"] = (len(sure), len(every))
+        found[f"{key} from its profile"] = (sum(e["profiled"] for e in have), len(have))
+        found[f"{key}: truth in its 95 % interval"] = (sum(map(_inside, have)), len(have))
+        found[f"{key}, identifiable: truth in its 95 % interval"] = (sum(map(_inside, sure)), len(sure))
+        found[f"{key}, identifiable: within 5 % or two standard errors"] = (sum(map(_near, sure)), len(sure))
+    return found
+
+
+def _inside(e: dict[str, Any]) -> bool:
+    return bool(e["interval"][0] <= e["truth"] <= e["interval"][1])
+
+
+def _near(e: dict[str, Any]) -> bool:
+    return bool(abs(e["estimate"] - e["truth"]) <= max(0.05 * abs(e["truth"]), 2.0 * e["standard_error"]))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make, identify, count."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=100, help="how many (default: 100)")
     parser.add_argument("--seed", type=int, default=1, help="of truths and noise (default: 1)")
     parser.add_argument("--mismatch", type=float, default=0.0, help="error of the model's rotor inertia, such as 0.2")
+    parser.add_argument("--state", type=int, default=1, help="state of the catalog (default: 1)")
     parser.add_argument(
         "--driver", action="store_true", help="errors of the driver instead of reducer, friction and inertia"
     )
+    parser.add_argument(
+        "--results", type=Path, help="file to add each recording to; those that it has are not made again"
+    )
     options = parser.parse_args(arguments)
     record = {"record.settle": SETTLE, "record.duration": DURATION[options.driver]}
-    start = mv.load_scenario("state-1").with_si(record)
+    start = mv.load_scenario(f"state-{options.state}").with_si(record)
     inertia = start.motor.rotor_inertia * (1.0 + options.mismatch)
     model = start.with_si({"motor.rotor_inertia": inertia})
-    random = np.random.default_rng(options.seed)
-    count: Counter[str] = Counter()
+    asked = {name: getattr(options, name) for name in ("seed", "mismatch", "state", "driver")}
+    lines = options.results.read_text().splitlines() if options.results and options.results.exists() else []
+    known = {row["recording"]: row for line in lines if (row := json.loads(line))["of"] == asked}
     for k in range(options.recordings):
-        one = made(start, random, options.driver)
-        fit = identified(model, one, k, options.driver)
-        count["explained"] += fit.goodness.explained
-        count["not come to its end"] += not fit.converged
-        for e in fit.estimates:
-            truth = one.truth[e.key]
-            off, near = abs(e.estimate - truth), max(0.05 * abs(truth), 2.0 * e.standard_error)
-            count[f"{e.key} identifiable"] += e.identifiable
-            count[f"{e.key} identifiable and within 5 % or two standard errors"] += e.identifiable and off <= near
-            count[f"{e.key} identifiable and in its 95 % interval"] += (
-                e.identifiable and e.interval[0] <= truth <= e.interval[1]
-            )
-            count[f"{e.key} in its 95 % interval"] += e.interval[0] <= truth <= e.interval[1]
-            count[f"{e.key} within two standard errors"] += off <= 2.0 * e.standard_error
-            count[f"{e.key} from its profile"] += e.profiled
-        print(f"{k + 1} recordings: " + "; ".join(f"{n} {what}" for what, n in count.items() if n), file=sys.stderr)
-    print(f"of {options.recordings} recordings:")
-    for what, n in count.items():
-        print(f"  {n:4d}  {what}")
+        if k in known:
+            continue
+        one = made(start, np.random.default_rng([options.seed, k]), options.driver)
+        known[k] = {"of": asked, "recording": k, **told(one, identified(model, one, k, options.driver))}
+        if options.results:
+            with options.results.open("a") as file:
+                file.write(json.dumps(known[k]) + "\n")
+        print(f"{k + 1} of {options.recordings} recordings", file=sys.stderr)
+    for what, (n, of) in counts([known[k] for k in range(options.recordings)]).items():
+        low, high = binomtest(n, of).proportion_ci(0.95) if of else (math.nan, math.nan)
+        print(f"{n:4d} of {of:4d}  {what} ({100.0 * low:.0f} to {100.0 * high:.0f} %)")
 
 
 if __name__ == "__main__":

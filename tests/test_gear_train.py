@@ -74,6 +74,18 @@ def test_a_helicopter_planetary_has_its_published_frequencies():
     assert found[1, "5 mesh"] == pytest.approx(5 * 980.4)
 
 
+def test_planets_pass_one_another_where_their_tips_do():
+    """Sun of 62, five of 83 in a ring of 228 (a helicopter's) just pass; four stand unequally in another's, 27 in 99."""
+    distance = 145 * math.sin(math.pi / 5)  # of two planets' axes, in modules
+    assert 85 < distance < 85.3
+    assert stage(sun=62, ring=228, planets=5).planets == 5
+    with pytest.raises(ScenarioError, match="6 of 83 teeth overlap"):
+        stage(sun=62, ring=228, planets=6, equally_spaced=False)
+    assert stage(sun=27, planet=35, ring=99, planets=4, equally_spaced=False).orders["mesh"].cycles == Fraction(
+        27 * 99, 126
+    )
+
+
 @pytest.mark.parametrize(
     ("fixed", "driven", "lead"),
     [
@@ -113,12 +125,12 @@ def test_the_same_two_teeth_meet_as_often_as_counting_says(pinion, wheel):
 
 def test_inertia_and_stiffness_are_reflected_by_energy():
     first = stage(pinion=20, wheel=60, input_inertia=2e-7, output_inertia=5e-6, stiffness=400.0)
-    second = stage(sun=20, ring=70, planets=4, input_inertia=1e-6, planet_inertia=3e-7, stiffness=5000.0)
+    second = stage(sun=20, ring=70, planets=3, input_inertia=1e-6, planet_inertia=3e-7, stiffness=5000.0)
     reducer = reducer_of(first, second, wave_generator_inertia=1e-7)
     omega = -1 / 3  # second stage's sun, for one of the rotor
     carrier = omega * 20 / 90
     planet = carrier - (omega - carrier) * 20 / 25
-    energy = 1e-7 + 2e-7 + 5e-6 * omega**2 + 1e-6 * omega**2 + 4 * 3e-7 * planet**2
+    energy = 1e-7 + 2e-7 + 5e-6 * omega**2 + 1e-6 * omega**2 + 3 * 3e-7 * planet**2
     assert reducer.input_inertia == pytest.approx(energy)
     assert reducer.ratio == pytest.approx(3 * 4.5)
     assert reducer.h == pytest.approx(13.5)  # one mesh turns about: as a harmonic reducer does
@@ -251,6 +263,15 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
         ),
         ({"reducer.train.1.ring": 19}, r"train\.1\.ring: 19 teeth leave no room for planets about a sun of 18"),
         ({"reducer.train.1.planet": 40}, r"train\.1\.planet: 40 teeth do not fit between a sun of 18 and a ring of 72"),
+        (
+            {"reducer.train.1.planets": 4},
+            r"train\.1\.planets: 4 cannot be assembled at equal angles between a sun of 18 and a ring of 72, since 90 teeth are"
+            r" no multiple of 4; if they stand at others, equally_spaced: false",
+        ),
+        (
+            {"reducer.train.1.planets": 5},
+            r"train\.1\.planets: 5 of 27 teeth overlap about a sun of 18; at most 4 have room",
+        ),
         ({"reducer.train.1.input": "ring"}, r"train\.1\.input: the ring stands \(fixed\); another member is expected"),
         ({"reducer.train.0.planet_inertia": 1e-7}, r"train\.0\.planet_inertia: a spur stage has no planets"),
         (

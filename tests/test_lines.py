@@ -340,6 +340,28 @@ def test_a_subharmonic_is_not_an_array_mode():
     assert estimate_lines(ringing, RATE, lines)["array_mode_2"].status == "decaying"
 
 
+def test_a_sideband_of_a_mode_is_not_another_mode():
+    """The second order of the full step and a mode make their sum, which falls as the mode does; off it, or falling by itself, is a
+    mode."""
+    own, apart = 1.371, 2 * DRIVE / 16
+    lines = [
+        *clocked(),
+        expect("array_mode_1", own, "array mode"),
+        expect("array_mode_2", own + apart, "array mode", 0.2),
+    ]
+    clock = sum_of({k * DRIVE: 0.03 / k for k in range(1, 6)} | {apart: 0.01})
+
+    def status(f: float, sigma: float, size: float = 4e-3) -> str:
+        rings = ((own, 0.02, 0.05), (f, size, sigma))
+        x = clock + sum(a * np.exp(-s * T) * np.cos(2 * np.pi * at * T) for at, a, s in rings)
+        return estimate_lines(x, RATE, lines)["array_mode_2"].status
+
+    assert status(own + apart, 0.05) == "not separable from full step, order 2 plus array_mode_1"
+    assert status(own + apart + 0.02, 0.05) == "decaying"
+    assert status(own + apart, 0.12) == "decaying"
+    assert status(own + apart, 0.05, size=0.05) == "decaying"  # larger than what would make it
+
+
 @pytest.mark.parametrize(
     ("order", "name"),
     [

@@ -51,6 +51,7 @@ class GearStage(Part):
     planet: Teeth | None = Field(default=None, description="teeth of a planet; null is half of ring less sun")
     ring: Teeth | None = Field(default=None, description="teeth of the ring of a planetary stage")
     planets: Annotated[int, Field(ge=1, le=20, strict=True, description="number of planets")] = 3
+    equally_spaced: bool = Field(default=True, description="whether planets stand at equal angles")
     fixed: Literal["ring", "carrier", "sun"] = Field(
         default="ring", description="member of a planetary stage that stands"
     )
@@ -102,7 +103,7 @@ class GearStage(Part):
                 yield f"errors.{k}.order: {problem}"
 
     def _unlike_planets(self) -> Iterator[str]:
-        sun, ring = self.teeth["sun"], self.teeth["ring"]
+        sun, planet, ring = self.teeth.values()
         if ring <= sun + 2:
             yield f"ring: {ring} teeth leave no room for planets about a sun of {sun}"
         elif self.planet is None and (ring - sun) % 2:
@@ -111,6 +112,17 @@ class GearStage(Part):
             )
         elif self.planet is not None and abs(2 * self.planet - (ring - sun)) > 4:
             yield f"planet: {self.planet} teeth do not fit between a sun of {sun} and a ring of {ring}"
+        elif self.equally_spaced and (sun + ring) % self.planets:
+            yield (
+                f"planets: {self.planets} cannot be assembled at equal angles between a sun of {sun} and a ring of {ring}, since"
+                f" {sun + ring} teeth are no multiple of {self.planets}; if they stand at others, equally_spaced: false"
+            )
+        else:
+            # teeth of both mesh with a planet's at multiples of a turn over sun + ring; tips stand a module beyond the pitch circle
+            places, apart = sun + ring, (planet + 2) / max(sun + planet, ring - planet)
+            room = max(n for n in range(1, 21) if n == 1 or math.sin(math.pi * (places // n) / places) > apart)
+            if self.planets > room:
+                yield f"planets: {self.planets} of {planet} teeth overlap about a sun of {sun}; at most {room} have room"
         if self.driven == self.fixed:
             yield f"input: the {self.fixed} stands (fixed); another member is expected"
 

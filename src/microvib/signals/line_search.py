@@ -29,6 +29,9 @@ _ALIKE = 0.7
 _MISFIT = 0.3
 """Fraction of a decaying tone that may be misfit: with friction, a mode does not ring down exactly exponentially."""
 
+_FALLS_ALIKE = 0.1
+"""Part by which the decay of a sideband of a mode may be off that mode's: friction that both feel depends on their size."""
+
 
 def search(
     joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *, everywhere: bool = True
@@ -127,18 +130,36 @@ class _Search:
         return min(fits, key=lambda fit: float(np.sum(np.abs(fit.rest.values[near]) ** 2)))
 
     def _rename(self, modes: list[ExpectedLine]) -> None:
-        """Array modes need evidence: decay, or a frequency off every simple order of the clock. Others become unexpected lines."""
+        """Array modes need evidence: decay, or a frequency off every simple order of the clock; and neither as a sideband of a
+        larger mode has. Others become unexpected lines."""
         for line in modes:
-            i = [other.name for other in self.joint.tones.lines].index(line.name)
-            spread = self._spread(self.joint, i)
-            fold = abs(self.joint.tones.decay[i]) * self.duration
-            if self.orders is None or fold > max(0.05, 3.0 * spread.decay[0] * self.duration):
+            if self.orders is None:
                 continue
-            frequency = float(self.joint.tones.frequency[i])
-            name = self.orders.name(frequency, max(3.0 * spread.frequency[0], 0.02 / self.duration))
-            if name is not None:
-                self.refused[line.name] = f"not separable from {name}"
+            i = [other.name for other in self.joint.tones.lines].index(line.name)
+            spread, frequency = self._spread(self.joint, i), float(self.joint.tones.frequency[i])
+            fold = abs(self.joint.tones.decay[i]) * self.duration
+            within = max(3.0 * spread.frequency[0], 0.02 / self.duration)
+            falls = fold > max(0.05, 3.0 * spread.decay[0] * self.duration)
+            if not falls and (name := self.orders.name(frequency, within)):
                 self._put(i, self._other(frequency))
+            elif name := self._beside(i, within, spread):
+                lines = list(self.joint.tones.lines)
+                lines[i] = self._other(frequency)
+                self.joint = replace(self.joint, tones=replace(self.joint.tones, lines=tuple(lines)))
+            else:
+                continue
+            self.refused[line.name] = f"not separable from {name}"
+
+    def _beside(self, i: int, within: float, spread: Uncertainty) -> str | None:
+        """The clock's order about which tone ``i`` is a sideband that a larger mode may make: that far away, and falling alike."""
+        tones, sizes, modes = self.joint.tones, self.joint.sizes, {}
+        for j, line in enumerate(tones.lines):
+            if line.kind == "array mode" and sizes[j] > sizes[i] and self.orders:
+                own = self._spread(self.joint, j)
+                doubt = 3.0 * float(np.hypot(spread.decay[0], own.decay[0])) + _FALLS_ALIKE * abs(tones.decay[j])
+                if abs(tones.decay[i] - tones.decay[j]) <= doubt:
+                    modes[line.name] = float(tones.frequency[j]), float(np.hypot(within, 3.0 * own.frequency[0]))
+        return self.orders.with_mode(float(tones.frequency[i]), modes) if self.orders else None
 
     def _fit_other(self, k: int) -> bool:
         """Fit an unexpected line at bin ``k``, on the nearest order of the clock or anywhere; False if none fits."""

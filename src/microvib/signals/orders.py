@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -55,6 +55,17 @@ class Orders:
                     if chance < _CHANCE:
                         hits.append((q, rank, words(p, q)))
         return min(hits)[2] if hits else None
+
+    def with_mode(self, frequency: float, modes: Mapping[str, tuple[float, float]]) -> str | None:
+        """The order of the clock and the mode whose sum or difference a frequency is; None if there is none, or where one lay as
+        near any frequency by chance. ``modes``: by name their frequencies [Hz], and within what a sum must agree."""
+        base = self.full_step / self.steps if self.full_step else self.drive
+        for mode, (own, within) in modes.items():
+            for word, shifted in (("plus", frequency - own), ("less", frequency + own)):
+                order = round(shifted / base) * base
+                if order > 0.0 and abs(shifted - order) <= within and 4.0 * within * len(modes) < _CHANCE * base:
+                    return f"{self.name(order, 1e-6 * base)} {word} {mode}"
+        return None
 
     def _families(self) -> Iterable[tuple[float, Callable[[int, int], str]]]:
         yield (
