@@ -260,7 +260,7 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     amplitude, most = line.amplitude_n_m, limit.torque
     spread = line.amplitude_uncertainty_n_m if math.isfinite(line.amplitude_uncertainty_n_m) else 0.0
     seeds = table.over_seeds(line.line)
-    drawn = seeds.deviation_n_m if seeds else line.noise_deviation_n_m
+    drawn = seeds.deviation_n_m if seeds else line.noise_doubt_n_m
     spread = math.hypot(spread, drawn if math.isfinite(drawn) else 0.0)
     doubt = 2.0 * spread + max(OWN_ERROR, table.own_error) * amplitude
     verdict: Verdict

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from html import escape
@@ -23,6 +24,8 @@ DRIVEN = "driven by noise"  # status of a line that is another one with every dr
 SEEN = ("ok", "decaying", "growing", DRIVEN)
 """Statuses of lines that stand out and have figures of their own."""
 
+_IN_PHASE = math.sqrt(0.5 / (1.0 - math.pi / 4.0))
+"""Deviation of one part of a complex Gaussian over that of its magnitude."""
 
 _ROW = "{} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}"
 _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
@@ -63,6 +66,12 @@ class Line:
     """Its standard deviation."""
     noise_p95_n_m: float = float("nan")
     """What 95 % of the draws stay below."""
+
+    @property
+    def noise_doubt_n_m(self) -> float:
+        """Standard deviation of the amplitude over draws: of an envelope that noise alone makes; where the line has another cause,
+        of the noise's part in phase, which is larger."""
+        return self.noise_deviation_n_m * (1.0 if self.status in (DRIVEN, FAINT) else _IN_PHASE)
 
     def starting(self, duration: float) -> float:
         """Amplitude [N m] at the first sample of a record of ``duration`` [s]."""

@@ -207,7 +207,7 @@ def with_scatter(
             part = min(SOUGHT * line.noise_p95_n_m / line.amplitude_n_m, 1.0) if line.status != DRIVEN else 1.0
             wander = part * math.sqrt(sigma[line.line] / table.duration)
             scatter = {"frequency": wander / (math.tau * math.sqrt(2.0)), "decay": wander}
-            more = {"amplitude": line.noise_deviation_n_m, **scatter}.get(o.form, 0.0)
+            more = {"amplitude": line.noise_doubt_n_m, **scatter}.get(o.form, 0.0)
         told.append(replace(o, uncertainty=ONE_DRAW * math.hypot(o.uncertainty, more)))
     return (*told, *_levels(x, sample_rate, table, scenario))
 

@@ -20,7 +20,8 @@ from microvib.studies.identify.hints import hints
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
-from microvib.studies.identify.search import Optimum, confirm, material, search
+from microvib.studies.identify.scattered import jumps, scattered
+from microvib.studies.identify.search import Optimum, confirm, local_at, material, search
 from microvib.studies.identify.selection import EFFECTS, Candidate, Selector, effects_of, switched
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
@@ -236,7 +237,11 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
     """What is known after the search, after a second one and, if the model explains the evidence, with intervals."""
     problem, optima = search(problem, seed, starts, finishes)
     yield Findings(problem, optima[0])
-    best, local, converged = confirm(problem, optima[0])
+    local = local_at(problem, optima[0])
+    if jumps(problem, optima[0], local):
+        yield scattered(problem, optima)
+        return
+    best, local, converged = confirm(problem, optima[0], local)
     found = Findings(problem.within(best.x), best, local, converged)
     yield found
     if converged and goodness(found.problem, best.r).explained:
@@ -255,7 +260,7 @@ def _with_intervals(found: Findings) -> Iterator[Findings]:
         if found.best.cost - met.best.cost < material(found.best.cost):
             yield replace(found, intervals=met.intervals)
             return
-        best, local, converged = confirm(found.problem, met.best)
+        best, local, converged = confirm(found.problem, met.best, local_at(found.problem, met.best))
         found = replace(found, best=best, confirmed=local, converged=converged)
         yield found
     yield replace(found, converged=False)
@@ -269,7 +274,7 @@ def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, note
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
     fit, off = goodness(problem, best.r), deviations(problem, best.x)
-    notes += hints(problem.tests, after, off)
+    notes += hints(problem.tests, after, off) + ((found.note,) if found.note else ())
     return Fit(
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from threading import Lock, current_thread, main_thread
@@ -129,15 +130,16 @@ def difference(o: Observation, simulated: Simulated | None) -> float:
     return (value - o.value) / max(abs(o.value), 1e-6)
 
 
-def weight(o: Observation, each: float) -> float:
-    """Standard deviation that the difference of one observation is measured by: its own, and the model's."""
+def weight(o: Observation, each: float, less: float = 1.0) -> float:
+    """Standard deviation that the difference of one observation is measured by: its own, divided by ``less``, and the model's."""
+    own = o.uncertainty / less
     if o.form in SIZES:
-        return math.hypot(o.uncertainty / o.value, each)
+        return math.hypot(own / o.value, each)
     if o.form == "frequency":
-        return math.hypot(o.uncertainty / o.value, FREQUENCY_FLOOR)
+        return math.hypot(own / o.value, FREQUENCY_FLOOR)
     if o.form == "decay":
-        return math.hypot(o.uncertainty / max(abs(o.value), 1e-6), DECAY_FLOOR)
-    return math.hypot(o.uncertainty, PHASE_FLOOR)
+        return math.hypot(own / max(abs(o.value), 1e-6), DECAY_FLOOR)
+    return math.hypot(own, PHASE_FLOOR)
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,13 @@ class Ledger:
         # a point and its residuals, with the problem that it was met in
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
         self._cost, self._progress, self._lock = math.inf, progress, Lock()
+
+    def more(self, simulations: int) -> None:
+        """Simulations that are no point of a search."""
+        with self._lock:
+            self.simulations += simulations
+            if self.best is not None:
+                self._progress(self.stage, self.simulations, self._cost, self.best[0].named(self.best[1]))
 
     def note(self, problem: Problem, x: np.ndarray, r: np.ndarray) -> None:
         """One point more; any thread may say so."""
@@ -190,7 +199,7 @@ class Problem:
         tests = [(one, as_tested(scenario, one, own)) for one, own in evidence]
         self.tests = tests if whole is None else [(one, shortened(test, one)) for one, test in tests]
         self.observed = [(k, o) for k, (one, _) in enumerate(self.tests) for o in one.observations]
-        self.weights = np.array([weight(o, trust.each) for _, o in self.observed])
+        self.weights = self.tight = np.array([weight(o, trust.each) for _, o in self.observed])
         own = [{name: value for name, value, _ in one.entries()} for one in (scenario, *(test for _, test in tests))]
         starts = (float(own[0 if key.test is None else key.test + 1][key.key]) for key in self.keys)
         self.start = np.array([key.coordinate(start) for key, start in zip(self.keys, starts, strict=True)])
@@ -201,6 +210,12 @@ class Problem:
     def again(self, keys: Sequence[FitKey]) -> Problem:
         """The same with other keys."""
         return Problem(self.scenario, self.evidence, keys, self.trust, ledger=self.ledger)
+
+    def looser(self, factors: np.ndarray) -> Problem:
+        """The same with each figure's standard deviation ``factors`` (figures,) times as large; ``tight`` are those of before."""
+        other = copy(self)
+        other.weights = self.tight * factors
+        return other
 
     def rough(self) -> Problem:
         """For a search: with records that just tell the observed lines apart; itself where that changes what is observed."""
@@ -336,16 +351,21 @@ class Problem:
         """Measured and simulated figures' differences, (n,): logarithms of ratios, relative ones of frequencies, phases in rad."""
         return np.array([difference(o, None if tables is None else tables[k]) for k, o in self.observed])
 
-    def residuals(self, points: Sequence[np.ndarray], also: Sequence[dict[str, object]] = ()) -> list[np.ndarray]:
+    def residuals(
+        self, points: Sequence[np.ndarray], also: Sequence[Sequence[Mapping[str, object]]] = ()
+    ) -> list[np.ndarray]:
         """Weighted differences of all observations, each recording's common error, and the prior's of all parameters.
 
-        ``also`` are changes to other keys at each of the points.
+        ``also`` are changes to other keys at each of the points, of each test.
         """
         if self.ledger.stopped:
             raise KeyboardInterrupt
         found = []
-        every, more = range(len(self.tests)), also or [{}] * len(points)
-        changes = [[self.changes(x, j) | own for j in every] for x, own in zip(points, more, strict=True)]
+        none: list[Mapping[str, object]] = [{}] * len(self.tests)
+        changes = [
+            [{**self.changes(x, j), **own} for j, own in enumerate(more)]
+            for x, more in zip(points, also or [none] * len(points), strict=True)
+        ]
         for x, tables in zip(points, self.simulated(changes), strict=True):
             prior = PRIOR * (x - self.start) / self.spans
             r = np.concatenate([*self.weighted(self.differences(tables)), prior])

@@ -234,14 +234,14 @@ def _in_full(problem: Problem, rough: Problem, ends: Sequence[Optimum]) -> list[
     return problem.in_threads(fitted, ends)
 
 
-def confirm(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
-    """Search again at the optimum: finer, with central differences, from the optimum itself and from points around it.
+def confirm(problem: Problem, best: Optimum, local: Local) -> tuple[Optimum, Local, bool]:
+    """Search again at the optimum, where the model is ``local``: finer, with central differences, from there and from around it.
 
     If that finds something better, the search is repeated there; the last value tells whether the last search found nothing.
     """
     problem.ledger.stage = "second look"
-    for _ in range(LOOKS):
-        local = local_at(problem, best)
+    for look in range(LOOKS):
+        local = local_at(problem, best) if look else local
         near = [best.x, *_beside(problem, best.x, local)]
         ends = problem.in_threads(lambda x: Descent(problem, x, central=True, J=local.J).run(AGAIN), near)  # noqa: B023
         better = min(ends, key=lambda o: o.cost)

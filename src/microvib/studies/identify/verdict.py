@@ -79,6 +79,8 @@ class Findings:
     rivals: tuple[Optimum, ...] = ()
     """Other optima, elsewhere, that explain the evidence as well."""
     leanings: tuple[Leaning, ...] = ()
+    note: str = ""
+    """How it was found, where not by a search."""
 
     @cached_property
     def local(self) -> Local:
@@ -197,7 +199,7 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
     values = problem.values(best.x)
     scale = np.array([key.slope(v) / v for key, v in zip(problem.keys, values, strict=True)])
     gain = -(local.covariance / local.scatter) @ local.J.T
-    nudged = problem.residuals([best.x] * len(changes), changes)
+    nudged = problem.residuals([best.x] * len(changes), [[change] * len(problem.tests) for change in changes])
     moves = {name: gain @ (r - best.r) / NUDGE for (name,), r in zip(changes, nudged, strict=True)}
     if SETTLE not in taken and own[SETTLE]:
         doubt = _doubt(problem)

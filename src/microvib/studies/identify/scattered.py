@@ -1,0 +1,173 @@
+"""Estimates where simulated figures scatter: with the draw of torque noise, or with the least change of a parameter.
+
+A drive with noise has other lines with every draw; one whose motion is sensitive, as friction with memory makes it, has others
+after the least change. No search ends among such figures, and slopes between two of them tell nothing. Here figures have a mean,
+linear in the parameters about the best, and a scatter: both by regression over points about it, each with a draw of its own. The
+recording is one more draw.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+from microvib.studies.evidence import ONE_DRAW
+from microvib.studies.identify.intervals import Interval
+from microvib.studies.identify.problem import Problem, cost, weight
+from microvib.studies.identify.search import Local, Optimum
+from microvib.studies.identify.verdict import Findings, rivals
+
+SHIFTS = (3e-5, 3e-4)
+"""Changes of all coordinates after which figures are compared with their slopes."""
+JUMP = 0.3
+"""Difference from these, in standard deviations of all figures together, from which they jump: it moves an estimate by as many of
+its standard errors."""
+FIRST, ROUNDS, WIDTH = 0.05, 8, 2.0
+"""Half width of the first region in each coordinate; most regions; half width of the last over the standard error."""
+EACH, LEAST = 8, 32
+"""Points of a regression for each of its coefficients, and at least, up to the next power of two."""
+SEED = "friction.torque_noise.seed"
+
+
+class Regression(NamedTuple):
+    """Means of weighted residuals about a centre, and their scatter."""
+
+    at: np.ndarray
+    """At the centre, (rows,)."""
+    J: np.ndarray
+    """Slopes by the coordinates, (rows, m)."""
+    variance: np.ndarray
+    """Of one draw, (rows,)."""
+    spread: np.ndarray
+    """Covariance of mean and slopes over that, (1 + m, 1 + m)."""
+    freedom: int
+
+
+def jumps(problem: Problem, best: Optimum, local: Local) -> bool:
+    """Whether figures about the best scatter, so that neither a search nor slopes between neighbours tell anything."""
+    if _noisy(problem):
+        return True
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], (3, best.x.size))
+    points = [np.clip(best.x + shift * sign, problem.low, problem.high) for shift in SHIFTS for sign in signs]
+    found = zip(points, problem.residuals(points), strict=True)
+    return max(float(np.linalg.norm(r - best.r - local.J @ (x - best.x))) for x, r in found) > JUMP
+
+
+def _noisy(problem: Problem) -> bool:
+    return any(_has_noise(test) for _, test in problem.tests)
+
+
+def _has_noise(scenario: Scenario) -> bool:
+    noise = scenario.friction.torque_noise
+    return noise is not None and not noise.silent
+
+
+def scattered(problem: Problem, optima: Sequence[Optimum]) -> Findings:
+    """What is known from regressions about the best of the ``optima``, whose region follows the standard errors."""
+    problem.ledger.stage = "scatter"
+    x, m = optima[0].x, optima[0].x.size
+    widest, size, converged = problem.spans / 4.0, np.full(m, FIRST), False
+    power = math.ceil(math.log2(max(LEAST, EACH * (m + 1))))
+    for number in range(ROUNDS):
+        fit = _regression(problem, x, size, power + converged, number)
+        move, v, normal = _step(problem, fit, size)
+        there = np.clip(x + move, problem.low, problem.high)
+        r = (fit.at + fit.J @ (there - x)) / np.sqrt(v)
+        told = np.linalg.eigvalsh(normal)[0] > 0.0
+        scatter = max(float(r[:-m] @ r[:-m]) / max(problem.figures - m, 1), 1.0)
+        covariance = np.linalg.inv(normal) * scatter if told else np.diag((2.0 * widest) ** 2)
+        now = np.clip(WIDTH * np.sqrt(np.diag(covariance)), SHIFTS[1], widest)
+        if converged:
+            converged = bool(np.all(np.abs(move) < size))
+            break
+        converged = bool(np.all(np.abs(move) < size) and np.all(now < 2.0 * size) and np.all(now > size / 4.0))
+        x, size = there, now
+    looser = problem.within(there).looser(np.sqrt(v[: problem.figures]))
+    best, local = Optimum(there, r, cost(r)), Local(fit.J / np.sqrt(v)[:, None], covariance, scatter)
+    return _found(looser, best, local, optima, converged, fit)
+
+
+def _found(
+    problem: Problem, best: Optimum, local: Local, optima: Sequence[Optimum], converged: bool, fit: Regression
+) -> Findings:
+    """With intervals and rivals, which are held against single draws of the best."""
+    from scipy.stats import t
+
+    half = float(t.ppf(0.975, fit.freedom)) * local.spread
+    low, high = best.x - half, best.x + half
+    intervals = tuple(
+        Interval(max(a, low_end), min(b, high_end), a <= low_end, b >= high_end)
+        for a, b, low_end, high_end in zip(low, high, problem.low, problem.high, strict=True)
+    )
+    each = [cost(r) for r in _drawn(problem, [best.x] * 4, 0)]
+    excess = float(np.mean(each)) - best.cost
+    points = [o.x for o in optima[1:]]
+    ends = [
+        Optimum(x, r, cost(r) - excess)
+        for x, r in zip(points, problem.residuals(points) if points else [], strict=True)
+    ]
+    others = rivals(problem, best, ends, local)
+    return Findings(problem, best, local, converged, intervals, others, note=_said(problem, fit))
+
+
+def _said(problem: Problem, fit: Regression) -> str:
+    sizes = [o.form == "amplitude" for _, o in problem.observed]
+    own = np.sqrt(fit.variance[: problem.figures])[sizes] * problem.tight[sizes]
+    what = "every draw of the noise has other figures" if _noisy(problem) else (
+        "the motion is sensitive, and has other figures after a change of a parameter by a ten-thousandth"
+    )  # fmt: skip
+    by = f", amplitudes by {100.0 * float(np.median(own)):.2g} % in the median" if own.size else ""
+    return f"Estimates are those of a regression, since {what}{by}; this scatter counts in all intervals."
+
+
+def _regression(problem: Problem, centre: np.ndarray, size: np.ndarray, power: int, number: int) -> Regression:
+    """From 2 to the ``power`` points, up to ``size`` off the centre."""
+    from scipy.stats import qmc
+
+    unit = 2.0 * qmc.Sobol(centre.size, seed=number).random_base2(power) - 1.0
+    points = np.clip(centre + size * unit, problem.low, problem.high)
+    rows = np.array(_drawn(problem, list(points), number + 1))
+    columns = np.column_stack([np.ones(len(points)), points - centre])
+    found = np.linalg.lstsq(columns, rows, rcond=None)[0]
+    freedom = len(points) - columns.shape[1]
+    variance = np.sum((rows - columns @ found) ** 2, axis=0) / freedom
+    return Regression(found[0], found[1:].T, variance, np.linalg.pinv(columns.T @ columns), freedom)
+
+
+def _drawn(problem: Problem, points: Sequence[np.ndarray], number: int) -> list[np.ndarray]:
+    """Residuals at points, each with another draw of the noise where there is one."""
+    problem.ledger.more(len(points) * len(problem.tests))
+    draws = [1000 * number + k + 1 for k in range(len(points))]
+    return problem.residuals(
+        points, [[{SEED: k} if _has_noise(test) else {} for _, test in problem.tests] for k in draws]
+    )
+
+
+def _step(problem: Problem, fit: Regression, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The way to the best, variances of residuals there (rows,), and the normal matrix (m, m).
+
+    The recording's own scatter is that of a draw; where noise makes it, its lines' floor has it already. Slopes by regression
+    are uncertain themselves, which would count as evidence: that part is taken off.
+    """
+    noisy = np.array([_has_noise(problem.tests[k][1]) for k, _ in problem.observed])
+    single = np.ones(fit.at.size)
+    for i, (_, o) in enumerate(problem.observed):
+        if noisy[i]:
+            single[i] = (weight(o, problem.trust.each, ONE_DRAW) / problem.tight[i]) ** 2
+    own = np.where(
+        np.append(noisy, np.zeros(fit.at.size - noisy.size, bool)), np.maximum(single, fit.variance), 1.0 + fit.variance
+    )
+    move = np.zeros(size.size)
+    for _ in range(3):
+        lever = np.append(1.0, move)
+        v = own + fit.variance * float(lever @ fit.spread @ lever)
+        whole = (fit.J / v[:, None]).T @ fit.J
+        normal = whole - float(np.sum(fit.variance / v)) * fit.spread[1:, 1:]
+        used = normal if np.linalg.eigvalsh(normal)[0] > 0.0 else whole
+        move = -np.linalg.solve(used, fit.J.T @ (fit.at / v))
+        move = move / max(1.0, float(np.max(np.abs(move) / (2.0 * size))))
+    return move, v, normal
