@@ -23,8 +23,9 @@ from microvib.studies.campaign.cases import TOGETHER, Chunk, compute
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.folder import Campaign, create
 from microvib.studies.campaign.results import merge
-from microvib.studies.campaign.run import compute_missing, local
+from microvib.studies.campaign.run import compute_missing
 from microvib.studies.campaign.study_file import Study
+from microvib.studies.workers import local
 
 CHUNK = 256
 """Cases of a chunk in the projection."""

@@ -52,7 +52,7 @@ def lines_1(motion_1):
 
 @pytest.fixture(scope="module")
 def document(motion_1, lines_1) -> Document:
-    return run_report(motion_1, lines_1, limit=LIMIT, form=Form(command="microvib run state-1"))
+    return run_report(motion_1, lines_1, limit=LIMIT).in_form(Form(command="microvib run state-1"))
 
 
 @pytest.fixture(scope="module")
@@ -331,7 +331,7 @@ def test_pdf_of_a_run(document):
 
 
 def test_rendering_is_deterministic(document, motion_1, lines_1):
-    again = run_report(motion_1, lines_1, limit=LIMIT, form=Form(command="microvib run state-1"))
+    again = run_report(motion_1, lines_1, limit=LIMIT).in_form(Form(command="microvib run state-1"))
     assert html(again) == html(document)
     assert pdf(again) == pdf(document)
 
@@ -344,10 +344,10 @@ def test_a_long_title_leaves_the_first_page_one_page(motion_1, lines_1):
 
 
 def test_a_study_is_built_in_a_few_lines():
-    made = study("Kind", "Title", "Subtitle", first_page=[Text("x")], sections=[], form=Form(command="microvib x"))
+    made = study("Kind", "Title", "Subtitle", first_page=[Text("x")], sections=[]).in_form(Form(command="microvib x"))
     assert [s.title for s in made.sections] == ["Versions, and how to reproduce"]
     assert sorted(report_files(made, Form(pdf=True))) == ["report.html", "report.pdf"]
-    assert list(report_files(made, None)) == ["report.html"]
+    assert list(report_files(made, Form())) == ["report.html"]
 
 
 def test_no_hyphen_stands_for_a_minus(document):

@@ -57,7 +57,7 @@ def test_no_line_is_broken_before_or_within_a_unit():
 def test_a_column_that_says_nothing_is_left_out():
     rows = [Row(("all",), "group"), Row(("a", "", "1", "")), Row(("b", "", "", "x"))]
     found = Table(table(["line", "what it is", "size [mm]", "`key`"], ()).columns, tuple(rows))
-    made = study("Kind", "Title", "Subtitle", first_page=[found], sections=[], form=None)
+    made = study("Kind", "Title", "Subtitle", first_page=[found], sections=[])
     page = html(made)
     assert "what it is" not in page
     assert '<td colspan="3">all</td>' in page
@@ -88,8 +88,8 @@ def test_the_title_block_is_on_the_first_page(tmp_path):
     (tmp_path / "report.yaml").write_text(FULL)
     form = Form(title_block=read_title_block(tmp_path / "report.yaml"))
     made = study(
-        "Kind", "Title", "Subtitle", first_page=[Text("x")], sections=[Section("S", (Text("y"),), True)], form=form
-    )
+        "Kind", "Title", "Subtitle", first_page=[Text("x")], sections=[Section("S", (Text("y"),), True)]
+    ).in_form(form)
     first, second = pages(pdf(made))
     for text in ("A. Engineer", "Example Space", "XY-TN-0042", "2.0", "2026-10-31", "Head of department"):
         assert text in first
@@ -133,7 +133,7 @@ def test_bad_report_data_is_one_sentence(content, complaint, tmp_path):
 def test_characters_without_a_font_are_told_in_words(monkeypatch):
     monkeypatch.setattr("matplotlib.font_manager.findSystemFonts", list)
     fonts._found.cache_clear()
-    made = study("Kind", "衛星 drive", "Subtitle", first_page=[Text("x")], sections=[], form=None)
+    made = study("Kind", "衛星 drive", "Subtitle", first_page=[Text("x")], sections=[])
     (page,) = pages(pdf(made))
     assert "has the characters U+661F, U+885B: they are missing" in page
     assert "衛星" in html(made)

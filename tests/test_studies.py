@@ -12,8 +12,10 @@ import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.io.recordings import write_recording
 from microvib.io.sources import open_source
-from microvib.reports.comparison import write_comparison
-from microvib.reports.identification import fit_json, fit_text, write_fit
+from microvib.reports.comparison import comparison_folder
+from microvib.reports.document import Form
+from microvib.reports.identification import fit_folder, fit_json, fit_text
+from microvib.reports.rendering import write_study
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
 from microvib.studies.identify import Candidate, Trust, effects_of, identify, parse_fit, selection, switched
@@ -94,7 +96,7 @@ def test_identification_finds_the_truth(fit):
 def test_what_an_identification_writes(fit, tmp_path):
     assert np.diag(fit.correlation) == pytest.approx(1.0)
     assert fit.scenario.source_of("reducer.stiffness").startswith("identified from")
-    files = write_fit(tmp_path / "fit", fit, overwrite=False)
+    files = write_study(tmp_path / "fit", fit_folder(fit), Form(), overwrite=False)
     assert sorted(files) == ["fit.json", "report.html", "scenario.yaml"]
     written = json.loads((tmp_path / "fit" / "fit.json").read_text())
     assert set(written["parameters"]["reducer.stiffness"]) >= {"estimate", "standard_error", "unit"}
@@ -144,7 +146,7 @@ def test_a_model_that_does_not_explain_the_data_identifies_nothing(recording, st
     assert text.startswith("The model does not explain these data: chi-square")
     worst = max(fit.deviations, key=lambda d: abs(d.sigma))
     assert f"{worst.line} {worst.form}" in text.split("parameter ")[0]
-    write_fit(tmp_path / "fit", fit, overwrite=False)
+    write_study(tmp_path / "fit", fit_folder(fit), Form(), overwrite=False)
     written = json.loads((tmp_path / "fit" / "fit.json").read_text())
     assert written["usable"] is False
     assert written["parameters"]["reducer.stiffness"]["standard_error"] is None
@@ -312,7 +314,7 @@ def test_comparison_of_a_recording_with_a_scenario(recording, tmp_path):
     assert b.clock_ratio == pytest.approx(0.9962, abs=2e-6)  # the scenario ran at the recording's clock
     assert by_name["drive_1"].a.frequency == pytest.approx(by_name["drive_1"].b.frequency, abs=1e-4)
     assert abs(by_name["drive_2"].error) > 0.05
-    files = write_comparison(tmp_path / "out", a, b, rows, overwrite=False)
+    files = write_study(tmp_path / "out", comparison_folder(a, b, rows), Form(), overwrite=False)
     assert sorted(files) == ["compare.csv", "report.html"]
     assert "relative_error" in (tmp_path / "out" / "compare.csv").read_text()
 
@@ -436,7 +438,9 @@ def test_what_is_shared_has_one_value_and_the_rest_one_for_each_recording(start,
     assert [one.motor.friction.viscous for one in fit.scenarios] == [e.estimate for e in fit.estimates if e.recording]
     assert [one.array.inertia for one in fit.scenarios] == [8.18, 15.69]
     assert "from 15.69" in fit.scenarios[1].source_of("motor.friction.viscous")
-    assert {"scenario.yaml", "scenario-2.yaml"} <= set(write_fit(tmp_path / "two", fit, overwrite=False))
+    assert {"scenario.yaml", "scenario-2.yaml"} <= set(
+        write_study(tmp_path / "two", fit_folder(fit), Form(), overwrite=False)
+    )
     told = fit_json(fit)["parameters"]
     assert [told[key]["shared"] for key in truth] == [True, False, False]
     assert "One value in all 2 recordings: reducer.stiffness; one in each: motor" in fit_text(fit)

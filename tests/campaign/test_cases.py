@@ -17,8 +17,9 @@ from microvib.errors import MicrovibError
 from microvib.studies.campaign import cases as computing
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, merge, open_results
-from microvib.studies.campaign.run import STRIKES, compute_missing, local
+from microvib.studies.campaign.run import STRIKES, compute_missing
 from microvib.studies.campaign.statistics import largest_line
+from microvib.studies.workers import local
 
 
 def figures_of(campaign: Campaign) -> dict[str, np.ndarray]:

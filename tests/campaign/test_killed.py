@@ -16,11 +16,12 @@ from support import commands
 from support.campaigns import SHORT, Fragile, bytes_of, made, spread
 
 from microvib.errors import MicrovibError
-from microvib.studies.campaign import run as running
+from microvib.studies import workers as running
 from microvib.studies.campaign.folder import open_campaign
 from microvib.studies.campaign.results import merge
-from microvib.studies.campaign.run import compute_missing, local
+from microvib.studies.campaign.run import compute_missing
 from microvib.studies.campaign.slurm import submit
+from microvib.studies.workers import local
 
 
 def microvib(*arguments: object, **options) -> subprocess.Popen:
@@ -69,6 +70,15 @@ def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypa
     assert stopped
     assert not alive(stopped[0])
     assert merge(campaign).done == 40
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="no process can be stopped")
+def test_a_worker_that_hangs_ends_calls_with_a_sentence(monkeypatch):
+    monkeypatch.setattr(running, "POLL", 0.2)
+    monkeypatch.setattr(running, "SILENT", 15)
+    with running.all_cores(workers=1) as calls, pytest.raises(MicrovibError, match="was ended"):
+        calls(signal.raise_signal, [(signal.SIGSTOP,)])
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="there are no masks of signals")

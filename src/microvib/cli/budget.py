@@ -40,7 +40,7 @@ def budget(
 ) -> None:  # fmt: skip
     """Line of sight of a craft against requirements: SCENARIO is its drive; further ones are drives on the same craft."""
     from microvib.io.recordings import read_prepared
-    from microvib.reports.budget import budget_text, write_budget
+    from microvib.reports.budget import budget_folder, budget_text
     from microvib.studies.budget.study import pointing_budget
 
     if recording is None and prepare is not None:
@@ -53,4 +53,4 @@ def budget(
             one_clock=one_clock, short_way=short_way, steady=steady, harmonics=harmonics,
             names=[Path(name).stem for name in scenarios], progress=progress,
         )  # fmt: skip
-    target.deliver(budget_text(found), write_budget, found)
+    target.deliver(budget_text(found), budget_folder, found)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.cli.common import PATH, options, report_options, say_doubts, say_written
+from microvib.cli.common import PATH, Target, options, report_options, say_doubts
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import MicrovibError, OptionError
@@ -125,7 +125,7 @@ def _backend(on: str, workers: int | None, scheduler: str | None) -> AbstractCon
         from microvib.studies.campaign.on_dask import dask
 
         return dask(workers, scheduler)
-    from microvib.studies.campaign.run import local
+    from microvib.studies.workers import local
 
     return local(workers)
 
@@ -171,7 +171,7 @@ def merge(folder: Path) -> None:
 def report(folder: Path, limit: str | None, band: str | None, form: Form) -> None:
     """Merge the results so far, then write statistics, worst cases, pictures and report into DIR/report."""
     from microvib.reports.campaign.report import summarise
-    from microvib.reports.campaign.text import report_text, write_report
+    from microvib.reports.campaign.text import campaign_folder, report_text
     from microvib.studies.campaign.results import merge as merge_chunks
     from microvib.studies.campaign.results import open_results
     from microvib.units import band as ends
@@ -184,9 +184,7 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     within = ends(text) if text else (0.0, float("inf"))
     merge_chunks(opened)
     summary = summarise(open_results(opened), most, within)
-    files = write_report(folder / "report", summary, form)
-    echo(report_text(summary))
-    say_written(folder / "report", files)
+    Target(folder / "report", True, form).deliver(report_text(summary), campaign_folder, summary)
 
 
 @campaign.command()

@@ -15,7 +15,7 @@ from microvib.errors import OptionError
 
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
-    from microvib.reports.document import Form
+    from microvib.reports.document import Contents, Form
     from microvib.testdata.preparation import Preparation
 
 Command = Callable[..., None]
@@ -96,17 +96,14 @@ class Target:
     overwrite: bool
     form: Form
 
-    def deliver(self, text: str, write: Callable[..., tuple[str, ...]], *result: Any) -> None:
-        """Write the result, then print: a reader who leaves early does not cost the results."""
-        files = () if self.out is None else write(self.out, *result, self.overwrite, self.form)
+    def deliver(self, text: str, contents: Callable[..., Contents], *result: Any) -> None:
+        """Write the ``contents`` of a result, then print: a reader who leaves early does not cost the results."""
+        from microvib.reports.rendering import write_study
+
+        files = () if self.out is None else write_study(self.out, contents(*result), self.form, self.overwrite)
         echo(text)
-        say_written(self.out, files)
-
-
-def say_written(out: Path | None, files: tuple[str, ...]) -> None:
-    """Tell which files of a folder were written."""
-    if out is not None and files:
-        echo(f"\nWritten: {', '.join(str(out / name) for name in files)}")
+        if self.out is not None:
+            echo(f"\nWritten: {', '.join(str(self.out / name) for name in files)}")
 
 
 def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None = None) -> Callable[[Command], Command]:

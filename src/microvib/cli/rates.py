@@ -32,7 +32,7 @@ def rates(
     keep_away: str | None, linear: bool, settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
-    from microvib.reports.rates import linear_text, plan_text, write_plan
+    from microvib.reports.rates import linear_text, plan_folder, plan_text
     from microvib.studies.rates import plan_rates, rate_grid
 
     grid = rate_grid(low, high, count)
@@ -57,7 +57,7 @@ def rates(
         )
         text = linear_text(plan) if linear else ""
     said = "\n".join(filter(None, (plan_text(plan), text)))
-    target.deliver(said, write_plan, plan, text)
+    target.deliver(said, plan_folder, plan, text)
 
 
 def _counts(text: str) -> tuple[int, ...]:

@@ -81,18 +81,18 @@ def run(
 
 
 def _run_angles(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
-    from microvib.reports.angles import angles_text, write_angles
+    from microvib.reports.angles import angles_folder, angles_text
     from microvib.studies.angles import angles_in, check_sweep, sweep_angles
 
     asked = angles_in(angles or "")
     check_sweep(loaded)
     with progress_bar("solving", "angles") as progress:
         sweep = sweep_angles(loaded, asked, harmonics=harmonics, progress=progress)
-    target.deliver(angles_text(sweep), write_angles, sweep)
+    target.deliver(angles_text(sweep), angles_folder, sweep)
 
 
 def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
-    from microvib.reports.orbit import orbit_text, write_orbit
+    from microvib.reports.orbit import orbit_folder, orbit_text
     from microvib.studies.angles import angles_in
     from microvib.studies.orbit import check_orbit, over_orbit
 
@@ -100,7 +100,7 @@ def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Tar
     check_orbit(loaded, asked)
     with progress_bar("solving", "angles") as progress:
         orbit = over_orbit(loaded, asked, harmonics=harmonics, progress=progress)
-    target.deliver(orbit_text(orbit), write_orbit, orbit)
+    target.deliver(orbit_text(orbit), orbit_folder, orbit)
 
 
 @click.command()
@@ -171,7 +171,7 @@ def report(folder: Path, limit: str | None, band: str | None, output: Path | Non
     _check(targets, form, again)
     run = read_run(folder)
     allowed = _limit(run.limit, limit, band)
-    document = run_report(run.motion, run.table, limit=allowed, versions=run.versions, form=form)
+    document = run_report(run.motion, run.table, limit=allowed, versions=run.versions).in_form(form)
     contents = [pdf(document) if target.suffix.lower() == ".pdf" else html(document) for target in targets]
     for target, content in zip(targets, contents, strict=True):
         write_file(target, content, overwrite=again)

@@ -32,7 +32,7 @@ def analyse(
 ) -> None:  # fmt: skip
     """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a recording."""
     from microvib.io.sources import open_source
-    from microvib.reports.analysis import analysis_text, write_analysis
+    from microvib.reports.analysis import analysis_folder, analysis_text
     from microvib.studies.analyse import analyse as run_analysis
 
     with progress_bar() as progress:
@@ -40,7 +40,7 @@ def analyse(
             open_source(source, preparation(prepare)), name=source, scenario=guide(scenario), channel=channel, window=window,
             resolution=resolution, bands=bands, progress=progress,
         )  # fmt: skip
-    target.deliver(analysis_text(analysis), write_analysis, analysis)
+    target.deliver(analysis_text(analysis), analysis_folder, analysis)
 
 
 @click.command()
@@ -52,7 +52,7 @@ def analyse(
 def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, target: Target) -> None:
     """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
     from microvib.io.sources import open_source
-    from microvib.reports.comparison import comparison_text, write_comparison
+    from microvib.reports.comparison import comparison_folder, comparison_text
     from microvib.studies.compare import compare as run_comparison
 
     prepared = preparation(prepare)
@@ -62,7 +62,7 @@ def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | 
         found = run_comparison(
             first, second, names=(a, b), scenario=guide(scenario), channel=channel, progress=progress
         )
-    target.deliver(comparison_text(*found), write_comparison, *found)
+    target.deliver(comparison_text(*found), comparison_folder, *found)
 
 
 @click.command()
@@ -147,7 +147,7 @@ def identify(
     """
     from microvib.io.scenario_file import parse_value
     from microvib.io.sources import open_source
-    from microvib.reports.identification import fit_text, write_fit
+    from microvib.reports.identification import fit_folder, fit_text
     from microvib.studies.evidence import chosen, evidence_of
     from microvib.studies.identify import effects_of, parse_fit, switched
     from microvib.studies.identify import identify as run_identification
@@ -174,7 +174,7 @@ def identify(
             model_error=each, common_error=common,
             settle_error=settle_error, progress=_best_so_far(progress),
         )  # fmt: skip
-    target.deliver(fit_text(fit), write_fit, fit)
+    target.deliver(fit_text(fit), fit_folder, fit)
     if fit.interrupted:
         sys.exit(INTERRUPTED)
 
@@ -208,12 +208,12 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
 @target_options("Folder for table and report [default: print only].")
 def validate(target: Target) -> None:
     """Check all claims of the paper against its simulation and its test."""
-    from microvib.reports.validation import validation_text, write_validation
+    from microvib.reports.validation import validation_folder, validation_text
     from microvib.studies.validate import validate as run_validation
 
     with progress_bar() as progress:
         checks, states = run_validation(lambda text: progress.say(f"running {text}"))
-    target.deliver(validation_text(checks), write_validation, checks, states)
+    target.deliver(validation_text(checks), validation_folder, checks, states)
 
 
 @click.command()

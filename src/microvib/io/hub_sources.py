@@ -9,7 +9,8 @@ import numpy as np
 
 from microvib.errors import ScenarioError, shown
 from microvib.io.files import check_file, reading
-from microvib.io.scenario_file import catalog_text, hub_names, read_text
+from microvib.io.modal_sources import elements_of
+from microvib.io.scenario_file import damping_ratio, hub_names, named_text
 from microvib.io.tables import finite, named_rows
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
@@ -18,7 +19,6 @@ from microvib.structures.deck import UNIT_SYSTEMS, Import, import_options
 from microvib.structures.hub import FreeModes, freed, hub_of
 from microvib.structures.hub_design import HubDesign
 from microvib.structures.modal import ModalError
-from microvib.units import convert
 
 COLUMNS = ("mode", "frequency_hz", "point", "x_m", "y_m", "z_m", "tx", "ty", "tz", "rx", "ry", "rz")
 DEFAULT_MODES = 30
@@ -65,18 +65,10 @@ def hub_from(group: dict[str, Any], folder: Path) -> Hub:
 
 
 def _described(name: str, folder: Path, count: int) -> FreeModes:
-    text = (
-        catalog_text(f"hubs/{name}")
-        if name in hub_names()
-        else read_text(folder / name, "description of a craft", hub_names())
-    )
+    text = named_text(name, folder, kind="description of a craft", published=hub_names(), within="hubs/")
     design = validated(HubDesign, parse_yaml(text, name), origin=name)
-    try:
+    with elements_of(name):
         from microvib.structures.fem.hub_mesh import free_modes
-    except ModuleNotFoundError as error:
-        raise ScenarioError(
-            f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"
-        ) from None
     return free_modes(design, count)
 
 
@@ -121,17 +113,7 @@ def _nastran(path: Path, points: dict[str, int], units: str) -> FreeModes:
 
 def _damping(group: dict[str, Any]) -> float | None:
     given = group.get("damping")
-    if given is None:
-        return None
-    try:
-        xi = convert(given, "") if isinstance(given, str) else float(given)
-    except (TypeError, ValueError):
-        xi = -1.0
-    if not 0.0 <= xi <= 0.99:
-        raise ScenarioError(
-            f"spacecraft.hub.damping: {shown(given)} is not allowed; a damping ratio from 0 to 99 percent is expected"
-        )
-    return xi
+    return None if given is None else damping_ratio("spacecraft.hub.damping", given)
 
 
 def _count(group: dict[str, Any]) -> int | None:
@@ -152,18 +134,15 @@ def read_hub_table(path: Path) -> FreeModes:
     places, shapes = np.full((len(names), 3), np.nan), np.full((len(names), 6, len(labels)), np.nan)
     for number, row in enumerate(rows, 2):
         k, p = labels.index(row["mode"].strip()), names.index(row["point"].strip())
-
-        def value(column: str, row: dict[str, str] = row, number: int = number) -> float:
-            return finite(f"row {number}: {column}", row[column], ModalError)
-
-        frequency[k] = _same(frequency[k], value("frequency_hz"), f"row {number}: frequency_hz")
-        if row.get("damping"):
-            xi[k] = value("damping")
+        given = [name for name in ("frequency_hz", "damping", *COLUMNS[3:]) if name != "damping" or row.get(name)]
+        value = {name: finite(f"row {number}: {name}", row[name], ModalError) for name in given}
+        frequency[k] = _same(frequency[k], value["frequency_hz"], f"row {number}: frequency_hz")
+        xi[k] = value.get("damping", xi[k])
         for j, column in enumerate(COLUMNS[3:6]):
-            places[p, j] = _same(places[p, j], value(column), f"row {number}: {column}")
+            places[p, j] = _same(places[p, j], value[column], f"row {number}: {column}")
         if np.isfinite(shapes[p, 0, k]):
             raise ModalError(f"row {number}: mode {labels[k]} at point {names[p]} is there twice")
-        shapes[p, :, k] = [value(column) for column in COLUMNS[6:]]
+        shapes[p, :, k] = [value[column] for column in COLUMNS[6:]]
     if np.any(np.isnan(shapes)):
         p, _, k = np.argwhere(np.isnan(shapes))[0]
         raise ModalError(f"mode {labels[k]} has no row for point {names[p]}; each mode needs one for each point")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from microvib.errors import ScenarioError
-from microvib.io.scenario_file import catalog_text, read_text, reference_names
+from microvib.io.scenario_file import named_text, reference_names
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign
@@ -64,21 +66,23 @@ def modal_source(
 
 def load_design(source: str, folder: Path = Path()) -> StructureDesign:
     """Description of an array or a simulator (what has a frame) from the catalog or a YAML file; ScenarioError if it is not one."""
-    text = (
-        catalog_text(source)
-        if source in reference_names()
-        else read_text(folder / source, "structure", reference_names())
-    )
-    data = parse_yaml(text, source)
+    data = parse_yaml(named_text(source, folder, kind="structure", published=reference_names()), source)
     kind: type[StructureDesign] = SimulatorDesign if isinstance(data, dict) and "frame" in data else ArrayDesign
     return validated(kind, data, origin=source)
 
 
 def _from_design(design: StructureDesign, name: str, count: int) -> ModalSource:
-    try:
+    with elements_of(name):
         from microvib.structures.fem.described import modal_model, solved
+    return ModalSource(name, modal_model(design, count), design, solved(design, count))
+
+
+@contextmanager
+def elements_of(name: str) -> Iterator[None]:
+    """ScenarioError where what finite elements of ``name`` take cannot be imported."""
+    try:
+        yield
     except ModuleNotFoundError as error:
         raise ScenarioError(
             f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"
         ) from None
-    return ModalSource(name, modal_model(design, count), design, solved(design, count))

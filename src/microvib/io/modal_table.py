@@ -38,12 +38,12 @@ def modes_csv(model: ModalModel) -> str:
     return stream.getvalue()
 
 
-def read_modes(path: Path | str, damping: float = 0.01) -> ModalModel:
+def read_modes(path: Path | str) -> ModalModel:
     """Modal model of a table; ModalError says which row and column is wrong.
 
     Needed are ``frequency_hz`` and either the six participations with the rigid-body mass, or about the drive axis alone
-    ``effective_inertia_kg_m2`` (or ``participation``) and ``inertia_kg_m2`` (or ``effective_fraction``). ``damping`` is taken
-    where the table gives none.
+    ``effective_inertia_kg_m2`` (or ``participation``) and ``inertia_kg_m2`` (or ``effective_fraction``). Damping is 1 % where the
+    table gives none.
     """
     path = Path(path)
     try:
@@ -60,7 +60,7 @@ def read_modes(path: Path | str, damping: float = 0.01) -> ModalModel:
     if np.any(frequency <= 0.0):
         k = int(np.argmax(frequency <= 0.0))
         raise ModalError(f"{path}, row {k + 2}: frequency_hz is {frequency[k]:g}; it must be greater than 0 Hz")
-    xi = _column(path, rows, "damping") if "damping" in rows[0] else np.full(len(rows), damping)
+    xi = _column(path, rows, "damping") if "damping" in rows[0] else np.full(len(rows), 0.01)
     axis = (rows[0].get("drive_axis") or "z").strip().lower()
     order = np.argsort(frequency, kind="stable")
     participation, mass = _masses(path, rows, axis)

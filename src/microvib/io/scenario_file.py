@@ -59,9 +59,8 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     expect(source, (str, Path), "a name of the catalog, or that of a file")
     expect(changes, (dict, type(None)), "keys with their values, such as {'tracking.rate': '0.05 deg/s'}")
     name = str(source)
-    published = name in catalog_names()
-    text = catalog_text(name) if published else read_text(Path(source))
-    return scenario_of(parse_yaml(text, name), name, changes, Path() if published else Path(source).parent)
+    data = parse_yaml(named_text(name), name)
+    return scenario_of(data, name, changes, Path() if name in catalog_names() else Path(source).parent)
 
 
 def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, folder: Path = Path()) -> Scenario:
@@ -105,8 +104,7 @@ def bench_names() -> tuple[str, ...]:
 def load_bench(source: str | Path) -> Bench:
     """A virtual test bench from a catalog name or a YAML file; ScenarioError with one sentence per problem."""
     name = str(source)
-    names = bench_names()
-    text = catalog_text(f"benches/{name}") if name in names else read_text(Path(source), "bench", names)
+    text = named_text(name, kind="bench", published=bench_names(), within="benches/")
     return validated(Bench, parse_yaml(text, name), origin=name)
 
 
@@ -228,16 +226,31 @@ def _count(group: dict[str, Any], available: int) -> int:
 def _damped(model: ModalModel, group: dict[str, Any]) -> ModalModel:
     if "damping" not in group:
         return model
-    given = group["damping"]
+    return replace(model, damping=np.full(model.frequency.size, damping_ratio("array.damping", group["damping"])))
+
+
+def damping_ratio(key: str, given: Any) -> float:
+    """A damping ratio as a user wrote it beside the name of a file; ScenarioError where it is none."""
     try:
         xi = convert(given, "") if isinstance(given, str) else float(given)
     except (TypeError, ValueError):
         xi = math.nan
     if not 0.0 <= xi <= 0.99:
-        raise ScenarioError(
-            f"array.damping: {given!r} is not allowed; a damping ratio from 0 to 99 percent is expected"
-        )
-    return replace(model, damping=np.full(model.frequency.size, xi))
+        raise ScenarioError(f"{key}: {shown(given)} is not allowed; a damping ratio from 0 to 99 percent is expected")
+    return xi
+
+
+def named_text(
+    name: str,
+    folder: Path = Path(),
+    *,
+    kind: str = "scenario",
+    published: tuple[str, ...] | None = None,
+    within: str = "",
+) -> str:
+    """Text of what a user named: a ``published`` name of the catalog, ``within`` a folder of it, or a file in ``folder``."""
+    names = catalog_names() if published is None else published
+    return catalog_text(f"{within}{name}") if name in names else read_text(folder / name, kind, names)
 
 
 def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | None = None) -> str:

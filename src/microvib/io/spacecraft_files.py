@@ -8,7 +8,7 @@ from typing import Any
 from microvib.errors import ScenarioError, error_context, shown
 from microvib.io.files import check_file, reading
 from microvib.io.hub_sources import COLUMNS, hub_from
-from microvib.io.scenario_file import catalog_names, catalog_text, hub_names, read_text, scenario_of, with_array
+from microvib.io.scenario_file import catalog_names, hub_names, named_text, scenario_of, with_array
 from microvib.io.tables import finite, named_rows
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import plain
@@ -60,11 +60,10 @@ def _with_drive(wing: dict[str, Any], folder: Path) -> dict[str, Any]:
         raise ScenarioError(
             f"spacecraft.second_wing.scenario: {shown(name)} is not allowed; a scenario file is expected, or a catalog name"
         )
-    published = name in catalog_names()
-    data = parse_yaml(catalog_text(name) if published else read_text(folder / name), name)
+    data = parse_yaml(named_text(name, folder), name)
     if isinstance(data, dict):
         data.pop("spacecraft", None)  # whose second wing may be this one's file
-    other = scenario_of(data, name, folder=folder if published else (folder / name).parent)
+    other = scenario_of(data, name, folder=folder if name in catalog_names() else (folder / name).parent)
     return {**{key: plain(getattr(other, key), text=True) for key in DRIVE}, **given}
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
 from microvib.reports import figures
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Block, Document, Fact, Figure, Form, Section, Table, Text, pairs, table
+from microvib.reports.document import Block, Contents, Document, Fact, Figure, Section, Table, Text, pairs, table
 from microvib.reports.numbers import brief, format_number, milli
-from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import SEEN, Line, LineTable
 from microvib.studies.analyse import Analysis
@@ -36,8 +34,8 @@ def analysis_text(a: Analysis) -> str:
     return "\n".join(rows)
 
 
-def write_analysis(out: Path, a: Analysis, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """Tables and report of an analysis; names of the files."""
+def analysis_folder(a: Analysis) -> Contents:
+    """Tables and report of an analysis."""
     centre, rms = a.density.third_octaves()
     unit = "n" if a.unit == "N" else "n_m"
     files: dict[str, Any] = {} if a.table is None else {"lines.csv": lines_csv(a.table)}
@@ -48,13 +46,13 @@ def write_analysis(out: Path, a: Analysis, overwrite: bool, form: Form | None = 
         "third_octaves": {"centre_hz": centre, f"rms_{unit}": rms},
     }  # fmt: skip
     files |= {f"{name}.csv": columns_csv(columns) for name, columns in tables.items()}
-    return write_study(out, files, analysis_report(a, form), form, overwrite)
+    return files, analysis_report(a)
 
 
 _MAX_FIRST_PAGE = 8
 
 
-def analysis_report(a: Analysis, form: Form | None = None) -> Document:
+def analysis_report(a: Analysis) -> Document:
     """The report of an analysis: lines with uncertainties, amplitude spectrum, density, waterfall, bands."""
     reach = figures.reach(_largest(a))
 
@@ -80,7 +78,6 @@ def analysis_report(a: Analysis, form: Form | None = None) -> Document:
             Section("Waterfall", (fall,)),
             Section("RMS in bands", (_bands(a), Text("RMS in 1/3-octave bands is in `third_octaves.csv`.", note=True))),
         ),
-        form=form,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +11,8 @@ from microvib.io.tables import rows_csv, to_json
 from microvib.model.coupling import chart, craft_in
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Document, Fact, Form, Section, Table, table
+from microvib.reports.document import Contents, Document, Fact, Section, Table, table
 from microvib.reports.numbers import text_table
-from microvib.reports.rendering import write_study
 from microvib.signals.pointing import METRICS
 from microvib.studies.angles import AngleSweep
 
@@ -55,11 +53,10 @@ def angles_table(sweep: AngleSweep) -> tuple[list[str], list[list[str]]]:
     return head, rows
 
 
-def write_angles(out: Path, sweep: AngleSweep, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """Tables, JSON, picture and report; names of the files."""
+def angles_folder(sweep: AngleSweep) -> Contents:
+    """Tables, JSON, picture and report."""
     picture = draw_angles(sweep)
-    files = {**angles_texts(sweep), "angles.png": sheets.png(picture)}
-    return write_study(out, files, angles_report(sweep, picture, form), form, overwrite)
+    return {**angles_texts(sweep), "angles.png": sheets.png(picture)}, angles_report(sweep, picture)
 
 
 def angles_texts(sweep: AngleSweep) -> dict[str, str]:
@@ -80,7 +77,7 @@ def angles_texts(sweep: AngleSweep) -> dict[str, str]:
     }
 
 
-def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) -> Document:
+def angles_report(sweep: AngleSweep, picture: Figure) -> Document:
     """The report: worst angle, picture, table."""
     ape = sweep.rms("ape", 1.0)
     worst, least = int(np.argmax(ape)), int(np.argmin(ape))
@@ -103,7 +100,7 @@ def angles_report(sweep: AngleSweep, picture: Figure, form: Form | None = None) 
     return study(
         "Angles", f"Angles of the array: {title}", f"{len(sweep.angles)} angles, one run each", facts=facts,
         first_page=(brief, drawn(picture, "Lines over the array's angle", caption)), sections=[Section("Every angle", (said,))],
-        form=form, scenario=sweep.scenario,
+        scenario=sweep.scenario,
     )  # fmt: skip
 
 

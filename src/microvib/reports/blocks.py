@@ -14,7 +14,7 @@ from microvib.io.tables import package_versions
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
-from microvib.reports.document import Block, Code, Document, Fact, Figure, Form, Section, Text, pairs
+from microvib.reports.document import Block, Document, Fact, Figure, Section, pairs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -27,7 +27,6 @@ def study(
     *,
     first_page: Sequence[Block],
     sections: Sequence[Section],
-    form: Form | None,
     facts: Sequence[Fact] = (),
     scenario: Scenario | None = None,
     parts: Mapping[str, Part] | None = None,
@@ -39,14 +38,13 @@ def study(
     ``scenario`` is what all of it rests on; ``parts`` are further descriptions, by what they are. ``versions`` are those that made
     it, without them today's; ``again`` says how else to reproduce it.
     """
-    form, versions = form or Form(), versions or package_versions()
-    blocks = [*again, *((Text("Made by:"), Code(form.command)) if form.command else ())]
+    versions = versions or package_versions()
     hashes = {} if scenario is None else {"scenario": scenario_hash(scenario)}
     foot = f"microvib {versions['microvib']}" + "".join(f" · scenario SHA-256 {text[:16]}…" for text in hashes.values())
     hashes |= {name: sha256(dump_part(part).encode()).hexdigest() for name, part in (parts or {}).items()}
     made = pairs([*versions.items(), *((f"{name} SHA-256", text) for name, text in hashes.items())])
-    last = Section("Versions, and how to reproduce", (*blocks, made))
-    return Document(kind, title, subtitle, tuple(facts), tuple(first_page), (*sections, last), foot, form.title_block)
+    last = Section("Versions, and how to reproduce", (*again, made))
+    return Document(kind, title, subtitle, tuple(facts), tuple(first_page), (*sections, last), foot)
 
 
 def drawn(drawing: Drawing, alt: str, caption: str = "", turned: bool = False) -> Figure:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +12,8 @@ from microvib.analysis.limits import Verdict
 from microvib.io.tables import rows_csv, to_json
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Document, Fact, Form, Mark, Section, Status, Table, Text, table
+from microvib.reports.document import Contents, Document, Fact, Mark, Section, Status, Table, Text, table
 from microvib.reports.numbers import brief, count, text_table
-from microvib.reports.rendering import write_study
 from microvib.signals.pointing import Metric, mean_square_of_density, weight
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Judged, merged
@@ -167,8 +165,8 @@ _BUDGET_CSV = (
 )
 
 
-def write_budget(out: Path, budget: Budget, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """Tables, JSON, picture and report of a budget into a folder; names of its files."""
+def budget_folder(budget: Budget) -> Contents:
+    """Tables, JSON, picture and report of a budget."""
     picture = draw_budget(budget)
     judged = [
         (one.requirement.name, one.requirement.text, one.limit, one.value, one.least, one.most, one.lines, one.noise,
@@ -189,10 +187,10 @@ def write_budget(out: Path, budget: Budget, overwrite: bool, form: Form | None =
     }
     files: dict[str, Any] = {f"{name}.csv": rows_csv(head.split(), rows) for name, (head, rows) in tables.items()}
     files |= {"budget.json": to_json(summary(budget)), "budget.png": sheets.png(picture)}
-    return write_study(out, files, budget_report(budget, picture, form), form, overwrite)
+    return files, budget_report(budget, picture)
 
 
-def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> Document:
+def budget_report(budget: Budget, picture: Figure) -> Document:
     """The report of a budget: decision, requirements and sources on the first page."""
     notes = [Text(text, note=True) for text in _not_judged(budget)]
     caption = (
@@ -232,7 +230,6 @@ def budget_report(budget: Budget, picture: Figure, form: Form | None = None) -> 
             drawn(picture, "Lines by source, and rms over windows", caption),
         ),
         sections=sections,
-        form=form,
         scenario=budget.scenario,
         parts={} if required is None else {"requirements": required},
     )

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from statistics import median
 
 from microvib.reports.blocks import overlaid, study
-from microvib.reports.document import Block, Document, Fact, Form, Mark, Section, Table, Text, pairs, table
+from microvib.reports.document import Block, Contents, Document, Fact, Mark, Section, Table, Text, pairs, table
 from microvib.reports.numbers import brief, count, format_number, milli, percent
-from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
 from microvib.studies.compare import (
     AGREES,
@@ -116,15 +114,12 @@ def clock_sentence(a: Side, b: Side) -> str:
     return f"{text}; B is {1e6 * (second / first - 1.0):+.1f} ppm off A."
 
 
-def write_comparison(
-    out: Path, a: Side, b: Side, rows: Sequence[Row], overwrite: bool, form: Form | None = None
-) -> tuple[str, ...]:
-    """``compare.csv`` and the report of a comparison; names of the files."""
-    files = {"compare.csv": comparison_csv(rows)}
-    return write_study(out, files, comparison_report(a, b, rows, form), form, overwrite)
+def comparison_folder(a: Side, b: Side, rows: Sequence[Row]) -> Contents:
+    """``compare.csv`` and the report of a comparison."""
+    return {"compare.csv": comparison_csv(rows)}, comparison_report(a, b, rows)
 
 
-def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None = None) -> Document:
+def comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> Document:
     """The report of a comparison: verdict line by line wherever the bins fall, spectra, the paper's nearest bins."""
     shown = worth_a_row(rows)
     told = [r for r in shown if math.isfinite(r.a.amplitude) or math.isfinite(r.b.amplitude)]
@@ -147,7 +142,6 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row], form: Form | None =
         facts=_facts(told, shown),
         first_page=first_page,
         sections=sections,
-        form=form,
         parts={f"{mark}, scenario": s.scenario for mark, s in sides.items() if s.scenario is not None},
     )
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 from microvib.reports.title_block import TitleBlock
 
@@ -116,6 +116,17 @@ class Document:
     sections: tuple[Section, ...]
     made: str
     title_block: TitleBlock = field(default_factory=TitleBlock)
+
+    def in_form(self, form: Form) -> Document:
+        """The report of a study as it was asked for: with its title block, and before the versions the command that made it."""
+        *others, last = self.sections
+        command = (Text("Made by:"), Code(form.command)) if form.command else ()
+        last = replace(last, blocks=(*last.blocks[:-1], *command, last.blocks[-1]))
+        return replace(self, sections=(*others, last), title_block=form.title_block)
+
+
+Contents = tuple[dict[str, Any], Document]
+"""What the folder of a study holds: its files by name, as ``write_folder`` takes them, and its report."""
 
 
 def table(

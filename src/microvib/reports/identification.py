@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import package_versions, to_json
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Document, Fact, Form, Mark, Section, Table, Text, table
+from microvib.reports.document import Contents, Document, Fact, Mark, Section, Table, Text, table
 from microvib.reports.numbers import brief, format_number, percent, plain, signed, with_error
-from microvib.reports.rendering import write_study
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import Rest
 from microvib.studies.evidence import Evidence, predicted
@@ -218,14 +216,14 @@ def fit_json(fit: Fit) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write_fit(out: Path, fit: Fit, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """``fit.json``, ``scenario.yaml`` (one for each recording where values are its own) and the report; names of the files."""
+def fit_folder(fit: Fit) -> Contents:
+    """``fit.json``, ``scenario.yaml`` (one for each recording where values are its own) and the report."""
     files = {"fit.json": to_json(fit_json(fit)), "scenario.yaml": dump_scenario(fit.scenario)}
     files |= {f"scenario-{k}.yaml": dump_scenario(one) for k, one in enumerate(fit.scenarios[1:], 2)}
-    return write_study(out, files, fit_report(fit, form), form, overwrite)
+    return files, fit_report(fit)
 
 
-def fit_report(fit: Fit, form: Form | None = None) -> Document:
+def fit_report(fit: Fit) -> Document:
     """The report of an identification: goodness first, parameters with what they are worth, lines before and after."""
     tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
     keys, leanings = [e.key for e in fit.estimates], [(one.key, one.shifts) for one in fit.leanings[:_MAX_LEANING]]
@@ -251,7 +249,6 @@ def fit_report(fit: Fit, form: Form | None = None) -> Document:
             Section("Correlation of the estimates", (_matrix("parameter", fit, zip(keys, fit.correlation, strict=True)),)),
             Section("Sensitivities", (Text(_SENSITIVITY), _matrix("figure", fit, fit.sensitivities.items()))),
         ),
-        form=form,
         scenario=fit.scenario,
     )  # fmt: skip
 

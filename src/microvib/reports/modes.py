@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +13,10 @@ from microvib.io.modal_sources import ModalSource, StructureDesign
 from microvib.io.modal_table import modes_csv
 from microvib.io.tables import read_table
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Block, Document, Fact, Form, Live, Section, Text, table
+from microvib.reports.document import Block, Contents, Document, Fact, Live, Section, Text, table
 from microvib.reports.moving import AZIMUTH, ELEVATION, MOST_NODES, faces_and_lines, markup, of_elements
 from microvib.reports.numbers import count, signed, text_table
 from microvib.reports.parameters import parameter_table
-from microvib.reports.rendering import write_study
 from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
 from microvib.structures.fem.structure import Structure
@@ -108,15 +106,15 @@ def _beside_the_paper(name: str, frequencies: np.ndarray) -> list[list[str]]:
     return [*cells, *[[""] * len(cells[0])] * (len(frequencies) - len(cells))]
 
 
-def write_modes(out: Path, source: ModalSource, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """``modes.csv``, the report and, of finite elements, ``modes.png``; names of the files."""
+def modes_folder(source: ModalSource) -> Contents:
+    """``modes.csv``, the report and, of finite elements, ``modes.png``."""
     files: dict[str, Any] = {"modes.csv": modes_csv(source.model)}
     if source.modes is not None:
         files["modes.png"] = png(draw_shapes(source.modes, mode_kinds(source), _MAX_DRAWN))
-    return write_study(out, files, modes_report(source, form), form, overwrite)
+    return files, modes_report(source)
 
 
-def modes_report(source: ModalSource, form: Form | None = None) -> Document:
+def modes_report(source: ModalSource) -> Document:
     """The report on the modes of one source."""
     model, design = source.model, source.design
     first_page: list[Block] = [table(*table_1(source)), Text(enough_sentence(model))]
@@ -139,7 +137,6 @@ def modes_report(source: ModalSource, form: Form | None = None) -> Document:
         facts=_facts(model),
         first_page=first_page,
         sections=sections,
-        form=form,
         parts={} if design is None else {"description": design},
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +11,8 @@ from microvib.io.tables import columns_csv, rows_csv, to_json
 from microvib.reports import sheets
 from microvib.reports.angles import SHOWN
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Document, Fact, Form, Section, Text, table
+from microvib.reports.document import Contents, Document, Fact, Section, Text, table
 from microvib.reports.numbers import text_table
-from microvib.reports.rendering import write_study
 from microvib.solve.channels import INTERFACE
 from microvib.studies.orbit import NOT_QUASI_STATIC, TOLERANCE, Orbit
 
@@ -62,8 +60,8 @@ def _how(orbit: Orbit) -> list[str]:
     ]
 
 
-def write_orbit(out: Path, orbit: Orbit, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """Tables, JSON, picture and report; names of the files."""
+def orbit_folder(orbit: Orbit) -> Contents:
+    """Tables, JSON, picture and report."""
     sweep, degrees = orbit.sweep, np.degrees(orbit.sweep.angles)
     loads = np.sqrt(0.5 * np.sum(np.abs([one.loads for one in sweep.lines]) ** 2, axis=1))
     over = {"time_s": orbit.time, "angle_deg": degrees}
@@ -101,10 +99,10 @@ def write_orbit(out: Path, orbit: Orbit, overwrite: bool, form: Form | None = No
         "orbit.json": to_json(said),
         "orbit.png": sheets.png(picture),
     }
-    return write_study(out, files, orbit_report(orbit, picture, form), form, overwrite)
+    return files, orbit_report(orbit, picture)
 
 
-def orbit_report(orbit: Orbit, picture: Figure, form: Form | None = None) -> Document:
+def orbit_report(orbit: Orbit, picture: Figure) -> Document:
     """The report: worst instant, rms, what they are worth; picture; every window."""
     whole, scenario = orbit.windows[0], orbit.sweep.scenario
     facts = [
@@ -131,7 +129,7 @@ def orbit_report(orbit: Orbit, picture: Figure, form: Form | None = None) -> Doc
             drawn(picture, "Lines and windows over the orbit", _CAPTION),
         ),
         sections=[Section("Every window", (table(heads, rows),)), Section("How it was found", tuple(map(Text, _how(orbit))))],
-        form=form, scenario=scenario,
+        scenario=scenario,
     )  # fmt: skip
 
 

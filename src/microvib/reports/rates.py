@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +11,8 @@ import numpy as np
 from microvib.io.tables import rows_csv
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Document, Fact, Form, Section, Table, Text, table
+from microvib.reports.document import Contents, Document, Fact, Section, Table, Text, table
 from microvib.reports.numbers import brief, count, given, milli, plain, torque
-from microvib.reports.rendering import write_study
 from microvib.studies.rates import ABOVE, HIDES, RatePlan, Resonance, linear_error
 
 if TYPE_CHECKING:
@@ -128,8 +126,8 @@ def linear_text(plan: RatePlan) -> str:
     return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."
 
 
-def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """Tables, pictures and report of a plan; names of the files."""
+def plan_folder(plan: RatePlan, text: str) -> Contents:
+    """Tables, pictures and report of a plan."""
     campbell, largest = draw_campbell(plan), draw_largest(plan)
     met = [
         (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude) for r in plan.resonances
@@ -144,7 +142,7 @@ def write_plan(out: Path, plan: RatePlan, text: str, overwrite: bool, form: Form
     }
     files: dict[str, Any] = {f"{name}.csv": rows_csv(head.split(), rows) for name, (head, rows) in tables.items()}
     files |= {"campbell.png": sheets.png(campbell), "largest.png": sheets.png(largest)}
-    return write_study(out, files, plan_report(plan, text, campbell, largest, form), form, overwrite)
+    return files, plan_report(plan, text, campbell, largest)
 
 
 def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
@@ -157,7 +155,7 @@ def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
             yield (*head, x.line, x.kind, x.order, x.frequency, x.amplitude, status)
 
 
-def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, form: Form | None = None) -> Document:
+def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure) -> Document:
     """The report of a plan: best rates and what to keep away from, largest line over rate, Campbell diagram."""
     over = "Largest line over rate"
     shades = f"{over}. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but time integration."
@@ -176,7 +174,6 @@ def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure, fo
             _best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), drawn(largest, over, shades),
         ),
         sections=sections,
-        form=form,
         scenario=plan.scenario,
     )  # fmt: skip
 

@@ -15,25 +15,24 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from microvib.io.writing import write_folder
-from microvib.reports.document import Block, Document, Form, Table
+from microvib.reports.document import Block, Contents, Document, Form, Table
 from microvib.reports.fonts import fallback_for, package_fonts
 from microvib.reports.moving import markup
 from microvib.reports.typography import typeset
 
 
-def report_files(document: Document, form: Form | None) -> dict[str, str | bytes]:
+def report_files(document: Document, form: Form) -> dict[str, str | bytes]:
     """``report.html``, and ``report.pdf`` where that was asked for, as ``write_folder`` takes them."""
+    document = document.in_form(form)
     files: dict[str, str | bytes] = {"report.html": html(document)}
-    if form is not None and form.pdf:
+    if form.pdf:
         files["report.pdf"] = pdf(document)
     return files
 
 
-def write_study(
-    out: Path, files: dict[str, Any], document: Document, form: Form | None, overwrite: bool
-) -> tuple[str, ...]:
+def write_study(out: Path, contents: Contents, form: Form, overwrite: bool) -> tuple[str, ...]:
     """Write the folder of a study, its files and then its report, all or nothing; their names."""
-    files = files | report_files(document, form)
+    files = contents[0] | report_files(contents[1], form)
     write_folder(out, files, overwrite)
     return tuple(files)
 

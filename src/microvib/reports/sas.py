@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from microvib.io.scenario_file import dump_part
 from microvib.io.tables import rows_csv, to_json
 from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Document, Fact, Form, Section, Text, table
+from microvib.reports.document import Contents, Document, Fact, Section, Text, table
 from microvib.reports.numbers import text_table
 from microvib.reports.parameters import parameter_table
-from microvib.reports.rendering import write_study
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.studies.sas import Setting, Sizing, tolerance
 from microvib.studies.sizing import Sized
@@ -118,8 +116,8 @@ def sizing_text(result: Sized) -> str:
     return "\n".join([*blocks, text_table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target)), ""])
 
 
-def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = None) -> tuple[str, ...]:
-    """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the report; their names."""
+def sizing_folder(result: Sized) -> Contents:
+    """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the report."""
     figure, settings = draw_simulator(result.sizing.target), [_values(setting) for setting in result.sizing.settings]
     files: dict[str, Any] = {
         "sas.csv": rows_csv(list(settings[0]), [list(row.values()) for row in settings]),
@@ -127,7 +125,7 @@ def write_sizing(out: Path, result: Sized, overwrite: bool, form: Form | None = 
         "simulator.yaml": dump_part(result.sizing.target.design),
         "drawing.png": lambda path: figure.savefig(path, format="png"),
     }
-    return write_study(out, files, sizing_report(result, figure, form), form, overwrite)
+    return files, sizing_report(result, figure)
 
 
 def _values(setting: Setting) -> dict[str, Any]:
@@ -156,7 +154,7 @@ def sas_data(result: Sized) -> dict[str, Any]:
     }
 
 
-def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> Document:
+def sizing_report(result: Sized, drawing: Figure) -> Document:
     """The report of a sizing: settings, springs, tolerances, drawing."""
     target = result.sizing.target
     caption = "Requested, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
@@ -186,7 +184,6 @@ def sizing_report(result: Sized, drawing: Figure, form: Form | None = None) -> D
             Section("Drawing", (drawn(drawing, "Dimensioned drawing", scale, turned=True),)),
             Section("Description", (*origin, parameter_table(target.design))),
         ),
-        form=form,
         parts={"simulator": target.design},
     )
 

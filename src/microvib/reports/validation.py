@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 from microvib.reports.blocks import overlaid, study
-from microvib.reports.document import Document, Fact, Form, Mark, Row, Section, Table, Text, table
+from microvib.reports.document import Contents, Document, Fact, Mark, Row, Section, Table, Text, table
 from microvib.reports.numbers import brief
-from microvib.reports.rendering import write_study
 from microvib.studies.validate import Check, SimulatedState, checks_csv
 
 _LEAD = (
@@ -56,12 +54,9 @@ def _by_status(checks: list[Check]) -> dict[str, list[Check]]:
     return {status: [c for c in judged if c.status == status] for status in dict.fromkeys(c.status for c in judged)}
 
 
-def write_validation(
-    out: Path, checks: list[Check], states: dict[int, SimulatedState], overwrite: bool, form: Form | None = None
-) -> tuple[str, ...]:
-    """``validation.csv`` and the report; names of the files."""
-    files = {"validation.csv": checks_csv(checks)}
-    return write_study(out, files, validation_report(checks, states, form), form, overwrite)
+def validation_folder(checks: list[Check], states: dict[int, SimulatedState]) -> Contents:
+    """``validation.csv`` and the report."""
+    return {"validation.csv": checks_csv(checks)}, validation_report(checks, states)
 
 
 _COMPARISONS = (
@@ -70,7 +65,7 @@ _COMPARISONS = (
 )
 
 
-def validation_report(checks: list[Check], states: dict[int, SimulatedState], form: Form | None = None) -> Document:
+def validation_report(checks: list[Check], states: dict[int, SimulatedState]) -> Document:
     """The report of the validation: every claim with its verdict, and the spectra of the states."""
     torques = {k: (f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in states.items()}
     first, second = (overlaid([torques[k] for k in of], title) for title, of in _COMPARISONS)
@@ -88,7 +83,6 @@ def validation_report(checks: list[Check], states: dict[int, SimulatedState], fo
             Section("All claims", (_claims(checks),), new_page=True),
             Section("States of other inertia", (second,)),
         ),
-        form=form,
         parts={f"state {k}": state.motion.scenario for k, state in states.items()},
     )
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +16,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.pointing import Metric, radial
 from microvib.solve.integration import Progress
 from microvib.solve.steady.state import find_steady
+from microvib.studies.workers import all_cores
 from microvib.units import Given, Si, quantity
 
 MOST_ANGLES = 361
@@ -77,14 +76,8 @@ def sweep_angles(
         assert result.motion is not None
         return hub_lines(result.motion, result.table, harmonics), why
 
-    found = []
-    if progress is not None:
-        progress(0, len(turns))
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for k, one in enumerate(pool.map(at, turns), 1):
-            found.append(one)
-            if progress is not None:
-                progress(k, len(turns))
+    with all_cores(progress) as calls:
+        found = calls(at, ((angle,) for angle in turns))
     return AngleSweep(scenario, np.array(turns, dtype=float), *zip(*found, strict=True))
 
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from operator import index
@@ -15,14 +12,17 @@ import numpy as np
 
 from microvib.analysis.limits import BEYOND
 from microvib.analysis.lines import steady
-from microvib.errors import MicrovibError, OptionError, SimulationError, expect
+from microvib.errors import OptionError, SimulationError, expect
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, FAINT
 from microvib.solve.integration import Progress
+from microvib.studies.workers import all_cores
 from microvib.units import Band, Given, Si, quantity
 from microvib.units import band as ends
 
+Solve = Callable[[Iterable[tuple[float, int]]], list["RateCase"]]
+"""Solves cases (rate, microsteps)."""
 HARMONICS = 8
 LEAST = 1e-3
 """Lines below this fraction of a case's largest are dropped."""
@@ -201,9 +201,12 @@ def plan_rates(
     meetings = [m for n in microsteps for m in _meetings(scenario, n, modes, min(grid), max(grid))]
     wanted = {(float(rate), n) for n in microsteps for rate in grid}
     wanted |= {(rate, m.microsteps) for m in meetings for rate in _near(m, modes)}
-    if progress is not None:
-        progress(0, len(wanted))
-    with _solver(scenario, linear, workers, progress) as solve:
+    one = linear_case if linear else full_case
+    with all_cores(progress, workers) as calls:
+
+        def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
+            return calls(one, ((scenario, Si(rate), n) for rate, n in wanted))
+
         found = {(case.rate, case.microsteps): case for case in solve(sorted(wanted))}
         rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
         forbidden = [] if most is None else [b for row in rows for b in _forbidden(row, most, within, solve)]
@@ -268,46 +271,6 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
         values = errors or [math.nan]
         result[n] = (float(np.median(values)), float(np.max(values)), len(errors))
     return result
-
-
-Solve = Callable[[Iterable[tuple[float, int]]], list[RateCase]]
-"""Solves cases (rate, microsteps)."""
-
-
-@contextmanager
-def _solver(scenario: Scenario, linear: bool, workers: int | None, progress: Progress | None) -> Iterator[Solve]:
-    """A function that solves cases on all cores; in what order does not matter."""
-    one = linear_case if linear else full_case
-    futures: list[Future[RateCase]] = []
-
-    def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
-        before = len(futures)
-        try:
-            futures.extend(pool.submit(one, scenario, Si(rate), n) for rate, n in wanted)
-            for done, _ in enumerate(as_completed(futures[before:]), before + 1):
-                if progress is not None:
-                    progress(done, len(futures))
-            return [future.result() for future in futures[before:]]
-        except BrokenExecutor:
-            raise MicrovibError("a process that solved cases was ended; memory may be short") from None
-
-    with _pool(workers) as pool:
-        yield solve
-
-
-@contextmanager
-def _pool(workers: int | None) -> Iterator[Executor]:
-    if workers is not None:
-        from microvib.studies.campaign.run import local
-
-        with local(workers) as backend:
-            yield backend.executor()
-        return
-    pool = ThreadPoolExecutor(os.cpu_count() or 1)
-    try:
-        yield pool
-    finally:  # an interrupt, too, must not wait for what has not begun
-        pool.shutdown(cancel_futures=True)
 
 
 def _meetings(

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +16,7 @@ from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
+from microvib.studies.workers import all_cores
 from microvib.units import Quantity, convert
 
 STEP = 0.02
@@ -174,18 +173,10 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
     }
     points = [(key, x) for key, ends in ranges.items() for x in (*_near(values[key]), *ends, *inside[key])]
 
-    def run(point: tuple[str, float]) -> dict[str, float] | str:
-        return _amplitudes(scenario, *point)
-
-    amplitudes, failed = [], []
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for k, found in enumerate(pool.map(run, points), 1):
-            amplitudes.append({} if isinstance(found, str) else found)
-            if isinstance(found, str):
-                failed.append(Failed(*points[k - 1], found))
-            if progress is not None:
-                progress(k, len(points))
-    each = iter(amplitudes)
+    with all_cores(progress) as calls:
+        runs = calls(_amplitudes, ((scenario, *point) for point in points))
+    failed = [Failed(*point, why) for point, why in zip(points, runs, strict=True) if isinstance(why, str)]
+    each = iter({} if isinstance(found, str) else found for found in runs)
     by_key = {key: [next(each) for _ in range(4 + len(inside[key]))] for key in ranges}
     result = []
     for line in main:

@@ -44,23 +44,35 @@ def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str
 
 def read_op4(path: Path, options: Import) -> Deck:
     """A Craig-Bampton model (KAA and MAA, or KXX and MXX of EXTSEOUT), or mode shapes with mass and rigid-body motions."""
-    present = pyyeti("op4").dir(str(path), verbose=False)[0]
-    for pair in PAIRS:
-        if all(name in present for name in pair):
-            found = matrices(path, pair, full=True)
-            return _from_reduced(path, found[pair[0]], found[pair[1]], options)
-    shapes = next((name for name in SHAPES if name in present), None)
-    rigid = next((name for name in RIGID if name in present), None)
-    mass = next((name for name in MASS_MATRICES if name in present), None)
-    stiffness = "k" + mass[1:] if mass else None
-    if shapes is None or rigid is None or stiffness not in present or mass is None:
+    pair = _pair(path)
+    if pair is not None:
+        return _from_reduced(path, *pair, options)
+    present = names_in(path)
+    shapes, rigid, mass = (next((n for n in names if n in present), "") for names in (SHAPES, RIGID, MASS_MATRICES))
+    stiffness = "k" + mass[1:]
+    if not shapes or not rigid or not mass or stiffness not in present:
         raise ModalError(
             f"holds {', '.join(present[:12]).upper() or 'no matrices'}; expected KAA and MAA (or KXX and MXX, KAAX and"
             f" MAAX) of a Craig-Bampton model, or mode shapes ({', '.join(SHAPES).upper()}) with MGG, KGG and the six rigid-body"
             f" motions ({', '.join(RIGID).upper()})"
         )
-    found = matrices(path, (shapes, rigid, mass, str(stiffness)))
-    return _from_full(found[shapes], found[rigid], found[mass], found[str(stiffness)], options)
+    found = matrices(path, (shapes, rigid, mass, stiffness))
+    return _from_full(found[shapes], found[rigid], found[mass], found[stiffness], options)
+
+
+def names_in(path: Path) -> list[str]:
+    """Names of the matrices in an OP4 file, in lower case."""
+    return pyyeti("op4").dir(str(path), verbose=False)[0]
+
+
+def _pair(path: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Stiffness and mass (n, n) of the Craig-Bampton model in an OP4 file; None where it holds none."""
+    present = names_in(path)
+    pair = next((p for p in PAIRS if all(name in present for name in p)), None)
+    if pair is None:
+        return None
+    found = matrices(path, pair, full=True)
+    return np.asarray(found[pair[0]]), np.asarray(found[pair[1]])
 
 
 def _from_full(phi: Any, R: Any, M: Any, K: Any, options: Import) -> Deck:
@@ -207,13 +219,10 @@ def dmig_model(path: Path) -> Reduced:
 
 def op4_model(path: Path) -> Reduced | None:
     """The same of an OP4 file with the geometry of EXTSEOUT beside it; None where it holds no such model."""
-    present = pyyeti("op4").dir(str(path), verbose=False)[0]
-    pair = next((p for p in PAIRS if all(name in present for name in p)), None)
+    pair = _pair(path)
     if pair is None:
         return None
-    found = matrices(path, pair, full=True)
-    K, M = (np.asarray(found[name]) for name in pair)
-    geometry = _geometry_beside(path, K)
+    geometry = _geometry_beside(path, pair[0])
     if geometry is None:
         raise ModalError("has no geometry; the .asm or .pch file of EXTSEOUT is expected beside it")
-    return K, M, *geometry
+    return *pair, *geometry

@@ -14,6 +14,7 @@ from microvib.io.nastran.craig_bampton import (
     Reduced,
     dmig_model,
     matrices,
+    names_in,
     normalised,
     op4_model,
 )
@@ -52,7 +53,7 @@ def _op4(path: Path) -> Found:
     reduced = op4_model(path)
     if reduced is not None:
         return _solved(reduced)
-    present = pyyeti("op4").dir(str(path), verbose=False)[0]
+    present = names_in(path)
     shapes, mass = (next((name for name in names if name in present), "") for names in (SHAPES, MASS_MATRICES))
     stiffness = "k" + mass[1:]
     if not shapes or not mass or stiffness not in present:

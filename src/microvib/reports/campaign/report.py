@@ -16,7 +16,7 @@ from microvib.analysis.seeds import seeds_of
 from microvib.model.scenario import Scenario
 from microvib.reports.blocks import drawn, study
 from microvib.reports.campaign import figures
-from microvib.reports.document import Block, Document, Fact, Form, Section, Table, Text, table
+from microvib.reports.document import Block, Document, Fact, Section, Table, Text, table
 from microvib.reports.numbers import brief_milli, count, given, plain, short, torque
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import limit_of
@@ -166,7 +166,7 @@ def draw(s: Summary) -> dict[str, Picture]:
     return made
 
 
-def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None = None) -> Document:
+def campaign_report(s: Summary, pictures: dict[str, Picture]) -> Document:
     """The report of a campaign; its first page says what was varied, the lines against the limit, and the envelopes."""
     campaign, base = s.results.campaign, s.results.campaign.design.base
     figure = {name: drawn(drawing, title, caption) for name, (title, drawing, caption) in pictures.items()}
@@ -187,7 +187,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture], form: Form | None 
     subtitle = f"{done} of {cases} cases of {base.title or campaign.design.study.scenario}"
     title = campaign.design.study.title or f"Campaign {campaign.folder.name}"
     return study(
-        "Campaign", title, subtitle, facts=_facts(s), first_page=first_page, sections=sections, form=form, scenario=base
+        "Campaign", title, subtitle, facts=_facts(s), first_page=first_page, sections=sections, scenario=base
     )  # fmt: skip
 
 

@@ -15,9 +15,8 @@ from microvib.io.tables import rows_csv
 from microvib.io.writing import write_file
 from microvib.reports.campaign import report
 from microvib.reports.campaign.report import MAX_LEVELS, Summary, above_limit, hertz, interval, percents, shown
-from microvib.reports.document import Form
+from microvib.reports.document import Contents
 from microvib.reports.numbers import brief_milli
-from microvib.reports.rendering import write_study
 from microvib.reports.sheets import png
 from microvib.studies.campaign.cases import FIGURES, Chunk, compute
 from microvib.studies.campaign.folder import Campaign
@@ -97,8 +96,8 @@ def _level_text(r: LineStatistics) -> str:
     return f"  {r.level.text}: {median}largest {brief_milli(r.largest)} mN m (case {r.worst}){above}"
 
 
-def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, ...]:
-    """Tables, pictures and report of a campaign; they replace those of an earlier call."""
+def campaign_folder(s: Summary) -> Contents:
+    """Tables, pictures and report of a campaign."""
     pictures = report.draw(s)
     files: dict[str, Any] = {
         "statistics.csv": _statistics_csv(s.rows),
@@ -106,7 +105,7 @@ def write_report(out: Path, s: Summary, form: Form | None = None) -> tuple[str, 
         "effects.csv": _effects_csv(s),
         **{f"{name}.png": png(picture.drawing) for name, picture in pictures.items()},
     }
-    return write_study(out, files, report.campaign_report(s, pictures, form), form, overwrite=True)
+    return files, report.campaign_report(s, pictures)
 
 
 def _statistics_csv(rows: Sequence[LineStatistics]) -> str:

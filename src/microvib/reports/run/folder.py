@@ -72,7 +72,7 @@ def write_run(
         files = {"motion.nc": partial(write_motion, motion)}
         if motion.beside is not None:
             files[SECOND_MOTION] = partial(write_motion, motion.beside)
-        files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit, form=form), form)
+        files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
     files |= run_texts(result, run_summary(result, **total) | judged_by, of_hub)

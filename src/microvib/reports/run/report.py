@@ -17,7 +17,7 @@ from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.craft import craft_sections, pointing_facts
-from microvib.reports.document import Code, Document, Form, Section, Table, Text, pairs, table
+from microvib.reports.document import Code, Document, Section, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, milli
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
 from microvib.reports.run.first_page import facts, first_page, judged_cells, marks, what
@@ -49,7 +49,6 @@ def run_report(
     hub: HubLines | None = None,
     limit: Limit | None = None,
     versions: Mapping[str, str] | None = None,
-    form: Form | None = None,
 ) -> Document:
     """The report on one run; ``versions`` are those that made the motion, without them today's.
 
@@ -82,7 +81,6 @@ def run_report(
             _method(motion),
             trust_section(motion),
         ),
-        form=form,
         scenario=scenario,
         versions=versions,
         again=again,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from microvib.errors import OptionError
-from microvib.studies.campaign.run import Backend
+from microvib.studies.workers import Backend
 
 CONNECT = "10s"
 
