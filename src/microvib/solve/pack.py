@@ -223,7 +223,8 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
 def _finite(drive: Any) -> Any:
     """The drive, if compiled code may see it: parameters that are finite can give constants that are not."""
     for name, value in zip(drive._fields, drive, strict=True):
-        if name != "U_max" and not np.all(np.isfinite(value)):
+        finite = math.isfinite(value) if isinstance(value, float) else np.all(np.isfinite(value))
+        if name != "U_max" and not finite:
             raise SimulationError(
                 f"this drive cannot be computed: its constant {name} is not a finite number; parameters of such sizes do not"
                 " go together"

@@ -37,11 +37,11 @@ def repeats_after(scenario: Scenario) -> tuple[int, int]:
 
 
 class Turn(NamedTuple):
-    """Rotor angles [rad] by which drives are turned; cosine and sine of the electrical angles; (k,) each."""
+    """Rotor angles [rad] by which drives are turned, (k,), and what turns currents and their integrals, two complex numbers each,
+    by the electrical angles, (k, 1)."""
 
     angle: np.ndarray
-    cosine: np.ndarray
-    sine: np.ndarray
+    electrical: np.ndarray
 
 
 class PeriodMap:
@@ -111,9 +111,9 @@ class PeriodMap:
         """State in which every run begins, seen from the command, and the microstep of the period that corresponds to a run's
         first."""
         angle = self.angle(0)
-        electrical = self.packed.drive.z * angle
-        turn = Turn(np.array([angle]), np.cos(electrical), np.sin(electrical))
-        return self._turned(self._rest[None], turn)[0], round(-angle / self._step) % self.microsteps
+        return self._turned(self._rest[None], self._by(np.array([angle])))[0], round(
+            -angle / self._step
+        ) % self.microsteps
 
     def angle(self, microstep: Any) -> Any:
         """Commanded rotor angle [rad] before a ``microstep`` of the period."""
@@ -125,9 +125,10 @@ class PeriodMap:
 
     def turn(self, microsteps: Any) -> Turn:
         """The turn that ``microsteps`` (k,) of the command make."""
-        angle = self._step * np.asarray(microsteps, dtype=float)
-        electrical = self.packed.drive.z * angle
-        return Turn(angle, np.cos(electrical), np.sin(electrical))
+        return self._by(self._step * np.asarray(microsteps, dtype=float))
+
+    def _by(self, angle: np.ndarray) -> Turn:
+        return Turn(angle, np.exp(1j * self.packed.drive.z * angle)[:, None])
 
     def absolute(self, x: np.ndarray, turn: Turn) -> np.ndarray:
         """States (k, n) of the drive from those seen from the command, which has made ``turn`` since the start of the period."""
@@ -148,9 +149,8 @@ class PeriodMap:
     def _turned(self, y: np.ndarray, turn: Turn) -> np.ndarray:
         """States with rotor, output and currents turned."""
         turned = y.copy()
-        for a, b in ((kernel.IA, kernel.IB), (kernel.XA, kernel.XB)):
-            turned[:, a] = turn.cosine * y[:, a] - turn.sine * y[:, b]
-            turned[:, b] = turn.sine * y[:, a] + turn.cosine * y[:, b]
+        pairs = turned[:, kernel.IA : kernel.XB + 1].view(complex)
+        pairs *= turn.electrical
         turned[:, kernel.TM] += turn.angle
         turned[:, kernel.TL] -= turn.angle * self.packed.drive.inv_h
         return turned
