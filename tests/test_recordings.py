@@ -34,6 +34,19 @@ def test_what_is_written_is_read(tmp_path, ending):
         write_recording(made(), path)
 
 
+@pytest.mark.parametrize("ending", ["uff", "mat", "csv"])
+def test_a_disk_that_fills_up_is_a_sentence(tmp_path, ending):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(OutputError, match=rf"test\.{ending}: cannot be written: .*nothing was left behind"):
+            write_recording(made(), tmp_path / f"test.{ending}")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_ascii_uff(tmp_path):
     import pyuff
 

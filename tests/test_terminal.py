@@ -77,6 +77,16 @@ def test_a_bar_is_drawn_while_it_goes_on_and_gone_at_the_end(worked, tmp_path):
     assert "━" not in shown.text
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1"])
+def test_a_stream_that_lacks_characters_shows_others_in_their_place(tmp_path, encoding):
+    """As a file that a command's output goes to on Windows."""
+    line = f"PYTHONIOENCODING={encoding} microvib new my.yaml --from-datasheet --ratio 100 > said"
+    assert shell(line, tmp_path).returncode == 0
+    said = (tmp_path / "said").read_text(encoding=encoding)
+    assert "kg cm²" in said
+    assert "(2? f_c R" in said
+
+
 # -- interrupted -----------------------------------------------------------------------------------------------------
 
 INTERRUPTED = (130, -2)

@@ -157,4 +157,6 @@ def _over(stream: Any, kind: type[io.FileIO]) -> Any:
         return stream
     stream.flush()
     raw = io.BufferedWriter(kind(stream.fileno(), "w", closefd=False))
-    return io.TextIOWrapper(raw, stream.encoding, stream.errors, line_buffering=True)
+    # What a terminal or a file of another encoding cannot hold is a question mark there, and no error.
+    errors = "replace" if stream.errors == "strict" else stream.errors
+    return io.TextIOWrapper(raw, stream.encoding, errors, line_buffering=True)

@@ -141,7 +141,10 @@ def _write_uff(recording: Recording, path: Path) -> None:
         }  # fmt: skip
         for axis in ("abscissa", "ordinate", "orddenom", "z_axis"):
             data |= {f"{axis}_{kind}_unit_exp": 0 for kind in ("len", "force", "temp")}
-        pyuff.UFF(str(path)).write_sets([data], mode="add")
+        try:
+            pyuff.UFF(str(path)).write_sets([data], mode="add")
+        except Exception as error:  # the library says no more than that it failed
+            raise error.__context__ if isinstance(error.__context__, OSError) else error from None
 
 
 def _write_mat(recording: Recording, path: Path) -> None:
