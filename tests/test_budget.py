@@ -556,6 +556,18 @@ def test_the_recording_of_a_force_table_goes_the_short_way() -> None:
     table = pointing_budget(scenario, r, recording=recording)
     full_run = pointing_budget(scenario, r)
     assert table.judged[0].value == pytest.approx(full_run.judged[0].value, rel=0.01)
+    easy = Requirements(requirements=[{"axis": "x", "limit": "1 urad", "lowest": "5 Hz", "highest": "300 Hz"}])
+    assert pointing_budget(scenario, easy, recording=recording).judged[0].verdict == "pass"
+    rng = np.random.default_rng(1)
+    still = replace(recording, channels={n: 1e-6 * rng.normal(size=ground[n].size) for n in names})
+    clipped = replace(recording, channels={**recording.channels, "Fx": np.clip(ground["Fx"], -1e-4, 1e-4)})
+    for wrong, why in ((still, "no line of the step clock stands out"), (clipped, "channel Fx is clipped")):
+        found = pointing_budget(scenario, easy, recording=wrong).judged[0]
+        assert found.verdict == "not judged"
+        assert any(why in text for text in found.why)
+    counts = replace(recording, units={**recording.units, "Fy": "counts"})
+    with pytest.raises(mv.MicrovibError, match="channel Fy is in 'counts', which is neither a force nor a torque"):
+        pointing_budget(scenario, easy, recording=counts)
     part = replace(recording, channels={"Mz": ground["Mz"]}, units={"Mz": "N*m"})
     alone = pointing_budget(scenario, r, recording=part).judged[0]
     assert alone.verdict == "not judged"

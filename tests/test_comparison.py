@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import open_source
 from microvib.reports.comparison import clock_sentence, comparison_report, comparison_text, verdict_sentence
@@ -18,6 +19,7 @@ from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
 from microvib.studies.analyse import analyse
 from microvib.studies.compare import Figures, Row, Side, _with_names_of, compare, comparison_csv
+from microvib.studies.evidence import evidence_of
 from microvib.testdata.recording import Recording
 
 
@@ -93,6 +95,19 @@ def test_what_speaks_against_a_clock_is_told(state_1, nominal, tones, told):
     notes = analyse(Prepared(heard(*tones)), scenario=scenario).recording.notes
     assert len(notes) == len(told)
     assert all(words in note for words, note in zip(told, notes, strict=True))
+
+
+def test_another_component_than_the_drives_is_not_compared(state_1):
+    table = heard((53.0, 0.05))
+    six = replace(table, channels={"Mx": table["Mz"], "Mz": 0.01 * table["Mz"]}, units={"Mx": "N*m", "Mz": "N*m"})
+    about_x = state_1.with_({"array.drive_axis": "x", **SHORT})
+    for look in (lambda: compare(six, about_x), lambda: evidence_of(six, about_x)):
+        with pytest.raises(
+            MicrovibError, match="heard: the scenario's drive axis is x: its torque is channel Mx, not Mz"
+        ):
+            look()
+    assert {row.line: row for row in compare(six, about_x, channel="Mx").rows}["drive_1"].a.amplitude > 0.049
+    assert "not the torque about the drive axis" in analyse(Prepared(six), scenario=about_x).recording.notes[-1]
 
 
 def test_unexpected_lines_are_the_same_within_their_uncertainty():

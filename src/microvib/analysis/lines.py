@@ -28,7 +28,7 @@ from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, from_rest, method_of
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
 from microvib.solve.steady.state import SteadyState, find_steady
-from microvib.testdata.recording import Recording, RecordingError, check
+from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, check
 from microvib.units import Si
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
@@ -204,8 +204,14 @@ def lines_of_recording(
 ) -> LineTable:
     """Lines of the drive-axis torque that was measured in ``channel`` [N m], what stands in the ``background`` accounted for.
 
-    RecordingError where the channel cannot be used.
+    RecordingError where the channel cannot be used, or another component is about the scenario's drive axis.
     """
+    about = channel if scenario is None else f"M{scenario.array.drive_axis}"
+    if channel in COMPONENTS and channel != about and about in recording.channels:
+        text = (
+            f"the scenario's drive axis is {about[1:]}: its torque is channel {about}, not {channel}; name that channel"
+        )
+        raise RecordingError(f"{recording.title}: {text}", remedy="channel")
     check(recording, channel, _SHORTEST)
     if recording.units[channel] != "N*m":
         expected = "the torque about the drive axis is expected"
@@ -226,21 +232,28 @@ def near_mains(frequency: float, duration: float) -> bool:
 
 
 def clock_doubts(table: LineTable) -> Iterator[str]:
-    """What speaks against the clock that was found in a recording: a sentence each."""
+    """What speaks against a recording being of the scenario's drive at its rate: a sentence each."""
     clock = [x for x in table if x.kind not in ("array mode", "other")]
     seen = [x for x in clock if x.status in SEEN]
-    hum = [x.line for x in seen if near_mains(x.frequency_hz, table.duration)]
     drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
     common = math.gcd(*(k for k, x in drive.items() if x in seen))
     if clock and table.clock_ratio is None:
         yield f"no line of the step clock stands out within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
-    elif hum and len(hum) == len(seen):
+    elif seen and all(near_mains(x.frequency_hz, table.duration) for x in seen):
         yield "all lines of the step clock stand where the mains (50 or 60 Hz) may: the drive may not have moved"
-    elif hum:
-        yield f"where pick-up of the mains (50 or 60 Hz) may stand: {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
     if common > 1 and all(x.status == FAINT for k, x in drive.items() if k % common):
         names = ", ".join(x.line for x in drive.values() if x in seen)
         yield f"of the driving lines only {names} stand out: the drive may have run at {common} times the scenario's rate"
+
+
+def clock_notes(table: LineTable) -> Iterator[str]:
+    """``clock_doubts`` and, where there are none, which lines of the clock pick-up of the mains may stand in."""
+    doubts = tuple(clock_doubts(table))
+    clock = (x for x in table if x.kind not in ("array mode", "other") and x.status in SEEN)
+    hum = [x.line for x in clock if near_mains(x.frequency_hz, table.duration)]
+    if hum and not doubts:
+        yield f"where pick-up of the mains (50 or 60 Hz) may stand: {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
+    yield from doubts
 
 
 def expected_in(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from microvib.analysis import spectra
-from microvib.analysis.lines import clock_doubts, lines_of_recording, lines_of_samples
+from microvib.analysis.lines import clock_notes, lines_of_recording, lines_of_samples
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source
@@ -99,9 +99,10 @@ def _source(
             is_axis = guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
             if channel.startswith("F") or not is_axis:
                 check(recording, channel)
-                return recording, background, None, 1.0
+                other = f"{channel} is not the torque about the drive axis: its lines are not looked for"
+                return recording.noted(other) if guide else recording, background, None, 1.0
             table = lines_of_recording(recording, channel, guide, background)
-            for note in (NO_DRIVE,) if guide is None else clock_doubts(table):
+            for note in (NO_DRIVE,) if guide is None else clock_notes(table):
                 recording = recording.noted(note)
             return recording, background, table, 1.0 if guide is None else guide.tracking.clock_ratio
         case _:

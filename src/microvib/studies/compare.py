@@ -9,7 +9,7 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from microvib.analysis.lines import clock_doubts, lines, lines_of_recording
+from microvib.analysis.lines import clock_notes, lines, lines_of_recording
 from microvib.errors import MicrovibError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
@@ -205,7 +205,7 @@ def _side(
             table = lines_of_recording(recording, channel, guide, background)
             found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
             ratio = None if found is None or guide is None else found * guide.tracking.clock_ratio
-            notes = (*recording.notes, *clock_doubts(table))
+            notes = (*recording.notes, *clock_notes(table))
             return Side(recording.title, "recording", _figures(table), ratio, x, rate, notes=notes)
         case PaperLines():
             return Side(f"paper-{source.column}", "paper", _figures(source.table))

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from microvib.analysis.lines import clock_doubts, lines_of_recording, near_mains
+from microvib.analysis.lines import clock_notes, lines_of_recording, near_mains
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
@@ -141,7 +141,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
                 r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
             )
             noise = _allowed(r[channel], r.sample_rate, table, scenario)
-            notes = (*r.notes, *clock_doubts(table))
+            notes = (*r.notes, *clock_notes(table))
             return Evidence(
                 r.title, found, table.clock_ratio, r.duration, r.sample_rate, notes, table.rest, parts, noise
             )

@@ -204,8 +204,14 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs of repeated samples
     (drop-outs), one sample out of all proportion, or is shorter than ``shortest`` [s].
     """
-    for fault in _faults(recording, name, shortest):
-        raise RecordingError(f"{recording.title}: channel {name} {fault}")
+    told = fault(recording, name, shortest)
+    if told:
+        raise RecordingError(f"{recording.title}: channel {name} {told}")
+
+
+def fault(recording: Recording, name: str, shortest: float = 0.0) -> str:
+    """What is wrong with a channel, empty where nothing is; RecordingError where it is neither a force nor a torque."""
+    return next(_faults(recording, name, shortest), "")
 
 
 def _faults(recording: Recording, name: str, shortest: float) -> Iterator[str]:

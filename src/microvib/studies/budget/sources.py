@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.analysis.limits import BEYOND, CALM, OWN_ERROR, calm_for, has_calmed
-from microvib.analysis.lines import expected_in, lines_of_recording
+from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
 from microvib.analysis.short_way import OWN
@@ -29,7 +29,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import DETECTION, FAINT, LineTable
 from microvib.solve.channels import INTERFACE
-from microvib.testdata.recording import Recording
+from microvib.testdata.recording import Recording, fault
 
 SHORT_WAY_DOUBT = 0.03
 """Relative doubt of lines that went the short way, for a drive that is not quite the scenario's; assumed. What detent torque,
@@ -191,7 +191,7 @@ def _above(scenario: Scenario, top: float) -> Iterator[Gap]:
 
 def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics: int) -> Contribution:
     """A drive by its loads on a force table, in the array's axes at angle 0, the short way to the craft of the scenario."""
-    axis = "M" + scenario.array.drive_axis
+    axis, recording = "M" + scenario.array.drive_axis, recording.in_si()
     table = lines_of_recording(recording, axis, scenario)
     ratio = table.clock_ratio or 1.0
     expected = [
@@ -201,6 +201,7 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     ]
     missing = [channel for channel in INTERFACE if channel not in recording.channels]
     loads, floors = np.zeros((len(expected), 6), dtype=complex), np.zeros((len(expected), 6))
+    faults = {channel: fault(recording, channel) for channel in INTERFACE if channel in recording.channels}
     for k, channel in enumerate(INTERFACE):
         if channel in recording.channels:
             rows = lines_at_known_clock(recording[channel], recording.sample_rate, expected)
@@ -222,6 +223,8 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     known = np.all(np.isfinite(los), axis=1)
     faint = np.array([x is not None and x.status == FAINT for x in found]) & np.all(np.isfinite(floors), axis=1) & known
     gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")] if missing else []
+    gaps += [open_gap(f"channel {channel} {told}") for channel, told in faults.items() if told]
+    gaps += [open_gap(told) for told in clock_doubts(table)]
     if faint.any():
         gaps.append(Gap("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint]))
     gaps += [
