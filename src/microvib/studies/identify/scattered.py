@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from microvib.studies.evidence import ONE_DRAW
 from microvib.studies.identify.intervals import Interval
 from microvib.studies.identify.problem import Problem, cost, weight
 from microvib.studies.identify.search import Local, Optimum
-from microvib.studies.identify.verdict import Findings, rivals
+from microvib.studies.identify.verdict import SETTLE, Findings, Leaning, doubt, rivals
 
 SHIFTS = (3e-5, 3e-4)
 """Changes of all coordinates after which figures are compared with their slopes."""
@@ -88,7 +89,7 @@ def scattered(problem: Problem, optima: Sequence[Optimum]) -> Findings:
         x, size = there, now
     looser = problem.within(there).looser(np.sqrt(v[: problem.figures]))
     best, local = Optimum(there, r, cost(r)), Local(fit.J / np.sqrt(v)[:, None], covariance, scatter)
-    return _found(looser, best, local, optima, converged, fit)
+    return replace(_found(looser, best, local, optima, converged, fit), leanings=_leanings(looser, best, local, size))
 
 
 def _found(
@@ -114,6 +115,20 @@ def _found(
     return Findings(problem, best, local, converged, intervals, others, note=_said(problem, fit))
 
 
+def _leanings(problem: Problem, best: Optimum, local: Local, size: np.ndarray) -> tuple[Leaning, ...]:
+    """How far estimates move with the settling time; of other parameters a mean over many draws would be needed for each."""
+    settles = [test.record.settle for _, test in problem.tests]
+    if SETTLE in problem.taken or not all(settles):
+        return ()
+    part, values = doubt(problem), problem.values(best.x)
+    points = [np.clip(x, problem.low, problem.high) for x in best.x + size * _cube(size.size, 4, ROUNDS)]
+    later = _drawn(problem, points, ROUNDS + 1, [{SETTLE: settle * (1.0 + part)} for settle in settles])
+    change = np.mean([r - best.r - local.J @ (x - best.x) for x, r in zip(points, later, strict=True)], axis=0)
+    moves = -(local.covariance / local.scatter) @ (local.J.T @ change) / part
+    scale = [key.slope(v) / v for key, v in zip(problem.keys, values, strict=True)]
+    return (Leaning(SETTLE, tuple((np.array(scale) * moves).tolist())),)
+
+
 def _said(problem: Problem, fit: Regression) -> str:
     sizes = [o.form == "amplitude" for _, o in problem.observed]
     own = np.sqrt(fit.variance[: problem.figures])[sizes] * problem.tight[sizes]
@@ -126,10 +141,7 @@ def _said(problem: Problem, fit: Regression) -> str:
 
 def _regression(problem: Problem, centre: np.ndarray, size: np.ndarray, power: int, number: int) -> Regression:
     """From 2 to the ``power`` points, up to ``size`` off the centre."""
-    from scipy.stats import qmc
-
-    unit = 2.0 * qmc.Sobol(centre.size, seed=number).random_base2(power) - 1.0
-    points = np.clip(centre + size * unit, problem.low, problem.high)
+    points = np.clip(centre + size * _cube(centre.size, power, number), problem.low, problem.high)
     rows = np.array(_drawn(problem, list(points), number + 1))
     columns = np.column_stack([np.ones(len(points)), points - centre])
     found = np.linalg.lstsq(columns, rows, rcond=None)[0]
@@ -138,12 +150,22 @@ def _regression(problem: Problem, centre: np.ndarray, size: np.ndarray, power: i
     return Regression(found[0], found[1:].T, variance, np.linalg.pinv(columns.T @ columns), freedom)
 
 
-def _drawn(problem: Problem, points: Sequence[np.ndarray], number: int) -> list[np.ndarray]:
-    """Residuals at points, each with another draw of the noise where there is one."""
+def _cube(m: int, power: int, number: int) -> np.ndarray:
+    """2 to the ``power`` points between -1 and 1, evenly spread, (points, m)."""
+    from scipy.stats import qmc
+
+    return np.asarray(2.0 * qmc.Sobol(m, seed=number).random_base2(power) - 1.0)
+
+
+def _drawn(
+    problem: Problem, points: Sequence[np.ndarray], number: int, own: Sequence[dict[str, object]] = ()
+) -> list[np.ndarray]:
+    """Residuals at points, each with another draw of the noise where there is one, and with what each test has of its ``own``."""
     problem.ledger.more(len(points) * len(problem.tests))
+    tests = list(zip((test for _, test in problem.tests), own or [{}] * len(problem.tests), strict=True))
     draws = [1000 * number + k + 1 for k in range(len(points))]
     return problem.residuals(
-        points, [[{SEED: k} if _has_noise(test) else {} for _, test in problem.tests] for k in draws]
+        points, [[mine | ({SEED: k} if _has_noise(test) else {}) for test, mine in tests] for k in draws]
     )
 
 

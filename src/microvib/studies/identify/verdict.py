@@ -158,7 +158,7 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
         return False, "not identifiable: the evidence hardly changes with it"
     settle = findings.problem.scenario.record.settle
     late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE), 0.0)
-    if abs(late) * _doubt(findings.problem) * abs(value) > half:
+    if abs(late) * doubt(findings.problem) * abs(value) > half:
         moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
         return False, f"not identifiable without the settling time: {moves}"
     return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
@@ -202,17 +202,17 @@ def leanings(problem: Problem, best: Optimum, local: Local) -> tuple[Leaning, ..
     nudged = problem.residuals([best.x] * len(changes), [[change] * len(problem.tests) for change in changes])
     moves = {name: gain @ (r - best.r) / NUDGE for (name,), r in zip(changes, nudged, strict=True)}
     if SETTLE not in taken and own[SETTLE]:
-        doubt = _doubt(problem)
-        scenario = problem.scenario.with_si({SETTLE: own[SETTLE] * (1.0 + doubt)})
+        part = doubt(problem)
+        scenario = problem.scenario.with_si({SETTLE: own[SETTLE] * (1.0 + part)})
         later = Problem(
             scenario, problem.evidence, problem.keys, problem.trust
         )  # what it meets is not the search's best
-        moves[SETTLE] = (Descent(later, best.x, J=local.J).run(AGAIN).x - best.x) / doubt
+        moves[SETTLE] = (Descent(later, best.x, J=local.J).run(AGAIN).x - best.x) / part
     found = [Leaning(name, tuple((scale * move).tolist())) for name, move in moves.items()]
     return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
 
 
-def _doubt(problem: Problem) -> float:
+def doubt(problem: Problem) -> float:
     """Relative error of the settling time."""
     settle = problem.scenario.record.settle
     return min(ASSUMED_TIME, problem.trust.settle / settle) if settle else ASSUMED_TIME
