@@ -12,11 +12,13 @@ import pytest
 
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
+from microvib.io.runs import lines_csv
 from microvib.io.sources import open_source
 from microvib.reports.comparison import clock_sentence, comparison_report, comparison_text, verdict_sentence
 from microvib.reports.document import Table, Text
 from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
+from microvib.signals.line_table import SEEN
 from microvib.studies.analyse import analyse
 from microvib.studies.compare import Figures, Row, Side, _with_names_of, compare, comparison_csv
 from microvib.studies.evidence import evidence_of
@@ -95,6 +97,15 @@ def test_what_speaks_against_a_clock_is_told(state_1, nominal, tones, told):
     notes = analyse(Prepared(heard(*tones)), scenario=scenario).recording.notes
     assert len(notes) == len(told)
     assert all(words in note for words, note in zip(told, notes, strict=True))
+
+
+def test_lines_under_the_floor_of_a_table_are_no_evidence(state_1, tmp_path):
+    """Their amplitudes are those of the noise."""
+    found = analyse(Prepared(heard((53.0, 0.05), (106.0, 0.02))), scenario=state_1)
+    (tmp_path / "lines.csv").write_text(lines_csv(found.table))
+    told = {o.line for o in evidence_of(open_source(str(tmp_path / "lines.csv")), state_1).observations}
+    assert {"drive_1", "drive_2"} <= told <= {x.line for x in found.table if x.status in SEEN}
+    assert len(told) < 10 < len(found.table)
 
 
 def test_another_component_than_the_drives_is_not_compared(state_1):

@@ -363,10 +363,10 @@ def paper_evidence(scenario: Scenario) -> Evidence:
 
 
 def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
-    """Amplitudes, or else those of nearest bins; without uncertainties one per cent is taken."""
+    """Amplitudes, or else those of nearest bins, of lines that stand out; without uncertainties one per cent is taken."""
     found = []
     ratio = None
-    for line in table:
+    for line in (x for x in table if x.status in ("", *SEEN)):
         form, value = "amplitude", line.amplitude_n_m
         if math.isnan(value):
             form, value = "nearest_bin", line.bin_amplitude_n_m
