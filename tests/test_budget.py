@@ -204,6 +204,21 @@ def test_what_was_not_looked_at_keeps_it_from_passing_within_its_band_only() -> 
     assert bounded.most == pytest.approx(math.hypot(0.5, 0.1) * URAD / math.sqrt(2.0))
 
 
+@pytest.mark.parametrize("band", [(30.0, 31.0), (900.0, None), (11.0, 11.5)])
+def test_a_narrow_band_hides_what_its_neighbours_may(band: tuple[float, float | None]) -> None:
+    """What is told of unlisted peaks is the highest of each part of an octave: it bounds a band between two of them."""
+    peaks = Gap("peaks", 0.0, math.inf, np.array([10.0, 20.0, 40.0]), np.full((3, 2), 0.1) * URAD, between=True)
+    keys = {"lowest": Si(band[0]), "highest": None if band[1] is None else Si(band[1])}
+    quiet = source("a", (5.0, 1.0, 0.0), gaps=(peaks,))
+    assert judged(requirement(**keys, limit=Si(1e-9)), [quiet], "rss").verdict == "not judged"
+    assert judged(requirement(**keys, limit=Si(1e-6)), [quiet], "rss").verdict == "pass"
+    points = [
+        {"frequency": Si(band[0]), "amplitude": Si(1e-9)},
+        {"frequency": Si(band[1] or 1e3), "amplitude": Si(1e-9)},
+    ]
+    assert judged(requirement(limit=None, curve=points), [quiet], "rss").verdict == "not judged"
+
+
 def test_gaps_of_several_sources_are_all_told() -> None:
     two = [source(n, (f, 0.5, 0.0), gaps=(open_gap(f"gap of {n}", 1.0, 2.0),)) for n, f in (("a", 5.0), ("b", 6.0))]
     assert judged(requirement(), two, "rss").why == ("a: gap of a", "b: gap of b")

@@ -57,6 +57,20 @@ def test_a_rational_approximation_of_rpe_is_too_low() -> None:
 SIGMA, TAU = 3.0, 0.25
 
 
+@pytest.mark.parametrize("apart", [5.0, 6000.0, 1e7])
+@pytest.mark.parametrize("start", [0.0, 0.3])
+def test_instants_an_orbit_apart(apart: float, start: float) -> None:
+    """A density that is constant from ``start`` on, in closed form; of the pde at high frequencies twice the mpe."""
+    f, S = np.linspace(start, 4000.0, 4001), np.ones(4001)
+    change = np.diff(
+        2.0
+        * (np.array([start, 4000.0]) - np.sin(2.0 * np.pi * np.array([start, 4000.0]) * apart) / (2.0 * np.pi * apart))
+    )
+    assert p.mean_square_of_density("stability", f, S, 1e-3, apart) == pytest.approx(change[0], rel=1e-5)
+    mean = p.mean_square_of_density("mpe", f, S, 1e-3)
+    assert p.mean_square_of_density("pde", f, S, 1e-3, apart) == pytest.approx(2.0 * mean, rel=3e-4)
+
+
 def gauss_markov(metric: str) -> float:
     """Mean square of a process with covariance SIGMA^2 exp(-|t|/TAU), in closed form but for one integral."""
     r = T / TAU

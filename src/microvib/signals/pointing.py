@@ -109,6 +109,18 @@ def mean_square_of_density(
         raise MicrovibError("density: frequencies that ascend from 0 Hz or more are expected, and a density for each")
     if np.any(S < 0.0) or not np.all(np.isfinite(S)):
         raise MicrovibError("density: a value is negative or not finite; rad^2/Hz of 0 or more are expected")
+    if metric in ("stability", "pde") and apart is not None and f[-1] * apart > 1.000001 * _FAST:
+        # Instants far apart: beyond so many periods they have nothing to do with each other.
+        here = max(min(_FAST / apart, f[-1]), f[0])
+        middle = np.interp(here, f, S)
+        first, last = f < here, f > here
+        far = mean_square_of_density(
+            "ape" if metric == "stability" else "mpe", np.r_[here, f[last]], np.r_[middle, S[last]], window
+        ) if last.any() else 0.0  # fmt: skip
+        if not first.any():
+            return 2.0 * far
+        f, S = np.r_[f[first], here], np.r_[S[first], middle]
+        return 2.0 * far + mean_square_of_density(metric, f, S, window, apart)
     longest = max(window, apart or 0.0)
     fast = int(np.searchsorted(f, _FAST / window))
     beyond = _MEAN.get(metric, 0.0) * float(np.trapezoid(S[fast:], f[fast:]))

@@ -51,6 +51,17 @@ class Gap:
     """Of lines that it may hide [Hz], (m,)."""
     most: np.ndarray
     """Their largest amplitudes [rad], (m, 2); infinite where nothing bounds them."""
+    between: bool = False
+    """Whether lines between these, ascending, are no larger than their neighbours; else there are none."""
+
+    def inside(self, low: float, high: float) -> Gap:
+        """What it may hide from ``low`` to ``high`` [Hz]."""
+        if not self.between:
+            return self
+        near = slice(
+            max(np.searchsorted(self.frequency, low) - 1, 0), np.searchsorted(self.frequency, high, "right") + 1
+        )
+        return replace(self, frequency=np.clip(self.frequency[near], low, high), most=self.most[near])
 
 
 def open_gap(why: str, low: float = 0.0, high: float = math.inf) -> Gap:
@@ -155,6 +166,7 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
             math.inf,
             at[known],
             (moved * (peaks / torque)[:, None])[known],
+            between=True,
         )
     top = PASSBAND * record.sample_rate
     calm = math.inf if steady else calm_for(scenario)
@@ -186,7 +198,7 @@ def _above(scenario: Scenario, top: float) -> Iterator[Gap]:
     assert found.los is not None
     orders = slice(first - 1, None)
     why = f"lines above {top:.4g} Hz ({remedy})"
-    yield Gap(why, top, math.inf, found.frequency[0, orders], BEYOND * np.abs(found.los[0, 0, orders]))
+    yield Gap(why, top, math.inf, found.frequency[0, orders], BEYOND * np.abs(found.los[0, 0, orders]), between=True)
 
 
 def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics: int) -> Contribution:

@@ -20,7 +20,7 @@ from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
 from microvib.studies.budget.figures import AXES, Tones, crossings, ends, figure, inside
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.sources import Contribution, Gap
+from microvib.studies.budget.sources import Contribution
 from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, quantile
 
 Rule = Literal["rss", "coherent", "bound"]
@@ -130,8 +130,8 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
         return _by_curve(requirement, chosen, contributions, rule)
     tones = merged(chosen, rule)
     densities = [one.density for one in chosen if one.density is not None]
-    chosen = _crossing(requirement, chosen, contributions)
-    gaps = [gap for one in chosen for gap in one.gaps if _overlaps(requirement, gap)]
+    chosen = _with_gaps(requirement, chosen, contributions)
+    gaps = [gap for one in chosen for gap in one.gaps]
     value = figure(requirement, tones.frequency, tones.value, densities)
     least, most = ends(requirement, tones, gaps, densities)
     cases = _values(requirement, chosen, rule, densities)
@@ -184,16 +184,16 @@ def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.n
     return np.sqrt(np.add.reduceat(squares, starts)), np.sqrt(np.sum(np.square(crests), axis=0))
 
 
-def _crossing(
+def _with_gaps(
     r: Requirement, chosen: Sequence[Contribution], contributions: Sequence[Contribution]
 ) -> list[Contribution]:
-    """Those that were chosen, with what their lines may meet on the way among what is not known of them."""
-    each = zip(chosen, contributions, strict=True)
-    return [replace(one, gaps=(*one.gaps, *crossings(r, source, contributions))) for one, source in each]
-
-
-def _overlaps(r: Requirement, gap: Gap) -> bool:
-    return gap.high >= r.lowest and (r.highest is None or gap.low <= r.highest)
+    """Those that were chosen, with what is not known of them in the band, and what their lines may meet on the way."""
+    highest, found = math.inf if r.highest is None else r.highest, []
+    for one, source in zip(chosen, contributions, strict=True):
+        gaps = (*one.gaps, *crossings(r, source, contributions))
+        there = (gap.inside(r.lowest, highest) for gap in gaps if gap.high >= r.lowest and gap.low <= highest)
+        found.append(replace(one, gaps=tuple(there)))
+    return found
 
 
 def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> list[str]:
@@ -202,7 +202,7 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
     for one in chosen:
         for gap in one.gaps:
             bounded = np.all(np.isfinite(gap.most))
-            if _overlaps(r, gap) and not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
+            if not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
                 found.append(f"{one.source}: {gap.why}")
         ringing = ~one.settled & inside(r, one.frequency)
         size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
@@ -269,8 +269,8 @@ def _by_curve(
     own = r.model_copy(
         update={"lowest": max(r.lowest, curve[0].frequency), "highest": min(r.highest or math.inf, curve[-1].frequency)}
     )
-    chosen = _crossing(r, chosen, contributions)
-    gaps = [gap for one in chosen for gap in one.gaps if _overlaps(own, gap)]
+    chosen = _with_gaps(own, chosen, contributions)
+    gaps = [gap for one in chosen for gap in one.gaps]
     over = [_over(r, tones.frequency, A, surely=A is tones.least) for A in (tones.least, tones.value, tones.most)]
     hidden = [_over(r, gap.frequency, np.nan_to_num(gap.most, posinf=1e300)).max(initial=0.0) for gap in gaps]
     unbounded = any(not np.all(np.isfinite(gap.most)) for gap in gaps)
