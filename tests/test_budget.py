@@ -71,6 +71,23 @@ def test_unknown_phases_decide_nothing(limit: str, verdict: str) -> None:
     assert judged(requirement(axis="x"), pair, "bound").value == pytest.approx(one.most)
 
 
+@pytest.mark.parametrize("one_source", [False, True])
+def test_lines_that_beat_slowly_may_be_in_step_for_an_observation(one_source: bool) -> None:
+    """Two drives whose clocks are a part in 10 000 apart are in step for minutes: 2 urad 0-to-peak and not 1.41."""
+    lines = ((3.3333, 1.0, 0.0), (3.3333 * 1.0001, 1.0, 0.0))
+    pair = [source("a", *lines)] if one_source else [source(name, line) for name, line in zip("ab", lines, strict=True)]
+    for limit, verdict in ((1.45, "pass"), (1.2, "not judged"), (0.9, "fail")):
+        one = judged(requirement(axis="x", limit=Si(limit * URAD)), pair, "rss")
+        assert one.value == pytest.approx(URAD)
+        assert one.most == pytest.approx(math.sqrt(2.0) * URAD)
+        assert one.verdict == verdict
+    assert "a: its lines beat with" in judged(requirement(axis="x", limit=Si(1.2 * URAD)), pair, "rss").why[0]
+    points = [{"frequency": Si(f), "amplitude": Si(1.5e-6)} for f in (1.0, 9.0)]
+    assert judged(requirement(axis="x", limit=None, curve=points), pair, "rss").verdict == "not judged"
+    apart = [source("a", (3.3, 1.0, 0.0), (3.32, 1.0, 0.0))]
+    assert judged(requirement(axis="x", limit=Si(1.2 * URAD)), apart, "rss").verdict == "pass"
+
+
 def test_one_clock_keeps_phases() -> None:
     pair = [source(name, (5.0, z, 0.0), clock="both") for name, z in (("a", 1.0), ("b", 0.9 * np.exp(1j * math.pi)))]
     one = judged(requirement(axis="x", limit="0.1 urad"), pair, "rss")

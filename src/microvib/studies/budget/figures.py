@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import (
     EVERYWHERE,
     bound,
@@ -20,6 +21,8 @@ from microvib.signals.pointing import (
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution, Gap
 
+SLOW = 0.01
+"""Distance [Hz] from which two lines have mean squares that add; nearer, an observation may see no more than their crest."""
 AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 RISES = 0.95
 """Confidence from which a level rises with the amplitude of each line; below, a line may also take others from their crests."""
@@ -110,6 +113,24 @@ def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Cont
                 by = weight(r.metric, f[met], r.window or r.apart or 1.0, r.apart)
                 worst = [int(np.argmax(by * np.sum((A[met] * a)[:, AXES[r.axis]], axis=1)))]
                 yield Gap(why, 0.0, math.inf, f[met][worst], np.sqrt(2.0 * A[met] * a)[worst])
+
+
+def beats(r: Requirement, one: Contribution, others: Iterable[Contribution]) -> Iterator[Gap]:
+    """What lines of ``one`` source and of ``others`` add while those nearer than SLOW are in step; as ``crossings``."""
+    if r.statistic == "bound":
+        return
+    for other in others:
+        f, g = np.meshgrid(one.frequency, other.frequency, indexing="ij")
+        apart = g - f if other is one else np.abs(g - f)  # of one source each pair once
+        near = (apart > SAME * f) & (apart < SLOW) & inside(r, f) & np.outer(one.settled, other.settled)
+        i, j = np.nonzero(near)
+        if i.size:
+            A, a = np.abs(one.los[i]), np.abs(other.los[j])
+            most = A + a if r.curve is not None else np.sqrt(2.0 * A * a)
+            whom = "each other" if other is one else f"those of {other.source}"
+            yield Gap(
+                f"its lines beat with {whom}, more slowly than once in {1.0 / SLOW:g} s", 0.0, math.inf, f[near], most
+            )
 
 
 def _swept(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -18,7 +18,7 @@ import numpy as np
 from microvib.analysis.limits import Verdict
 from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
-from microvib.studies.budget.figures import AXES, Tones, crossings, ends, figure, inside
+from microvib.studies.budget.figures import AXES, Tones, beats, crossings, ends, figure, inside
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, quantile
@@ -189,8 +189,8 @@ def _with_gaps(
 ) -> list[Contribution]:
     """Those that were chosen, with what is not known of them in the band, and what their lines may meet on the way."""
     highest, found = math.inf if r.highest is None else r.highest, []
-    for one, source in zip(chosen, contributions, strict=True):
-        gaps = (*one.gaps, *crossings(r, source, contributions))
+    for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
+        gaps = (*one.gaps, *crossings(r, source, contributions), *beats(r, one, chosen[k:]))
         there = (gap.inside(r.lowest, highest) for gap in gaps if gap.high >= r.lowest and gap.low <= highest)
         found.append(replace(one, gaps=tuple(there)))
     return found
