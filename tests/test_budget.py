@@ -193,6 +193,32 @@ def test_what_rings_can_neither_pass_nor_fail() -> None:
     assert judged(requirement(axis="x", highest="6 Hz"), [rings], "rss").verdict == "pass"
 
 
+def test_no_record_turns_a_verdict_round() -> None:
+    """Whatever the record, what it says at least is no more than what the steady state says at most, and the other way about."""
+    base = scenario_of(whole.FullCraft(bandwidth=0.2))
+    records = [
+        {"record.start": "steady"},
+        {"record.start": "rest", "record.settle": Si(0.5), "record.duration": Si(4.0)},  # friction couples what rings
+        {"record.start": "rest", "record.settle": Si(30.0), "record.duration": Si(12.0)},  # lines below its floor
+    ]
+    each = []
+    for record in records:
+        scenario = base.with_si(record)
+        each.append(of_run("drive", scenario, mv.run(scenario), 8)[0])
+    keys = [
+        {"metric": "smear", "window": Si(2.0), "axis": "x"},
+        {"metric": "ape"},
+        {"metric": "stability", "apart": Si(7.0)},
+    ]
+    for key in keys:
+        for statistic in ("rms", "bound"):
+            for low, high in ((0.06, 2.0), (2.0, 40.0), (40.0, 60.0)):
+                r = requirement(**key, statistic=statistic, lowest=Si(low), highest=Si(high))
+                first, *others = (judged(r, [one], "rss") for one in each)
+                for other in others:
+                    assert max(first.least, other.least) <= min(first.most, other.most)
+
+
 def test_a_mode_whose_decay_does_not_show_decides_nothing() -> None:
     """A tone that looks steady where a mode has not died away by its damping."""
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.settle": Si(1.0), "record.duration": Si(8.0)})

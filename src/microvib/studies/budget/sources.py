@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.limits import BEYOND, CALM, OWN_ERROR, calm_for, has_calmed
+from microvib.analysis.limits import BEYOND, CALM, OWN_ERROR, STIRS, calm_for, has_calmed, may_ring
 from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
@@ -27,7 +27,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import DETECTION, FAINT, LineTable
+from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, SEEN, Line, LineTable
 from microvib.solve.channels import INTERFACE
 from microvib.testdata.recording import Recording, fault
 
@@ -103,6 +103,11 @@ class Contribution:
     """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most counts."""
 
     @property
+    def doubts(self) -> np.ndarray:
+        """By which part each line may be smaller and larger about both axes, (2, k, 2)."""
+        return np.broadcast_to(self.doubt, (2, len(self.frequency), 2))
+
+    @property
     def settled(self) -> np.ndarray:
         """Which lines belong to the settled motion, (k,)."""
         return np.ones(len(self.names), dtype=bool) if self.rings is None else ~self.rings
@@ -131,9 +136,21 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
         rings=rings,
         density=density_of_noise(scenario),
         gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),
-        doubt=max(OWN_ERROR, result.table.own_error) + (HELD_DOUBT if craft_in(scenario).second else 0.0),
+        doubt=_doubt_of_run(scenario, result.table, own),
         scenario=scenario,
     ), found  # fmt: skip
+
+
+def _doubt_of_run(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
+    """Relative doubt of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and of a floor that hides them."""
+    T, least = table.duration, max(OWN_ERROR, table.own_error) + (HELD_DOUBT if craft_in(scenario).second else 0.0)
+    stirs = (x for x in table if x.status == DRIVEN or (x.status in SEEN and may_ring(x, table, scenario)))
+    rings = STIRS * sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(T) for x in stirs)
+    size = np.maximum([x.amplitude_n_m for x in lines], 1e-300)
+    hidden = np.array([DETECTION * x.floor_n_m if x.status == FAINT else 0.0 for x in lines])
+    more = least + np.minimum(rings / size, STIRS) + np.maximum(hidden / size - 1.0, 0.0)
+    less = np.where(hidden > 0.0, 1.0, np.minimum(more, 1.0))
+    return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
 
 
 def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -> Iterator[Gap]:

@@ -222,7 +222,8 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
 
     lines = added(lambda one: one.los)
     assert lines.los is not None
-    doubt = amplitude(added(lambda one: one.doubt * np.abs(one.los)))
+    less, more = (lambda one: one.doubts[0] * np.abs(one.los)), (lambda one: one.doubts[1] * np.abs(one.los))
+    doubt = np.array([amplitude(added(less)), amplitude(added(more))])
     rings = amplitude(added(lambda one: np.abs(one.los) * ~one.settled[:, None]))
     size = amplitude(lines)
     return replace(
@@ -234,7 +235,7 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
         rings=np.any(rings > 0.0, axis=1),
         density=replace(lines, scenario=scenario).density,
         gaps=(*first.gaps, *second.gaps),
-        doubt=np.divide(doubt, size, out=np.zeros_like(size), where=size > 0.0),
+        doubt=np.divide(doubt, size, out=np.zeros_like(doubt), where=size > 0.0),
         scenario=scenario,
     )
 

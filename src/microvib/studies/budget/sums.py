@@ -84,7 +84,7 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
             bool(one.settled[k]),
         )
         for n, one in enumerate(contributions)
-        for doubts in (_doubts(one),)
+        for doubts in (one.doubts,)
         for k, f in enumerate(one.frequency)
     ]
     parts.sort(key=lambda part: part[0])
@@ -97,11 +97,6 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
     rows = np.array([_of_group(group, rule) for group in groups]).reshape(-1, 3, 2)
     frequency = np.array([group[0][0] for group in groups])
     return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2])
-
-
-def _doubts(one: Contribution) -> np.ndarray:
-    """By which part each line may be smaller and larger about both axes, (2, k, 2)."""
-    return np.broadcast_to(one.doubt, (2, len(one.frequency), 2))
 
 
 def _of_group(group: Sequence[_Part], rule: Rule) -> np.ndarray:
