@@ -161,6 +161,7 @@ def test_matlab_with_a_time_axis_to_each_channel(tmp_path):
         (mat(Mz=MZ, fs=RATE, Fs=2048.0), "contradicts itself, its sample rate is 4096 Hz by fs, 2048 Hz by Fs"),
         (mat(Mz=MZ, fs=RATE, t=2 * T), "4096 Hz by fs, 2048 Hz by the time axis t"),
         (mat(Mz=MZ, t=T, time=2 * T), "contradicts itself"),
+        (mat(Data1_Mz=MZ, Data1_time_Mz=T, Data1_Fx=MZ, Data1_time_Fx=T + 0.5), "start at different times, 0 to 0.5 s"),
         (mat(Mz=MZ, fs=np.nan), "fs gives a sample rate of nan Hz"),
         (mat(Mz=MZ, fs=0.0), "fs gives a sample rate of 0 Hz"),
         (mat(Mz=MZ, fs=-4096.0), "fs gives a sample rate of -4096 Hz"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from microvib.cli.test_data import _named
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, write_recording
 from microvib.io.scenario_file import catalog_text
@@ -69,6 +70,15 @@ def test_a_folder_is_read_as_far_as_it_is_there(files):
     assert (len(run.lines), run.motion, run.scenario.array.modes[0].frequency > 0.0) == (2, None, True)
     with pytest.raises(MicrovibError, match=r"neither lines\.csv nor motion\.nc"):
         open_source(str(files / "other"))
+
+
+def test_an_at_in_the_name_of_a_file_belongs_to_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "me@work").mkdir()
+    (tmp_path / "me@work" / "a.uff").touch()
+    assert _named("me@work/a.uff@state-2@record.settle=1 s") == ("me@work/a.uff", ["state-2", "record.settle=1 s"])
+    assert _named("b.uff@state-2") == ("b.uff", ["state-2"])
+    assert _named("paper") == ("paper", [])
 
 
 def test_recordings_are_prepared(files):

@@ -159,7 +159,7 @@ def identify(
     effects = effects_of(_listed(select))
     read, owned, tests = [], [], []
     for item in evidence:
-        name, *own = item.split("@")
+        name, own = _named(item)
         scenarios = [one for one in own if "=" not in one]
         changes = {key: parse_value(value) for key, equals, value in (one.partition("=") for one in own) if equals}
         test = load(scenarios[-1], settings) if scenarios else loaded
@@ -177,6 +177,14 @@ def identify(
     target.deliver(fit_text(fit), fit_folder, fit)
     if fit.interrupted:
         sys.exit(INTERRUPTED)
+
+
+def _named(item: str) -> tuple[str, list[str]]:
+    """Name and what stands behind it, parted by @; those of a file that is there are its own."""
+    parts = item.split("@")
+    whole = (k for k in range(len(parts), 0, -1) if Path("@".join(parts[:k])).exists())
+    k = next(whole, 1)
+    return "@".join(parts[:k]), parts[k:]
 
 
 def _listed(given: tuple[str, ...]) -> list[str]:

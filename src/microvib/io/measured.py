@@ -83,7 +83,9 @@ def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] =
         sizes = {column.name: column.values.size for column, own in rated if own == rate}
         raise RecordingError(f"its channels differ in length: {sizes}")
     _check_alike(rated, kept, rate, said)
+    axes = {id(c.time): c.time for c in kept if c.start is None and c.time is not None}
     starts = [c.start for c in kept if c.start is not None]
+    starts += [float(axis.values[0]) * _seconds(axis, hints) for axis in axes.values()]
     if starts and max(starts) - min(starts) > 0.01 / rate:
         raise RecordingError(
             f"its channels start at different times, {min(starts):g} to {max(starts):g} s; they must be cut to one time"
@@ -166,18 +168,26 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
 
 
 def _rate_of_axis(time: Column, hints: Hints, said: list[str]) -> dict[str, float]:
+    rate, note = regular_rate(np.asarray(time.values, dtype=float) * _seconds(time, hints))
+    said.append(note)
+    if not _unit(time, hints):
+        said.append(f"time axis {time.name} has no unit and is read in seconds")
+    return {f"the time axis {time.name}": rate}
+
+
+def _unit(time: Column, hints: Hints) -> str:
     own = time.unit or named_unit(time.name.rsplit(".", 1)[-1])[1]  # as time_ms
-    unit = hints.units.get(time.name, own).strip().strip("[]()").split(" since ")[0].strip()
+    return hints.units.get(time.name, own).strip().strip("[]()").split(" since ")[0].strip()
+
+
+def _seconds(time: Column, hints: Hints) -> float:
+    """Seconds in the unit of a time axis."""
+    unit = _unit(time, hints)
     try:
-        seconds = convert(f"1 {unit}", "s") if unit else 1.0
+        return convert(f"1 {unit}", "s") if unit else 1.0
     except ValueError:
         raise RecordingError(
             f"its time axis {time.name} is in '{unit}', which is not a unit of time; add the right one to the"
             f" preparation file, such as units: {{{in_yaml(time.name)}: s}}",
             remedy="prepare",
         ) from None
-    rate, note = regular_rate(np.asarray(time.values, dtype=float) * seconds)
-    said.append(note)
-    if not unit:
-        said.append(f"time axis {time.name} has no unit and is read in seconds")
-    return {f"the time axis {time.name}": rate}
