@@ -156,6 +156,8 @@ def test_the_first_page_says_which_lines_agree():
     document = comparison_report(a, b, ROWS)
     assert document.facts[0].value == "1 of 2"
     assert any(isinstance(x, Text) and x.text.startswith(verdict_sentence(ROWS)) for x in document.first_page)
+    noise = Row("drive_9", Figures(10.0, 0.4, 0.3, seen=False), Figures(10.0, 0.1, 0.001))
+    assert comparison_report(a, b, [*ROWS, noise, noise, noise]).facts == document.facts  # no figure is made of noise
     main = next(x for x in document.first_page if isinstance(x, Table) and x.columns[0].title == "line")
     verdicts = {r.cells[0]: (r.cells[-1], r.mark) for r in main.rows}
     assert verdicts["drive_1"] == ("agrees", "pass")

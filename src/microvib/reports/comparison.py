@@ -159,7 +159,7 @@ def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:
     facts = [Fact("not judged", "one side has no known uncertainty")]
     if judged:
         facts = [Fact(f"{verdicts[AGREES]} of {judged}", f"lines agree within {COVERAGE:g} standard uncertainties")]
-    errors = [(r, r.error, r.a.amplitude) for r in told if math.isfinite(r.error)]
+    errors = [(r, r.error, r.a.amplitude) for r in told if math.isfinite(r.error) and r.verdict != HIDDEN]
     errors = errors or [(r, r.bin_error, r.a.bin_amplitude) for r in shown if math.isfinite(r.bin_error)]
     if errors:
         facts.append(Fact(f"{100 * median(abs(e) for _, e, _ in errors):.3g} %", "median difference of amplitudes"))
@@ -177,7 +177,7 @@ def _line_table(rows: Sequence[Row]) -> Table:
     ]  # fmt: skip
     caption = (
         "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty. Over uncertainty: the difference over its"
-        " standard uncertainty. Names with _of_b are lines that only B has."
+        " standard uncertainty. Hidden: does not stand out of the floor of one side. Names with _of_b are lines that only B has."
     )
     looks: dict[str, Mark] = {AGREES: "pass", DIFFERS: "off"}
     return table(header, cells, caption, {k: looks.get(r.verdict, "") for k, r in enumerate(rows)})
