@@ -94,7 +94,7 @@ def test_friction_with_memory_makes_figures_jump_and_the_rigid_contact_does_not(
 
 @pytest.mark.long
 def test_a_presliding_stiffness_is_identified():
-    """No search ends here: after a change by a ten-thousandth lines are others by a per cent."""
+    """No search ends here: after a change by less than a thousandth lines are others by a per cent."""
     start = mv.load_scenario("state-1").with_si(
         {"friction.presliding": {"stiffness": 8e3}, "record.settle": 2.0, "record.duration": 8.0}
     )

@@ -133,7 +133,7 @@ def _said(problem: Problem, fit: Regression) -> str:
     sizes = [o.form == "amplitude" for _, o in problem.observed]
     own = np.sqrt(fit.variance[: problem.figures])[sizes] * problem.tight[sizes]
     what = "every draw of the noise has other figures" if _noisy(problem) else (
-        "the motion is sensitive, and has other figures after a change of a parameter by a ten-thousandth"
+        "the motion is sensitive, and has other figures after a change of a parameter by less than a thousandth"
     )  # fmt: skip
     by = f", amplitudes by {100.0 * float(np.median(own)):.2g} % in the median" if own.size else ""
     return f"Estimates are those of a regression, since {what}{by}; this scatter counts in all intervals."
