@@ -48,8 +48,8 @@ def _numerics(whose: str, result: RunResult) -> Iterator[str]:
             f" period, to a hundredth in {solver['settling_s']:.3g} s."
         )
     yield (
-        f"\nInvariants{whose}: torque forms {i.torque_forms:.1e}, energy balance {i.energy:.1e}, momentum {i.momentum:.1e}."
-        f" {solver['simulated_s']:.4g} s simulated in {solver['wall_s']:.2g} s."
+        f"\nInvariants{whose}: torque forms {i.torque_forms:.1e}, energy beyond Joule heat {i.energy_mechanical:.1e},"
+        f" momentum {i.momentum:.1e}. {solver['simulated_s']:.4g} s simulated in {solver['wall_s']:.2g} s."
     )
     if result.accuracy is not None:
         yield f"Integration{whose}: {result.accuracy}."

@@ -29,7 +29,9 @@ def failing(motion: Motion) -> list[str]:
 def invariants_sentence(motion: Motion) -> str:
     """Whether all invariants of one drive hold, with the two that say most."""
     values, fails = vars(motion.invariants), failing(motion)
-    figures = f"momentum within {values['momentum']:.1e}, energy within {values['energy_mechanical']:.1e}"
+    figures = (
+        f"momentum within {values['momentum']:.1e}, energy beyond Joule heat within {values['energy_mechanical']:.1e}"
+    )
     return f"NOT all hold ({', '.join(fails)}); {figures}" if fails else f"all hold; {figures}"
 
 
