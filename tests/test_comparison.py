@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.runs import lines_csv
@@ -97,6 +98,17 @@ def test_what_speaks_against_a_clock_is_told(state_1, nominal, tones, told):
     notes = analyse(Prepared(heard(*tones)), scenario=scenario).recording.notes
     assert len(notes) == len(told)
     assert all(words in note for words, note in zip(told, notes, strict=True))
+
+
+def test_a_limit_is_not_passed_by_a_drive_that_stood_still(state_1):
+    scenario, limit = state_1.with_(SHORT), mv.Limit("20 mN*m", "10 Hz", "300 Hz")
+    judged = mv.judge(mv.lines(heard(), scenario=scenario), limit, scenario)
+    assert judged.verdict == "not judged"
+    assert judged.gaps[0].startswith("no line of the step clock stands out within 2 %")
+    moved = heard((53.0, 0.015), (106.0, 0.01), (159.0, 0.002))
+    assert mv.judge(mv.lines(moved, scenario=scenario), limit, scenario).verdict == "pass"
+    twice = mv.judge(mv.lines(heard((106.0, 0.01), (212.0, 0.005)), scenario=scenario), limit, scenario)
+    assert (twice.verdict, len(twice.gaps)) == ("not judged", 1)
 
 
 def test_lines_under_the_floor_of_a_table_are_no_evidence(state_1, tmp_path):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from microvib.analysis.lines import clock_doubts
 from microvib.errors import OptionError, expect
 from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
@@ -178,6 +179,8 @@ def judge(
     gaps = [m.why for m in margins if m.verdict == "not judged"]
     gaps += [f"{x.line} ({x.status})" for x in unknown if not (has_calmed(x, scenario) or _is_small(x, limit))]
     gaps += _left(table, limit)
+    if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
+        gaps += clock_doubts(table)
     if scenario is not None and scenario.rate is None:
         gaps.append("lines of the step clock, since the rate changes within the record (a record at one rate)")
     gaps += _above_passband(table, limit, scenario)

@@ -233,11 +233,11 @@ def near_mains(frequency: float, duration: float) -> bool:
 
 def clock_doubts(table: LineTable) -> Iterator[str]:
     """What speaks against a recording being of the scenario's drive at its rate: a sentence each."""
-    clock = [x for x in table if x.kind not in ("array mode", "other")]
+    clock = [x for x in table if x.kind not in ("array mode", "other", "")]
     seen = [x for x in clock if x.status in SEEN]
     drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
     common = math.gcd(*(k for k, x in drive.items() if x in seen))
-    if clock and table.clock_ratio is None:
+    if table.clock_ratio is None and any(x.status == FAINT for x in clock):
         yield f"no line of the step clock stands out within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
     elif seen and all(near_mains(x.frequency_hz, table.duration) for x in seen):
         yield "all lines of the step clock stand where the mains (50 or 60 Hz) may: the drive may not have moved"
