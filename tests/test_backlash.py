@@ -2,21 +2,17 @@
 
 import numpy as np
 import pytest
-from support.automaton import Automaton
-from support.scenarios import in_si
+from support.automaton import Automaton, alike, both
+from support.scenarios import NO_FRICTION, in_si
 
 import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.model.part import plain
 from microvib.model.reducer import Reducer
-from microvib.solve import kernel
-from microvib.solve.command import Command
-from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 
 STEP = 1.2e-5  # rad at the output; a microstep of state 1 is 1.96e-5
 NO_DRY_FRICTION = {
-    "friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.5,
+    **NO_FRICTION, "friction.viscous": 0.5,
     "motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "motor.friction.viscous": 0.01,
 }  # fmt: skip
 SHORT = {"record.settle": 0.5, "record.duration": 1.0}
@@ -29,22 +25,10 @@ def loose(state_1):
 
 
 def test_an_independent_integration_from_contact_to_contact_agrees(loose):
-    packed, command, automaton = pack(loose), Command(loose), Automaton(loose)
-    n = automaton.H.size
-    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2]])
-    times, refs = command.microsteps(0.0, 6.0 / loose.driving_frequency * 1.001)
-    ends, begin = [*times, times[-1] + 0.7 / loose.driving_frequency], 0.0
-    ref = packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy()
-    for end, following in zip(ends, [*refs, refs[-1]], strict=True):
-        y, begin = automaton.through(y, begin, end, ref), end
-        ref = following[:2]
-    assert packed.advance(ends[-1], no_samples(packed.channels), times, refs) == kernel.OK
-    own, step = packed.state.y, loose.driver.microstep(loose.motor)
+    automaton = Automaton(loose)
+    y, packed = both(automaton, 6.2 / loose.driving_frequency)
     assert automaton.contacts > 5
-    assert own[4] == pytest.approx(y[4], abs=1e-5 * step)
-    assert own[6] == pytest.approx(y[6], abs=1e-5 * step / loose.reducer.ratio)
-    assert own[7] == pytest.approx(y[7], abs=1e-4 * step / loose.reducer.ratio * 200.0)
-    assert own[8 : 8 + 2 * n : 2] == pytest.approx(y[8 : 8 + n], abs=1e-6 * step / loose.reducer.ratio)
+    alike(automaton, y, packed)
 
 
 def test_the_gear_transmits_nothing_in_its_gap_and_the_energy_is_kept(loose):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from numba import njit
+from support.scenarios import ERROR, NO_FRICTION, RIGID
 
 import microvib as mv
 import microvib.solve.vector_type
@@ -16,8 +17,7 @@ from microvib.solve.command import Command
 
 SHORT = {"record.settle": 1.0, "record.duration": 2.0}
 MODES = [{"frequency": f, "damping": 0.01, "effective_inertia": m} for f, m in ((0.4, 5.0), (1.19, 2.5), (31.0, 0.5))]
-ERROR = [{"order": 2, "amplitude": 2e-4, "phase": 0.3}, {"order": 200, "amplitude": 1e-5, "phase": -1.1}]
-FREE = {"sources": {}, "friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None}
+FREE = {"sources": {}, **NO_FRICTION}
 DRIVES = {
     "state 1": {},
     "another rate and current": {"tracking.rate": "0.09 deg/s", "motor.current": 0.45},
@@ -27,9 +27,9 @@ DRIVES = {
     "backwards": {"tracking.rate": "-0.06 deg/s"},
     "three modes": {"array.rigid_inertia": None, "array.modes": MODES},
     "no modes": {"array.rigid_inertia": None, "array.modes": []},
-    "rigid reducer": {"reducer.stiffness": "rigid"},
-    "transmission error": {"reducer.transmission_error": ERROR},
-    "rigid, transmission error": {"reducer.stiffness": "rigid", "reducer.transmission_error": ERROR},
+    "rigid reducer": RIGID,
+    "transmission error": ERROR,
+    "rigid, transmission error": {**RIGID, **ERROR},
     "Stribeck shape 2": {"friction.stribeck_shape": 2.0},
     "no friction": FREE,
     "supply limits": {"driver.supply_voltage": 18.0, "tracking.rate": "0.2 deg/s"},

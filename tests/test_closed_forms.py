@@ -4,33 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from support.scenarios import baseline
+from support.scenarios import ERROR, NO_FRICTION, ON_ROTOR, RIGID, THREE_MODES, baseline
+from support.stopped import advance
 
 import microvib as mv
 from microvib.solve import kernel
-from microvib.solve.command import Command
 from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 
-SMOOTH = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.0}
+SMOOTH = {**NO_FRICTION, "friction.viscous": 0.0}
 NO_ROTOR_LOSS = {"motor.friction.viscous": 0.0}
-ON_ROTOR = {"motor.friction.coulomb": 0.002, "motor.friction.breakaway": 0.004, "motor.friction.stribeck_rate": 0.05}
 RIGID_LOAD = {"array.modes": [], "array.rigid_inertia": None}
 ONE_MODE = {}
-THREE_MODES = {
-    "array.rigid_inertia": None,
-    "array.modes": [
-        {"frequency": 0.4, "damping": 0.005, "effective_inertia": 5.0},
-        {"frequency": 1.19, "damping": 0.01, "effective_inertia": 2.5},
-        {"frequency": 31.0, "damping": 0.02, "effective_inertia": 0.5},
-    ],
-}
-ERROR = {
-    "reducer.transmission_error": [
-        {"order": 2, "amplitude": 2e-4, "phase": 0.3},
-        {"order": 200, "amplitude": 1e-5, "phase": -1.1},
-    ]
-}
 # T_s + N_c p mu r of Table 3
 LIMIT = 0.0462 + 320 * 0.042 * 1.53 * 0.0265
 
@@ -40,12 +24,6 @@ def scenario_with(*changes):
     for change in changes:
         merged |= change
     return baseline().with_si(merged)
-
-
-def advance(scenario, q, stop):
-    """Bring the packed state ``q`` to ``stop`` [s]."""
-    steps_t, steps_ref = Command(scenario).microsteps(q.state.clock[kernel.NOW], stop)
-    assert q.advance(stop, no_samples(q.channels), steps_t, steps_ref) == kernel.OK
 
 
 def channels(q):
@@ -156,8 +134,8 @@ def test_wound_up_shaft_breaks_away_above_the_breakaway_torque_only(way, share, 
     [
         ({}, LIMIT),
         ({"friction.slip_ring": None}, 0.0462),
-        ({"reducer.stiffness": "rigid"}, LIMIT),
-        ({"reducer.stiffness": "rigid", **ON_ROTOR}, LIMIT + 100 * 0.004),
+        (RIGID, LIMIT),
+        ({**RIGID, **ON_ROTOR}, LIMIT + 100 * 0.004),
     ],
     ids=["compliant", "no slip ring", "rigid", "rigid, friction on the rotor too"],
 )
@@ -220,7 +198,7 @@ def test_what_is_conserved(changes):
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"reducer.stiffness": "rigid"}, THREE_MODES, ON_ROTOR],
+    [{}, RIGID, THREE_MODES, ON_ROTOR],
     ids=["compliant", "rigid", "three modes", "both frictions"],
 )
 def test_balances_close_with_the_tolerance(changes):
@@ -231,9 +209,7 @@ def test_balances_close_with_the_tolerance(changes):
     assert invariants.energy_mechanical < 5e-7  # 1.2e-7
 
 
-@pytest.mark.parametrize(
-    "changes", [{}, {"reducer.stiffness": "rigid"}, THREE_MODES], ids=["compliant", "rigid", "three modes"]
-)
+@pytest.mark.parametrize("changes", [{}, RIGID, THREE_MODES], ids=["compliant", "rigid", "three modes"])
 def test_integral_of_the_disturbance_torque_is_the_angular_momentum_lost(changes):
     record = {"record.settle": 0.25, "record.duration": 1.0, "record.sample_rate": 16384.0}
     scenario = scenario_with(record, changes)

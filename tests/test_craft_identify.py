@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support import craft as whole
 from support.craft_scenarios import scenario_of
+from support.scenarios import recorded
 
 import microvib as mv
 from microvib.io.scenario_file import load_bench
@@ -17,13 +18,6 @@ WING = {"interface": {"position": [0.35, -0.9, -0.2], "drive_axis": [0.0, -1.0, 
 
 def craft(**changes: object) -> Scenario:
     return scenario_of(whole.FullCraft(bandwidth=0.05), **{**SHORT, **changes})
-
-
-def recorded(scenario: Scenario) -> mv.Recording:
-    """What is felt about the drive axis, with noise."""
-    motion = mv.simulate(scenario)
-    torque = motion["T_d"] + 2e-5 * np.random.default_rng(4).normal(size=motion.time.size)
-    return mv.Recording({"Mz": torque}, motion.sample_rate, {"Mz": "N*m"}, "made")
 
 
 @pytest.mark.parametrize("own", [{}, {"spacecraft": None}])

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scenarios import baseline
+from support.scenarios import NO_FRICTION, baseline, recorded
 
 import microvib as mv
 from microvib.errors import OptionError
@@ -21,10 +21,9 @@ from microvib.studies.evidence import Evidence, Observation, chosen, evidence_of
 from microvib.studies.identify import Trust, identify, parse_fit
 from microvib.studies.identify.images import images, turns
 from microvib.studies.identify.problem import Problem
-from microvib.testdata.recording import Recording
 
 ERRORS = {"gain_b": 0.012, "offset_a": 0.006, "offset_b": -0.004, "quadrature": math.radians(0.9)}
-FREE = {"sources": {}, "friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None}
+FREE = {"sources": {}, **NO_FRICTION}
 
 
 def driver_with(**errors):
@@ -332,14 +331,6 @@ def test_the_supply_must_drive_the_largest_reference():
 # ---- Identification ----
 
 SHORT = {"record.settle": 4.0, "record.duration": 16.0}
-
-
-def recorded(scenario, seed=None, noise=1e-3):
-    """Recording of a scenario, with noise where a seed is given."""
-    torque = mv.simulate(scenario, channels=("T_d",))["T_d"]
-    if seed is not None:
-        torque = torque + np.random.default_rng(seed).normal(0.0, noise, torque.size)
-    return Recording({"Mz": torque}, scenario.record.sample_rate, {"Mz": "N*m"}, "made")
 
 
 def test_phases_of_electrical_lines_do_not_depend_on_the_first_sample(distorted):

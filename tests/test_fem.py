@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from support.scenarios import changed
 
 from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
@@ -27,17 +28,6 @@ def design():
 @pytest.fixture(scope="module")
 def reference(design):
     return solved(design, 14)
-
-
-def changed(design, **groups):
-    data = design.model_dump()
-    for key, value in groups.items():
-        node = data
-        *path, last = key.split("__")
-        for name in path:
-            node = node[name]
-        node[last] = value
-    return validated(ArrayDesign, data, si=True)
 
 
 def test_table_1(reference):

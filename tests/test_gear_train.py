@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from support.scenarios import baseline, in_si
+from support.scenarios import NO_FRICTION, baseline, in_si
 
 import microvib as mv
 from microvib.errors import ScenarioError
@@ -159,7 +159,7 @@ GEARED = {
     },
     "tracking.rate": math.radians(10.0), "driver.microsteps": 4, "motor.detent_torque": 0.0,
     "array.modes": [], "array.rigid_inertia": None, "array.inertia": 0.02,
-    "friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "sources": {},
+    **NO_FRICTION, "sources": {},
 }  # fmt: skip
 
 

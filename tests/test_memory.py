@@ -6,15 +6,13 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from support.automaton import Automaton
+from support.automaton import Automaton, alike, both
+from support.stopped import rows_at
 
 import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.model.presliding import loop_elements, maxwell_elements, quasi_static_torque
 from microvib.solve import kernel
-from microvib.solve.command import Command
-from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 from microvib.solve.steady.state import steady_state
 
 MICROSTEPS = 6
@@ -67,30 +65,11 @@ def test_an_independent_integration_from_event_to_event_agrees(presliding):
     scenario = presliding.with_si(
         {"motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "solver.accuracy": 1e-5}
     )
-    packed, command = pack(scenario), Command(scenario)
     automaton = Automaton(scenario)
-    n = automaton.H.size
-    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2], np.zeros(automaton.k.size)])
-    times, refs = command.microsteps(0.0, MICROSTEPS / scenario.driving_frequency * 1.001)
-    ends, ref, begin, modes = (
-        [*times, times[-1] + 0.7 / scenario.driving_frequency],
-        packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy(),
-        0.0,
-        set(),
-    )
-    for end, following in zip(ends, [*refs, refs[-1]], strict=True):
-        y, begin = automaton.through(y, begin, end, ref), end
-        modes.add(tuple(automaton.mode))
-        ref = following[:2]
-    assert packed.advance(ends[-1], no_samples(packed.channels), times, refs) == kernel.OK
-    own = packed.state.y
-    step = scenario.driver.microstep(scenario.motor)
-    assert len(modes) > 1
+    y, packed = both(automaton, (MICROSTEPS + 0.2) / scenario.driving_frequency)
+    assert len(automaton.modes) > 1
     assert packed.state.counters[kernel.BREAKAWAYS] > 4
-    assert own[4] == pytest.approx(y[4], abs=1e-5 * step)
-    assert own[6] == pytest.approx(y[6], abs=1e-5 * step / scenario.reducer.ratio)
-    assert own[7] == pytest.approx(y[7], abs=1e-4 * step / scenario.reducer.ratio * 200.0)
-    assert own[8 : 8 + 2 * n : 2] == pytest.approx(y[8 : 8 + n], abs=1e-6 * step / scenario.reducer.ratio)
+    alike(automaton, y, packed)
 
 
 def loop(amplitude):
@@ -228,13 +207,8 @@ def test_loops_that_say_nothing_are_told(state_1, changes, sentence):
 
 def along(scenario, microsteps=12, per_microstep=400):
     """Snapshots through the first microsteps, by channel."""
-    packed, command = pack(scenario), Command(scenario)
-    times = np.arange(1, microsteps * per_microstep) / (per_microstep * scenario.driving_frequency)
-    rows = [packed.snapshot()]
-    for begin, end in zip([0.0, *times[:-1]], times, strict=True):
-        assert packed.advance(end, no_samples(packed.channels), *command.microsteps(begin, end)) == kernel.OK
-        rows.append(packed.snapshot())
-    return dict(zip(kernel.CHANNELS, np.array(rows)[:, : kernel.N_CHANNELS].T, strict=True))
+    rows, _ = rows_at(scenario, np.arange(microsteps * per_microstep) / (per_microstep * scenario.driving_frequency))
+    return dict(zip(kernel.CHANNELS, rows[:, : kernel.N_CHANNELS].T, strict=True))
 
 
 def test_friction_without_a_rate_is_the_quasi_static_one_of_the_path(state_1):

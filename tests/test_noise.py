@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import welch
-from support.automaton import Automaton
+from support.automaton import Automaton, both
 from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge, unsettled
-from microvib.solve import kernel
-from microvib.solve.command import Command
 from microvib.solve.noise import torque_noise
-from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 from microvib.solve.steady.state import steady_state
 
 NOISE = {"density": 2e-6, "lowest": 0.5, "highest": 20.0, "seed": 3}
@@ -55,15 +51,7 @@ def test_an_independent_integration_with_the_same_draw_agrees(state_1):
     t, values, slopes = drawn(scenario)
     automaton = Automaton(scenario, CubicHermiteSpline(t, values, slopes))
     quiet = Automaton(scenario)
-    packed, command = pack(scenario), Command(scenario)
-    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2], np.zeros(automaton.k.size)])
-    end = 0.7 / scenario.driving_frequency
-    times, refs = command.microsteps(0.0, end)
-    ref = packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy() if times[0] > 0.0 else refs[0, :2]
-    assert times.size == 1
-    other = quiet.through(y, times[0], end, refs[0, :2])
-    y = automaton.through(automaton.through(y, 0.0, times[0], ref), times[0], end, refs[0, :2])
-    assert packed.advance(end, no_samples(packed.channels), times, refs) == kernel.OK
+    (y, packed), (other, _) = (both(one, 0.7 / scenario.driving_frequency) for one in (automaton, quiet))
     moved = abs(y[6] - other[6])
     assert moved > 1e-9
     assert packed.state.y[6] == pytest.approx(y[6], abs=1e-3 * moved)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.scenarios import baseline
+from support.scenarios import ERROR, NO_FRICTION, RIGID, THREE_MODES, baseline
 
 from microvib.solve import kernel, propagators
 from microvib.solve.pack import pack
@@ -13,9 +13,7 @@ from microvib.solve.sampling import no_samples
 SMOOTH = {
     "sources": {},
     "solver.method": "rodas4",
-    "friction.coulomb": 0.0,
-    "friction.breakaway": 0.0,
-    "friction.slip_ring": None,
+    **NO_FRICTION,
     "motor.friction.viscous": 0.02,
     "reducer.stiffness": 6406.0,
     "reducer.damping": 0.275,
@@ -24,21 +22,6 @@ SMOOTH = {
 }
 # With Table 3's gains the current loop's 26 us hide the order until the errors are near rounding; these make it 1 ms.
 SLOW_LOOP = {"driver.proportional_gain": 5.0, "driver.integral_gain": 600.0}
-THREE_MODES = {
-    "array.rigid_inertia": None,
-    "array.modes": [
-        {"frequency": 0.4, "damping": 0.005, "effective_inertia": 5.0},
-        {"frequency": 1.19, "damping": 0.01, "effective_inertia": 2.5},
-        {"frequency": 31.0, "damping": 0.02, "effective_inertia": 0.5},
-    ],
-}
-RIGID = {"reducer.stiffness": "rigid"}
-ERROR = {
-    "reducer.transmission_error": [
-        {"order": 2, "amplitude": 2e-4, "phase": 0.3},
-        {"order": 200, "amplitude": 1e-5, "phase": -1.1},
-    ]
-}
 VARIES = {
     "friction.viscous": 20.0,
     "friction.position.harmonics": [{"order": 20_000, "amplitude": 0.6, "phase": 0.7}],

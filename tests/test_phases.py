@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.scenarios import baseline
+from support.scenarios import NO_FRICTION, baseline
+from support.stopped import rows_at
 
 import microvib as mv
 from microvib.errors import ScenarioError
@@ -15,17 +16,13 @@ from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.part import plain
 from microvib.model.sentences import validated
 from microvib.solve import kernel
-from microvib.solve.command import Command
 from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 from microvib.solve.steady.period import repeats_after
 from microvib.solve.steady.state import steady_state
 
 SMOOTH = {
     "sources": {},
-    "friction.coulomb": 0.0,
-    "friction.breakaway": 0.0,
-    "friction.slip_ring": None,
+    **NO_FRICTION,
     "array.modes": [],
     "array.rigid_inertia": None,
     "array.inertia": 0.16,
@@ -141,13 +138,8 @@ class Phases:
 
 
 def rows_of(scenario, times):
-    packed, command, rows = pack(scenario), Command(scenario), []
     names = ["theta_m", "omega_m", "theta_l", "omega_l", "T_d", "E_magnetic"]
-    none = no_samples(packed.channels)
-    for stop in times:
-        assert packed.advance(stop, none, *command.microsteps(packed.state.clock[kernel.NOW], stop)) == kernel.OK
-        rows.append(packed.snapshot()[[kernel.CHANNELS.index(name) for name in names]])
-    return np.array(rows)
+    return rows_at(scenario, times)[0][:, [kernel.CHANNELS.index(name) for name in names]]
 
 
 @cache

@@ -6,14 +6,12 @@ import re
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
-from support.automaton import Automaton
+from support.automaton import Automaton, both
+from support.stopped import rows_at
 
 import microvib as mv
 from microvib.solve import kernel
-from microvib.solve.command import Command
 from microvib.solve.noise import roughness
-from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 from microvib.solve.steady.state import steady_state
 
 ROUGH = {"density": 1e-6, "lowest": 2000.0, "highest": 30_000.0, "seed": 3}
@@ -50,13 +48,9 @@ def test_the_field_has_the_density_asked_for_and_repeats_after_a_turn(state_1):
 
 def test_friction_is_its_law_times_the_field(state_1):
     scenario = state_1.with_si({"friction.position": FIELD})
-    factor, packed, command = field(scenario), pack(scenario), Command(scenario)
-    names, seen = kernel.CHANNELS, 0
-    for stop in np.arange(1, 400) * 1.3e-3:
-        packed.advance(
-            stop, no_samples(packed.channels), *command.microsteps(float(packed.state.clock[kernel.NOW]), stop)
-        )
-        now = dict(zip(names, packed.snapshot().tolist(), strict=False))
+    factor, seen = field(scenario), 0
+    for row in rows_at(scenario, np.arange(1, 400) * 1.3e-3)[0]:
+        now = dict(zip(kernel.CHANNELS, row.tolist(), strict=False))
         if not now["stuck_output"]:
             law = scenario.friction.torque(now["omega_l"])
             assert now["T_f"] == pytest.approx(factor(now["theta_l"]) * law, rel=1e-9)
@@ -72,18 +66,8 @@ def test_an_independent_integration_with_the_same_field_agrees(state_1):
             "motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "tracking.rate": 0.02,
         }
     )  # fmt: skip
-    end = 20.0 / scenario.driving_frequency
-    times, refs = Command(scenario).microsteps(0.0, end)
-    found = []
-    for factor in (field(scenario), lambda angle: 1.0):
-        packed, automaton = pack(scenario), Automaton(scenario, grip=factor)
-        y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2], np.zeros(automaton.k.size)])
-        begin, ref = 0.0, packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy()
-        for stop, following in zip([*times, end], [*refs, refs[-1]], strict=True):
-            y, begin, ref = automaton.through(y, begin, stop, ref), stop, following[:2]
-        found.append(y)
-    assert packed.advance(end, no_samples(packed.channels), times, refs) == kernel.OK
-    same, without = found
+    by_field, by_none = (Automaton(scenario, grip=grip) for grip in (field(scenario), lambda angle: 1.0))
+    (same, packed), (without, _) = (both(one, 20.0 / scenario.driving_frequency) for one in (by_field, by_none))
     moved = abs(same[6] - without[6])
     assert moved > 1e-7
     assert packed.state.y[6] == pytest.approx(same[6], abs=1e-3 * moved)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.scenarios import baseline
+from support.scenarios import NO_FRICTION, baseline
 
 import microvib as mv
 from microvib.cli.main import main
@@ -164,9 +164,7 @@ def test_the_linear_lines_are_those_of_a_drive_without_stick_and_detent(state_1,
     smooth = {
         "reducer.stiffness": stiffness,
         "motor.detent_torque": 0.0,
-        "friction.slip_ring": None,
-        "friction.coulomb": 0.0,
-        "friction.breakaway": 0.0,
+        **NO_FRICTION,
     }
     scenario = state_1.with_si(smooth)
     table = mv.steady(scenario).lines

@@ -8,18 +8,17 @@ import math
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.scenarios import changed
 
 from microvib.cli.main import main
 from microvib.errors import MicrovibError, OptionError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.scenario_file import dump_part, load_scenario
 from microvib.io.tables import read_table
-from microvib.model.sentences import validated
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.structures.fem.assembly import assemble
 from microvib.structures.fem.described import kinds, solved
 from microvib.structures.fem.simulator_mesh import structure_of
-from microvib.structures.simulator_design import SimulatorDesign
 from microvib.structures.springs import allowable_stress, coil_stress, spring_energy, wahl_factor
 from microvib.studies.sas import (
     SizingError,
@@ -46,17 +45,6 @@ def design():
 @pytest.fixture(scope="module")
 def sizing(design):
     return size(TARGET, paper_states(), design, TWO_DEGREES)
-
-
-def changed(design, **groups):
-    data = design.model_dump()
-    for key, value in groups.items():
-        node = data
-        *path, last = key.split("__")
-        for name in path:
-            node = node[name]
-        node[last] = value
-    return validated(SimulatorDesign, data, si=True)
 
 
 def rigid(design, **groups):

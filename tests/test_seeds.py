@@ -4,17 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from support.automaton import Automaton
-from support.scenarios import limit_of
+from support.automaton import Automaton, both
+from support.scenarios import NO_FRICTION, limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.analysis.seeds import quantile_bounds
 from microvib.model.driven import driven_lines, noise_density, response
 from microvib.signals.line_table import DRIVEN
-from microvib.solve import kernel
 from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 
 NOISE = {"density": 2e-4, "lowest": 0.3, "highest": 5.0, "seed": 1}
 SHORT = {"record.settle": 30.0, "record.duration": 16.0, "record.sample_rate": 512.0}
@@ -133,14 +131,10 @@ def test_a_rotor_off_its_first_command_aligns_with_it(state_1):
 
 
 def test_an_independent_integration_aligns_alike(state_1):
-    free = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "solver.accuracy": 1e-6}
-    scenario = state_1.with_si({**free, "record.rotor_offset": -1.5})
-    packed, automaton, end = pack(scenario), Automaton(scenario), 0.9 * 0.5 / scenario.driving_frequency
-    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2]])
-    step = scenario.driver.full_step(scenario.motor)
+    scenario = state_1.with_si({**NO_FRICTION, "solver.accuracy": 1e-6, "record.rotor_offset": -1.5})
+    y, step = pack(scenario).state.y, scenario.driver.full_step(scenario.motor)
     assert (y[4], y[6]) == pytest.approx((-1.5 * step, 1.5 * step / scenario.reducer.ratio))
-    y = automaton.through(y, 0.0, end, packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy())
-    assert packed.advance(end, no_samples(packed.channels), np.zeros(0), np.zeros((0, 4))) == kernel.OK
+    y, packed = both(Automaton(scenario), 0.9 * 0.5 / scenario.driving_frequency)
     assert abs(y[4] + 1.5 * step) > 0.5 * step
     assert packed.state.y[4] == pytest.approx(y[4], abs=1e-6 * step)
     assert packed.state.y[7] == pytest.approx(y[7], abs=1e-5 * abs(y[7]))

@@ -1,12 +1,18 @@
 """A drive whose output's friction has memory or noise, or whose gear has backlash, integrated by SciPy from event to event.
 
-It shares nothing with the kernel.
+It shares nothing with the kernel, beside which ``both`` puts it.
 """
 
 import math
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
+
+from microvib.solve import kernel
+from microvib.solve.command import Command
+from microvib.solve.pack import pack
+from microvib.solve.sampling import no_samples
 
 
 class Automaton:
@@ -19,7 +25,7 @@ class Automaton:
         self.s, self.noise, self.grip, f = scenario, noise, grip, scenario.friction
         self.k, self.nu = np.array(f.memory).reshape(-1, 2).T
         self.mode, self.side, self.gap = np.zeros(self.k.size), 0.0, 0.5 * (scenario.reducer.backlash or 0.0)
-        self.contacts = 0
+        self.contacts, self.modes = 0, set()
         self.H, self.D, self.Lam = scenario.array.H, scenario.array.D, scenario.array.Lambda
         self.slide, self.excess, self.rate = f.sliding_torque, f.stribeck_torque, f.stribeck_rate
 
@@ -96,4 +102,27 @@ class Automaton:
                 y[first:][slips] = ((1.0 - 1e-9) * self.mode * self.nu * self.curve(0.0) * self.grip(y[6]))[slips]
                 self.mode[slips] = 0.0
                 y[7] = 0.0
+        self.modes.add(tuple(self.mode))
         return y
+
+
+def both(automaton, end):
+    """State of the automaton at ``end`` [s], and the kernel's packed drive, which began alike."""
+    packed = pack(automaton.s)
+    times, refs = Command(automaton.s).microsteps(0.0, end)
+    y = np.concatenate([packed.state.y[:8], packed.state.y[8::2], packed.state.y[9::2], np.zeros(automaton.k.size)])
+    now, first = 0.0, packed.state.clock[kernel.REF_A : kernel.REF_A + 2].copy()
+    for stop, ref in zip([*times, end], [first, *refs[:, :2]], strict=True):
+        y, now = automaton.through(y, now, stop, ref), stop
+    assert packed.advance(end, no_samples(packed.channels), times, refs) == kernel.OK
+    return y, packed
+
+
+def alike(automaton, y, packed):
+    """The kernel's state is the automaton's, to parts of a microstep."""
+    own, step, ratio = packed.state.y, automaton.s.driver.microstep(automaton.s.motor), automaton.s.reducer.ratio
+    n = automaton.H.size
+    assert own[4] == pytest.approx(y[4], abs=1e-5 * step)
+    assert own[6] == pytest.approx(y[6], abs=1e-5 * step / ratio)
+    assert own[7] == pytest.approx(y[7], abs=1e-4 * step / ratio * 200.0)
+    assert own[8 : 8 + 2 * n : 2] == pytest.approx(y[8 : 8 + n], abs=1e-6 * step / ratio)

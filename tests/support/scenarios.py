@@ -22,6 +22,24 @@ ROUND = {
     "array.modes.0.damping": 0.01,
     "tracking.clock_ratio": 1.0,
 }
+NO_FRICTION = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None}
+"""None but viscous on the output."""
+ON_ROTOR = {"motor.friction.coulomb": 0.002, "motor.friction.breakaway": 0.004, "motor.friction.stribeck_rate": 0.05}
+RIGID = {"reducer.stiffness": "rigid"}
+ERROR = {
+    "reducer.transmission_error": [
+        {"order": 2, "amplitude": 2e-4, "phase": 0.3},
+        {"order": 200, "amplitude": 1e-5, "phase": -1.1},
+    ]
+}
+THREE_MODES = {
+    "array.rigid_inertia": None,
+    "array.modes": [
+        {"frequency": 0.4, "damping": 0.005, "effective_inertia": 5.0},
+        {"frequency": 1.19, "damping": 0.01, "effective_inertia": 2.5},
+        {"frequency": 31.0, "damping": 0.02, "effective_inertia": 0.5},
+    ],
+}
 
 
 def baseline() -> mv.Scenario:
@@ -32,6 +50,26 @@ def baseline() -> mv.Scenario:
 def in_si(part: type[P], **parameters: Any) -> P:
     """A part of numbers in SI, where its constructor asks for units."""
     return validated(part, parameters, si=True)
+
+
+def changed(part: P, **values: Any) -> P:
+    """A part with other values in SI; names of nested ones with two underscores between them."""
+    data = part.model_dump()
+    for key, value in values.items():
+        node = data
+        *path, last = key.split("__")
+        for name in path:
+            node = node[name]
+        node[last] = value
+    return in_si(type(part), **data)
+
+
+def recorded(scenario: mv.Scenario, seed: int | None = None, noise: float = 1e-3) -> mv.Recording:
+    """What is felt about the drive axis of a scenario, with noise [N m] where a seed is given."""
+    torque = mv.simulate(scenario, channels=("T_d",))["T_d"]
+    if seed is not None:
+        torque = torque + np.random.default_rng(seed).normal(0.0, noise, torque.size)
+    return mv.Recording({"Mz": torque}, scenario.record.sample_rate, {"Mz": "N*m"}, "made")
 
 
 def limit_of(*numbers: float) -> Limit:

@@ -11,18 +11,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from sksundae.cvode import CVODE
-from support.scenarios import baseline
+from support.scenarios import ERROR, NO_FRICTION, RIGID, baseline
+from support.stopped import rows_at
 
 from microvib.solve import kernel
-from microvib.solve.command import Command
-from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 
 SMOOTH = {
     "sources": {},
-    "friction.coulomb": 0.0,
-    "friction.breakaway": 0.0,
-    "friction.slip_ring": None,
+    **NO_FRICTION,
     "motor.friction.viscous": 0.02,
     "reducer.stiffness": 6406.0,
     "reducer.damping": 0.275,
@@ -35,13 +31,6 @@ THREE_MODES = {
         {"frequency": 1.19, "damping": 0.01, "participation": -1.5},
         {"frequency": 31.0, "damping": 0.02, "effective_inertia": 0.6},
     ],
-}
-RIGID = {"reducer.stiffness": "rigid"}
-ERROR = {
-    "reducer.transmission_error": [
-        {"order": 2, "amplitude": 2e-4, "phase": 0.3},
-        {"order": 200, "amplitude": 1e-5, "phase": -1.1},
-    ]
 }
 # R I is 3.6 V; what is left of 4.5 V moves a current by 0.07 A/ms, so that a microstep's 0.06 A stays at the limit.
 LIMITED = {"driver.supply_voltage": 4.5, "tracking.rate": math.radians(0.2)}
@@ -270,18 +259,9 @@ def radau(rates, t, y, times):
 
 def kernel_rows(scenario, times):
     """The same rows from the kernel, which is stopped at ``times``."""
-    q, command = pack(scenario), Command(scenario)
-    width = q.channels
     names = ["i_A", "i_B", "theta_m", "omega_m", "theta_l", "omega_l", "T_d"]
-    picks = [*(kernel.CHANNELS.index(name) for name in names), *range(kernel.N_CHANNELS, width)]
-    rows = []
-    none = no_samples(width)
-    for stop in times:
-        steps_t, steps_ref = command.microsteps(q.state.clock[kernel.NOW], stop)
-        assert q.advance(stop, none, steps_t, steps_ref) == kernel.OK
-        out = q.snapshot()
-        rows.append(out[picks])
-    return np.array(rows)
+    rows, packed = rows_at(scenario, times)
+    return rows[:, [*(kernel.CHANNELS.index(name) for name in names), *range(kernel.N_CHANNELS, packed.channels)]]
 
 
 @cache

@@ -10,30 +10,19 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.scenarios import baseline
+from support.scenarios import NO_FRICTION, ON_ROTOR, RIGID, THREE_MODES, baseline
+from support.stopped import rows_at
 
 from microvib.solve import kernel
-from microvib.solve.command import Command
-from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
 
-ON_ROTOR = {"motor.friction.coulomb": 0.002, "motor.friction.breakaway": 0.004, "motor.friction.stribeck_rate": 0.05}
-NO_OUTPUT = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None, "friction.viscous": 0.0}
-THREE_MODES = {
-    "array.rigid_inertia": None,
-    "array.modes": [
-        {"frequency": 0.4, "damping": 0.005, "effective_inertia": 5.0},
-        {"frequency": 1.19, "damping": 0.01, "effective_inertia": 2.5},
-        {"frequency": 31.0, "damping": 0.02, "effective_inertia": 0.5},
-    ],
-}
+NO_OUTPUT = {**NO_FRICTION, "friction.viscous": 0.0}
 CASES = {
     "Table 3": {},
     "Table 3, light damping in the reducer": {"reducer.stiffness": 6406.0, "reducer.damping": 0.275},
-    "Table 3, rigid reducer": {"reducer.stiffness": "rigid"},
+    "Table 3, rigid reducer": RIGID,
     "Table 3, three modes": THREE_MODES,
     "friction on rotor and output": ON_ROTOR,
-    "friction on rotor and output, rigid reducer": {**ON_ROTOR, "reducer.stiffness": "rigid"},
+    "friction on rotor and output, rigid reducer": {**ON_ROTOR, **RIGID},
     "friction on the rotor": {**ON_ROTOR, **NO_OUTPUT},
     "Stribeck exponent 2, turning back": {"friction.stribeck_shape": 2.0, "tracking.rate": -math.radians(0.06)},
 }
@@ -207,17 +196,10 @@ class Automaton:
 
 def kernel_rows(scenario, times):
     """NAMES, then which of rotor and output stick, from the kernel stopped at ``times``; and its counters."""
-    q, command = pack(scenario), Command(scenario)
-    width = q.channels
-    picks = [kernel.CHANNELS.index(name) for name in (*NAMES, "stuck_rotor", "stuck_output")]
-    rows = []
-    none = no_samples(width)
-    for stop in times:
-        steps_t, steps_ref = command.microsteps(q.state.clock[kernel.NOW], stop)
-        assert q.advance(stop, none, steps_t, steps_ref) == kernel.OK
-        out = q.snapshot()
-        rows.append(out[picks])
-    return np.array(rows), q.state.counters
+    rows, packed = rows_at(scenario, times)
+    return rows[
+        :, [kernel.CHANNELS.index(name) for name in (*NAMES, "stuck_rotor", "stuck_output")]
+    ], packed.state.counters
 
 
 def scenario_of(case, tolerance=2e-5):

@@ -29,7 +29,7 @@ from microvib.signals.pointing import (
     radial,
     transfer_in_window,
 )
-from microvib.solve.channels import INTERFACE, SECOND_LOADS
+from microvib.solve.channels import INTERFACE, LOAD_COLUMNS, LOS_COLUMNS, SECOND_LOADS
 from microvib.solve.motion import Motion
 from microvib.solve.on_craft import OF_STATES
 from microvib.solve.steady.state import SteadyState
@@ -194,8 +194,7 @@ class HubLines:
         """Header and rows of ``loads.csv``; ``second`` those of the second wing's interface."""
         found = self.second if second else self.loads
         assert found is not None
-        keys = [f"{name.lower()}_{'n' if name[0] == 'F' else 'n_m'}" for name in INTERFACE]
-        header = ["line", "frequency_hz", *keys, *(f"{name.lower()}_phase_rad" for name in INTERFACE)]
+        header = ["line", "frequency_hz", *LOAD_COLUMNS, *(f"{name.lower()}_phase_rad" for name in INTERFACE)]
         return header, [
             [name, float(f), *np.abs(values).tolist(), *np.angle(values).tolist()]
             for name, f, values in zip(self.names, self.frequency, found, strict=True)
@@ -204,7 +203,7 @@ class HubLines:
     def pointing_table(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of ``pointing.csv``: amplitudes and phases, then the rms of each line in each metric and window."""
         assert self.los is not None
-        header = ["line", "frequency_hz", "los_x_rad", "los_y_rad", "los_x_phase_rad", "los_y_phase_rad"]
+        header = ["line", "frequency_hz", *LOS_COLUMNS, "los_x_phase_rad", "los_y_phase_rad"]
         columns = [np.abs(self.los), np.angle(self.los)]
         for window in self.windows:
             for metric in METRICS:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +14,12 @@ from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, table
 from microvib.reports.numbers import text_table
-from microvib.signals.pointing import METRICS
+from microvib.signals.pointing import METRICS, Metric
+from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.angles import AngleSweep
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SHOWN = 6
@@ -61,20 +64,24 @@ def angles_folder(sweep: AngleSweep) -> Contents:
 
 def angles_texts(sweep: AngleSweep) -> dict[str, str]:
     """The files of a sweep that are text, by name: lines at each angle, and sums over them."""
-    loads = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
-    rows = [
-        (math.degrees(angle), name, float(one.frequency[k]), *np.abs(one.loads[k]).tolist(), *one.amplitude[k].tolist())
-        for angle, one in zip(sweep.angles, sweep.lines, strict=True) for k, name in enumerate(one.names)
-    ]  # fmt: skip
     rms = [
         {"window_s": w, "metric": metric, "radial_rad": sweep.rms(metric, w).tolist()}
         for w in sweep.lines[0].windows for metric in METRICS
     ]  # fmt: skip
     said = {"angles_deg": np.degrees(sweep.angles).tolist(), "windows": rms, "no_steady_state": list(sweep.fallbacks)}
     return {
-        "angles.csv": rows_csv(["angle_deg", "line", "frequency_hz", *loads, "los_x_rad", "los_y_rad"], rows),
+        "angles.csv": lines_csv(sweep, angle_deg=np.degrees(sweep.angles)),
         "angles.json": to_json(said),
     }
+
+
+def lines_csv(sweep: AngleSweep, **before: np.ndarray) -> str:
+    """Every line at each angle, behind columns with one value an angle."""
+    rows = [
+        (*at, name, float(one.frequency[k]), *np.abs(one.loads[k]).tolist(), *one.amplitude[k].tolist())
+        for *at, one in zip(*(x.tolist() for x in before.values()), sweep.lines, strict=True) for k, name in enumerate(one.names)
+    ]  # fmt: skip
+    return rows_csv([*before, "line", "frequency_hz", *LOAD_COLUMNS, *LOS_COLUMNS], rows)
 
 
 def angles_report(sweep: AngleSweep, picture: Figure) -> Document:
@@ -120,17 +127,29 @@ def draw_angles(sweep: AngleSweep) -> Figure:
             degrees, 1e6 * sweep.los(name), "o-", color=sheets.COLOURS[k], markersize=3, linewidth=0.9, label=name
         )
     _draw_linear(left, sweep, shown)
-    for k, window in enumerate(sweep.lines[0].windows):
-        right.plot(degrees, 1e6 * sweep.rms("rpe", window), "o-", color=sheets.COLOURS[k % 7], markersize=3, linewidth=0.9,
-                   label=f"RPE {1e3 * window:g} ms")  # fmt: skip
-    right.plot(degrees, 1e6 * sweep.rms("ape", 1.0), "o-", color="black", markersize=3, linewidth=0.9, label="APE")
-    for ax, what in ((left, "amplitude, radial [µrad]"), (right, "rms of all lines, radial [µrad]")):
-        ax.set(xlabel="angle of the array [deg]", ylabel=what, yscale="log")
-        ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    draw_rms(right, degrees, sweep.lines[0].windows, sweep.rms, "o-")
+    label(left, right, "angle of the array [deg]")
     return drawing
 
 
-def _draw_linear(ax: Any, sweep: AngleSweep, shown: tuple[str, ...]) -> None:
+def draw_rms(
+    ax: Axes, x: np.ndarray, windows: Iterable[float], rms: Callable[[Metric, float], np.ndarray], style: str
+) -> None:
+    """The rms (n,) [rad] that ``rms`` gives of all lines over ``x``, in each window and in none."""
+    for k, window in enumerate(windows):
+        ax.plot(x, 1e6 * rms("rpe", window), style, color=sheets.COLOURS[k % 7], markersize=3, linewidth=0.9,
+                label=f"RPE {1e3 * window:g} ms")  # fmt: skip
+    ax.plot(x, 1e6 * rms("ape", 1.0), style, color="black", markersize=3, linewidth=0.9, label="APE")
+
+
+def label(left: Axes, right: Axes, over: str) -> None:
+    """Names of axes that show lines and their rms."""
+    for ax, what in ((left, "amplitude, radial [µrad]"), (right, "rms of all lines, radial [µrad]")):
+        ax.set(xlabel=over, ylabel=what, yscale="log")
+        ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+
+def _draw_linear(ax: Axes, sweep: AngleSweep, shown: tuple[str, ...]) -> None:
     """Driving lines of the linearised drive, in closed form, at many angles; not of two, which add with their phases."""
     scenario = sweep.scenario
     if scenario.driven_wing is not None:

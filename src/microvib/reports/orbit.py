@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.io.tables import columns_csv, rows_csv, to_json
+from microvib.io.tables import columns_csv, to_json
 from microvib.reports import sheets
-from microvib.reports.angles import SHOWN
+from microvib.reports.angles import SHOWN, draw_rms, label, lines_csv
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Text, table
 from microvib.reports.numbers import text_table
-from microvib.solve.channels import INTERFACE
+from microvib.solve.channels import LOAD_COLUMNS
 from microvib.studies.orbit import NOT_QUASI_STATIC, TOLERANCE, Orbit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LOADS = tuple(f"{name.lower()}_{'n' if name.startswith('F') else 'n_m'}" for name in INTERFACE)
 _BRIEF = ("ape", "rpe", "smear", "jitter")
 """Metrics of the text and of the first page; the files have all."""
 
@@ -64,16 +63,12 @@ def orbit_folder(orbit: Orbit) -> Contents:
     """Tables, JSON, picture and report."""
     sweep, degrees = orbit.sweep, np.degrees(orbit.sweep.angles)
     loads = np.sqrt(0.5 * np.sum(np.abs([one.loads for one in sweep.lines]) ** 2, axis=1))
-    over = {"time_s": orbit.time, "angle_deg": degrees}
-    over |= {
+    at = {"time_s": orbit.time, "angle_deg": degrees}
+    over = at | {
         f"{w.metric}{'' if w.metric == 'ape' else f'_{w.window:g}s'}_radial_rad": orbit.size(w.metric, w.window)
         for w in orbit.windows
     }
-    over |= {f"{name}_rms": column for name, column in zip(_LOADS, loads.T, strict=True)}
-    lines = [
-        (float(t), float(psi), name, float(one.frequency[k]), *np.abs(one.loads[k]).tolist(), *one.amplitude[k].tolist())
-        for t, psi, one in zip(orbit.time, degrees, sweep.lines, strict=True) for k, name in enumerate(one.names)
-    ]  # fmt: skip
+    over |= {f"{name}_rms": column for name, column in zip(LOAD_COLUMNS, loads.T, strict=True)}
     said = {
         "time_s": float(orbit.time[-1]),
         "from_deg": float(degrees[0]),
@@ -83,7 +78,7 @@ def orbit_folder(orbit: Orbit) -> Contents:
              "worst_s": float(orbit.time[w.at]), "rms_rad": w.rms, "turning": w.turning}
             for w in orbit.windows
         ],
-        "loads": {name: {"worst": float(x.max()), "rms": orbit.mean(x**2)} for name, x in zip(_LOADS, loads.T, strict=True)},
+        "loads": {name: {"worst": float(x.max()), "rms": orbit.mean(x**2)} for name, x in zip(LOAD_COLUMNS, loads.T, strict=True)},
         "angles_run_deg": np.degrees(orbit.runs.angles).tolist(),
         "halvings": [{"angles": h.angles, "tried": h.tried, "error": h.error} for h in orbit.halvings],
         "interpolation_error": orbit.interpolation,
@@ -92,10 +87,9 @@ def orbit_folder(orbit: Orbit) -> Contents:
         "notes": orbit.notes(),
     }  # fmt: skip
     picture = draw_orbit(orbit)
-    head = ["time_s", "angle_deg", "line", "frequency_hz", *_LOADS, "los_x_rad", "los_y_rad"]
     files: dict[str, Any] = {
         "orbit.csv": columns_csv(over),
-        "orbit_lines.csv": rows_csv(head, lines),
+        "orbit_lines.csv": lines_csv(sweep, **at),
         "orbit.json": to_json(said),
         "orbit.png": sheets.png(picture),
     }
@@ -145,16 +139,6 @@ def draw_orbit(orbit: Orbit) -> Figure:
     for k, name in enumerate(sweep.names[:SHOWN]):
         left.plot(minutes, 1e6 * sweep.los(name), color=sheets.COLOURS[k], linewidth=0.9, label=name)
         left.plot(run, 1e6 * orbit.runs.los(name), "o", color=sheets.COLOURS[k], markersize=2.5)
-    for k, window in enumerate(sweep.lines[0].windows):
-        right.plot(
-            minutes,
-            1e6 * orbit.size("rpe", window),
-            color=sheets.COLOURS[k % 7],
-            linewidth=0.9,
-            label=f"RPE {1e3 * window:g} ms",
-        )
-    right.plot(minutes, 1e6 * orbit.size("ape", 1.0), color="black", linewidth=0.9, label="APE")
-    for ax, what in ((left, "amplitude, radial [µrad]"), (right, "rms of all lines, radial [µrad]")):
-        ax.set(xlabel="time [min]", ylabel=what, yscale="log")
-        ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    draw_rms(right, minutes, sweep.lines[0].windows, orbit.size, "-")
+    label(left, right, "time [min]")
     return drawing

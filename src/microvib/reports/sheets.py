@@ -10,6 +10,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from microvib.io.writing import Writer
+from microvib.reports.typography import raised
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +25,6 @@ PAGE = 7.0
 """Width of a figure in a report [inch], as wide as its page."""
 _LEFT, _RIGHT, _BOTTOM, _TOP, _ACROSS, _DOWN = 0.62, 0.1, 0.43, 0.27, 0.66, 0.74
 """Margins of a plain sheet, and room between its axes [inch]."""
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def new_figure(
@@ -121,7 +121,7 @@ def _powers_of_ten() -> type:
 
         def __call__(self, x: float, pos: int | None = None) -> str:
             power = re.fullmatch(r"\$\\mathdefault\{(.*?10)\^\{(.*)\}\}\$", text := super().__call__(x, pos))
-            return text if power is None else power[1].replace(r"\times", "×") + power[2].translate(_RAISED)
+            return text if power is None else power[1].replace(r"\times", "×") + raised(power[2])
 
     return PowersOfTen
 

@@ -43,8 +43,13 @@ def _figures(text: str) -> str:
 
 
 def _power(found: re.Match[str]) -> str:
-    exponent = (found[2] + found[3]).lstrip("+").translate(_RAISED)
+    exponent = raised((found[2] + found[3]).lstrip("+"))
     return f"10{exponent}" if found[1] == "1" else f"{found[1]}\u00a0×\u00a010{exponent}"
+
+
+def raised(exponent: str) -> str:
+    """An exponent's figures as characters of their own, which need no markup."""
+    return exponent.translate(_RAISED)
 
 
 def without_folders(text: str) -> str:

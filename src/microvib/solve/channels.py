@@ -58,6 +58,9 @@ INTERFACE = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 TIME = Channel("time", "s", "time from the start of the command")
 LOADS = {name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft") for name in INTERFACE}
 """Loads at the interface, of arrays with participation in six components."""
+LOAD_COLUMNS = tuple(f"{name.lower()}_{'n' if load.unit == 'N' else 'n_m'}" for name, load in LOADS.items())
+LOS_COLUMNS = ("los_x_rad", "los_y_rad")
+"""What tables call loads and angles of the line of sight."""
 SECOND_LOADS = {
     f"{name}_2": Channel(f"{name}_2", load.unit, f"{name} on the spacecraft at the second wing's interface")
     for name, load in LOADS.items()

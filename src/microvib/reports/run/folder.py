@@ -90,23 +90,21 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
 
 def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None) -> dict[str, str]:
     """The files of a run that are text, by name; ``of_hub`` is what ``hub_of`` gives."""
-    if of_hub is not None and of_hub.los is not None:
-        summed = summed | {"pointing": of_hub.summary()}
-    return {
-        "lines.csv": lines_csv(result.table),
-        **({} if of_hub is None or result.second is None else {"lines_wing_2.csv": lines_csv(result.second.table)}),
-        **({"seeds.csv": seeds_csv(result.table)} if result.table.seeds else {}),
-        **({} if of_hub is None else {"loads.csv": rows_csv(*of_hub.loads_table())}),
-        **({} if of_hub is None or result.motion is None else {"densities.csv": densities_csv(result.motion)}),
-        **(
-            {}
-            if of_hub is None or of_hub.second is None
-            else {"loads_wing_2.csv": rows_csv(*of_hub.loads_table(second=True))}
-        ),
-        **({} if of_hub is None or of_hub.los is None else {"pointing.csv": rows_csv(*of_hub.pointing_table())}),
-        "scenario.yaml": dump_scenario(result.scenario),
-        "summary.json": to_json(summed),
-    }
+    files = {"lines.csv": lines_csv(result.table)}
+    if result.table.seeds:
+        files["seeds.csv"] = seeds_csv(result.table)
+    if of_hub is not None:
+        files["loads.csv"] = rows_csv(*of_hub.loads_table())
+        if result.second is not None:
+            files["lines_wing_2.csv"] = lines_csv(result.second.table)
+        if of_hub.second is not None:
+            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(second=True))
+        if result.motion is not None:
+            files["densities.csv"] = densities_csv(result.motion)
+        if of_hub.los is not None:
+            files["pointing.csv"] = rows_csv(*of_hub.pointing_table())
+            summed = summed | {"pointing": of_hub.summary()}
+    return files | {"scenario.yaml": dump_scenario(result.scenario), "summary.json": to_json(summed)}
 
 
 def hub_of(result: RunResult) -> HubLines | None:

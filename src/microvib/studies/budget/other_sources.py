@@ -15,15 +15,15 @@ from microvib.io.tables import finite, plain_lines
 from microvib.model.coupling import about_modes, craft_in, receiver_of, transfer_from
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
+from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.budget.files import OtherSource, Wheel
 from microvib.studies.budget.sources import Contribution, Gap, below, open_gap
 
 SPEEDS = 101
 """Speeds that are tried of a wheel with a range of them, besides those at which it meets a mode."""
 _BANDWIDTH = np.array([-0.5, 0.0, 0.5])
-_LOADS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
 _LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
-_LOS, _LOS_DENSITIES = ("los_x_rad", "los_y_rad"), ("los_x_rad2_hz", "los_y_rad2_hz")
+_LOS_DENSITIES = ("los_x_rad2_hz", "los_y_rad2_hz")
 
 
 def of_other(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
@@ -118,7 +118,7 @@ def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> 
 
 def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
     path = folder / str(source.lines)
-    rows, chosen = _table(path, "lines", _LOS, _LOADS)
+    rows, chosen = _table(path, "lines", LOS_COLUMNS, LOAD_COLUMNS)
     f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
     stems = [name.removesuffix("_rad").removesuffix("_n").removesuffix("_n_m") for name in chosen]
     stems = [stem.removesuffix("_n") for stem in stems]
@@ -134,7 +134,7 @@ def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribu
         raise MicrovibError(f"{path}: frequency_hz: frequencies greater than 0 Hz are expected")
     tones, doubt = sizes * np.exp(1j * np.nan_to_num(phases)), np.zeros((2, f.size, 2))
     lost = np.isnan(sizes).any(axis=1)
-    if chosen == _LOADS:
+    if chosen == LOAD_COLUMNS:
         parts = np.einsum("fkc,fc->cfk", transfer_from(scenario, f, _place(source, scenario)), tones)
         most, unsure = in_any_phase(np.abs(parts))
         tones = np.where(phased[:, None], parts.sum(axis=0), most)
@@ -142,7 +142,7 @@ def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribu
     names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
     gaps = tuple(open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k])) for k in np.flatnonzero(lost))
     gaps += below(bool(np.isnan(tones[~lost]).any()))
-    how = f"lines of {path.name}" + ("" if chosen == _LOS else ", loads on the hub")
+    how = f"lines of {path.name}" + ("" if chosen == LOS_COLUMNS else ", loads on the hub")
     return Contribution(
         source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, doubt=np.nan_to_num(doubt),
         phased=bool(np.all(phased)),
