@@ -5,10 +5,13 @@ import csv
 import pytest
 from support.commands import microvib
 
+from microvib.errors import MicrovibError
 from microvib.io.current_table import read_current_table
+from microvib.io.hub_sources import read_hub_table
 from microvib.io.modal_table import read_modes
 from microvib.io.row_table import read_row_table
-from microvib.io.tables import plain_lines
+from microvib.io.tables import plain_lines, read_lines
+from microvib.studies.sizing import read_states
 
 LOOP = [(0.0, 0.0), (1e-3, 0.02), (2e-3, 0.03), (0.0, -0.02), (-2e-3, -0.03), (0.0, 0.02), (2e-3, 0.03)]
 
@@ -45,3 +48,19 @@ def test_a_loop_that_mixes_both_is_a_sentence(tmp_path):
     done = microvib("show", "state-1", "--set", "friction.presliding={loop: loop.csv}", cwd=tmp_path)
     assert done.exit_code == 1
     assert "loop.csv, row 2: angle '1,234' is not a number" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "read", [lambda path: read_row_table(path, ("angle", "rad")), read_current_table, read_modes, read_hub_table, read_lines, read_states]
+)  # fmt: skip
+def test_what_is_no_table_is_one_sentence(tmp_path, read):
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "wide.csv").write_text('frequency_hz,"' + 200_000 * "x" + '"\n1,2\n')
+    (tmp_path / "coded.csv").write_bytes("frequency_hz".encode("utf-16"))
+    refused = {
+        "none": "cannot be read: No such file", "folder": "is not a file", "wide": "is not a table as text",
+        "coded": "is not a table as text",
+    }  # fmt: skip
+    for name, said in refused.items():
+        with pytest.raises(MicrovibError, match=f"{name}.csv: .*{said}"):
+            read(tmp_path / f"{name}.csv")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from microvib.errors import ScenarioError
-from microvib.io.scenario_file import read_text
-from microvib.io.tables import finite, plain_lines
+from microvib.io.tables import csv_rows, finite
 from microvib.model.driver import MAX_TABLE
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180.0}
@@ -25,7 +23,7 @@ def read_current_table(path: Path) -> dict[str, Any]:
 
     The first line names the columns: see ``FORMS``. Rows of an electrical turn begin at theta_e = 0.
     """
-    head, *rows = list(csv.reader(plain_lines(read_text(path, "table of currents", ())))) or [[]]
+    head, *rows = csv_rows(path, ScenarioError) or [[]]
     names = [name.strip().lower() for name in head]
     if len(rows) > MAX_TABLE:
         raise ScenarioError(f"{path}: has {len(rows)} rows; at most {MAX_TABLE} are read")

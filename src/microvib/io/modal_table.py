@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.io.tables import finite, plain_lines
+from microvib.io.tables import dict_rows, finite
 from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
 
 PARTICIPATIONS = tuple(f"participation_{d.lower()}" for d in DIRECTIONS)
@@ -46,10 +46,7 @@ def read_modes(path: Path | str) -> ModalModel:
     table gives none.
     """
     path = Path(path)
-    try:
-        rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
+    rows = dict_rows(path, ModalError)
     if not rows or "frequency_hz" not in rows[0]:
         raise ModalError(
             f"{path}: is not a table of modes; a header with frequency_hz and a row for each mode is expected"

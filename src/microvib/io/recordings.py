@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from microvib.io.files import check_file, library, reading
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
 from microvib.io.scenario_file import read_text
-from microvib.io.tables import plain_lines
+from microvib.io.tables import dict_rows
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
@@ -71,8 +70,7 @@ def _with_table(stage: Stage, folder: Path) -> Stage:
     """A stage with the rows of its table; ScenarioError says which row is wrong."""
     path = folder / str(stage.file)
     rows = []
-    table = csv.DictReader(plain_lines(read_text(path, "table of a response", ())))
-    for number, row in enumerate(table, 2):
+    for number, row in enumerate(dict_rows(path, ScenarioError), 2):
         try:
             values = tuple(float(row.get(name) or default) for name, default in _RESPONSE_COLUMNS)
         except ValueError:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 from microvib.errors import ScenarioError
-from microvib.io.scenario_file import read_text
-from microvib.io.tables import finite, plain_lines
+from microvib.io.tables import csv_rows, finite
 from microvib.model.noise import MAX_ROWS
 from microvib.testdata.channels import named_unit
 from microvib.units import convert
@@ -19,8 +17,7 @@ def read_row_table(path: Path, *columns: tuple[str, str]) -> list[list[float]]:
     A first line may name the columns, with units such as ``[mN^2*m^2/Hz]``. ScenarioError tells the row and column that is wrong.
     """
     names = [name for name, _ in columns]
-    lines = plain_lines(read_text(path, f"table of {' and '.join(names)}", ()))
-    rows = [row for row in csv.reader(lines) if row and not row[0].lstrip().startswith("#")]
+    rows = [row for row in csv_rows(path, ScenarioError) if row and not row[0].lstrip().startswith("#")]
     head = rows.pop(0) if rows and not rows[0][0].strip(" +-.")[:1].isdigit() else []
     if not 0 < len(rows) <= MAX_ROWS:
         raise ScenarioError(f"{path}: has {len(rows)} rows of {' and '.join(names)}; 1 to {MAX_ROWS} are expected")

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from microvib.errors import ScenarioError, error_context, shown
-from microvib.io.files import check_file, reading
 from microvib.io.hub_sources import COLUMNS, hub_from
 from microvib.io.scenario_file import catalog_names, hub_names, named_text, scenario_of, with_array
 from microvib.io.tables import finite, named_rows
@@ -92,9 +91,8 @@ def _place(name: str, hub: Any) -> Any:
 
 def _rows(path: Path) -> list[dict[str, Any]]:
     """Sensitivities of the line of sight from a CSV file: axis (x or y), point, and six numbers [rad/m, rad/rad]."""
-    with reading(path, ModalError):
-        check_file(path)
-        rows = named_rows(path, LOS_COLUMNS, "sensitivities of a line of sight", ModalError)
+    rows = named_rows(path, LOS_COLUMNS, "sensitivities of a line of sight", ModalError)
+    with error_context(path):
         return [
             {
                 "axis": row["axis"].strip(),

@@ -8,7 +8,8 @@ import json
 import math
 import platform
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -16,9 +17,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from microvib.errors import MicrovibError
+from microvib.io.files import check_file, reading
 from microvib.signals.line_table import Line, LineTable
 
 _COMMA, _POINT = (re.compile(rf"\s*[+-]?\d*{mark}\d+([eE][+-]?\d+)?\s*") for mark in (",", r"\."))
+
+LARGEST = 1_000_000_000  # bytes of the largest table that is read
 
 
 def rows_csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -75,12 +79,36 @@ def plain_lines(text: str) -> list[str]:
     return stream.getvalue().splitlines()
 
 
+@contextmanager
+def _table_at(path: Path, kind: type[MicrovibError]) -> Iterator[list[str]]:
+    with reading(path, kind):
+        check_file(path, LARGEST)
+        try:
+            yield plain_lines(path.read_text(encoding="utf-8"))
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise MicrovibError(f"cannot be read: is not a table as text ({error})") from None
+
+
+def csv_rows(path: Path, kind: type[MicrovibError]) -> list[list[str]]:
+    """Rows of a CSV file; an error of this ``kind`` where it cannot be read, or is no text."""
+    with _table_at(path, kind) as lines:
+        return list(csv.reader(lines))
+
+
+def dict_rows(path: Path, kind: type[MicrovibError] = MicrovibError) -> list[dict[str, str]]:
+    """The same by the names in its first row."""
+    with _table_at(path, kind) as lines:
+        return list(csv.DictReader(lines))
+
+
 def named_rows(path: Path, columns: Sequence[str], what: str, kind: type[MicrovibError]) -> list[dict[str, str]]:
     """Rows of a CSV file with these columns; an error of this ``kind`` where it is none."""
-    rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
+    rows = dict_rows(path, kind)
     missing = [name for name in columns if not rows or name not in rows[0]]
     if missing:
-        raise kind(f"is not a table of {what}: a header with {', '.join(columns)} is expected; {missing[0]} is missing")
+        raise kind(
+            f"{path}: is not a table of {what}: a header with {', '.join(columns)} is expected; {missing[0]} is missing"
+        )
     return rows
 
 
@@ -148,12 +176,8 @@ def read_lines(path: Path) -> LineTable:
 
     MicrovibError names the row where one is not a number, or not finite.
     """
-    try:
-        rows = enumerate(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))), 2)
-        return _table([(row.get("line") or "", _figures(f"{path}, row {k}", row)) for k, row in rows])
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or f"is not a table as text ({error})"
-        raise MicrovibError(f"{path}: cannot be read: {reason}") from None
+    rows = enumerate(dict_rows(path), 2)
+    return _table([(row.get("line") or "", _figures(f"{path}, row {k}", row)) for k, row in rows])
 
 
 def paper_lines(column: Literal["test", "simulation"]) -> PaperLines:
@@ -172,7 +196,7 @@ def _table(rows: list[tuple[str, dict[str, Any]]]) -> LineTable:
     return LineTable(lines, None, None, 0, math.nan)
 
 
-def _figures(where: str, row: dict[str, str | None]) -> dict[str, Any]:
+def _figures(where: str, row: Mapping[str, str | None]) -> dict[str, Any]:
     found: dict[str, Any] = {"status": (row.get("status") or "").strip()}
     for column in _FIGURES:
         text = (row.get(column) or "").strip()

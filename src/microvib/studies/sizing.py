@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,7 +10,7 @@ from pathlib import Path
 
 from microvib.errors import MicrovibError, OptionError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
-from microvib.io.tables import plain_lines
+from microvib.io.tables import dict_rows
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
 from microvib.studies.sas import Sizing, TargetState, paper_states, size, state_of_array
@@ -69,10 +68,7 @@ def parse_state(text: str, name: str) -> TargetState:
 
 def read_states(path: Path) -> list[TargetState]:
     """States from a table with the columns ``mode_frequency_hz`` and ``inertia_kg_m2``, and ``state`` for their names."""
-    try:
-        rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'is not text'}") from None
+    rows = dict_rows(path, ScenarioError)
     if not 1 <= len(rows) <= _MAX_STATES or not rows[0].keys() >= _COLUMNS.keys():
         expected = f"the columns {' and '.join(_COLUMNS)} and 1 to {_MAX_STATES} rows"
         raise ScenarioError(f"{path}: is not a table of states; expected {expected}")

@@ -94,13 +94,13 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
     if result.table.seeds:
         files["seeds.csv"] = seeds_csv(result.table)
     if of_hub is not None:
-        files["loads.csv"] = rows_csv(*of_hub.loads_table())
         if result.second is not None:
             files["lines_wing_2.csv"] = lines_csv(result.second.table)
-        if of_hub.second is not None:
-            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(second=True))
+        files["loads.csv"] = rows_csv(*of_hub.loads_table())
         if result.motion is not None:
             files["densities.csv"] = densities_csv(result.motion)
+        if of_hub.second is not None:
+            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(second=True))
         if of_hub.los is not None:
             files["pointing.csv"] = rows_csv(*of_hub.pointing_table())
             summed = summed | {"pointing": of_hub.summary()}

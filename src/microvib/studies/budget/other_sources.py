@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.errors import MicrovibError, error_context
-from microvib.io.files import check_file, reading
-from microvib.io.tables import finite, plain_lines
+from microvib.io.tables import dict_rows, finite
 from microvib.model.coupling import about_modes, craft_in, receiver_of, transfer_from
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
@@ -96,15 +94,13 @@ def in_any_phase(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _table(path: Path, what: str, *choices: tuple[str, ...]) -> tuple[list[dict[str, str]], tuple[str, ...]]:
     """Rows of a CSV file, and which of the ``choices`` of columns it has."""
-    with reading(path, MicrovibError):
-        check_file(path)
-        rows = list(csv.DictReader(plain_lines(path.read_text(encoding="utf-8-sig"))))
-        head = rows[0] if rows else {}
-        chosen = next((c for c in choices if any(name in head for name in c)), None)
-        if chosen is None or "frequency_hz" not in head:
-            either = " or ".join(", ".join(c) for c in choices)
-            raise MicrovibError(f"is not a table of {what}: columns frequency_hz and {either} are expected")
-        return rows, chosen
+    rows = dict_rows(path)
+    head = rows[0] if rows else {}
+    chosen = next((c for c in choices if any(name in head for name in c)), None)
+    if chosen is None or "frequency_hz" not in head:
+        either = " or ".join(", ".join(c) for c in choices)
+        raise MicrovibError(f"{path}: is not a table of {what}: columns frequency_hz and {either} are expected")
+    return rows, chosen
 
 
 def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> np.ndarray:
