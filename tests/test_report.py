@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import re
@@ -12,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.print import pages
 from support.scenarios import baseline, limit_of
 
 import microvib as mv
@@ -69,14 +69,6 @@ def folder(tmp_path_factory):
 def undrawn(monkeypatch):
     """For what is asked of words and figures alone: pictures are left out, since they take the time."""
     monkeypatch.setattr("microvib.reports.sheets.svg", lambda drawing: "<svg/>")
-
-
-def pages(content: bytes, count: int | None = None) -> list[str]:
-    """Texts of the first pages, or of all."""
-    from pypdf import PdfReader
-
-    first = PdfReader(io.BytesIO(content)).pages[:count]
-    return [re.sub(r"\s+", " ", page.extract_text().replace("\u200b", "")) for page in first]
 
 
 def tables(blocks) -> list[Table]:

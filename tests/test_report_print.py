@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
-import re
 import shlex
 
 import pytest
+from support.print import pages
 
 from microvib.errors import MicrovibError
 from microvib.reports import fonts
@@ -16,13 +15,6 @@ from microvib.reports.fonts import package_fonts
 from microvib.reports.rendering import html, pdf
 from microvib.reports.title_block import TitleBlock, read_title_block
 from microvib.reports.typography import command_without_folders, in_print
-
-
-def pages(content: bytes) -> list[str]:
-    from pypdf import PdfReader
-
-    return [re.sub(r"\s+", " ", page.extract_text()) for page in PdfReader(io.BytesIO(content)).pages]
-
 
 # Characters of print
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from support.server import opened
 
 from microvib.io.writing import workspace
 from microvib.web.jobs.store import Store
@@ -96,10 +97,8 @@ def serving(store: Store) -> Iterator[Served]:
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
-    opened = Store(tmp_path_factory.mktemp("store"), LIMITS)
-    yield opened
-    opened.close()
-    opened.join()
+    with opened(tmp_path_factory.mktemp("store"), LIMITS) as store:
+        yield store
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,9 @@ from schemathesis.specs.openapi.checks import (
     response_schema_conformance,
     status_code_conformance,
 )
+from support.server import opened
 
 import microvib as mv
-from microvib.web.jobs.store import Store
 from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
 from microvib.web.server.limits import Limits
@@ -36,10 +36,8 @@ ODD = settings(
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     """A store that takes little: whatever is started gives way soon, or is refused."""
-    opened = Store(tmp_path_factory.mktemp("store"), Limits(at_once=1, waiting=4, wall_s=20.0, quick_s=5.0))
-    yield opened
-    opened.close()
-    opened.join()
+    with opened(tmp_path_factory.mktemp("store"), Limits(at_once=1, waiting=4, wall_s=20.0, quick_s=5.0)) as store:
+        yield store
 
 
 @pytest.fixture(scope="module")

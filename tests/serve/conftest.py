@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import pytest
 from fastapi.testclient import TestClient
-from support.server import SHORT, client_of, start, wait
+from support.server import SHORT, client_of, opened, start, wait
 
 import microvib as mv
-from microvib.web.jobs.store import Store
 from microvib.web.server.limits import Limits
 
 
 @pytest.fixture(scope="session")
 def store(tmp_path_factory):
-    opened = Store(tmp_path_factory.mktemp("store"), Limits(waiting=2, recording=3_000_000))
-    yield opened
-    opened.close()
-    opened.join()
+    with opened(tmp_path_factory.mktemp("store"), Limits(waiting=2, recording=3_000_000)) as store:
+        yield store
 
 
 @pytest.fixture(scope="session")

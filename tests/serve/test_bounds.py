@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 
 import pytest
 from fastapi.testclient import TestClient
-from support.server import LONG, SHORT, client_of, result, spec, start, wait
+from support.server import LONG, SHORT, client_of, opened, result, spec, start, wait
 
 from microvib.web.jobs.store import Store
 from microvib.web.server.limits import Limits
@@ -62,16 +63,13 @@ def test_a_record_that_is_too_large_is_refused(client):
 
 @pytest.fixture
 def bounded(tmp_path):
-    opened: list[Store] = []
+    with ExitStack() as stack:
 
-    def make(**limits) -> tuple[TestClient, Store]:
-        opened.append(Store(tmp_path, replace(Limits(), **limits)))
-        return client_of(opened[-1]), opened[-1]
+        def make(**limits) -> tuple[TestClient, Store]:
+            store = stack.enter_context(opened(tmp_path, replace(Limits(), **limits)))
+            return client_of(store), store
 
-    yield make
-    for one in opened:
-        one.close()
-        one.join()
+        yield make
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory is not bounded")

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 from fastapi.testclient import TestClient
 
 from microvib.web.jobs.store import Store
 from microvib.web.server.access import Access
 from microvib.web.server.application import create_app
+from microvib.web.server.limits import Limits
 
 BASE = "http://127.0.0.1:8321"
 TOKEN = "s3cret"
 SHORT = {"record.settle": "1 s", "record.duration": "4 s"}
 LONG = {"record.settle": "100000 s"}
+
+
+@contextmanager
+def opened(folder: Path, limits: Limits) -> Iterator[Store]:
+    """A store of jobs, whose workers are ended with it."""
+    store = Store(folder, limits)
+    yield store
+    store.close()
+    store.join()
 
 
 def client_of(store: Store, shown: str = TOKEN, **access) -> TestClient:

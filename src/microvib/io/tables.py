@@ -141,7 +141,7 @@ PAPER_LINES = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "dr
 """Our names of the lines of Tables 5 and 6."""
 
 
-def read_table(name: str) -> Iterable[dict[str, str]]:
+def read_table(name: str) -> list[dict[str, str]]:
     """Rows of one of the paper's tables in the catalog, such as ``table6_line_amplitudes``."""
     from importlib import resources
 

@@ -8,8 +8,6 @@ lines: J_h, stiffness of the reducer, viscous friction of the rotor, and the noi
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -23,7 +21,7 @@ from microvib.analysis.lines import lines_among
 from microvib.errors import OutputError, SimulationError
 from microvib.io.modal_sources import load_design
 from microvib.io.scenario_file import load_scenario
-from microvib.io.tables import PAPER_LINES, read_table, rows_csv
+from microvib.io.tables import PAPER_LINES, dict_rows, read_table, rows_csv
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques, torque_from_rest
@@ -342,7 +340,7 @@ def extend(path: Path, draws: int, seeds: int, progress: Callable[[int], None] |
     """Rows of the table ``path``: the central assumptions and ``draws`` others; what it lacks is computed and added, row by row."""
     from microvib.io.writing import write_file
 
-    rows = read_draws(path.read_text(encoding="utf-8")) if path.is_file() else []
+    rows = dict_rows(path, OutputError) if path.is_file() else []
     if rows and list(rows[0]) != _COLUMNS:
         raise OutputError(f"{path}: is not a table of draws of this version; nothing was written; choose another file")
     if progress:
@@ -370,14 +368,9 @@ _COLUMNS = [
 ]  # fmt: skip
 
 
-def read_draws(text: str) -> list[dict[str, str]]:
-    """Rows of a kept table."""
-    return list(csv.DictReader(io.StringIO(text)))
-
-
 def kept_draws() -> list[dict[str, str]]:
     """The table of the catalog, of which ``microvib statements`` says how it is made."""
-    return [dict(row) for row in read_table("statements")]
+    return read_table("statements")
 
 
 def held(rows: Rows, statement: int) -> tuple[float, float]:
