@@ -88,6 +88,19 @@ def test_lines_that_beat_slowly_may_be_in_step_for_an_observation(one_source: bo
     assert judged(requirement(axis="x", limit=Si(1.2 * URAD)), apart, "rss").verdict == "pass"
 
 
+def test_instants_many_periods_apart_do_not_pass_by_a_zero_of_their_weight() -> None:
+    """6000 s are 20 000 periods of 10/3 Hz, of which a clock that is off by 1e-4 makes two more or less."""
+    line = source("a", (10.0 / 3.0, 1.0, 0.0))
+    for metric in ("stability", "pde"):
+        r = {"metric": metric, "window": Si(1e-3), "apart": Si(6000.0), "axis": "x"}
+        one = judged(requirement(**r), [line], "rss")
+        assert one.value < 1e-6 * URAD
+        assert one.least < 0.1 * URAD
+        assert one.most == pytest.approx(math.sqrt(2.0) * URAD, rel=1e-2)
+        assert one.verdict == "not judged"
+        assert judged(requirement(**{**r, "apart": Si(1.2), "limit": Si(0.01 * URAD)}), [line], "rss").verdict == "pass"
+
+
 def test_one_clock_keeps_phases() -> None:
     pair = [source(name, (5.0, z, 0.0), clock="both") for name, z in (("a", 1.0), ("b", 0.9 * np.exp(1j * math.pi)))]
     one = judged(requirement(axis="x", limit="0.1 urad"), pair, "rss")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,10 @@ from microvib.studies.budget.sources import Contribution, Gap
 SLOW = 0.01
 """Distance [Hz] from which two lines have mean squares that add; nearer, an observation may see no more than their crest."""
 AXES = {"x": [0], "y": [1], "radial": [0, 1]}
+CLOCK = 1e-4
+"""Part by which a clock may be off; assumed. After many periods it decides where in one of them a window ends."""
+_OFF = np.r_[0.0, np.sin(np.arange(100.0) ** 2)]
+"""Parts of it that are tried, unlike each other."""
 RISES = 0.95
 """Confidence from which a level rises with the amplitude of each line; below, a line may also take others from their crests."""
 
@@ -76,17 +80,27 @@ def ends(
     r: Requirement, tones: Tones, gaps: Sequence[Gap], densities: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[float, float]:
     """Between which the figure lies: least and most; infinite where nothing bounds a gap."""
-    f = np.concatenate([tones.frequency, *(gap.frequency for gap in gaps)])
+    lower, upper = (_off_clock(r, tones.frequency, extreme) for extreme in (np.argmin, np.argmax))
+    f = np.concatenate([upper, *(gap.frequency for gap in gaps)])
     hidden = np.vstack([np.zeros((0, 2)), *(gap.most for gap in gaps)])
     bounded = bool(np.all(np.isfinite(hidden)))
     if r.statistic != "level" or r.confidence >= RISES:
-        least = figure(r, tones.frequency, tones.least, densities, surely=True)
+        least = figure(r, lower, tones.least, densities, surely=True)
         return least, figure(r, f, np.vstack([tones.most, hidden]), densities) if bounded else math.inf
     # A level may fall as a line grows, but changes by no more than what the line adds at its crests.
     change = np.vstack([np.maximum(tones.most - tones.value, tones.value - tones.least), hidden])
     reach = figure(r.model_copy(update={"statistic": "bound"}), f, change) if bounded else math.inf
-    surely, value = (figure(r, tones.frequency, tones.value, densities, surely=x) for x in (True, False))
+    surely, value = figure(r, lower, tones.value, densities, surely=True), figure(r, upper, tones.value, densities)
     return max(surely - reach, 0.0), value + reach
+
+
+def _off_clock(r: Requirement, f: np.ndarray, extreme: Callable[..., np.ndarray]) -> np.ndarray:
+    """Frequencies (k,) of lines whose clock is off by CLOCK at most, such that they count least or most: between the zeros of a
+    weight there may be no more than that."""
+    off = f[:, None] * (1.0 + CLOCK * _OFF)
+    at = extreme(weight(r.metric, off, r.window or r.apart or 1.0, r.apart), axis=1)
+    shifted = np.clip(off[np.arange(f.size), at], r.lowest, math.inf if r.highest is None else r.highest)
+    return np.where(inside(r, f), shifted, f)
 
 
 def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Contribution]) -> Iterator[Gap]:
