@@ -215,6 +215,7 @@ WRONG = {
     "a speed, judged as a torque": (
         lambda m: mv.judge(mv.lines(m, "omega_l"), mv.Limit("10 mN*m")), "limit: is a torque, and these lines are in rad/s; ",
     ),
+    "a parameter, set": (lambda m: setattr(m.scenario.motor, "current", 1.0), "current: cannot be set, scenarios are frozen; "),
     "a band from high to low": (lambda m: mv.Limit("1 mN*m", "150 Hz", "0.5 Hz"), "the first bound must be at least 0 and below"),
     "a limit below zero": (lambda m: mv.Limit("-1 mN*m"), "torque: '-1 mN*m' is not allowed; it must be greater than 0"),
     "samples in columns": (lambda m: recorded(np.ones((9, 2))), "channel Mz is float64 of shape (9, 2); real numbers one after"),

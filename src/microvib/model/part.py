@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 from pydantic import BaseModel, ConfigDict, model_validator
 from pydantic.fields import FieldInfo
 
+from microvib.errors import ScenarioError
 from microvib.units import Quantity, Si
 
 Six = tuple[float, float, float, float, float, float]  # Fx Fy Fz and Mx My Mz of something
@@ -35,6 +36,12 @@ class Part(_Base):
     """A frozen set of parameters; values are SI floats, given as text with a unit, or as ``Si`` numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Nothing can be set: pydantic's refusal, as a sentence."""
+        raise ScenarioError(
+            f"{name}: cannot be set, scenarios are frozen; scenario.with_({{...}}) makes a changed copy"
+        )
 
     def __dir__(self) -> list[str]:
         """Parameters and what is computed of them, without the machinery."""
