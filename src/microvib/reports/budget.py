@@ -305,8 +305,8 @@ def _sources(budget: Budget) -> Table:
 
 
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")
-_WITHIN = 12
-"""Windows within a fortieth of a decade, of which the largest figure is drawn: weights fall to nothing between."""
+_STEP, _WITHIN = 0.025, 0.5 + 0.5 * np.sin(np.arange(16.0) ** 2)
+"""Steps of windows in decades, and places in a step, unlike each other: the largest figure is drawn, as weights fall to nothing."""
 
 
 _SIZE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -347,18 +347,20 @@ def draw_budget(budget: Budget) -> Figure:
     if top:
         left.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
     left.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    T = np.geomspace(1e-4, 1e2, 240 * _WITHIN)
+    T = 10.0 ** np.arange(-4.0, 2.0, _STEP)
+    tried = (T[:, None] * 10.0 ** (_STEP * _WITHIN)).ravel()
     tones = merged(budget.contributions, budget.rule, doubtful=False)
     for k, metric in enumerate(_DRAWN):
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
         limits = [(r.axis, r.window, 1e6 * r.limit) for r in asked if r.window and r.limit and r.statistic == "rms"]
         for axis in sorted({"radial", *(axis for axis, _, _ in limits)}, key=list(_SIZE).index):
             size, (marker, line, _) = _SIZE[axis](tones.value), _MARKERS[axis]
-            squares = 0.5 * size**2 @ weight(metric, tones.frequency[:, None] * T, 1.0)  # these metrics know f T only
-            rms = np.sqrt(squares.reshape(-1, _WITHIN).max(axis=1))
+            cycles = tones.frequency[:, None] * tried  # these metrics know f T only
+            squares = 0.5 * size**2 @ weight(metric, cycles, 1.0)
+            rms = np.sqrt(squares.reshape(T.size, -1).max(axis=1))
             label = metric if axis == "radial" else f"{metric} los_{axis}"
             style = {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}  # smear lies on it
-            right.plot(T[::_WITHIN], 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
+            right.plot(T, 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
             at = [(window, limit) for own, window, limit in limits if own == axis]
             right.plot(*(np.array(at).reshape(-1, 2).T), marker, color=sheets.COLOURS[k], markersize=4)
     largest = 1e6 * math.sqrt(0.5 * float(np.sum(tones.value**2))) or 1.0
