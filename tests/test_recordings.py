@@ -1,5 +1,6 @@
 """Recordings: read and written in every format, prepared, and refused for what is wrong with them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,14 @@ def test_what_is_written_is_read(tmp_path, ending):
         assert back[name] == pytest.approx(made()[name], abs=1e-11)
     with pytest.raises(OutputError, match="already exists"):
         write_recording(made(), path)
+
+
+@pytest.mark.parametrize("ending", ["uff", "mat", "csv"])
+def test_a_rate_that_is_no_whole_number_comes_back(tmp_path, ending):
+    write_recording(replace(made(), sample_rate=4000.7), tmp_path / f"test.{ending}")
+    back = read_recording(tmp_path / f"test.{ending}")
+    assert back.sample_rate == pytest.approx(4000.7, rel=1e-9)
+    assert back["Mz"] == pytest.approx(made()["Mz"], abs=1e-11)
 
 
 @pytest.mark.parametrize("ending", ["uff", "mat", "csv"])

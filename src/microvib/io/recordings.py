@@ -20,7 +20,7 @@ from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
+from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, snapped_rate
 from microvib.testdata.response import Stage
 from microvib.units import Given, quantity
 
@@ -124,13 +124,15 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 def _write_uff(recording: Recording, path: Path) -> None:
     pyuff = library("pyuff", "pyuff", "test-data")
     t = np.arange(recording.samples) / recording.sample_rate
+    # The step is written with six digits; where these do not give the rate back, each sample has its time.
+    even = snapped_rate(1.0 / float(f"{1.0 / recording.sample_rate:.5e}"))[0] == recording.sample_rate
     for name, x in recording.channels.items():
         data = {
             "type": 58, "binary": 1, "func_type": 1, "rsp_node": 1, "rsp_dir": 0, "ref_node": 0, "ref_dir": 0,
             "id1": name, "id2": recording.title[-70:] or "microvib", "id3": "NONE", "id4": "NONE", "id5": "NONE",
             "ver_num": 0, "load_case_id": 0, "rsp_ent_name": "TABLE", "ref_ent_name": "NONE",
             "data": np.asarray(x, dtype=float), "x": t, "num_pts": x.size, "ord_data_type": 4,
-            "abscissa_spacing": 1, "abscissa_min": 0.0, "abscissa_inc": 1.0 / recording.sample_rate, "z_axis_value": 0.0,
+            "abscissa_spacing": int(even), "abscissa_min": 0.0, "abscissa_inc": 1.0 / recording.sample_rate, "z_axis_value": 0.0,
             "abscissa_spec_data_type": 17, "abscissa_axis_lab": "Time", "abscissa_axis_units_lab": "s",
             "ordinate_spec_data_type": 13 if name in COMPONENTS[:3] else 12, "ordinate_axis_lab": name,
             "ordinate_axis_units_lab": recording.units.get(name, "") or "NONE",
