@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import microvib as mv
+from microvib.io.recordings import load_preparation
 from microvib.io.scenario_file import catalog_text, json_schema, load_scenario, parse_value, scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
@@ -218,6 +219,8 @@ def test_a_file_that_is_not_there(tmp_path):
         load_scenario(tmp_path / "nothing.yaml")
     with pytest.raises(mv.ScenarioError, match="is a folder"):
         load_scenario(tmp_path)
+    with pytest.raises(mv.ScenarioError, match=r"is a folder; a preparation file is expected$"):
+        load_preparation(tmp_path)
     with pytest.raises(mv.ScenarioError, match="cannot be read"):
         load_scenario("a\0b.yaml")
 

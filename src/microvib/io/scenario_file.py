@@ -259,7 +259,9 @@ def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | N
     try:
         size = path.stat().st_size
         if path.is_dir():
-            raise ScenarioError(f"{path}: is a folder; a {kind} file or one of {names} is expected")
+            raise ScenarioError(
+                f"{path}: is a folder; a {kind} file{f' or one of {names}' if names else ''} is expected"
+            )
         if not path.is_file():
             raise ScenarioError(f"{path}: is not a regular file")
         if size > LARGEST_FILE:
