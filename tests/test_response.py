@@ -118,7 +118,7 @@ def test_the_virtual_bench_agrees():
         ("response: [{kind: boxcar, order: 4}]", "order: does not go with boxcar"),
         ("response: [{kind: bessel, order: 40, corner: 1 kHz}]", "order"),
         ("response: [{kind: bessel, order: 4, corner: 1}]", "corner: 1 needs a unit"),
-        ("response: [{kind: table, file: none.csv}]", "there is no such file"),
+        ("response: [{kind: table, file: none.csv}]", "none.csv: cannot be read: No such file"),
         ("response: [{kind: table, file: bad.csv}]", "bad.csv, row 3: expected numbers"),
         ("response: [{kind: table, file: falling.csv}]", "at least two frequencies, rising"),
     ],
