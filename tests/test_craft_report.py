@@ -19,6 +19,7 @@ from microvib.reports.densities import densities_csv
 from microvib.reports.document import Figure, Section, Table
 from microvib.reports.moving import box_corners
 from microvib.reports.run.report import run_report
+from microvib.reports.run.text import run_text
 from microvib.solve.motion import Motion
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
@@ -55,6 +56,12 @@ def number(cell: str) -> float:
 
 def test_tables_are_those_of_the_lines(result: RunResult, motion: Motion, sections: dict[str, Section]) -> None:
     hub = hub_lines(motion, result.table)
+    told = re.search(
+        r"Line of sight, RPE in 1 s.*: (\S+) µrad; lines that cost most, rad rms: (\S+) (\S+),", run_text(result)
+    )
+    assert told is not None
+    name, size = hub.ranking("rpe", 1.0)[0]
+    assert (told[2], float(told[3])) == (name, pytest.approx(size, rel=1e-2))
     (loads,) = tables(sections["Loads on the hub"])
     rows = {row.cells[0]: row.cells for row in loads.rows}
     k = hub.names.index("drive_1")

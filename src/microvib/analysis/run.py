@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
 from microvib.analysis.lines import lines
-from microvib.analysis.pointing import SECOND
+from microvib.analysis.pointing import SECOND, HubLines, hub_lines
 from microvib.analysis.seeds import check_noise, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import expect
@@ -44,6 +45,12 @@ class RunResult:
     def drives(self) -> dict[str, RunResult]:
         """This result and that of the second wing's drive, by how texts call what is theirs."""
         return {"": self} if self.second is None else {"": self, f" of {SECOND}": self.second}
+
+    @cached_property
+    def hub(self) -> HubLines | None:
+        """Lines of what the hub of a craft feels and does; None on firm ground, and where no more than T_d was kept."""
+        source = self.state or self.motion
+        return None if source is None or self.scenario.spacecraft is None else hub_lines(source, self.table)
 
     @property
     def accuracy(self) -> Accuracy | None:

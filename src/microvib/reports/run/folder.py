@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.analysis.limits import Limit
-from microvib.analysis.pointing import HubLines, hub_lines
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError, expect
 from microvib.io.runs import SECOND, SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
@@ -64,7 +64,7 @@ def write_run(
     """
     expect(result, RunResult, "what a run found (mv.run)")
     files: dict[str, Any] = {}
-    motion, form, of_hub = result.motion, form or Form(), hub_of(result)
+    motion, form, of_hub = result.motion, form or Form(), result.hub
     if motion is not None:
         from microvib.reports.rendering import report_files
         from microvib.reports.run.report import run_report
@@ -89,7 +89,7 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
 
 
 def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None) -> dict[str, str]:
-    """The files of a run that are text, by name; ``of_hub`` is what ``hub_of`` gives."""
+    """The files of a run that are text, by name; ``of_hub`` is what ``RunResult.hub`` is."""
     files = {"lines.csv": lines_csv(result.table)}
     if result.table.seeds:
         files["seeds.csv"] = seeds_csv(result.table)
@@ -105,12 +105,6 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
             files["pointing.csv"] = rows_csv(*of_hub.pointing_table())
             summed = summed | {"pointing": of_hub.summary()}
     return files | {"scenario.yaml": dump_scenario(result.scenario), "summary.json": to_json(summed)}
-
-
-def hub_of(result: RunResult) -> HubLines | None:
-    """Lines of what the hub of a craft feels and does; None on firm ground, and where no more than T_d was kept."""
-    source = result.state or result.motion
-    return None if source is None or result.scenario.spacecraft is None else hub_lines(source, result.table)
 
 
 def _check_size(scenario: Scenario, out: Path) -> None:

@@ -7,8 +7,12 @@ from collections.abc import Iterator
 from microvib.analysis.limits import Limit, judge, unsettled
 from microvib.analysis.run import RunResult
 from microvib.model.scenario import Scenario
+from microvib.reports.craft import pointing_facts
 from microvib.signals.line_table import SEEN, LineTable
 from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
+
+_COSTS = 4
+"""Lines that are told of the line of sight."""
 
 
 def run_text(result: RunResult, limit: Limit | None = None) -> str:
@@ -57,6 +61,11 @@ def _numerics(whose: str, result: RunResult) -> Iterator[str]:
 
 def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
     scenario, second = result.scenario, result.second
+    for fact in pointing_facts(result.hub):
+        assert result.hub is not None
+        window = max(result.hub.windows)
+        costs = (f"{name} {angle:.3g}" for name, angle in result.hub.ranking("rpe", window)[:_COSTS])
+        yield f"\n{fact.label[0].upper()}{fact.label[1:]}: {fact.value}; lines that cost most, rad rms: {', '.join(costs)}."
     if limit is not None:
         yield f"\n{judge(result.table, limit, scenario, None if second is None else second.table)}"
     if result.fallback:

@@ -23,7 +23,7 @@ from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import to_json
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
-from microvib.reports.run.folder import hub_of, run_summary, run_texts
+from microvib.reports.run.folder import run_summary, run_texts
 from microvib.reports.run.report import run_report
 from microvib.signals.line_table import LineTable
 from microvib.solve.channels import CHANNELS, MODAL
@@ -66,7 +66,7 @@ def run(folder: str, scenario: Scenario, tell: Tell, seeds: int = 0) -> None:
         result = replace(result, table=found)
     summed = run_summary(result)
     _keep(Path(folder), motion, result.table)
-    of_hub = hub_of(result)
+    of_hub = result.hub
     for name, text in run_texts(result, summed, of_hub).items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
     _write(folder, results.run_result(motion, result.table, summed, of_hub))
