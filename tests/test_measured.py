@@ -127,6 +127,7 @@ LMS = {
 }
 CATMAN = {"Channel_1_Header": {"SampleFrequency": RATE, "Unit": "Nm", "SignalName": "Mz"}, "Channel_1_Data": MZ}
 DEWESOFT = {"Sample_rate": RATE, "Data1_Mz": MZ, "Data1_time_Mz": T, "units": {"Mz": "N*m"}}
+COUNTS = {"data": np.round(1e4 * MZ).astype(np.int16), "unit": "N*m"}
 ONE_EACH = np.array([{"name": "Mz", "data": MZ, "unit": "N*m"}, {"name": "Fx", "data": MZ, "unit": "N"}], dtype=object)
 
 MATS = {
@@ -167,6 +168,8 @@ def test_matlab_with_a_time_axis_to_each_channel(tmp_path):
         (mat(Mz=MZ, fs=-4096.0), "fs gives a sample rate of -4096 Hz"),
         (mat(Mz=MZ, dt=0.0), "dt gives a sample rate of inf Hz"),
         (mat(Mz=MZ), "give the sample rate in Hz: add to the preparation"),
+        (mat(fs=RATE, Mz=COUNTS | {"scale": 1e-4}), "Mz.data has whole numbers beside Mz.scale: counts of a converter"),
+        (mat(fs=RATE, Mz=COUNTS | {"offset": 0.5}), "beside Mz.offset"),
     ],
 )
 def test_matlab_that_contradicts_itself(tmp_path, write, complaint):

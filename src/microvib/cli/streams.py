@@ -44,6 +44,8 @@ def _said(error: BaseException) -> int:
         case SystemExit():
             return error.code if isinstance(error.code, int) else FAILED if error.code else 0
         case KeyboardInterrupt() | click.Abort():
+            if isinstance(error, click.Abort) and sys.stderr.isatty():
+                click.echo(err=True)  # behind the prompt that was left
             return _say("Interrupted; no file was left half-written.", INTERRUPTED)
         case click.ClickException():
             error.show()

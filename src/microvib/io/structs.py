@@ -10,6 +10,7 @@ import numpy as np
 
 from microvib.io.measured import Column, stated_rates
 from microvib.testdata.channels import is_time
+from microvib.testdata.recording import RecordingError
 
 _VALUES = ("values", "value", "data", "samples", "signal", "signals", "y", "ydata")
 _NAMES = ("names", "name", "labels", "label", "channels", "channelnames", "channelname", "signalname", "signalnames")
@@ -18,6 +19,8 @@ _LOOSE = (
     "header", "info", "properties", "quantity", "functionrecord", "abscissa", "ordinate", "unittransformation", "meta",
 )  # fmt: skip
 """Fields whose content belongs to the struct that they stand in."""
+_SCALES = ("scale", "scaling", "scalefactor", "gain", "slope", "offset", "bias")
+"""What turns a converter's counts into a unit."""
 _DEEPEST = 6
 
 
@@ -96,6 +99,7 @@ def _scope(
         own = f"{at}{key}"
         if values.size < 2 or values.ndim > 2 or (name and any(axis.name == own for axis in axes)):
             continue
+        _check_counts(at, key, fields, numbers)
         if values.ndim == 2:
             yield from _matrix(own, values, names, listed, rates, time)
             continue
@@ -107,6 +111,18 @@ def _scope(
         yield Column(label, values, unit, rates, _fitting(time, values))
     if depth < _DEEPEST:
         yield from _below(at, fields, rates, time, depth)
+
+
+def _check_counts(at: str, key: str, fields: Mapping[str, Any], numbers: Mapping[str, np.ndarray]) -> None:
+    """RecordingError for counts of a converter beside their scale: samples that are in no unit, whatever stands beside them."""
+    if getattr(fields[key], "dtype", np.dtype(float)).kind not in "iu":
+        return
+    scale = next((k for k, v in numbers.items() if _word(k) in _SCALES and np.any((v != 0.0) & (v != 1.0))), None)
+    if scale is not None:
+        raise RecordingError(
+            f"{at}{key} has whole numbers beside {at}{scale}: counts of a converter, which nothing scales here; save the channel"
+            " in its unit"
+        )
 
 
 def _stacked(item: tuple[str, Any]) -> tuple[str, np.ndarray | None]:
