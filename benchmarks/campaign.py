@@ -147,12 +147,14 @@ def merged(folder: Path, of: Chunk, like: Study) -> float:
         figures={name: values[pick] for name, values in of.figures.items()},
         status=of.status[pick],
         scalars={name: values[pick] for name, values in of.scalars.items()},
+        verdict=of.verdict[pick],
+        gaps=tuple(of.gaps[k] for k in pick),
         reasons=tuple(of.reasons[k] for k in pick),
         notes=tuple(of.notes[k] for k in pick),
     )
     campaign = create(design(like), folder, CHUNK)
     for k in range(campaign.chunks):
-        campaign.write(k, chunk.to_bytes())
+        campaign.write(k, replace(chunk, label=campaign.work(k).label).to_bytes())
     begun = time.perf_counter()
     merge(campaign)
     return (time.perf_counter() - begun) / campaign.design.cases
