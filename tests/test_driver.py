@@ -312,7 +312,7 @@ def test_bad_tables_get_a_sentence(tmp_path, text, sentence):
         ("driver.imperfections.gain", 0.1, "unknown key; did you mean driver.imperfections.gain_b?"),
         ("driver.microstep_ramp", 1.5, "must be at least 0 and at most 1"),
         ("driver.delay", "-1 ms", "must be at least 0 s"),
-        ("driver.table", "nowhere.csv", "there is no such file"),
+        ("driver.table", "nowhere.csv", "cannot be read: No such file or directory"),
     ],
 )
 def test_bad_keys_get_a_sentence(key, value, sentence):

@@ -1,5 +1,7 @@
 """Line estimation on made signals, whose truth is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -121,6 +123,25 @@ def test_modes_nearer_than_the_record_parts_are_told_by_their_order_or_said_to_b
     assert table[larger.name].frequency_hz == pytest.approx(larger.frequency, abs=0.2 / 16.0)
     assert table[smaller.name].status.startswith(f"not separable from {larger.name}")
     assert table[larger.name].origin.endswith(f"{smaller.name} as well: not separable")
+
+
+def test_a_row_of_near_modes_is_given_out_in_order_and_at_once():
+    """Ways to give out twenty tones among forty modes are beyond counting."""
+    modes = [expect(f"array_mode_{k}", 3.0 + k * 1.4 / 16.0, "array mode") for k in range(40)]
+    shown = modes[::2]
+    x = sum(np.exp(-0.5 * T / 16.0) * np.cos(2 * np.pi * mode.frequency * T + mode.frequency) for mode in shown)
+    table = estimate_lines(x, RATE, [expect("drive_1", 160 / 3), *modes])
+    found = [line.frequency_hz for line in table if line.kind == "array mode" and np.isfinite(line.frequency_hz)]
+    assert found == sorted(found)
+    assert len(found) >= 18
+
+
+def test_expected_lines_of_no_name_stay_what_they_are():
+    """Those of another channel's table, beside modes that are too near another line."""
+    other = replace(expect("other_1", 3.0 + 2.6 / 16.0), kind="other")
+    modes = [expect(f"array_mode_{k}", 3.0 + apart / 16.0, "array mode") for k, apart in ((1, 0.0), (2, 2.4))]
+    x = np.cos(2 * np.pi * 3.0 * T) + np.cos(2 * np.pi * other.frequency * T)
+    assert lines_at_known_clock(x, RATE, [expect("drive_1", 160 / 3), other, *modes])["other_1"].line == "other_1"
 
 
 def test_a_line_that_is_not_there_is_below_the_floor():

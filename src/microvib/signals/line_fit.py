@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
@@ -174,10 +173,11 @@ def _as_modes(
     Of modes that are too near each other the one that is looked for may have taken another's peak: tones are given out anew, in the
     order of the modes and to those that they are nearest to.
     """
-    lines, left = list(tones.lines), dict(refused)
+    lines, left, listed = list(tones.lines), dict(refused), {line.name for line in expected}
     unlisted = [
         i for i, line in enumerate(lines)
-        if line.kind == "other" and not (orders and orders.name(float(tones.frequency[i]), 0.02 / duration))
+        if line.kind == "other" and line.name not in listed
+        and not (orders and orders.name(float(tones.frequency[i]), 0.02 / duration))
     ]  # fmt: skip
     for group in _near_each_other(expected, duration):
         names = [mode.name for mode in group]
@@ -187,17 +187,23 @@ def _as_modes(
         ]
         if not any(left.get(name, "").startswith(NOT_APART) for name in names) or not 0 < len(there) <= len(group):
             continue
-        at = np.sort(tones.frequency[there])
-        chosen = min(
-            combinations(group, len(there)), key=lambda some: float(np.sum(np.abs(at - [x.frequency for x in some])))
-        )
-        for i, mode in zip(sorted(there, key=lambda i: float(tones.frequency[i])), chosen, strict=True):
+        there.sort(key=lambda i: float(tones.frequency[i]))
+        chosen = _nearest(tones.frequency[there], group)
+        for i, mode in zip(there, chosen, strict=True):
             lines[i] = mode
             left.pop(mode.name, None)
         for mode in group:
             if mode not in chosen and (mode.name not in left or left[mode.name].partition(";")[0].split()[-1] in names):
                 left[mode.name] = _too_near(mode, min(chosen, key=lambda x: abs(x.frequency - mode.frequency)))
     return replace(tones, lines=tuple(lines)), left
+
+
+def _nearest(frequency: np.ndarray, modes: Sequence[ExpectedLine]) -> list[ExpectedLine]:
+    """As many of the ``modes``, in their order, as there are tones at each ``frequency``: those that all are nearest to."""
+    from scipy.optimize import linear_sum_assignment  # slow to import, and seldom needed
+
+    _, chosen = linear_sum_assignment(np.abs(frequency[:, None] - [mode.frequency for mode in modes]))
+    return [modes[k] for k in sorted(chosen.tolist())]
 
 
 def _near_each_other(expected: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:

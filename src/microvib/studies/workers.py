@@ -10,15 +10,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
@@ -172,16 +164,18 @@ def _calls(pool: Executor, progress: Progress | None, watch: Callable[[], None])
         nonlocal before
         try:
             futures = [pool.submit(function, *each) for each in arguments]
-            total, left = before + len(futures), set[Future[Any]](futures)
+            total = before + len(futures)
             if progress is not None:
                 progress(before, total)
-            while left:
-                done, left = wait(left, timeout=POLL, return_when=FIRST_COMPLETED)
+            for done, future in enumerate(
+                futures, before + 1
+            ):  # one by one: to wait for all takes the square of their number
+                while not wait([future], timeout=POLL).done:
+                    watch()
                 watch()
-                for future in done:
-                    future.result()  # an error ends all
-                if progress is not None and done:
-                    progress(total - len(left), total)
+                future.result()  # an error ends all
+                if progress is not None:
+                    progress(done, total)
         except BrokenExecutor:
             raise MicrovibError("a process that solved cases was ended; memory may be short") from None
         before = total
