@@ -5,7 +5,6 @@ import math
 from microvib.compiled import Unit
 from microvib.solve.collocation import CHANGE, N_SUMS
 from microvib.solve.kernel import (
-    COMPILE,
     FORCED,
     IMPULSE,
     INLINE,
@@ -126,7 +125,7 @@ def _close(x, out):
     out.cursor[0] += 1
 
 
-@code.inner(**COMPILE)
+@code.inner(**FORCED)
 def _whole_intervals(count, u, T, stuck, all_channels, w, out):
     """Rows of ``count`` intervals that lie in the step, from its fraction ``u`` on; returns the fraction after them."""
     first, d = out.cursor[0], out.width / T
@@ -152,7 +151,7 @@ def _whole_intervals(count, u, T, stuck, all_channels, w, out):
     return u + count * d
 
 
-@code.inner(**COMPILE)
+@code.inner(**FORCED)
 def _record(u, end, level, x, p, t, w, out):
     """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every sample interval that ends inside.
 
@@ -184,7 +183,7 @@ def _record(u, end, level, x, p, t, w, out):
         clock[IMPULSE] += w.poly[0] - _momentum_at(u, w.poly)
 
 
-@code.inner(**COMPILE)
+@code.inner(**FORCED)
 def _integrate(u, now, T, first_row, x, w, out):
     """Energies over the step, also at the middles of the intervals closed in it, and the balance of momentum."""
     clock = x.clock
