@@ -2,6 +2,8 @@
 
 import csv
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -117,7 +119,7 @@ def test_results_do_not_depend_on_what_else_is_planned(plan, state_1):
 
 def test_processes_solve_cases_as_threads_do(plan, state_1):
     rates = [case.rate for case in plan.of(16)[:3]]
-    apart = plan_rates(state_1, [Si(rate) for rate in rates], (16,), band="0.1:5 Hz", workers=1)
+    apart = plan_rates(state_1, [Si(rate) for rate in rates], (16,), band="0.1:5 Hz", workers=2)
     assert [case for case in apart.cases if case.rate in rates] == plan.of(16)[:3]
 
 
@@ -277,3 +279,22 @@ def test_options_are_quantities():
     assert quantity("limit", "10 mN*m", "N*m") == pytest.approx(0.01)
     with pytest.raises(MicrovibError, match="band: "):
         band("1:2 s")
+
+
+def test_a_script_without_a_guard_is_told_so_and_one_worker_needs_none(tmp_path):
+    script = tmp_path / "plan.py"
+    script.write_text(
+        "import sys, microvib as mv\n"
+        "try:\n"
+        "    print(len(mv.rates(mv.load_scenario('state-1'), ['0.06 deg/s'], workers=int(sys.argv[1])).cases))\n"
+        "except mv.MicrovibError:\n"
+        "    sys.exit(3)\n"
+    )
+    runs = [
+        subprocess.run([sys.executable, script, workers], capture_output=True, text=True, timeout=300)
+        for workers in ("1", "2")
+    ]
+    assert [run.returncode for run in runs] == [0, 3]
+    assert runs[0].stdout == "1\n"
+    assert "if __name__ == '__main__':" in runs[1].stderr
+    assert "Traceback" not in runs[1].stderr
