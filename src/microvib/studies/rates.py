@@ -13,7 +13,7 @@ import numpy as np
 from microvib.analysis.limits import BEYOND
 from microvib.analysis.lines import steady
 from microvib.analysis.start import still_held
-from microvib.errors import OptionError, SimulationError, expect
+from microvib.errors import OptionError, SimulationError, expect, expect_list
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, FAINT
@@ -195,6 +195,8 @@ def plan_rates(
     (``if __name__ == "__main__":``).
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_list(rates, "rates", "['0.06 deg/s']")
+    expect_list(microsteps or (), "microsteps", "[16, 32]")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
     microsteps = (scenario.driver.microsteps,) if microsteps is None else tuple(map(index, microsteps))
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
