@@ -111,13 +111,13 @@ def identify(
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
-    for key, given, example in (
+    for name, given, example in (
         ("evidence", evidence, "[recording]"),
         ("keys", keys, "['reducer.stiffness']"),
         ("share", share or (), "['reducer.stiffness']"),
         ("select", select, "['friction.presliding']"),
     ):
-        expect_list(given, key, example)
+        expect_list(given, name, example)
     effects = effects_of(select)
     every = switched(scenario, effects, effects)
     told = [_told(one, every) for one in evidence]
