@@ -23,8 +23,11 @@ from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence, observations
 from microvib.studies.identify import MODEL_ERROR, Candidate, Trust, parse_fit, switched
 from microvib.studies.identify.fit import without_the_start
+from microvib.studies.identify.keys import DAC_BITS
 from microvib.studies.identify.selection import Selector
 
+BITS = (7, 11)
+"""Whole numbers of bits that are drawn."""
 SIZES: dict[str, dict[str, float]] = {
     "driver.imperfections": {
         "driver.imperfections.gain_b": 0.01,
@@ -34,6 +37,7 @@ SIZES: dict[str, dict[str, float]] = {
     },
     "motor.detent_torque": {"motor.detent_torque": 0.01},
     "friction.presliding": {"friction.presliding.stiffness": 6000.0},
+    DAC_BITS: {},
     "reducer.hysteresis": {"reducer.hysteresis.loss": 1e-5, "reducer.hysteresis.stiffness": 2500.0},
 }
 """Central sizes; half to one and a half of them are drawn."""
@@ -43,7 +47,11 @@ def asked(
     start: Scenario, effects: Sequence[str], has: Sequence[str], random: np.random.Generator, seed: int
 ) -> tuple[Candidate, ...]:
     """What the recording of a drive that ``has`` some of the effects asks for."""
-    drawn = {key: size * random.uniform(0.5, 1.5) for name in has for key, size in SIZES[name].items()}
+    drawn: dict[str, object] = {
+        key: size * random.uniform(0.5, 1.5) for name in has for key, size in SIZES[name].items()
+    }
+    if DAC_BITS in has:
+        drawn[DAC_BITS] = int(random.integers(*BITS))
     clock = {"tracking.clock_ratio": start.tracking.clock_ratio * random.uniform(0.995, 1.005)}
     stiffness = {"reducer.stiffness": float(start.reducer.stiffness) * random.uniform(0.7, 1.3)}
     torque = mv.simulate(switched(start, effects, has).with_si({**drawn, **clock, **stiffness}), channels=("T_d",))[

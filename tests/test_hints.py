@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.errors import OptionError
-from microvib.studies.evidence import Evidence, Observation, evidence_of
+from microvib.studies.evidence import Evidence, Observation, at_parts, evidence_of
 from microvib.studies.identify import parse_fit
 from microvib.studies.identify.goodness import deviations
-from microvib.studies.identify.hints import hints
+from microvib.studies.identify.hints import LARGE, hints
 from microvib.studies.identify.intervals import Interval, profiles
 from microvib.studies.identify.problem import Problem, Trust, cost
 from microvib.studies.identify.search import Local, Optimum, local_at
@@ -44,7 +43,7 @@ def test_lines_of_rounded_references_are_told_and_no_others(short):
     torque = torque_of(rounding)
     (one,) = said(short, torque)
     assert one.startswith("full_step_")
-    assert "driver.imperfections.dac_bits is not fitted: set each number of bits" in one
+    assert "fit driver.imperfections.dac_bits, too" in one
     assert said(rounding, torque) == ()
     gain = short.with_si({"driver.imperfections.gain_b": 0.02})  # makes electrical_2, and is fitted
     assert said(short, torque_of(gain)) == ()
@@ -92,11 +91,10 @@ def test_what_the_evidence_does_not_tell_costs_no_profile(short):
     assert problem.ledger.simulations == before
 
 
-@pytest.mark.parametrize(
-    "key", ["driver.imperfections.dac_bits", "driver.microsteps", "friction.slip_ring.contact_pairs"]
-)
-def test_whole_numbers_are_set_and_not_fitted(short, key):
-    with pytest.raises(
-        OptionError, match="is a whole number, which is set and not fitted; identify with each that may be"
-    ):
-        parse_fit(short, key)
+def test_noise_at_a_part_of_the_driving_frequency_is_no_motion_of_another_period(short):
+    """Where driving lines are small, a bin of noise is more than a fiftieth of them."""
+    torque = 0.02 * torque_of(short)
+    noise = np.random.default_rng(2).normal(0.0, 4e-3, torque.size)
+    part = at_parts(torque + noise, 4096.0, short.driving_frequency)
+    assert part[1] > LARGE * part[0]
+    assert not any("repeats every" in sentence for sentence in said(short, torque + noise))

@@ -18,7 +18,7 @@ from microvib.reports.identification import fit_folder, fit_json, fit_text
 from microvib.reports.rendering import write_study
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
-from microvib.studies.identify import Candidate, Trust, effects_of, identify, parse_fit, selection, switched
+from microvib.studies.identify import Candidate, Trust, effects_of, identify, parse_fit, parse_key, selection, switched
 from microvib.studies.identify.goodness import Goodness, goodness
 from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import Descent, Optimum
@@ -280,7 +280,7 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
     ("text", "complaint"),
     [
         ("reducer.stifness", "is not a key of the scenario; allowed are motor.current"),
-        ("driver.microsteps", "is a whole number, which is set and not fitted"),
+        ("driver.microsteps", "is a whole number; give those that may be"),
         ("reducer.stiffness=9000:3000", "needs a unit|below HIGH"),
         ("reducer.stiffness=9000 N*m/rad:3000 N*m/rad", "LOW must be below HIGH"),
         ("reducer.output_inertia", "starts at 0; give its range"),
@@ -293,7 +293,7 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
 )
 def test_bad_fit_keys_are_one_sentence(start, text, complaint):
     with pytest.raises(MicrovibError, match=complaint):
-        parse_fit(start, text)
+        parse_key(start, text)
 
 
 def test_bad_evidence_is_one_sentence(start, tmp_path):
@@ -461,6 +461,16 @@ def test_what_is_shared_must_be_fitted_and_in_every_scenario(recording, start):
         identify(rigid, [one, (one, start)], ["reducer.hysteresis.loss"])
 
 
+def test_a_mode_that_does_not_seem_to_decay_is_a_row_as_others_are(fit):
+    """Its decay, 0, has no relative difference."""
+    ((one, before),), ((_, after),) = fit.before, fit.after
+    told = [replace(o, value=0.0) if o.form == "decay" else o for o in one.observations]
+    still = replace(one, observations=tuple(told))
+    shown = fit_text(replace(fit, before=((still, before),), after=((still, after),)))
+    (row,) = [line for line in shown.splitlines() if line.startswith("array_mode_1 decay")]
+    assert len(row.split()) == 5
+
+
 def test_candidates_are_switched_on_and_off(start):
     on = switched(start, list(EFFECTS), list(EFFECTS))
     assert on.friction.presliding is not None
@@ -509,7 +519,8 @@ class Told(Selector):
 def test_a_single_effect_is_held_against_the_scatter_that_is_left(monkeypatch, start):
     """Where no model explains the evidence, chi-square falls far by any parameter: that alone asks for nothing."""
     monkeypatch.setattr(selection, "goodness", lambda *_: Goodness(2e5, 18, 2))
-    monkeypatch.setattr(Told, "fitted", lambda self, on: (None, Optimum(np.zeros(0), np.zeros(0), 0.0)))
+    posed = Problem(start, [], [parse_fit(start, "reducer.stiffness")], Trust(0.004))
+    monkeypatch.setattr(Told, "fitted", lambda self, on: (posed, Optimum(np.zeros(0), np.zeros(0), 0.0)))
     selector = Told(start, [], [], ["motor.detent_torque"], Trust(0.004), 1, 8, None)
     (told,) = selector.run()[-1]
     assert not told.selected

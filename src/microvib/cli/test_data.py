@@ -97,7 +97,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     multiple=True,
     required=True,
     metavar="KEY[=LOW:HIGH]",
-    help="A parameter to identify, with its range.",
+    help="A parameter to identify, with its range; of a whole number each in its range is tried.",
 )
 @set_option
 @target_options("Folder for fit, scenario and report [default: print only].")
@@ -114,7 +114,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     multiple=True,
     metavar="EFFECT[,EFFECT]",
     help="Effects that are taken in, and fitted, where the evidence asks for them, such as motor.detent_torque; or all."
-    " False alarms of detent torque and driver errors are counted; of other effects it is a hint.",
+    " False alarms of detent torque, driver errors, bits and presliding are counted; of other effects it is a hint.",
 )
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
 @click.option("--starts", default=96, type=click.IntRange(2, 100_000), help="Points of the global search.")
@@ -149,11 +149,11 @@ def identify(
     from microvib.io.sources import open_source
     from microvib.reports.identification import fit_folder, fit_text
     from microvib.studies.evidence import chosen, evidence_of
-    from microvib.studies.identify import effects_of, parse_fit, switched
+    from microvib.studies.identify import effects_of, parse_key, switched
     from microvib.studies.identify import identify as run_identification
 
     loaded = load(scenario, settings)
-    fit_keys = [parse_fit(loaded, key) for key in keys]
+    fit_keys = [parse_key(loaded, key) for key in keys]
     each, common = _part("model_error", model_error, 0.0), _part("common_error", common_error, -1.0)
     prepared = preparation(prepare)
     effects = effects_of(_listed(select))

@@ -6,7 +6,6 @@ import csv
 import hashlib
 import json
 import math
-import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
@@ -131,9 +130,7 @@ def read_run(folder: Path | str) -> Run:
         limit = _limit(said.get("limit"))
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
-        raise MicrovibError(
-            f"{written}: was changed since the run; run it again: microvib run {shlex.quote(str(written))}"
-        )
+        raise MicrovibError(f"{written}: was changed since the run; run it again: microvib run {written}")
     scenario = load_scenario(written)
     motion = _motion(folder / "motion.nc", scenario, first)
     other = scenario.driven_wing

@@ -39,8 +39,9 @@ _LEANING = (
 )
 _SELECTION = (
     "Candidates, each beside all that the evidence asks for: by how much chi-square is lower with it than without, and what it must"
-    " exceed, so that evidence without any of them would ask for one in five of a hundred cases. Counted are false alarms of detent"
-    " torque and of driver errors, in 37 recordings without them, of which none asked; take other effects as a hint."
+    " exceed, so that evidence without any of them would ask for one in five of a hundred cases. Of bits each whole number is a"
+    " candidate; of what scatters, as friction with memory does, the scatter counts against it. False alarms of detent torque,"
+    " driver errors, bits and friction with memory were counted; take other effects as a hint."
 )
 _MAX_OFF, _MAX_LEANING, _MAX_PICTURES = 12, 8, 6
 OUTSTANDING = 8.0
@@ -52,14 +53,14 @@ def fit_text(fit: Fit) -> str:
     """Goodness of fit, what is off, estimates with verdicts, and the lines before and after, as text."""
     lines = [fit.goodness.sentence, *_warnings(fit), *_off_text(fit), ""]
     lines += [f"{'parameter':32s} {'estimate':>12s} {'std error':>10s} {'95 % interval':>25s}  {'unit':12s} verdict"]
-    for e in fit.estimates:
-        error = brief(e.standard_error, 2) or "withheld"
+    for e in fit.parameters:
+        error = brief(e.standard_error, 2) or ("withheld" if math.isnan(e.interval[0]) else "-")
         row = f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}"
         lines.append(row.rstrip())
     lines += _alternatives_text(fit) + [one.sentence for one in fit.selection]
     lines += ["", f"{'observed':28s} {'test':>12s} {'before':>12s} {'after':>12s} {'before %':>9s} {'after %':>9s}"]
     lines += [
-        f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {percent(before / test - 1):>9s} {percent(after / test - 1):>9s}"
+        f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {_off_by(before, test):>9s} {_off_by(after, test):>9s}"
         for name, test, before, after in _figures(fit)
     ]
     lines.append("")
@@ -89,7 +90,7 @@ def _shared(fit: Fit) -> list[str]:
     """Which parameters have one value in all recordings, and which one in each."""
     if len(fit.after) == 1:
         return []
-    all_, own = ([e.key for e in fit.estimates if bool(e.recording) == each] for each in (False, True))
+    all_, own = ([e.key for e in fit.parameters if bool(e.recording) == each] for each in (False, True))
     texts = (
         f"One value in all {len(fit.after)} recordings: {', '.join(all_) or 'none'}",
         f"one in each: {', '.join(own)}",
@@ -136,7 +137,14 @@ def _rests(fit: Fit) -> list[tuple[Evidence, Rest, np.ndarray]]:
 
 
 def _prepared(fit: Fit) -> list[str]:
-    return [f"{e.name}: {'; '.join(e.notes)}." for e, _ in fit.after if e.notes]
+    """The step clock that each recording told, and what was done to it."""
+    clocks = [
+        f"{e.name}: its step clock is {e.clock_ratio:.6g} times the scenario's; a sampling clock that is off counts in that, and"
+        " in the frequencies of modes."
+        for e, _ in fit.after
+        if e.clock_ratio is not None
+    ]
+    return clocks + [f"{e.name}: {'; '.join(e.notes)}." for e, _ in fit.after if e.notes]
 
 
 def _off_text(fit: Fit) -> list[str]:
@@ -174,6 +182,11 @@ def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
     ]  # fmt: skip
 
 
+def _off_by(value: float, test: float) -> str:
+    """Relative difference from the test's figure in per cent; empty where that is 0, as the decay of what seems to last."""
+    return percent(value / test - 1.0) if test else ""
+
+
 def fit_json(fit: Fit) -> dict[str, Any]:
     """What ``fit.json`` holds."""
     names = [e.key for e in fit.estimates]
@@ -197,7 +210,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
                 "low": e.low, "high": e.high, "identifiable": e.identifiable, "verdict": e.verdict,
                 "shared": not e.recording, "recording": e.recording or None,
             }
-            for e in fit.estimates
+            for e in fit.parameters
         },
         "selection": [asdict(one) | {"sentence": one.sentence} for one in fit.selection],
         "left": [
@@ -234,7 +247,7 @@ def fit_report(fit: Fit) -> Document:
         "Identification report",
         f"Identification: {fit.scenario.title or 'drive'}",
         f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
-        facts=[good, *map(_estimated, fit.estimates[:3])],
+        facts=[good, *map(_estimated, fit.parameters[:3])],
         first_page=(
             Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit), *_alternatives(fit),
             *_selected(fit),
@@ -275,9 +288,9 @@ def _estimates(fit: Fit) -> Table:
     rows = [
         [e.key, with_error(e.estimate, e.standard_error), _interval(e), pretty(e.unit), f"{plain(e.low)} to {plain(e.high)}",
          e.verdict]
-        for e in fit.estimates
+        for e in fit.parameters
     ]  # fmt: skip
-    marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.estimates) if not e.identifiable}
+    marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.parameters) if not e.identifiable}
     return table(header, rows, "", marks)
 
 
@@ -331,7 +344,7 @@ def _before_and_after(fit: Fit) -> Table:
     for name, *values in _figures(fit):
         unit, digits, scale = ("mN m", 4, 1e3) if _is_torque(name) else ("Hz" if "frequency" in name else "1/s", 6, 1.0)
         shown = [format_number(value, digits, scale) for value in values]
-        rows.append([name, unit, *shown, *(percent(value / values[0] - 1) for value in values[1:])])
+        rows.append([name, unit, *shown, *(_off_by(value, values[0]) for value in values[1:])])
     return table(header, rows)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -25,7 +25,7 @@ from microvib.signals.line_table import DETECTION, DRIVEN, SEEN, Line, LineTable
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
 from microvib.testdata.recording import Recording
-from microvib.units import Band, Si, band, inside
+from microvib.units import Band, Si, band
 
 PAPER_CLOCK = 0.994
 """Step clock over nominal that fits the peaks of Table 5 (53, 106, 159.0625 Hz)."""
@@ -79,6 +79,19 @@ class Evidence:
     """``at_parts`` of a recording."""
     noise: float = 0.0
     """Density [N^2 m^2/Hz] of torque noise that the floor of a recording may be, where its scenario has none."""
+    prepared: Prepared | None = field(default=None, repr=False, compare=False)
+    """The recording itself; None of a table."""
+    channel: str = ""
+    """Its channel."""
+
+    def of_channel(self, channel: str, scenario: Scenario) -> Evidence:
+        """What another channel tells of the same lines."""
+        assert self.prepared is not None
+        its = replace(self.prepared.recording, channels={channel: self.prepared.recording[channel]})
+        other = evidence_of(replace(self.prepared, recording=its), scenario, channel, self.name)
+        lines = {o.line for o in self.observations}
+        kept = tuple(o for o in other.observations if o.line in lines and (not o.against or o.against in lines))
+        return replace(other, observations=kept)
 
 
 PARTS = {2: "second", 3: "third"}
@@ -115,7 +128,9 @@ def chosen(
             "": ends[0][0] if ends else 0.0
         }
         at |= {o.line: o.bin_hz for o in one.observations if o.bins}
-        wanted = {name for name, f in at.items() if not ends or any(inside(f, *pair) for pair in ends)} - set(without)
+        wanted = {name for name, f in at.items() if not ends or any(low <= f <= high for low, high in ends)} - set(
+            without
+        )
         kept.append([o for o in one.observations if {o.line, o.against} <= wanted])
     if not any(kept):
         raise OptionError("without" if without else "band", "leaves no line of the evidence")
@@ -141,7 +156,17 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
             noise = _allowed(r[channel], r.sample_rate, table, scenario)
             notes = (*r.notes, *clock_notes(table))
             return Evidence(
-                r.title, found, table.clock_ratio, r.duration, r.sample_rate, notes, table.rest, parts, noise
+                r.title,
+                found,
+                table.clock_ratio,
+                r.duration,
+                r.sample_rate,
+                notes,
+                table.rest,
+                parts,
+                noise,
+                source,
+                channel,
             )
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
@@ -282,17 +307,33 @@ def relative_phase(line: Line, against: Line) -> tuple[float, float]:
     With the orders j and k of both, and their least common multiple m: (m/j) phi_j - (m/k) phi_k. The full step is the order 4 of
     the electrical period, with three phases 6, with five 10.
     """
-    (family, mine), (other, its) = map(_order, (line.line, against.line))
+    (family, _), (other, _) = map(_order, (line.line, against.line))
+    steps = 1
     if family != other and "full_step" in (family, other):  # one is the electrical period's
-        per_turn = (line.frequency_hz / mine, against.frequency_hz / its)
+        per_turn = [one.frequency_hz / _order(one.line)[1] for one in (line, against)]
         if not math.isfinite(sum(per_turn)):  # one of them is not there
             return math.nan, math.nan
         steps = round(max(per_turn) / min(per_turn))
-        mine, its = (order * steps if name == "full_step" else order for name, order in ((family, mine), (other, its)))
-    common = math.lcm(mine, its)
-    mine, its = common // mine, common // its
+    mine, its = _multiples(line.line, against.line, steps)
     value = mine * line.phase_rad - its * against.phase_rad
     return value, math.hypot(mine * line.phase_uncertainty_rad, its * against.phase_uncertainty_rad)
+
+
+def _multiples(line: str, against: str, steps: int) -> tuple[int, int]:
+    """m/j and m/k of two lines, with ``steps`` full steps in an electrical period where they are of both."""
+    (family, mine), (other, its) = map(_order, (line, against))
+    if family != other:
+        mine, its = (order * steps if name == "full_step" else order for name, order in ((family, mine), (other, its)))
+    common = math.lcm(mine, its)
+    return common // mine, common // its
+
+
+def of_reversed(o: Observation, steps: int) -> Observation:
+    """The observation as it is where the channel's sign is reversed; ``steps`` are full steps in an electrical period."""
+    if not o.is_angle:
+        return o
+    mine, its = (1, 0) if o.form == "turn" else _multiples(o.line, o.against, steps)
+    return replace(o, value=math.remainder(o.value + math.pi * (mine - its), math.tau))
 
 
 def _order(name: str) -> tuple[str, int]:

@@ -10,7 +10,7 @@ A calibration is not a prediction: parameters that are fitted to some lines say 
 
 from microvib.studies.identify.fit import MODEL_ERROR, Fit, identify
 from microvib.studies.identify.goodness import Deviation, Goodness
-from microvib.studies.identify.keys import FitKey, parse_fit
+from microvib.studies.identify.keys import FitKey, WholeKey, parse_fit, parse_key
 from microvib.studies.identify.problem import FitProgress, Trust
 from microvib.studies.identify.selection import Candidate, effects_of, switched
 from microvib.studies.identify.verdict import Estimate, Leaning
@@ -26,8 +26,10 @@ __all__ = [
     "Goodness",
     "Leaning",
     "Trust",
+    "WholeKey",
     "effects_of",
     "identify",
     "parse_fit",
+    "parse_key",
     "switched",
 ]

@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OptionError, expect, expect_list
+from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of
-from microvib.studies.identify import verdict
+from microvib.studies.identify import verdict, whole
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.hints import hints
 from microvib.studies.identify.intervals import profiles
-from microvib.studies.identify.keys import FitKey, parse_fit
+from microvib.studies.identify.keys import FitKey, WholeKey, parse_key
+from microvib.studies.identify.misread import misread
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
 from microvib.studies.identify.scattered import jumps, scattered
 from microvib.studies.identify.search import Optimum, confirm, local_at, material, search
@@ -61,15 +62,22 @@ class Fit:
     """What was done to the evidence, in words."""
     selection: tuple[Candidate, ...] = ()
     """What the evidence asks for, of the effects that were candidates."""
+    whole: tuple[Estimate, ...] = ()
+    """Whole numbers, each of which was tried; between the ends of their intervals are those that explain the evidence as well."""
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{e.key} {e.estimate:.6g}" for e in self.estimates)
+        found = ", ".join(f"{e.key} {e.estimate:.6g}" for e in self.parameters)
         return f"Fit of {self.observations} observations, {'usable' if self.usable else 'not usable'}: {found}"
 
     @property
     def scenario(self) -> Scenario:
         """With what was fitted; that of the first recording, where some values are its own."""
         return self.scenarios[0]
+
+    @property
+    def parameters(self) -> tuple[Estimate, ...]:
+        """All that was fitted."""
+        return (*self.estimates, *self.whole)
 
     @property
     def usable(self) -> bool:
@@ -84,7 +92,7 @@ Test = Tells | tuple[Tells, Own]
 def identify(
     scenario: Scenario,
     evidence: Sequence[Test],
-    keys: Sequence[FitKey | str],
+    keys: Sequence[FitKey | WholeKey | str],
     *,
     share: Sequence[str] | None = None,
     select: Sequence[str] = (),
@@ -99,32 +107,26 @@ def identify(
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
 
     Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in a pair it comes with the changes
-    of the scenario that make its test (another state, another rate), or with its own scenario. Keys are as ``parse_fit`` takes
-    them. Those in ``share`` have one value in all recordings, others one in each; without it all are shared. Of the effects in
-    ``select`` (``selection.EFFECTS``) those are taken in, and fitted, that the evidence asks for. ``model_error`` is
-    the relative standard deviation that each amplitude is trusted to beyond its own uncertainty, ``common_error`` that of all
-    amplitudes of a recording together, ``settle_error`` that of ``record.settle``: without it nobody knows in which quarter
-    of the electrical turn a recording begins, and the driver's errors are known up to such quarters only (``Fit.alternatives``).
+    of the scenario that make its test (another state, another rate), or with its own scenario. Keys are as ``parse_key`` takes
+    them; of a whole number, one in all recordings, each that may be is tried. Those in ``share`` have one value in all
+    recordings, others one in each; without it all are shared. Of the effects in ``select`` (``selection.EFFECTS``) those are
+    taken in, and fitted, that the evidence asks for. ``model_error`` is the relative standard deviation that each amplitude is
+    trusted to beyond its own uncertainty, ``common_error`` that of all amplitudes of a recording together, ``settle_error`` that
+    of ``record.settle``: without it nobody knows in which quarter of the electrical turn a recording begins, and the driver's
+    errors are known up to such quarters only (``Fit.alternatives``).
     Interrupting (Ctrl-C) ends the search and returns what was best so far. Same seed, same result.
 
     A range that the user did not state is widened until the best lies inside. Where the fit does not explain the evidence
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
-    for name, given, example in (
-        ("evidence", evidence, "[recording]"),
-        ("keys", keys, "['reducer.stiffness']"),
-        ("share", share or (), "['reducer.stiffness']"),
-        ("select", select, "['friction.presliding']"),
-    ):
-        expect_list(given, name, example)
     effects = effects_of(select)
     every = switched(scenario, effects, effects)
     told = [_told(one, every) for one in evidence]
-    fitted = _each(every, told, keys, share)
-    for key in fitted:
-        if any(key.key in EFFECTS[name].keys for name in effects):
-            raise OptionError("select", "is fitted, and so taken for granted; name it in one place", key.key)
+    fitted, wholes = _each(every, told, keys, share)
+    for taken in (*(key.key for key in fitted), *(key.key for key in wholes)):
+        if any(taken in (name, *EFFECTS[name].keys) for name in effects):
+            raise OptionError("select", "is fitted, and so taken for granted; name it in one place", taken)
     late = math.inf if settle_error is None else quantity("settle_error", settle_error, "s", positive=True)
     trust = Trust(model_error, common_error, late)
     tests, notes = without_the_start(told, scenario, fitted, trust)
@@ -132,15 +134,16 @@ def identify(
     asked: tuple[Candidate, ...] = ()
     if progress is not None:
         progress("global", 0, math.inf, {})
-    if effects:
-        selector = Selector(scenario, tests, fitted, effects, trust, seed, starts, progress)
+    if effects or wholes:
+        selector = Selector(scenario, tests, fitted, effects, trust, seed, starts, progress, wholes)
         scenario, tests, fitted, asked = selector.run()
+        wholes += [its for one in asked if one.selected and (its := EFFECTS[one.effect].whole)]
     problem = Problem(scenario, tests, fitted, trust, progress)
     if not problem.figures:
         raise MicrovibError("the evidence has no observation above its floor")
     found, interrupted = None, False
     try:
-        for stage in _stages(problem, seed, starts, finishes):
+        for stage in _with_wholes(problem, wholes, seed, starts, finishes):
             found = stage
     except KeyboardInterrupt:
         interrupted = True
@@ -152,7 +155,7 @@ def identify(
             problem = problem.whole
             r = problem.residuals([x])[0]
         found = Findings(problem, Optimum(x, r, cost(r)))
-    return replace(_fit(found, scenario, seed, interrupted, notes), selection=asked)
+    return replace(_fit(found, wholes, seed, interrupted, notes), selection=asked)
 
 
 def _told(test: Test, scenario: Scenario) -> tuple[Evidence, Own]:
@@ -167,30 +170,39 @@ def _told(test: Test, scenario: Scenario) -> tuple[Evidence, Own]:
 def _each(
     scenario: Scenario,
     evidence: Sequence[tuple[Evidence, Own]],
-    keys: Sequence[FitKey | str],
+    keys: Sequence[FitKey | WholeKey | str],
     share: Sequence[str] | None,
-) -> list[FitKey]:
+) -> tuple[list[FitKey], list[WholeKey]]:
     """The keys, those that are not shared once for each recording; refuses one that is fitted twice, or that a test sets."""
-    fitted = [parse_fit(scenario, key) if isinstance(key, str) else key for key in keys]
+    fitted = [parse_key(scenario, key) if isinstance(key, str) else key for key in keys]
     names, shared = [key.key for key in fitted], set(share if share is not None else (key.key for key in fitted))
     for name in shared - set(names):
         raise OptionError("share", "is not fitted; name it among the keys to fit, too", name)
-    found = []
+    found: list[FitKey] = []
     for key, asked in zip(fitted, keys, strict=True):
         if names.count(key.key) > 1:
             raise OptionError("fit", "is named twice; name each key once", key.key)
+        one_in_all = key.key in shared or len(evidence) == 1
+        if isinstance(key, WholeKey) and not one_in_all:
+            raise OptionError(
+                "share", "is a whole number, which has one value in all recordings; name it, too", key.key
+            )
         for j, (one, own) in enumerate(evidence):
             if not isinstance(own, Scenario) and key.key in own:
                 raise OptionError("fit", f"the test {one.name} sets it itself; fit it or set it", key.key)
             if isinstance(own, Scenario) and key.key not in {name for name, _, _ in own.entries()}:
                 raise OptionError("fit", f"the scenario of {one.name} does not have it", key.key)
-            if key.key in shared or len(evidence) == 1:
+            if one_in_all:
                 continue
-            alone = parse_fit(owned(scenario, own), asked) if isinstance(asked, str) else key
+            alone = parse_key(owned(scenario, own), asked) if isinstance(asked, str) else key
+            assert isinstance(alone, FitKey)
             again = sum(other.name == one.name for other, _ in evidence) > 1
             found.append(replace(alone, test=j, recording=f"{one.name} {j + 1}" if again else one.name))
-        found += [key] if key.key in shared or len(evidence) == 1 else []
-    return found
+        found += [key] if isinstance(key, FitKey) and one_in_all else []
+    wholes = [key for key in fitted if isinstance(key, WholeKey)]
+    if not found:
+        raise OptionError("fit", "is a whole number; fit a parameter that is none beside it", names[0])
+    return found, wholes
 
 
 def _on_craft(tests: Sequence[tuple[Evidence, Own]], scenario: Scenario) -> Iterator[str]:
@@ -240,6 +252,25 @@ def _turn(o: Observation, scenario: Scenario, clock: float, trust: Trust) -> Obs
     return replace(o, uncertainty=math.hypot(o.uncertainty, math.tau * order * clock / turn * trust.settle))
 
 
+def _with_wholes(
+    problem: Problem, wholes: Sequence[WholeKey], seed: int, starts: int, finishes: int
+) -> Iterator[Findings]:
+    """What is known after each stage, at last with whole numbers; where another is better, from there again."""
+    for _ in range(2):
+        for found in _stages(problem, seed, starts, finishes):
+            yield found
+        if not goodness(found.problem, found.best.r).explained:
+            yield replace(found, misread=misread(problem))
+        if not wholes or verdict.refusal(found):
+            return
+        tried, better = whole.each_tried(found, wholes)
+        if better is None:
+            yield replace(found, whole=tried)
+            return
+        problem = better
+    yield replace(found, converged=False)
+
+
 def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator[Findings]:
     """What is known after the search, after a second one and, if the model explains the evidence, with intervals."""
     problem, optima = search(problem, seed, starts, finishes)
@@ -273,32 +304,36 @@ def _with_intervals(found: Findings) -> Iterator[Findings]:
     yield replace(found, converged=False)
 
 
-def _fit(found: Findings, scenario: Scenario, seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
+def _fit(found: Findings, wholes: Sequence[WholeKey], seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
     problem, best = found.problem, found.best
     of_each = tuple(verdict.estimate(found, k) for k in range(best.x.size))
+    whole_numbers = tuple(whole.estimate(found, key) for key in wholes)
     tests = [one for one, _ in problem.tests]
     names = ", ".join(one.name for one in tests)
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
     fit, off = goodness(problem, best.r), deviations(problem, best.x)
-    notes += hints(problem.tests, after, off) + ((found.note,) if found.note else ())
+    notes += (*found.misread, *hints(problem.tests, after, off), *((found.note,) if found.note else ()))
     return Fit(
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
-        _fitted(found, of_each, names, scenario), fit.chi_square, problem.figures,
+        _fitted(found, of_each, whole_numbers, names), fit.chi_square, problem.figures,
         problem.ledger.simulations, seed, interrupted, fit, off, found.leanings, found.converged,
-        tuple(problem.named(o.x) for o in found.rivals), notes,
+        tuple(problem.named(o.x) for o in found.rivals), notes, whole=whole_numbers,
     )  # fmt: skip
 
 
-def _fitted(found: Findings, of_each: Sequence[Estimate], names: str, scenario: Scenario) -> tuple[Scenario, ...]:
+def _fitted(
+    found: Findings, of_each: Sequence[Estimate], wholes: Sequence[Estimate], names: str
+) -> tuple[Scenario, ...]:
     """Scenarios with what was fitted: the one that all have, or one for each recording, where some values are its own."""
     problem, said = found.problem, {e.key: source(e, e.recording or names) for e in of_each}
+    also = {e.key: source(e, names) for e in wholes}
     alike = all(key.test is None for key in problem.keys)
-    each = [scenario] if alike else [owned(scenario, own) for _, own in problem.evidence]
+    each = [problem.scenario] if alike else [owned(problem.scenario, own) for _, own in problem.evidence]
     return tuple(
         one.with_si(dict(problem.changes(found.best.x, j))).with_sources(
-            dict(one.sources) | {key: said[label] for key, label in problem.labels(j).items()}
+            dict(one.sources) | {key: said[label] for key, label in problem.labels(j).items()} | also
         )
         for j, one in enumerate(each)
     )
@@ -309,7 +344,8 @@ def source(e: Estimate, names: str) -> str:
     value = f"{e.estimate:.6g} {e.unit}".rstrip()
     if not e.identifiable:
         return f"assumed: fitted to {names}, {e.verdict}: {value}"
-    return f"identified from {names}: {e.estimate:.6g} ± {e.standard_error:.2g} {e.unit}".rstrip()
+    error = f" ± {e.standard_error:.2g}" if math.isfinite(e.standard_error) else ""
+    return f"identified from {names}: {e.estimate:.6g}{error} {e.unit}".rstrip()
 
 
 def _sensitivities(findings: Findings) -> dict[str, tuple[float, ...]]:

@@ -16,6 +16,8 @@ OFF = 3.0
 """Standard deviations above which a figure counts as off."""
 FEW = 3
 """Degrees of freedom below which the data hardly check the model."""
+DOUBTFUL = 0.05
+"""Probability of so large a chi-square below which a model is doubtful where the data hardly check it."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,13 @@ class Goodness:
     def ratio(self) -> float:
         """Chi-square per degree of freedom; where there is none, chi-square itself."""
         return self.chi_square / max(self.freedom, 1)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether few degrees of freedom are left to check the model, and these speak against it."""
+        from scipy.stats import chi2
+
+        return 0 < self.freedom < FEW and float(chi2.sf(self.chi_square, self.freedom)) < DOUBTFUL
 
     @property
     def limit(self) -> float:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from microvib.model.scenario import Scenario
+from microvib.signals.line_table import DETECTION
 from microvib.studies.evidence import PARTS, Evidence, Simulated, at_parts
 from microvib.studies.identify.goodness import Deviation
 
@@ -31,7 +34,8 @@ def hints(
     """Sentences on what the model, whose lines of each test are ``after``, seems to lack."""
     found: list[str] = []
     for (one, scenario), simulated in zip(tests, after, strict=True):
-        found += _period(one, at_parts(simulated.torque, simulated.sample_rate, scenario.driving_frequency))
+        clock = scenario.driving_frequency or 0.0
+        found += _period(one, at_parts(simulated.torque, simulated.sample_rate, scenario.driving_frequency), clock)
         if loose(one, scenario):
             found.append(
                 f"{one.name}: its floor between the lines may be torque noise of some {one.noise:.1g} N^2*m^2/Hz, which frees what"
@@ -45,7 +49,7 @@ def hints(
     if rounded and any(scenario.driver.imperfections.dac_bits is None for _, scenario in tests):
         found.append(
             f"{', '.join(rounded)}: more than {ABOVE:g} times the model's, as where a driver rounds its references;"
-            " driver.imperfections.dac_bits is not fitted: set each number of bits that may be, such as 8, and compare the fits."
+            " fit driver.imperfections.dac_bits, too, or name it among the effects to select from."
         )
     return tuple(found)
 
@@ -56,10 +60,19 @@ def _order(name: str) -> int:
     return int(order) if stem == "full_step" and order.isdigit() else 0
 
 
-def _period(one: Evidence, model: Sequence[float]) -> Iterator[str]:
+def _floor(one: Evidence, frequency: float) -> float:
+    """Floor of a recording at a frequency [Hz]; 0 of a table."""
+    if one.rest is None or one.rest.floor is None or not one.rest.floor.size:
+        return 0.0
+    return float(np.interp(frequency, one.rest.frequency, one.rest.floor))
+
+
+def _period(one: Evidence, model: Sequence[float], clock: float) -> Iterator[str]:
     """Whether the recording or the model alone repeats after several microsteps."""
     for k, (part, word) in enumerate(PARTS.items(), 1):
         if not one.parts or not model or max(one.parts[k], model[k]) < LARGE * one.parts[0]:
+            continue
+        if max(one.parts[k], model[k]) < 2.0 * DETECTION * _floor(one, clock / part):
             continue
         if max(one.parts[k], model[k]) > APART * min(one.parts[k], model[k]):
             mine, other = ("recording", "model") if one.parts[k] > model[k] else ("model", "recording")

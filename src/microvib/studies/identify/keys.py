@@ -16,6 +16,10 @@ WIDENINGS = 3
 RIM = 0.05
 """Part of a range at each of its ends within which a best value is not in its inside."""
 DAC_BITS = "driver.imperfections.dac_bits"
+USUAL_WHOLE = {DAC_BITS: (4, 14)}
+"""Whole numbers that are tried where no range is stated."""
+MOST_WHOLE = 32
+"""Whole numbers that are tried at most."""
 _SETTINGS = {"record.duration", "record.sample_rate"}
 """Keys that the recording sets."""
 
@@ -102,6 +106,47 @@ class FitKey:
         return replace(self, low=low, high=high)
 
 
+@dataclass(frozen=True)
+class WholeKey:
+    """A whole number that is sought among ``low`` to ``high``, each of which is tried."""
+
+    key: str
+    low: int
+    high: int
+
+    @property
+    def numbers(self) -> range:
+        """All of them."""
+        return range(self.low, self.high + 1)
+
+
+def parse_key(scenario: Scenario, text: str) -> FitKey | WholeKey:
+    """What ``parse_fit`` takes, or a whole number, ``KEY=LOW:HIGH``; the driver's bits without a range, too."""
+    key, _, span = (part.strip() for part in text.partition("="))
+    value = {name: value for name, value, _ in scenario.entries()}.get(key)
+    if key != DAC_BITS and (not isinstance(value, int) or isinstance(value, bool)):
+        return parse_fit(scenario, text)
+    if not span and key not in USUAL_WHOLE:
+        raise OptionError("fit", f"is a whole number; give those that may be, {key}=LOW:HIGH", key)
+    low, high = _whole(text, span) if span else USUAL_WHOLE[key]
+    _refuse_what_is_known(scenario, key, value)
+    for end in (low, high):
+        try:
+            scenario.with_si({key: end})
+        except MicrovibError as error:
+            raise OptionError("fit", str(error), text) from None
+    return WholeKey(key, low, high)
+
+
+def _whole(text: str, span: str) -> tuple[int, int]:
+    first, _, last = (part.strip() for part in span.partition(":"))
+    if not (first.isdecimal() and last.isdecimal() and int(first) < int(last) < int(first) + MOST_WHOLE):
+        raise OptionError(
+            "fit", f"write KEY=LOW:HIGH with whole numbers, LOW below HIGH, and at most {MOST_WHOLE} of them", text
+        )
+    return int(first), int(last)
+
+
 def parse_fit(scenario: Scenario, text: str) -> FitKey:
     """``KEY`` or ``KEY=LOW:HIGH`` with units; without a range a factor of four each way, ten per cent for a frequency.
 
@@ -118,11 +163,6 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     if key not in entries:
         raise OptionError("fit", f"is not a key of the scenario; allowed are {', '.join(fittable(scenario))}", key)
     value, quantity = entries[key]
-    if key == DAC_BITS or (isinstance(value, int) and not isinstance(value, bool)):
-        asked = "identify with each that may be, and compare the goodness of fit"
-        raise OptionError(
-            "fit", f"is a whole number, which is set and not fitted; {asked}, {key}=...", key, remedy="set"
-        )
     if quantity is None or not isinstance(value, float):
         raise OptionError("fit", f"is {value!r}, not a number; start it from a number, {key}=...", key, remedy="set")
     _refuse_what_is_known(scenario, key, value)
@@ -157,7 +197,7 @@ def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:
     return FitKey(key, low, high, quantity.unit)
 
 
-def _refuse_what_is_known(scenario: Scenario, key: str, value: float) -> None:
+def _refuse_what_is_known(scenario: Scenario, key: str, value: object) -> None:
     """Refuse what the recording itself gives, and what is not a property of the drive."""
     if key in _SETTINGS:
         raise OptionError("fit", "belongs to the recording and is not fitted", key)
@@ -171,12 +211,18 @@ def _refuse_what_is_known(scenario: Scenario, key: str, value: float) -> None:
         raise OptionError("fit", text, key, remedy="set")
 
 
-def moves_the_clock(scenario: Scenario, key: str, value: float) -> bool:
+def moves_the_clock(scenario: Scenario, key: str, value: object) -> bool:
     """Whether the step clock, microsteps per second, changes with a key."""
     if key == "tracking.clock_ratio":
         return True
+    if isinstance(value, float):
+        other: float = value * 1.001 if value else 1e-3
+    elif isinstance(value, int):
+        other = 2 * value
+    else:
+        return False
     try:
-        moved = scenario.with_si({key: value * 1.001 if value else 1e-3})
+        moved = scenario.with_si({key: other})
     except MicrovibError:
         return False
     return moved.driving_frequency != scenario.driving_frequency

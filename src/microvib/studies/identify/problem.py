@@ -374,6 +374,14 @@ class Problem:
                 self.ledger.note(self, x, r)
         return found
 
+    def least(self, change: np.ndarray) -> np.ndarray:
+        """A change of residuals, (rows,) or several (n, rows), without whole turns of angles."""
+        angles = np.flatnonzero([o.is_angle for _, o in self.observed])
+        turn = math.tau / self.weights[angles]
+        change = change.copy()
+        change[..., angles] -= turn * np.rint(change[..., angles] / turn)
+        return change
+
     def weighted(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Differences over their standard deviations, the most likely common error taken off; and that of each recording."""
         if self.trust.common == 0.0:

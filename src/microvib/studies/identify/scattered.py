@@ -19,7 +19,7 @@ from microvib.model.scenario import Scenario
 from microvib.studies.evidence import ONE_DRAW
 from microvib.studies.identify.intervals import Interval
 from microvib.studies.identify.problem import Problem, cost, weight
-from microvib.studies.identify.search import Local, Optimum
+from microvib.studies.identify.search import Local, Optimum, local_at
 from microvib.studies.identify.verdict import SETTLE, Findings, Leaning, doubt, rivals
 
 SHIFTS = (3e-5, 3e-4)
@@ -55,7 +55,7 @@ def jumps(problem: Problem, best: Optimum, local: Local) -> bool:
     signs = np.random.default_rng(1).choice([-1.0, 1.0], (3, best.x.size))
     points = [np.clip(best.x + shift * sign, problem.low, problem.high) for shift in SHIFTS for sign in signs]
     found = zip(points, problem.residuals(points), strict=True)
-    return max(float(np.linalg.norm(r - best.r - local.J @ (x - best.x))) for x, r in found) > JUMP
+    return max(float(np.linalg.norm(problem.least(r - best.r) - local.J @ (x - best.x))) for x, r in found) > JUMP
 
 
 def _noisy(problem: Problem) -> bool:
@@ -92,6 +92,21 @@ def scattered(problem: Problem, optima: Sequence[Optimum]) -> Findings:
     return replace(_found(looser, best, local, optima, converged, fit), leanings=_leanings(looser, best, local, size))
 
 
+def settled(problem: Problem, ends: Sequence[Optimum]) -> tuple[Problem, Optimum]:
+    """The best end of local fits; where figures jump about it, that of a regression, with their scatter in the weights."""
+    best = min(ends, key=lambda o: o.cost)
+    if not jumps(problem, best, local_at(problem, best)):
+        return problem, best
+    found = scattered(problem, [best])
+    return found.problem, found.best
+
+
+def misfit(problem: Problem, best: Optimum) -> float:
+    """Minus twice the log likelihood, but for a constant: cost of the figures, and logarithms of what their scatter widens."""
+    own = cost(best.r[: best.r.size - len(problem.keys)])
+    return own + 2.0 * float(np.sum(np.log(problem.weights / problem.tight)))
+
+
 def _found(
     problem: Problem, best: Optimum, local: Local, optima: Sequence[Optimum], converged: bool, fit: Regression
 ) -> Findings:
@@ -123,7 +138,9 @@ def _leanings(problem: Problem, best: Optimum, local: Local, size: np.ndarray) -
     part, values = doubt(problem), problem.values(best.x)
     points = [np.clip(x, problem.low, problem.high) for x in best.x + size * _cube(size.size, 4, ROUNDS)]
     later = _drawn(problem, points, ROUNDS + 1, [{SETTLE: settle * (1.0 + part)} for settle in settles])
-    change = np.mean([r - best.r - local.J @ (x - best.x) for x, r in zip(points, later, strict=True)], axis=0)
+    change = np.mean(
+        [problem.least(r - best.r) - local.J @ (x - best.x) for x, r in zip(points, later, strict=True)], axis=0
+    )
     moves = -(local.covariance / local.scatter) @ (local.J.T @ change) / part
     scale = [key.slope(v) / v for key, v in zip(problem.keys, values, strict=True)]
     return (Leaning(SETTLE, tuple((np.array(scale) * moves).tolist())),)
@@ -143,11 +160,12 @@ def _regression(problem: Problem, centre: np.ndarray, size: np.ndarray, power: i
     """From 2 to the ``power`` points, up to ``size`` off the centre."""
     points = np.clip(centre + size * _cube(centre.size, power, number), problem.low, problem.high)
     rows = np.array(_drawn(problem, list(points), number + 1))
+    rows = rows[0] + problem.least(rows - rows[0])  # an angle half a turn off is no angle that scatters
     columns = np.column_stack([np.ones(len(points)), points - centre])
     found = np.linalg.lstsq(columns, rows, rcond=None)[0]
     freedom = len(points) - columns.shape[1]
     variance = np.sum((rows - columns @ found) ** 2, axis=0) / freedom
-    return Regression(found[0], found[1:].T, variance, np.linalg.pinv(columns.T @ columns), freedom)
+    return Regression(problem.least(found[0]), found[1:].T, variance, np.linalg.pinv(columns.T @ columns), freedom)
 
 
 def _cube(m: int, power: int, number: int) -> np.ndarray:

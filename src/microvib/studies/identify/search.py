@@ -96,7 +96,7 @@ class Descent:
             there = self._at(self._moved(here.x, move))
             gained = here.cost - there.cost
             if gained > KEPT * promised:
-                J = J + np.outer(there.r - here.r - J @ move, move / (move @ move))
+                J = J + np.outer(self.problem.least(there.r - here.r) - J @ move, move / (move @ move))
                 damping, new = damping / EASED, False
             elif new:
                 if gained <= 0.0 and promised <= ROUGH * max(here.cost, 1.0):
@@ -152,7 +152,7 @@ def slopes(
     ends = [p for p in points if np.any(p != x)]
     at = {p.tobytes(): found for p, found in zip(ends, problem.residuals(ends), strict=True)} | {x.tobytes(): r}
     pairs = zip(points[::2], points[1::2], free, strict=True)
-    return np.column_stack([(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs])
+    return np.column_stack([problem.least(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs])
 
 
 def descend_all(problem: Problem, starts: Sequence[np.ndarray]) -> list[Optimum]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,9 +12,11 @@ from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.images import ERRORS, PHASES, images
-from microvib.studies.identify.keys import FitKey, parse_fit
+from microvib.studies.identify.keys import DAC_BITS, USUAL_WHOLE, FitKey, WholeKey, parse_fit
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, cost
+from microvib.studies.identify.scattered import misfit, settled
 from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum, descend_all
+from microvib.studies.identify.whole import numbered
 
 CHANCE = 0.05
 """Probability that evidence without any of the effects asks for one."""
@@ -30,8 +32,15 @@ class Effect:
     """Changes that make a drive without it."""
     typical: Callable[[Scenario], dict[str, object]]
     """Changes that make one with a typical size of it; unused where the scenario has it already."""
-    keys: tuple[str, ...]
+    keys: tuple[str, ...] = ()
     """What is fitted of it."""
+    whole: WholeKey | None = None
+    """Its whole number, each of which is tried."""
+
+    @property
+    def parameters(self) -> int:
+        """What it has of them."""
+        return len(self.keys) + (self.whole is not None)
 
 
 def _detent(scenario: Scenario) -> dict[str, object]:
@@ -55,6 +64,7 @@ EFFECTS = {
     "driver.imperfections": Effect(
         dict.fromkeys(_IMPERFECT, 0.0), lambda _: dict.fromkeys(_IMPERFECT[1:3], 1e-3), _IMPERFECT
     ),
+    DAC_BITS: Effect({DAC_BITS: None}, lambda _: {DAC_BITS: 8}, whole=WholeKey(DAC_BITS, *USUAL_WHOLE[DAC_BITS])),
     "motor.detent_torque": Effect({"motor.detent_torque": 0.0}, _detent, ("motor.detent_torque",)),
     "friction.presliding": Effect({"friction.presliding": None}, _presliding, ("friction.presliding.stiffness",)),
     "reducer.hysteresis": Effect(
@@ -126,9 +136,12 @@ def switched(scenario: Scenario, candidates: Sequence[str], on: Sequence[str]) -
     return scenario
 
 
+Known = tuple[Problem, Optimum]
+
+
 @dataclass
 class Selector:
-    """Models with some of the candidates, fitted to the evidence."""
+    """Models with some of the candidates, and with all of the whole numbers in ``wholes``, fitted to the evidence."""
 
     scenario: Scenario
     evidence: Sequence[tuple[Evidence, Own]]
@@ -138,7 +151,8 @@ class Selector:
     seed: int
     starts: int
     progress: FitProgress | None
-    known: dict[frozenset[str], tuple[Problem, Optimum]] = field(default_factory=dict)
+    wholes: Sequence[WholeKey] = ()
+    known: dict[frozenset[str], Known] = field(default_factory=dict)
 
     def run(self) -> tuple[Scenario, list[tuple[Evidence, Own]], list[FitKey], tuple[Candidate, ...]]:
         """Scenario, evidence with what its tests have of their own, the keys, and what is said of each candidate."""
@@ -158,78 +172,116 @@ class Selector:
             gain = self.gain([*chosen, *([] if name in chosen else [name])], name)
             problem, end = self.fitted(chosen)
             fit = goodness(problem, end.r).explained
-            said.append(Candidate(name, name in chosen, gain, len(EFFECTS[name].keys), self.limit(name), fit))
-        scenario, tests = self.with_(chosen)
+            said.append(Candidate(name, name in chosen, gain, EFFECTS[name].parameters, self.limit(name), fit))
+        scenario, tests = self.with_(chosen, self._numbers(self.fitted(chosen)))
         return scenario, tests, [*self.keys, *self.keys_of(scenario, chosen)], tuple(said)
 
     def limit(self, name: str) -> float:
-        """Gain that one candidate reaches without reason so seldom that all of them together do in CHANCE of all cases."""
+        """Gain that one candidate reaches without reason so seldom that all of them together do in CHANCE of all cases.
+
+        Each of several whole numbers is a candidate by itself: against a model that is as simple, a gain above a limit has at most
+        the chance of a normal deviation above its root.
+        """
         from scipy.stats import chi2
 
-        return float(chi2.isf(CHANCE / len(self.candidates), len(EFFECTS[name].keys)))
+        effect, chance = EFFECTS[name], CHANCE / len(self.candidates)
+        if effect.whole is not None:
+            chance *= 2.0 / len(effect.whole.numbers)
+        return float(chi2.isf(chance, effect.parameters))
 
     def raw_gain(self, models: Sequence[str], name: str) -> float:
         """By how much chi-square is lower with an effect beside others; where that counts, those are fitted again from there."""
-        fewer, whole = frozenset(one for one in models if one != name), self.fitted(models)
+        fewer, whole = [one for one in models if one != name], self.fitted(models)
         problem, best = self.fitted(fewer)
-        if _figures((problem, best)) - _figures(whole) > self.limit(name):
+        if misfit(problem, best) - misfit(*whole) > self.limit(name):
             there = whole[0].named(whole[1].x)
             start = problem.point({label: there.get(label, value) for label, value in problem.named(best.x).items()})
-            self.known[fewer] = problem, min(best, Descent(problem, start).run(FULL, ROUGH), key=lambda o: o.cost)
-        return max(_figures(self.known[fewer]) - _figures(whole), 0.0)
+            again = settled(problem, [Descent(problem, start).run(FULL, ROUGH)])
+            self.known[self._what(fewer)] = min((problem, best), again, key=lambda known: misfit(*known))
+        return max(misfit(*self.fitted(fewer)) - misfit(*whole), 0.0)
 
     def gain(self, models: Sequence[str], name: str) -> float:
         """The same over the scatter that the larger model leaves, as what is asked for must be where nothing more comes."""
         problem, best = self.fitted(models)
         return self.raw_gain(models, name) / max(goodness(problem, best.r).ratio, 1.0)
 
-    def with_(self, on: Sequence[str]) -> tuple[Scenario, list[tuple[Evidence, Own]]]:
-        """Scenario and tests with those effects."""
+    def with_(self, on: Sequence[str], numbers: Mapping[str, object]) -> tuple[Scenario, list[tuple[Evidence, Own]]]:
+        """Scenario and tests with those effects and whole numbers."""
         tests: list[tuple[Evidence, Own]] = [
             (one, switched(own, self.candidates, on) if isinstance(own, Scenario) else own)
             for one, own in self.evidence
         ]
-        return switched(self.scenario, self.candidates, on), tests
+        return numbered(switched(self.scenario, self.candidates, on), tests, numbers)
 
     def keys_of(self, scenario: Scenario, on: Sequence[str]) -> list[FitKey]:
         """What is fitted of those effects."""
-        found = []
-        for key in (key for name in on for key in EFFECTS[name].keys):
-            found.append(parse_fit(scenario, key))
-        return found
+        return [parse_fit(scenario, key) for name in on for key in EFFECTS[name].keys]
 
-    def fitted(self, on: Iterable[str]) -> tuple[Problem, Optimum]:
-        """The model with those effects, from all that is known without one of them; modes' frequencies are fitted in all."""
-        what = frozenset(on)
+    def fitted(self, on: Iterable[str]) -> Known:
+        """The model with those effects and all whole numbers; see ``_fitted``."""
+        return self._fitted(self._what(on))
+
+    def _what(self, on: Iterable[str]) -> frozenset[str]:
+        return frozenset(on) | {key.key for key in self.wholes}
+
+    def _fitted(self, what: frozenset[str]) -> Known:
+        """The model from all that is known without one of its effects, with each whole number of that; the best of these.
+
+        Modes' frequencies are fitted in all.
+        """
         if what not in self.known:
-            models = [name for name in self.candidates if name in what]
-            scenario, tests = self.with_(models)
-            problem = Problem(scenario, tests, [*self.keys, *self.keys_of(scenario, models)], self.trust, self.progress)
-            while (along := problem.along()) is not None:
-                problem = along
-            before = [known for name in models if (known := self.known.get(what - {name}))]
-            ends = [self._best(problem, one) for one in before or (None,)]
-            self.known[what] = problem, min(ends, key=lambda o: o.cost)
+            wholes = {name: whole for name in what if (whole := self._whole(name))}
+            for name in wholes:  # none of its numbers is a place to begin a search
+                self._fitted(what - {name})
+            before: list[tuple[str, Known | None]] = [
+                (name, known) for name in sorted(what) if (known := self.known.get(what - {name}))
+            ]
+            found: list[Known] = []
+            for name, one in before or [("", None)]:
+                numbers = self._numbers(one) if one else {}
+                key = wholes.get(name)
+                each = [{key.key: number} for number in key.numbers] if key else [{}]
+                found += [self._best(self._problem(what, numbers | number), one) for number in each]
+            self.known[what] = min(found, key=lambda known: misfit(*known))
         return self.known[what]
 
-    def _best(self, problem: Problem, before: tuple[Problem, Optimum] | None) -> Optimum:
+    def _whole(self, name: str) -> WholeKey | None:
+        fitted = next((key for key in self.wholes if key.key == name), None)
+        return fitted or EFFECTS[name].whole
+
+    def _numbers(self, known: Known) -> dict[str, object]:
+        """Whole numbers of a model, of all that may be tried."""
+        tried = {whole.key for name in self._what(self.candidates) if (whole := self._whole(name))}
+        return {name: value for name, value, _ in known[0].scenario.entries() if name in tried}
+
+    def _problem(self, what: frozenset[str], numbers: Mapping[str, object]) -> Problem:
+        models = [name for name in self.candidates if name in what]
+        scenario, tests = self.with_(models, numbers)
+        problem = Problem(scenario, tests, [*self.keys, *self.keys_of(scenario, models)], self.trust, self.progress)
+        while (along := problem.along()) is not None:
+            problem = along
+        return problem
+
+    def _best(self, problem: Problem, before: Known | None) -> Known:
         """The best of local fits from a smaller model's optimum, with what is new without effect and in several sizes."""
         from scipy.stats import qmc
 
         then = before[0].named(before[1].x) if before else {}
+        points = [problem.point(problem.named(problem.start) | then)]
         new = [k for k, key in enumerate(problem.keys) if key.label not in then]
-        low, high = np.array([problem.keys[k].range for k in new]).T
-        unit = qmc.Sobol(len(new), seed=self.seed).random(POINTS if before else self.starts)
-        points = [problem.point(problem.named(problem.start) | then) for _ in range(1 + len(unit))]
-        for point, u in zip(points[1:], unit, strict=True):
-            point[new] = low + (high - low) * u
-        if before:
-            points[0][new] = [_without(problem.keys[k]) for k in new]
+        if new:
+            low, high = np.array([problem.keys[k].range for k in new]).T
+            unit = qmc.Sobol(len(new), seed=self.seed).random(POINTS if before else self.starts)
+            points += [points[0].copy() for _ in unit]
+            for point, u in zip(points[1:], unit, strict=True):
+                point[new] = low + (high - low) * u
+            if before:
+                points[0][new] = [_without(problem.keys[k]) for k in new]
         points = [problem.tuned(point) for point in points]
         costs = [cost(r) for r in problem.residuals(points)]
         ends = descend_all(problem, [points[k] for k in np.argsort(costs, kind="stable")[:ENDS]])
         best = min(ends, key=lambda o: o.cost)
-        return min([best, *descend_all(problem, images(problem, best.x))], key=lambda o: o.cost)
+        return settled(problem, [best, *descend_all(problem, images(problem, best.x))])
 
 
 def _without(key: FitKey) -> float:
@@ -238,9 +290,3 @@ def _without(key: FitKey) -> float:
     if not key.logarithmic:
         return min(max(0.0, low), high)
     return high if key.key.endswith("stiffness") else low
-
-
-def _figures(fitted: tuple[Problem, Optimum]) -> float:
-    """Cost of the figures, without the prior's."""
-    problem, best = fitted
-    return cost(best.r[: best.r.size - len(problem.keys)])

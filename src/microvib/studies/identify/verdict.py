@@ -15,7 +15,7 @@ from microvib.studies.identify.goodness import REJECTED, Goodness, goodness
 from microvib.studies.identify.hints import loose
 from microvib.studies.identify.images import FRAMED, NEAR, turns
 from microvib.studies.identify.intervals import Interval, Z
-from microvib.studies.identify.keys import fittable
+from microvib.studies.identify.keys import WholeKey, fittable
 from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
@@ -66,6 +66,16 @@ class Leaning:
 
 
 @dataclass(frozen=True)
+class Whole:
+    """A whole number as it was found."""
+
+    key: WholeKey
+    number: int
+    as_good: tuple[int, ...]
+    """All that explain the evidence as well within odds of a thousand to one, that one among them."""
+
+
+@dataclass(frozen=True)
 class Findings:
     """Everything that the verdicts are based on."""
 
@@ -81,6 +91,10 @@ class Findings:
     leanings: tuple[Leaning, ...] = ()
     note: str = ""
     """How it was found, where not by a search."""
+    whole: tuple[Whole, ...] = ()
+    """Whole numbers, where each was tried."""
+    misread: tuple[str, ...] = ()
+    """Mistakes of recordings that would explain why no model explains them."""
 
     @cached_property
     def local(self) -> Local:
@@ -111,18 +125,26 @@ def estimate(findings: Findings, k: int) -> Estimate:
     )
 
 
+def refusal(findings: Findings) -> str:
+    """Why nothing is identifiable; empty where something may be."""
+    fit = goodness(findings.problem, findings.best.r)
+    if not fit.explained:
+        return "not identifiable: the model does not explain the data"
+    if fit.doubtful:
+        return "not identifiable: few figures check the model, and they speak against it"
+    if not findings.converged or findings.intervals is None:
+        return "not identifiable: the search has not converged"
+    if any(loose(one, scenario) for one, scenario in findings.problem.tests):
+        return "not identifiable without friction.torque_noise: the floor may be such noise, which would move the lines"
+    return ""
+
+
 def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
     key, x = findings.problem.keys[k], float(findings.best.x[k])
     fit = goodness(findings.problem, findings.best.r)
-    if not fit.explained:
-        return False, "not identifiable: the model does not explain the data"
-    if not findings.converged or findings.intervals is None:
-        return False, "not identifiable: the search has not converged"
-    if any(loose(one, scenario) for one, scenario in findings.problem.tests):
-        return (
-            False,
-            "not identifiable without friction.torque_noise: the floor may be such noise, which would move the lines",
-        )
+    if refused := refusal(findings):
+        return False, refused
+    assert findings.intervals is not None
     if not key.interior(x):
         return False, "not identifiable: at the end of its range"
     interval = findings.intervals[k]

@@ -193,7 +193,7 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
             "key": e.key, "value": e.estimate, "unit": e.unit, "standard_error": e.standard_error, "start": start[e.key],
             "low": e.low, "high": e.high, "identifiable": e.identifiable, "note": e.verdict,
         }
-        for e in fit.estimates
+        for e in fit.parameters
     ]  # fmt: skip
     rows = [
         {
@@ -204,6 +204,7 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
     ]  # fmt: skip
     fitted = {e.key: quantities[e.key] for e in fit.estimates}
     changes = {e.key: q.format(e.estimate) for e in fit.estimates if (q := fitted[e.key]) is not None}
+    changes |= {e.key: f"{e.estimate:.0f}" for e in fit.whole}
     return {
         "parameters": parameters,
         "rows": rows,

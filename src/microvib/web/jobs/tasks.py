@@ -32,7 +32,7 @@ from microvib.studies.analyse import analyse
 from microvib.studies.angles import sweep_angles
 from microvib.studies.compare import compare
 from microvib.studies.evidence import evidence_of
-from microvib.studies.identify import identify, parse_fit
+from microvib.studies.identify import identify, parse_key
 from microvib.studies.rates import plan_rates
 from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import sized
@@ -173,7 +173,7 @@ def identification(
         values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
         tell(simulations, None, "simulations", f"{stage} search, best so far: {values}")
 
-    keys = [parse_fit(scenario, text) for text in fit]
+    keys = [parse_key(scenario, text) for text in fit]
     tests: list[tuple[Any, dict[str, object]]] = [
         (evidence_of(Prepared(_read(*one)), scenario, channel), {}) for one in recordings
     ]

@@ -1,0 +1,135 @@
+"""Where no model explains a recording: whether one would with its sign reversed, in another unit, or from another channel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from microvib.studies.evidence import Evidence, of_reversed
+from microvib.studies.identify.goodness import goodness
+from microvib.studies.identify.problem import Own, Problem, Trust, cost
+from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum
+
+ANY_SCALE = 10.0
+"""Standard deviation of the logarithm of a recording's scale where its unit is in question."""
+BLIND = 1e3
+"""Standard deviation of an angle where the sign is in question, over its own."""
+WRONG = 0.1
+"""Logarithm of a scale from which it is told."""
+UNITS = {
+    1e3: "mN*m",
+    1e6: "uN*m",
+    1.0 / 0.112985: "lbf*in",
+    1.0 / 1.355818: "lbf*ft",
+    1.0 / 9.80665: "kgf*m",
+    1e2: "N*cm",
+}
+"""Names of units, by how many of them are a newton metre."""
+CLOSE = 0.05
+"""Relative difference of a scale from a unit's, up to which it is called that."""
+POINTS, ENDS = 32, 3
+"""Points of the search whose cost sees neither sign nor scale, and how many of them are fitted from."""
+
+Tests = list[tuple[Evidence, Own]]
+
+
+def misread(problem: Problem) -> tuple[str, ...]:
+    """Sentences on what would make the evidence one that the model explains; ranges are those that a search begins with."""
+    while (along := problem.along()) is not None:
+        problem = along
+    found = [
+        f"{one.name}: {what} the model explains it; look at sign and unit of {one.channel or 'its figures'}."
+        for one, what in _signs_and_scales(problem, problem.evidence)
+    ]
+    return tuple(found or _channels(problem))
+
+
+def _signs_and_scales(problem: Problem, tests: Sequence[tuple[Evidence, Own]]) -> Iterator[tuple[Evidence, str]]:
+    """What is to be changed of each test; nothing, where the model explains none of them, or all as they are."""
+    free = Problem(
+        problem.scenario,
+        tests,
+        problem.keys,
+        Trust(problem.trust.each, ANY_SCALE, problem.trust.settle),
+        ledger=problem.ledger,
+    )
+    angles = np.array([o.is_angle for _, o in free.observed])
+    end = _searched(free.looser(np.where(angles, BLIND, 1.0)))
+    if not goodness(free, end.r).explained:
+        return
+    reversed_, changed = [], []
+    for j, (one, own) in enumerate(tests):
+        steps = free.tests[j][1].motor.detent_periods
+        other = replace(one, observations=tuple(of_reversed(o, steps) for o in one.observations))
+        pair = [_alone(free, j, its, end.x) for its in (one, other)]
+        reversed_.append(pair[1] < pair[0])
+        changed.append((other if reversed_[-1] else one, own))
+    told = Problem(free.scenario, changed, free.keys, free.trust, ledger=free.ledger)
+    end = Descent(told, end.x).run(FULL, ROUGH)
+    if not goodness(told, end.r).explained:
+        return
+    scales = -ANY_SCALE * end.r[told.figures : told.figures + len(tests)]  # of the recording, not of the model
+    for (one, _), other_sign, scale in zip(tests, reversed_, scales, strict=True):
+        what = ["with its sign reversed"] if other_sign else []
+        what += [_scaled(float(scale))] if abs(scale) > WRONG else []
+        if what:
+            yield one, " and ".join(what)
+
+
+def _searched(problem: Problem) -> Optimum:
+    """The best of local fits from a few points."""
+    from scipy.stats import qmc
+
+    problem.ledger.stage = "sign and unit"
+    low, high = np.array([key.range for key in problem.keys]).T
+    others = low + (high - low) * qmc.Sobol(low.size, seed=1).random(POINTS)
+    points = [problem.tuned(point) for point in (problem.start, *others)]
+    order = np.argsort([cost(r) for r in problem.residuals(points)], kind="stable")
+    ends = problem.in_threads(lambda point: Descent(problem, point).run(FULL, ROUGH), [points[k] for k in order[:ENDS]])
+    return min(ends, key=lambda o: o.cost)
+
+
+def _alone(problem: Problem, j: int, its: Evidence, x: np.ndarray) -> float:
+    """Cost of one test's figures with ``its`` observations."""
+    tests = [(its if k == j else one, own) for k, (one, own) in enumerate(problem.evidence)]
+    other = Problem(problem.scenario, tests, problem.keys, problem.trust, ledger=problem.ledger)
+    return cost(other.residuals([x])[0][: other.figures])
+
+
+def _scaled(logarithm: float) -> str:
+    """A scale in words: by what the recording is to be divided."""
+    times = math.exp(logarithm)
+    near = next(
+        (f"{f:.6g}, as in {unit} taken for N*m," for f, unit in UNITS.items() if abs(times / f - 1.0) < CLOSE), None
+    )
+    more = next(
+        (f"{f:.6g}, as in N*m taken for {unit}," for f, unit in UNITS.items() if abs(times * f - 1.0) < CLOSE), None
+    )
+    if near is None and more is not None:
+        return f"multiplied by {more}"
+    return f"divided by {near or f'{times:.3g}'}"
+
+
+def _channels(problem: Problem) -> Iterator[str]:
+    """Other channels of torque that the model explains, in place of a recording's."""
+    for j, (one, _) in enumerate(problem.evidence):
+        if one.prepared is None:
+            continue
+        units = one.prepared.recording.units
+        for channel in (name for name, unit in units.items() if unit == units[one.channel] and name != one.channel):
+            other = one.of_channel(channel, problem.tests[j][1])
+            tests = [(other if k == j else its, own) for k, (its, own) in enumerate(problem.evidence)]
+            posed = Problem(problem.scenario, tests, problem.keys, problem.trust, ledger=problem.ledger)
+            if len(other.observations) <= len(problem.keys):
+                continue
+            fit = goodness(posed, _searched(posed).r)
+            told = (
+                {other.name: ""} if fit.explained else {its.name: what for its, what in _signs_and_scales(posed, tests)}
+            )
+            if told:
+                how = ", ".join(filter(None, told.values()))
+                where = f"{channel} in place of {one.channel}{how and f', {how}'}"
+                yield f"{one.name}: the model explains {where}; look at the drive's axis."

@@ -1,0 +1,76 @@
+"""Recordings of another sign, unit or axis: no model explains them, and what would is told."""
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.studies.evidence import evidence_of
+from microvib.studies.identify import Trust, identify, parse_fit
+from microvib.studies.identify.fit import without_the_start
+from microvib.studies.identify.misread import misread
+from microvib.studies.identify.problem import Problem, cost
+from microvib.studies.identify.scattered import jumps
+from microvib.studies.identify.search import Optimum, local_at
+from microvib.testdata.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def short():
+    return mv.load_scenario("state-1").with_si({"record.settle": 1.0, "record.duration": 4.0})
+
+
+@pytest.fixture(scope="module")
+def torque(short):
+    x = mv.simulate(short.with_si({"reducer.stiffness": 5300.0}), channels=("T_d",))["T_d"]
+    return x + np.random.default_rng(1).normal(0.0, 2e-4, x.size)
+
+
+def posed(model, channels):
+    recording = Recording(channels, 4096.0, dict.fromkeys(channels, "N*m"), title="made")
+    keys, trust = [parse_fit(model, "reducer.stiffness")], Trust(0.004)
+    tests, _ = without_the_start([(evidence_of(recording, model), {})], model, keys, trust)
+    return Problem(model, tests, keys, trust)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (-1.0, "with its sign reversed the model"),
+        (1e3, "divided by 1000, as in mN*m taken for N*m, the model"),
+        (1.0 / 0.112985, "divided by 8.85073, as in lbf*in taken for N*m, the model"),
+        (-1e-3, "with its sign reversed and multiplied by 1000, as in N*m taken for mN*m, the model"),
+        (1.7, "divided by 1.7 the model"),
+    ],
+)
+def test_a_channel_of_another_sign_or_unit_is_told(short, torque, factor, said):
+    (one,) = misread(posed(short, {"Mz": factor * torque}))
+    assert one == f"made: {said} explains it; look at sign and unit of Mz."
+
+
+def test_a_channel_that_is_right_is_not(short, torque):
+    assert misread(posed(short, {"Mz": torque})) == ()
+
+
+def test_another_axis_is_told(short, torque):
+    noise = np.random.default_rng(2).normal(0.0, 2e-4, torque.size)
+    other = 5.0 * np.gradient(torque) + noise
+    (one,) = misread(posed(short, {"Mz": other, "Mx": noise, "My": torque}))
+    assert one == "made: the model explains My in place of Mz; look at the drive's axis."
+    (one,) = misread(posed(short, {"Mz": other, "Mx": -torque}))
+    assert one == "made: the model explains Mx in place of Mz, with its sign reversed; look at the drive's axis."
+
+
+def test_phases_that_are_half_a_turn_off_are_no_figures_that_scatter(short, torque):
+    """Half a turn either way is the same: figures seem to jump there, and a regression would take them for random."""
+    problem = posed(short.with_si({"reducer.stiffness": 5300.0}), {"Mz": -torque})
+    (r,) = problem.residuals([problem.start])
+    best = Optimum(problem.start, r, cost(r))
+    assert not jumps(problem, best, local_at(problem, best))
+
+
+def test_a_fit_to_a_reversed_recording_says_so(short, torque):
+    fit = identify(
+        short, [Recording({"Mz": -torque}, 4096.0, {"Mz": "N*m"}, title="made")], ["reducer.stiffness"], starts=8
+    )
+    assert not fit.goodness.explained
+    assert "with its sign reversed the model explains it" in fit.notes[1]
