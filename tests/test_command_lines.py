@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from support.commands import SHORT, microvib
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md"))]
-SHORT = ["--set", "record.settle=0.5 s", "--set", "record.duration=2 s"]
 
 SHORTER: dict[str, list[str]] = {
     "--seeds 60": [*SHORT, "--seeds", "2"],
@@ -71,16 +68,6 @@ GIVEN: dict[str, dict[str, str]] = {
 """Files that a page tells its reader to have written, and does not print."""
 SHORT_BENCH = BENCH.replace("duration: 16 s", "duration: 3 s")
 """``short.yaml``: every later command looks at the recording, and an identification simulates as long, hundreds of times."""
-ONE_AFTER_ANOTHER = """
-import json, sys
-from microvib.cli.main import main
-for line in json.load(sys.stdin):
-    try:
-        main(line, prog_name="microvib")
-    except SystemExit as end:
-        if end.code:
-            sys.exit(f"status {end.code}: {line}")
-"""
 
 
 def lines_of(page: str) -> list[str]:
@@ -120,12 +107,10 @@ def test_the_lines_of_a_page_run_as_printed(page, tmp_path):
     for name, text in {"short.yaml": SHORT_BENCH, **GIVEN.get(page, {}), **printed(page)}.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(fewer(text))
-    run = [words_of(line) for line in lines_of(page) if entry(NOT_RUN, line) is None]
-    done = subprocess.run(
-        [sys.executable, "-c", ONE_AFTER_ANOTHER], input=json.dumps(run), cwd=tmp_path,
-        capture_output=True, text=True, timeout=900, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    for line in lines_of(page):
+        if entry(NOT_RUN, line) is None:
+            done = microvib(*words_of(line), cwd=tmp_path)
+            assert done.exit_code == 0, (line, done.output)
 
 
 def test_what_is_left_out_or_shortened_is_on_a_page():

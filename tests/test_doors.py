@@ -107,3 +107,21 @@ def test_si_says_so_in_its_name(state_1):
 
 def test_bands_as_text_and_as_ends():
     assert Limit.of("1 N*m", "0.5:5 Hz") == Limit.of("1 N*m", ("0.5 Hz", "5 Hz")) == Limit("1 N*m", "500 mHz", Si(5.0))
+
+
+@pytest.mark.parametrize(
+    ("key", "call"),
+    [
+        ("evidence", lambda s, r: mv.identify(s, r, ["reducer.stiffness"])),
+        ("keys", lambda s, r: mv.identify(s, [r], "reducer.stiffness")),
+        ("share", lambda s, r: mv.identify(s, [r], ["reducer.stiffness"], share="reducer.stiffness")),
+        ("select", lambda s, r: mv.identify(s, [r], ["reducer.stiffness"], select="all")),
+        ("rates", lambda s, r: mv.rates(s, "0.06 deg/s")),
+        ("microsteps", lambda s, r: mv.rates(s, ["0.06 deg/s"], 16)),
+        ("scenarios", lambda s, r: mv.batch(s)),
+    ],
+)
+def test_one_thing_is_not_taken_for_a_list(state_1, key, call):
+    recording = mv.Recording({"Mz": np.zeros(64)}, Si(64.0), {"Mz": "N*m"})
+    with pytest.raises(mv.ObjectError, match=rf"^{key}: .* is no list; expected is one, such as \["):
+        call(state_1, recording)

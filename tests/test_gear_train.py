@@ -346,6 +346,22 @@ def test_an_output_that_turns_with_the_rotor_is_the_mirrored_drive(method, stiff
     assert other.invariants.energy < 1e-5
 
 
+@pytest.mark.parametrize("stiffness", ["rigid", "9000 N*m/rad"])
+def test_a_ratio_that_turns_the_same_way_is_such_a_train(stiffness):
+    short = {"record.settle": "0.2 s", "record.duration": "0.5 s", "reducer.stiffness": stiffness}
+    by_ratio = mv.load_scenario("state-1", short).with_({"reducer.same_way": True})
+    teeth = {"train": [{"pinion": 10, "wheel": 1000, "internal": True}]}
+    by_teeth = by_ratio.with_si({"reducer": in_si(Reducer, **teeth, wave_generator_inertia=by_ratio["reducer.wave_generator_inertia"],
+                                                  damping=by_ratio["reducer.damping"], stiffness=by_ratio["reducer.stiffness"])})  # fmt: skip
+    one, other = mv.simulate(by_ratio), mv.simulate(by_teeth)
+    assert np.array_equal(one["T_d"], other["T_d"])
+    assert np.sign(one["omega_m"].mean()) == np.sign(one["omega_l"].mean())
+    with pytest.raises(
+        ScenarioError, match=r"same_way: the teeth of a train say which way its output turns; leave it out"
+    ):
+        by_teeth.with_({"reducer.same_way": True})
+
+
 def test_show_prints_the_orders_and_marks_those_near_a_mode():
     mode = {"frequency": 2.0, "damping": 0.005, "effective_inertia": 0.5}
     text = order_lines(geared(**{"array.modes": [mode], "array.inertia": 0.6}))

@@ -11,6 +11,7 @@ from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import Judgement, judge, unsettled
+from microvib.analysis.start import still_held, wind_up
 from microvib.analysis.stream import lines_of_stream
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.line_table import FAINT, LineTable, Rest
@@ -169,6 +170,62 @@ def test_what_is_not_settled_is_told_with_the_time_that_it_takes(table, scenario
     needed = 30.0 + math.log(start / (0.01 * table["drive_1"].amplitude_n_m)) / table["array_mode_1"].decay_per_s
     assert float(sentence.split(">= ")[1].split()[0]) == pytest.approx(needed, rel=0.01)
     assert unsettled(mv.steady(scenario).lines, scenario) == []
+
+
+def test_the_ends_of_a_band_belong_to_it_whatever_the_rounding(table, scenario):
+    known = only(table, "drive_1", frequency_hz=np.nextafter(30.0, 31.0), amplitude_n_m=0.01)
+    for band in ((0.5, 30.0), (30.0, 400.0)):
+        assert judge(known, limit_of(0.005, *band), scenario).verdict == "fail"
+    assert judge(known, limit_of(0.005, 0.5, 29.99), scenario).margins == ()
+
+
+def test_a_line_of_a_recording_that_may_be_in_the_band_is_judged(table):
+    near = only(table, "drive_1", frequency_hz=30.01, frequency_uncertainty_hz=0.01, amplitude_n_m=0.01)
+    assert judge(near, limit_of(0.005, 0.5, 30.0)).verdict == "fail"
+    assert judge(near, limit_of(0.005, 0.5, 29.9)).margins == ()
+
+
+SLOW_START = {"reducer.stiffness": "20 N*m/rad", "record.duration": "4 s"}
+"""The array of state 1 on a soft gear: friction holds it until this is wound up."""
+
+
+def test_a_drive_that_is_still_winding_up_passes_no_limit(state_1):
+    held = state_1.with_(SLOW_START | {"record.settle": "5 s"})
+    moved = mv.simulate(held)
+    assert np.all(moved["theta_l"] == 0.0)
+    judged = judge(mv.lines(moved), limit_of(1.0, 5.0, 100.0), held)
+    assert judged.verdict == "not judged"
+    (why,) = judged.gaps
+    assert why.startswith("the array does not turn yet")
+    assert unsettled(mv.lines(moved), held)[0].startswith("The array does not turn yet")
+    needed = float(why.split("settle >= ")[1].split()[0])
+    whole = mv.simulate(held.with_({"record.settle": "0 s", "record.duration": f"{1.2 * needed:.4g} s"}))
+    began = np.flatnonzero(whole["theta_l"])[0] / held.record.sample_rate
+    assert began == pytest.approx(needed, rel=0.05)
+    later = held.with_({"record.settle": f"{1.1 * needed:.4g} s"})
+    assert not any("does not turn" in gap for gap in judge(mv.lines(mv.simulate(later)), limit_of(1.0), later).gaps)
+
+
+def test_a_motor_that_is_too_weak_for_the_friction_passes_no_limit(state_1):
+    slow = {"tracking.rate": "0.001 deg/s", "record.settle": "1 s", "record.duration": "2 s"}
+    weak = state_1.with_({"motor.current": "1 mA"} | slow)
+    judged = judge(mv.lines(mv.simulate(weak)), limit_of(1.0), weak)
+    assert judged.verdict == "not judged"
+    assert "the motor can break away" in str(judged)
+
+
+def test_after_a_reversal_a_drive_is_first_wound_off(state_1):
+    there = state_1.with_(SLOW_START | {"record.settle": "100 s"})
+    rate, needed = float(there.rate or 0.0), wind_up(there)
+    back = Tracking(profile=(Leg(rate=Si(rate), ramp=Si(1.0), hold=Si(100.0)), Leg(rate=Si(-rate), ramp=Si(2.0))))
+    turned = there.with_si({"tracking": back})
+    reached = 102.5 + 2.0 * needed / rate  # half a second of the ramp is lost
+    for settle, held in ((reached - 0.2, True), (reached + 0.2, False)):
+        assert bool(still_held(turned.with_si({"record.settle": settle}))) is held
+    assert not still_held(there)
+    slow = {"record.settle": "104 s", "record.duration": "60 s", "record.sample_rate": "50 Hz"}
+    angle = mv.simulate(turned.with_(slow))["theta_l"]
+    assert 104.0 + np.flatnonzero(angle < angle[0] - 1e-6)[0] / 50.0 == pytest.approx(reached, rel=0.02)
 
 
 def test_the_sentence_of_a_judgement():

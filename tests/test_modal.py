@@ -76,6 +76,23 @@ def test_a_broken_table_is_named(tmp_path, change, words):
         read_modes(path)
 
 
+@pytest.mark.parametrize(
+    ("second", "sentence"),
+    [
+        ("4.5,0.5,10,z", r"row 3: inertia_kg_m2 is 10, and 9 in row 2; one value for the whole array is expected"),
+        ("4.5,0.5,9,x", r"drive_axis is x and z; one for the whole array is expected"),
+    ],
+)
+def test_rows_that_contradict_each_other_on_the_array_are_refused(tmp_path, second, sentence):
+    path = tmp_path / "modes.csv"
+    head = "frequency_hz,effective_inertia_kg_m2,inertia_kg_m2,drive_axis\n1.2,8,9,z\n"
+    path.write_text(head + second)
+    with pytest.raises(ModalError, match=sentence):
+        read_modes(path)
+    path.write_text(head + "4.5,0.5,,")
+    assert read_modes(path).inertia == 9.0
+
+
 def test_more_effective_inertia_than_inertia_is_refused():
     m = model()
     heavy = dataclasses.replace(m, participation=m.participation * math.sqrt(2.0))

@@ -304,6 +304,15 @@ def test_nobody_is_asked_through_a_pipe(tmp_path):
         ),
         (["--gear", "size 14 ratio 100", "--ratio", "120"], "has another ratio than the one given apart, 120"),
         (["--gear", "size 13"], "size 13 is not in the catalog"),
+        (["--gear", "none", "--ratio", "5"], "--ratio: 5 is not allowed without a gear; 1 is expected, or none"),
+        (
+            ["--gear", "spur"],
+            "write 'size 14 ratio 100', sizes are 14, 17, 20, 25, 32; or of a data sheet planetary or none",
+        ),
+        (
+            ["--holding-torque", "0.5 N*m", "--detent", "0.3 N*m"],
+            "--detent: 0.3 N m is 60 % of the holding torque; at most 50 % is expected",
+        ),
     ],
 )
 def test_a_data_sheet_that_is_wrong_is_told_in_one_sentence(tmp_path, arguments, sentence):
@@ -312,6 +321,35 @@ def test_a_data_sheet_that_is_wrong_is_told_in_one_sentence(tmp_path, arguments,
     assert sentence in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("sheet", [{"ratio": "1"}, {"gear": "none"}, {"gear": "None", "step_angle": "1.8 deg"}])
+def test_a_drive_without_a_gear_gets_none(sheet):
+    reducer = mv.new_scenario(holding_torque="0.8 N*m", **sheet).reducer
+    assert (reducer.rigid, reducer.h, reducer.input_inertia, reducer.errors) == (True, -1.0, 0.0, ())
+
+
+@pytest.mark.parametrize("sheet", [{"ratio": "50", "gear": "planetary"}, {"ratio": "5"}])
+def test_a_planetary_gear_has_no_errors_of_a_wave_generator(sheet):
+    drive = mv.new_scenario(holding_torque="0.8 N*m", **sheet)
+    assert (drive.reducer.h, drive.reducer.errors, drive.reducer.rigid) == (-float(sheet["ratio"]), (), False)
+    assert drive.source_of("reducer.same_way").startswith("assumed")
+    assert "range 2000 N*m/rad" in drive.source_of("reducer.stiffness")
+
+
+def test_a_detent_torque_is_read_as_data_sheets_write_it():
+    drive = mv.new_scenario(holding_torque="0.4 N*m", detent="18 mNm")
+    assert drive["motor.detent_torque"] == pytest.approx(0.018)
+    assert drive.source_of("motor.detent_torque") == "data sheet: detent torque, taken for the amplitude"
+    assert (
+        drive["motor.detent_torque"]
+        == mv.new_scenario(holding_torque="0.4 N*m", detent="4.5 percent")["motor.detent_torque"]
+    )
+
+
+def test_the_command_that_comes_next_can_be_copied(tmp_path):
+    done = microvib("new", "Antrieb Süd 1.yaml", cwd=tmp_path)
+    assert done.stdout.rstrip().endswith("microvib run 'Antrieb Süd 1.yaml'")
 
 
 def test_entries_of_a_data_sheet_want_to_be_called_so(tmp_path):

@@ -279,7 +279,7 @@ def test_types_are_seen_from_outside_and_tell_bare_numbers(tmp_path):
     (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = true\n")
     home = Path(mv.__file__).parents[1]
     checked = subprocess.run(
-        [sys.executable, "-m", "mypy", "outside.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(home)},
+        [sys.executable, "-m", "mypy", f"--cache-dir={os.devnull}", "outside.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(home)},
         text=True, stdout=subprocess.PIPE, check=False,
     )  # fmt: skip
     errors = [line for line in checked.stdout.splitlines() if ": error:" in line]

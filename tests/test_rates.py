@@ -2,6 +2,8 @@
 
 import csv
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -117,7 +119,7 @@ def test_results_do_not_depend_on_what_else_is_planned(plan, state_1):
 
 def test_processes_solve_cases_as_threads_do(plan, state_1):
     rates = [case.rate for case in plan.of(16)[:3]]
-    apart = plan_rates(state_1, [Si(rate) for rate in rates], (16,), band="0.1:5 Hz", workers=1)
+    apart = plan_rates(state_1, [Si(rate) for rate in rates], (16,), band="0.1:5 Hz", workers=2)
     assert [case for case in apart.cases if case.rate in rates] == plan.of(16)[:3]
 
 
@@ -145,7 +147,7 @@ def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
 def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
     """Without a steady state a record tells the lines: what it does not resolve, or its floor hides, may be above the limit."""
     noise = {"density": "1e-5 N^2*m^2/Hz", "highest": "200 Hz"}
-    noisy = state_1.with_({"friction.torque_noise": noise, "record.settle": "1 s", "record.duration": "4 s"})
+    noisy = state_1.with_({"friction.torque_noise": noise, "record.settle": "4 s", "record.duration": "4 s"})
     slow = full_case(noisy, Si(0.0025 * DEG), 16)
     lines = {x.line: x.amplitude for x in slow.hidden}
     assert "full_step_1" in lines
@@ -157,6 +159,29 @@ def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
     cases = tuple(replace(case, hidden=hidden) if case is best else case for case in plan.cases)
     assert limited(plan, cases=cases).best()[1] >= top
     assert limited(plan, cases=cases).best(best.microsteps)[0].rate != best.rate
+
+
+def test_a_rate_at_which_the_array_does_not_turn_yet_is_not_the_best(state_1):
+    """Where there is no steady state, and the record is over before the drive is wound up, lines are those of an array that stands."""
+    error = [{"order": 7, "amplitude": "1 arcsec"}]
+    held = state_1.with_({"reducer.transmission_error": error, "record.settle": "1 s", "record.duration": "4 s"})
+    plan = plan_rates(held, rate_grid("0.0005 deg/s", "0.03 deg/s", 2), limit="100 mN*m", band="0.1:50 Hz")
+    slow, fast = plan.cases[0], plan.cases[-1]
+    assert slow.lines == ()
+    assert slow.reason.startswith("the array does not turn yet")
+    assert fast.lines
+    assert plan.best()[0] is not slow
+    assert plan.forbidden[0].why == slow.reason
+
+
+def test_a_line_at_the_end_of_the_band_is_in_it(plan):
+    case = plan.of(16)[0]
+    line = next(x for x in case.lines if x.line == "drive_1")
+    alone, end = replace(case, lines=(line,)), round(line.frequency, 9)
+    assert end != line.frequency
+    assert alone.largest((0.0, end)) == line
+    assert alone.largest((end, 2.0 * end)) == line
+    assert alone.largest((0.0, 0.99 * end)) is None
 
 
 @pytest.mark.parametrize("stiffness", ["8400 N*m/rad", "rigid"])
@@ -254,3 +279,22 @@ def test_options_are_quantities():
     assert quantity("limit", "10 mN*m", "N*m") == pytest.approx(0.01)
     with pytest.raises(MicrovibError, match="band: "):
         band("1:2 s")
+
+
+def test_a_script_without_a_guard_is_told_so_and_one_worker_needs_none(tmp_path):
+    script = tmp_path / "plan.py"
+    script.write_text(
+        "import sys, microvib as mv\n"
+        "try:\n"
+        "    print(len(mv.rates(mv.load_scenario('state-1'), ['0.06 deg/s'], workers=int(sys.argv[1])).cases))\n"
+        "except mv.MicrovibError:\n"
+        "    sys.exit(3)\n"
+    )
+    runs = [
+        subprocess.run([sys.executable, script, workers], capture_output=True, text=True, timeout=300)
+        for workers in ("1", "2")
+    ]
+    assert [run.returncode for run in runs] == [0, 3]
+    assert runs[0].stdout == "1\n"
+    assert "if __name__ == '__main__':" in runs[1].stderr
+    assert "Traceback" not in runs[1].stderr

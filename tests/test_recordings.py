@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 
 from microvib.errors import OutputError
-from microvib.io.recordings import read_recording, write_recording
+from microvib.io.recordings import read_prepared, read_recording, write_recording
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, check, regular_rate
 
@@ -99,6 +99,57 @@ def test_csv_with_decimal_comma_and_unit_row(tmp_path):
     back = read_recording(tmp_path / "german.csv")
     assert back.sample_rate == pytest.approx(RATE, rel=1e-6)
     assert back["Mz"] == pytest.approx(made()["Mz"], abs=1e-8)
+
+
+def test_a_single_column_with_decimal_commas_is_not_two(tmp_path):
+    """The comma that parts numbers in other files is their decimal mark where the header has one name."""
+    path = tmp_path / "test.csv"
+    numbers = [f"{v:.6f}".replace(".", ",") for v in 1e3 * made()["Mz"][:100]]
+    path.write_text("Abtastrate: 4096 Hz\nMz [mN*m]\n" + "\n".join(numbers) + "\n", encoding="utf-8")
+    back = read_recording(path)
+    assert list(back.channels) == ["Mz"]
+    assert back["Mz"] == pytest.approx(made()["Mz"][:100], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("said", "how"),
+    [
+        ({"fs": 4.096}, {"sample_rate": "4096 Hz"}),
+        ({"t": 1e3 * T}, {"units": {"t": "ms"}}),
+        ({"time": 738000.0 + T / 86400.0}, {"units": {"time": "day"}}),
+    ],
+    ids=["kilohertz", "milliseconds", "days"],
+)
+def test_a_rate_that_no_recording_of_loads_has_is_asked_about(tmp_path, said, how):
+    """Kilohertz, milliseconds and days that the file does not call so; the preparation can say it."""
+    path = tmp_path / "test.mat"
+    scipy.io.savemat(path, said | {"Mz": made()["Mz"], "units": {"Mz": "N*m"}})
+    with pytest.raises(RecordingError, match=r"has a sample rate of .*; 20 Hz to 10 MHz is expected"):
+        read_recording(path)
+    told = read_prepared(path, Preparation.model_validate(how)).recording
+    assert told.sample_rate == RATE
+
+
+def test_columns_that_end_early_are_told_as_another_rate(tmp_path):
+    path = tmp_path / "test.csv"
+    rows = [f"{t:.6f},{t:.3f}" + (f",{2 * t:.6f},1.5" if k < 50 else "") for k, t in enumerate(T[:100])]
+    path.write_text("t [s],Mz [N*m],t2 [s],Fx [N]\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"row 51 .* as of another sample rate, go into a file of their own"):
+        read_recording(path)
+
+
+def test_a_channel_measured_against_its_direction_is_told(tmp_path):
+    import pyuff
+
+    path = tmp_path / "test.uff"
+    write_recording(made(), path)
+    sets = pyuff.UFF(str(path)).read_sets()
+    for one in sets:
+        one["rsp_dir"] = -6 if one["id1"] == "Mz" else 0
+    path.unlink()
+    pyuff.UFF(str(path)).write_sets(sets, "add")
+    told = [note for note in read_recording(path).notes if "direction" in note]
+    assert told == ["channel Mz: measured against its direction"]
 
 
 def test_our_own_motion(tmp_path, motion_1):

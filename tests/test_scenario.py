@@ -39,6 +39,13 @@ def test_catalog_has_the_five_states():
     assert mv.catalog_names() == tuple(f"state-{n}" for n in range(1, 6))
 
 
+def test_what_is_changed_of_the_catalog_is_changed_there_only():
+    before = load_scenario("state-1")
+    changed = load_scenario("state-1", {"array.modes.0.frequency": "2 Hz", "title": "mine"})
+    assert (changed.array.modes[0].frequency, changed.title) == (2.0, "mine")
+    assert load_scenario("state-1") == before
+
+
 @pytest.mark.parametrize(("state", "frequency", "inertia"), [(1, 1.19, 8.18), (2, 1.39, 8.18), (3, 1.59, 8.18), (4, 1.19, 15.69), (5, 1.19, 22.99)])  # fmt: skip
 def test_table_2_states(state, frequency, inertia):
     scenario = load_scenario(f"state-{state}")

@@ -61,16 +61,7 @@ def test_the_screen_is_read_as_a_terminal_shows_it():
 
 
 def test_a_bar_is_drawn_while_it_goes_on_and_gone_at_the_end(worked, tmp_path):
-    arguments = [
-        "run",
-        "state-1",
-        *SHORT,
-        "--set",
-        "record.settle=20 s",
-        "--lines-only",
-        "--out",
-        str(tmp_path / "out"),
-    ]
+    arguments = ["run", "state-1", *SHORT, "--lines-only", "--out", str(tmp_path / "out")]
     shown = in_terminal(*arguments, cwd=worked)
     assert shown.status == 0, shown.text
     assert re.search(r"simulating.*━.* of \d+ s", shown.raw)
@@ -225,7 +216,7 @@ def test_what_is_refused_before_the_work_begins_is_told_without_a_bar(capsys, mo
     assert capsys.readouterr().err == ""
     with progress_bar() as tell:
         tell(0.0, 46.0)
-    assert "compiles on first use" in capsys.readouterr().err
+        assert "compiles on first use" in capsys.readouterr().err  # at once, however soon the work is done
 
 
 def test_progress_on_lines_has_rate_and_time_left(capsys, monkeypatch):

@@ -6,7 +6,7 @@ import copyreg
 import difflib
 import os
 import reprlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence, Set
 from contextlib import contextmanager
 from typing import Any
 
@@ -69,6 +69,13 @@ def expect(given: Any, kinds: type | tuple[type, ...], expected: str) -> None:
     if not isinstance(given, kinds):
         what = "a name" if isinstance(given, (str, os.PathLike)) else f"of type {type(given).__name__}"
         raise ObjectError(f"{shown(given)} is {what}; expected is {expected}")
+
+
+def expect_list(given: Any, key: str, example: str) -> None:
+    """ObjectError where one thing, or text, stands in place of a list; ``example`` is one."""
+    several = isinstance(given, (Sequence, Set, Iterator)) or hasattr(given, "tolist")
+    if not several or isinstance(given, (str, bytes)):
+        raise ObjectError(f"{key}: {shown(given)} is no list; expected is one, such as {example}")
 
 
 class LineError(MicrovibError, KeyError):

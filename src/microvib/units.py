@@ -231,6 +231,15 @@ def band(given: Band) -> tuple[Si, Si]:
     return first, last
 
 
+def inside(frequency: Any, low: float, high: float, doubt: float = 0.0) -> Any:
+    """Whether a frequency, known to ``doubt``, may be within a band, whose ends belong to it; also of arrays.
+
+    A line of the clock at an end of the band may be a rounding off it.
+    """
+    slack = doubt + 1e-9 * abs(frequency)
+    return (frequency >= low - slack) & (frequency <= high + slack)
+
+
 @dataclass(frozen=True)
 class Quantity:
     """Declaration of one physical parameter, used inside ``Annotated[float, ...]``.

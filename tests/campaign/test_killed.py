@@ -77,7 +77,7 @@ def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypa
 def test_a_worker_that_hangs_ends_calls_with_a_sentence(monkeypatch):
     monkeypatch.setattr(running, "POLL", 0.2)
     monkeypatch.setattr(running, "SILENT", 15)
-    with running.all_cores(workers=1) as calls, pytest.raises(MicrovibError, match="was ended"):
+    with running.all_cores(workers=2) as calls, pytest.raises(MicrovibError, match="was ended"):
         calls(signal.raise_signal, [(signal.SIGSTOP,)])
 
 

@@ -157,3 +157,11 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_line_in_the_log(client, monk
     assert answer.status_code == 500
     assert answer.json() == {"error": "internal error of the server; its log says more", "key": None}
     assert "POST /api/scenario: division by zero" in caplog.text
+
+
+@pytest.mark.parametrize("name", ["app.js", "plotly.min.js", "shapes.js"])
+def test_a_browser_that_has_a_script_is_not_sent_it_again(client, name):
+    first = client.get(f"/static/{name}")
+    assert (first.status_code, first.headers["cache-control"]) == (200, "no-cache")
+    again = client.get(f"/static/{name}", headers={"if-none-match": first.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")

@@ -26,7 +26,10 @@ def asked(client, **entries: str) -> dict:
 
 def test_form_and_command_line_ask_for_all_that_can_be_said(client):
     fields = client.get("/api/datasheet").json()
-    assert {f["key"] for f in fields} == set(DataSheet.model_fields)
+    assert {f["key"] for f in fields} | {"detent_torque"} == set(
+        DataSheet.model_fields
+    )  # which the question of detent takes
+    assert asked(client, holding_torque="0.5 N*m", detent="20 mN*m")["errors"] == []
     assert [f["key"] for f in fields] == list(QUESTIONS)
     torque, phases = fields[:2]
     assert (torque["unit"], torque["example"]) == ("N*m", "0.5 N*m")

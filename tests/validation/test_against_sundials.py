@@ -81,6 +81,7 @@ class Reference:
 
     def __init__(self, scenario):
         self.s = s = scenario
+        self.rigid = s.reducer.rigid  # asked for at every evaluation
         # state-1 leaves the one participation to J_h = J - H^2
         left = s.array.inertia - (s.array.rigid_inertia or 0.0)
         self.H = np.array([m.participation or math.sqrt(m.effective_inertia or left) for m in s.array.modes])
@@ -176,7 +177,7 @@ class Reference:
         sin, cos = math.sin(m.rotor_teeth * theta_m), math.cos(m.rotor_teeth * theta_m)
         epsilon, slope, curvature = self.epsilon(theta_m)
         G = slope - 1.0 / s.reducer.ratio
-        if s.reducer.rigid:
+        if self.rigid:
             omega_l = G * omega_m
         reference = self.references(t)
         di_A, dx_A = self.winding(i_A, x_A, reference[0], m.torque_constant * omega_m * sin)
@@ -184,7 +185,7 @@ class Reference:
         T_e = m.torque_constant * (i_B * cos - i_A * sin) - m.detent_torque * math.sin(4 * m.rotor_teeth * theta_m)
         T_fm, T_f = m.friction.viscous * omega_m, s.friction.viscous * omega_l
         elastic = -self.D * eta_rate - self.Lambda * eta
-        if s.reducer.rigid:
+        if self.rigid:
             # Virtual work along theta_l = epsilon(theta_m) - theta_m/h; alpha_l = G alpha_m + epsilon'' omega_m^2.
             bend = curvature * omega_m**2
             M = np.eye(1 + n)
@@ -206,7 +207,7 @@ class Reference:
     def row(self, t, y):
         n = self.H.size
         theta_l, omega_l = y[5], y[7 + n]
-        if self.s.reducer.rigid:
+        if self.rigid:
             epsilon, slope, _ = self.epsilon(y[4])
             theta_l, omega_l = epsilon - y[4] / self.s.reducer.ratio, (slope - 1 / self.s.reducer.ratio) * y[6 + n]
         f = self.rates(t, y)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from microvib.analysis.lines import clock_doubts
+from microvib.analysis.start import CALM, calm_for, has_calmed, still_held
 from microvib.errors import OptionError, expect
 from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
@@ -15,7 +16,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable, SeedLine
-from microvib.units import Band, Given, Si, band, pretty, quantity
+from microvib.units import Band, Given, Si, band, inside, pretty, quantity
 
 Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
@@ -25,8 +26,6 @@ BEYOND = 10.0
 detent torque add there, and on bins that several lines share."""
 STIRS = 0.1
 """Part of what rings in a record by which a line may change until that has died away: friction couples them."""
-CALM = 12.0
-"""e-foldings after which the transient of a start has vanished."""
 _SETTLED = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
 _LIMITED = 3.0
@@ -67,9 +66,9 @@ class Limit:
         """The band in words; empty if the limit holds for all frequencies."""
         return f"from {self.low:g} to {self.high:g} Hz" if math.isfinite(self.high) else ""
 
-    def holds(self, frequency: float) -> bool:
-        """Whether it holds at a frequency [Hz]."""
-        return self.low <= frequency <= self.high
+    def holds(self, frequency: float, doubt: float = 0.0) -> bool:
+        """Whether it holds at a frequency [Hz] that is known to ``doubt`` [Hz]; the ends of the band belong to it."""
+        return inside(frequency, self.low, self.high, doubt)
 
 
 @dataclass(frozen=True)
@@ -170,13 +169,13 @@ def judge(
         raise OptionError(
             "limit", f"is a torque, and these lines are in {pretty(table.unit)}; lines of a torque are expected"
         )
-    found = ((x.frequency_hz if math.isfinite(x.frequency_hz) else x.expected_hz, x) for x in table)
-    within = [x for frequency, x in found if limit.holds(frequency) and x.status != TRANSIENT]
+    within = [x for x in table if limit.holds(*_place(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", DRIVEN)]
     margins = [_margin(x, limit, table, ringing, scenario) for x in within if math.isfinite(x.amplitude_n_m)]
     margins.sort(key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
-    gaps = [m.why for m in margins if m.verdict == "not judged"]
+    gaps = _held(table, scenario)
+    gaps += [m.why for m in margins if m.verdict == "not judged"]
     gaps += [f"{x.line} ({x.status})" for x in unknown if not (has_calmed(x, scenario) or _is_small(x, limit))]
     gaps += _left(table, limit)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
@@ -187,6 +186,13 @@ def judge(
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
     other = None if scenario is None else scenario.driven_wing
     return judged if other is None else _both(judged, second, other.alone)
+
+
+def _place(line: Line) -> tuple[float, float]:
+    """Frequency of a line, found or expected, and to what it is known [Hz]."""
+    spread = line.frequency_uncertainty_hz
+    frequency = line.frequency_hz if math.isfinite(line.frequency_hz) else line.expected_hz
+    return frequency, 2.0 * spread if math.isfinite(spread) else 0.0
 
 
 def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
@@ -206,16 +212,25 @@ def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judg
 
 
 def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
-    """A sentence for each tone that decays and is above a hundredth of the largest steady line at the start of the record."""
+    """Sentences: an array that does not turn yet, and tones that decay from above a hundredth of the largest steady line."""
     largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.starting(table.duration)) for x in table if x.status == "decaying"]
-    return [_drawn(x, table) for x in table if x.status == DRIVEN and x.kind == "array mode"] + [
+    told = [f"{why[0].upper()}{why[1:]}." for why in _held(table, scenario)]
+    told += [_drawn(x, table) for x in table if x.status == DRIVEN and x.kind == "array mode"]
+    return told + [
         f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
         f" {_unsettled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
         " record.start=steady."
         for x, start in starts
         if start > _SETTLED * largest
     ]
+
+
+def _held(table: LineTable, scenario: Scenario | None) -> list[str]:
+    """Why a run's lines are not those of tracking; of a recording the scenario does not know the start."""
+    if scenario is None or table.clock_ratio_uncertainty != 0.0 or any(x.status == TRANSIENT for x in table):
+        return []
+    return list(filter(None, [still_held(scenario)]))
 
 
 def _drawn(line: Line, table: LineTable) -> str:
@@ -362,14 +377,6 @@ def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | Non
     return max(near) + 0.5 * f_d if near else None
 
 
-def has_calmed(line: Line, scenario: Scenario | None) -> bool:
-    """Whether an array mode's ringing has died away by its damping, whatever it was, so that it need not be told from others."""
-    if scenario is None or line.kind != "array mode":
-        return False
-    mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
-    return mode is not None and 2.0 * math.pi * mode.frequency * mode.damping * calm_for(scenario) > CALM
-
-
 def _is_small(line: Line, limit: Limit) -> bool:
     """Whether a line that others hide is small all the same, by the bin that they share: there they may cancel in part."""
     return line.status.startswith("not separable") and BEYOND * line.bin_amplitude_n_m <= limit.torque
@@ -388,11 +395,3 @@ def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
     near = SEPARATION / table.duration
     modes = [m for m in coupled_modes(scenario) if m.name == line.line or abs(m.frequency - line.frequency_hz) < near]
     return any(2.0 * math.pi * m.frequency * m.damping * calm_for(scenario) < CALM for m in modes)
-
-
-def calm_for(scenario: Scenario) -> float:
-    """Seconds at one rate before the record."""
-    times, rates = scenario.tracking.breakpoints()
-    settle = scenario.record.settle
-    changes = [0.0, *(t for t, a, b in zip(times[1:], rates[:-1], rates[1:], strict=True) if a != b and t <= settle)]
-    return float(settle - max(changes))

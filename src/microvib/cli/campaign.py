@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -204,4 +205,4 @@ def case(folder: Path, number: int, out: Path | None) -> None:
         write_case(opened, number, out)
     echo(again_text(opened, number))
     if out is not None:
-        echo(f"Written: {out}. Whole motion and report: microvib run {out}")
+        echo(f"Written: {out}. Whole motion and report: microvib run {shlex.quote(str(out))}")

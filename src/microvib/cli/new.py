@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,7 +47,7 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
         if stray is not None:
             raise OptionError(stray, "is of a data sheet; it goes with --from-datasheet")
         write_file(file, new_text(**sheet))
-        echo(f"Written: {file}. Edit it, then: microvib run {file}")
+        echo(f"Written: {file}. Edit it, then: microvib run {shlex.quote(str(file))}")
         if sheet:
             echo(_HYSTERESIS)
         return
@@ -55,7 +56,7 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
     echo("Assumed, as the data sheet does not say it:" if missing else "Nothing of the drive had to be assumed.")
     for key, entry in missing.items():
         echo(f"  {key}: {entry.text} ({entry.source.removeprefix('assumed: ')})")
-    echo(f"Friction, array and tracking are examples. Written: {file}. Now: microvib run {file}")
+    echo(f"Friction, array and tracking are examples. Written: {file}. Now: microvib run {shlex.quote(str(file))}")
 
 
 def _asked() -> tuple[str, dict[str, Entry]]:

@@ -61,7 +61,8 @@ class progress_bar:
         if self._bar is not None:
             doing = f"{self._doing}{pace}" if done > 0.0 else f"{self._doing} (compiles on first use)"
             text = self._finishing if done >= total else doing
-            self._bar.update(self._bar.task_ids[0], completed=done, total=total, description=text, amount=amount)
+            task, shown = self._bar.task_ids[0], {"description": text, "amount": amount}
+            self._bar.update(task, completed=done, total=total, refresh=True, **shown)  # of short work, too
         else:
             click.echo(f"{amount}{pace}", err=True)
 

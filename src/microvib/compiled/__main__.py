@@ -19,14 +19,19 @@ COMMON = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
 
 def main(modules: list[str]) -> None:
     """Make what is kept beside modules."""
-    if platform.machine() in ("x86_64", "AMD64"):
-        os.environ.update(COMMON)
+    for_common_processor()
     root = Path(__file__).parents[1]
     for name in modules or [
         ".".join(("microvib", *p.relative_to(root).with_suffix("").parts)) for p in root.rglob("*.llvm")
     ]:
         begun = time.perf_counter()
         print(f"{name}: {renew(import_module(name).code)}, {time.perf_counter() - begun:.0f} s")
+
+
+def for_common_processor() -> None:
+    """Have numba make code for the common processor, if it has not been imported yet."""
+    if platform.machine() in ("x86_64", "AMD64"):
+        os.environ.update(COMMON)
 
 
 def renew(unit: Unit) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field
 
 from microvib.errors import OptionError, ScenarioError
-from microvib.io.gears import Entry, catalog_gears, find_gear
+from microvib.io.gears import OTHERS, Entry, catalog_gears, find_gear
 from microvib.model.driver import Driver
 from microvib.model.motor import Motor
 from microvib.model.part import Part
@@ -37,6 +37,7 @@ class DataSheet(Part):
     detent: (
         Annotated[float, Quantity("", "detent torque over holding torque", ge=0, le=0.5, display="percent")] | None
     ) = None
+    detent_torque: Annotated[float, Quantity("N*m", "detent torque", ge=0)] | None = None
     step_angle: Annotated[float, Quantity("rad", "full step at the output", gt=0, display="deg")] | None = None
     ratio: Annotated[float, Quantity("", "reduction ratio", ge=1, le=1000)] | None = None
     resistance: Annotated[float, Quantity("ohm", "resistance of one winding", gt=0)] | None = None
@@ -47,7 +48,7 @@ class DataSheet(Part):
     microsteps: Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step")] | None = (
         None
     )
-    gear: str | None = Field(default=None, description="size of the harmonic gear")
+    gear: str | None = Field(default=None, description="size of the harmonic gear, planetary or none")
 
 
 class Between(NamedTuple):
@@ -75,6 +76,8 @@ INERTIA = Between(1e-5, 3e-5, 1e-4)  # of the rotor over the holding torque of h
 BANDWIDTH = Between(300.0, 1000.0, 3000.0)  # of current loops [Hz]
 STIFFNESS = (2000.0, 16_000.0)  # K1 of gears up to size 20, of any ratio [N m/rad]
 CURRENT, TEETH, RATIO, SIZE = 0.6, 50, 100.0, 14  # assumed where the data sheet is silent
+HARMONIC = 20.0  # no harmonic gear has a lower ratio
+MOST_DETENT = 0.5  # of the holding torque
 PHASES_ON = {2: 2, 3: 2, 5: 4}  # assumed of the holding torque
 
 
@@ -83,13 +86,15 @@ def read_entry(key: str, text: str) -> Any:
     given: Any = (
         int(text) if key in ("phases", "phases_on", "microsteps") and text.strip().isdecimal() else text.strip()
     )
+    if key == "detent" and _is_torque(text):
+        key = "detent_torque"  # as most data sheets state it
     if key == "ratio" and isinstance(given, str):
         given = _ONE_TO.sub("", given)  # data sheets write 1:100 and 100:1
     try:
         value = getattr(validated(DataSheet, {key: given[:200] if isinstance(given, str) else given}), key)
     except ScenarioError as error:
         raise OptionError(key, str(error).removeprefix(f"{key}: ")) from None
-    if key == "gear":
+    if key == "gear" and value.lower() not in OTHERS:
         find_gear(value, None if "ratio" in value.lower() else RATIO)
     return value
 
@@ -97,7 +102,17 @@ def read_entry(key: str, text: str) -> Any:
 def read_sheet(texts: dict[str, str]) -> DataSheet:
     """Data sheet of entries as a user wrote them; OptionError names the first that is wrong."""
     values = {key: read_entry(key, text) for key, text in texts.items()}
+    if _is_torque(texts.get("detent", "")):
+        values["detent_torque"] = values.pop("detent")
     return validated(DataSheet, values, si=True)
+
+
+def _is_torque(text: str) -> bool:
+    try:
+        convert(text, "N*m")
+    except ValueError:
+        return False
+    return True
 
 
 def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
@@ -143,9 +158,8 @@ def _motor(sheet: DataSheet, torque: Between) -> Iterator[_Found]:
     yield "motor.current", Entry(_text(Motor, "current", current), stated if sheet.current else lacking)
     said = f"holding torque of {torque.value:.4g} N m with {on}{usual}, over {spring:.4g} A{'' if sheet.current else ', assumed'}"
     yield "motor.torque_constant", _entry(Motor, "torque_constant", torque.times(per), said)
-    detent = _known(sheet, "detent")
-    said = f"{100.0 * detent.value:.3g} % of the holding torque"
-    yield "motor.detent_torque", _entry(Motor, "detent_torque", detent.times(torque), said)
+    detent, said = _detent(sheet, torque)
+    yield "motor.detent_torque", _entry(Motor, "detent_torque", detent, said)
     rotor = torque.times(INERTIA) if sheet.rotor_inertia is None else _exactly(sheet.rotor_inertia)
     said = (
         "rotor"
@@ -153,6 +167,18 @@ def _motor(sheet: DataSheet, torque: Between) -> Iterator[_Found]:
         else "0.3 kg cm² per N m of holding torque, of hybrid stepping motors"
     )
     yield "motor.rotor_inertia", _entry(Motor, "rotor_inertia", rotor, said)
+
+
+def _detent(sheet: DataSheet, torque: Between) -> tuple[Between, str]:
+    """Amplitude of the detent torque [N m], and where it is from; OptionError where it is no small part of the holding torque."""
+    stated = sheet.detent_torque
+    if stated is None:
+        part = _known(sheet, "detent")
+        return part.times(torque), f"{100.0 * part.value:.3g} % of the holding torque"
+    if sheet.holding_torque is not None and stated > MOST_DETENT * torque.value:
+        share = f"{100.0 * stated / torque.value:.3g} % of the holding torque"
+        raise OptionError("detent", f"{stated:g} N m is {share}; at most {100.0 * MOST_DETENT:g} % is expected")
+    return _exactly(stated), "detent torque, taken for the amplitude"
 
 
 def _windings(sheet: DataSheet) -> Iterator[_Found]:
@@ -186,25 +212,58 @@ def _windings(sheet: DataSheet) -> Iterator[_Found]:
 
 def _train(sheet: DataSheet, inertia: float) -> Iterator[_Found]:
     """Rotor teeth, ratio and gear."""
-    gear, stated, steps = None, sheet.ratio, 2 * (sheet.phases or 2)
-    if sheet.gear is not None:
-        usual = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle, steps)
-        gear, ratio = find_gear(sheet.gear, sheet.ratio or (None if "ratio" in sheet.gear.lower() else usual))
-        stated = stated or (ratio if "ratio" in sheet.gear.lower() else None)
-    elif sheet.ratio is not None:
-        ratio = sheet.ratio
-    else:
-        ratio = RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle, steps)
+    steps, kind, gear = 2 * (sheet.phases or 2), (sheet.gear or "").lower(), None
+    stated = 1.0 if kind == "none" else sheet.ratio
+    if kind == "none" and sheet.ratio not in (None, 1.0):
+        raise OptionError("ratio", f"{sheet.ratio:g} is not allowed without a gear; 1 is expected, or none")
+    ratio = stated or (RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle, steps))
+    if kind and kind not in OTHERS:
+        own = "ratio" in kind
+        gear, ratio = find_gear(kind, stated or (None if own else ratio))
+        stated = stated or (ratio if own else None)
     yield "motor.rotor_teeth", _teeth(sheet.step_angle, ratio, stated is not None, steps)
-    yield from (gear or catalog_gears()[SIZE]).entries(ratio, inertia).items()
+    if ratio == 1.0:
+        yield from _no_gear()
+    elif gear is None and (kind == "planetary" or ratio < HARMONIC):
+        yield from _planetary(ratio, inertia)
+    else:
+        yield from (gear or catalog_gears()[SIZE]).entries(ratio, inertia).items()
+        if gear is None:
+            yield (
+                "reducer.stiffness",
+                _entry(Reducer, "stiffness", _stiffness(), f"K1 of a harmonic gear of size {SIZE}"),
+            )
     if stated is None:
         why = "a usual one" if sheet.step_angle is None else f"of a motor with steps of {_usual_step(steps):g} deg"
         yield "reducer.ratio", Entry(f"{ratio:g}", f"assumed: no range: {why}")
     elif gear is None:
-        yield "reducer.ratio", Entry(f"{ratio:g}", "data sheet: reduction ratio")
-    if gear is None:
-        K = Between(STIFFNESS[0], catalog_gears()[SIZE].stiffnesses[0], STIFFNESS[1])
-        yield "reducer.stiffness", _entry(Reducer, "stiffness", K, f"K1 of a harmonic gear of size {SIZE}")
+        yield (
+            "reducer.ratio",
+            Entry(f"{ratio:g}", "data sheet: no gear" if ratio == 1.0 else "data sheet: reduction ratio"),
+        )
+
+
+def _no_gear() -> Iterator[_Found]:
+    """The rotor is on the output: nothing yields, errs or turns round."""
+    texts = {"same_way": "true", "stiffness": "rigid", "damping": "0 N*m*s/rad", "wave_generator_inertia": "0 kg*cm^2"}
+    for key, text in texts.items():
+        yield f"reducer.{key}", Entry(text, "data sheet: no gear")
+
+
+def _planetary(ratio: float, inertia: float) -> Iterator[_Found]:
+    """A gear whose teeth the data sheet does not say: without errors, whose orders are those of teeth, and without backlash."""
+    told = "assumed: no range: as of most planetary gears; errors and backlash are left out, for reducer.train and reducer.backlash"
+    yield "reducer.same_way", Entry("true", told)
+    yield "reducer.wave_generator_inertia", Entry("0 kg*cm^2", "assumed: no range: small beside the rotor")
+    yield (
+        "reducer.stiffness",
+        _entry(Reducer, "stiffness", _stiffness(), f"a planetary gear as stiff as a harmonic one of size {SIZE}"),
+    )
+    yield "reducer.damping", catalog_gears()[SIZE].entries(ratio, inertia)["reducer.damping"]
+
+
+def _stiffness() -> Between:
+    return Between(STIFFNESS[0], catalog_gears()[SIZE].stiffnesses[0], STIFFNESS[1])
 
 
 def _usual_step(steps: int) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,17 +90,31 @@ def _text(path: Path) -> str:
 
 
 def _layout(lines: Sequence[str]) -> tuple[_Form, int, int]:
-    """Form of the rows, the first of them, and how many numbers each has; from where rows of equal length come."""
+    """Form of the rows, the first of them, and how many numbers each has; from where rows of equal length come.
+
+    Of several forms the first that has as many numbers as the header has names: a comma may part numbers or be their decimal mark.
+    """
+    fitting = list(_fitting(lines))
+    for form, first, width in fitting:
+        if first > 0 and len(form.split(lines[first - 1])) == width:
+            return form, first, width
+    if fitting:
+        return fitting[0]
+    raise RecordingError(
+        f"has no {FEWEST_ROWS} rows of numbers below each other in its first {LONGEST_TOP} lines; expected are rows of"
+        " equal length without empty cells, separated by commas, semicolons, tabs or blanks, times in seconds and not as dates"
+    )
+
+
+def _fitting(lines: Sequence[str]) -> Iterator[tuple[_Form, int, int]]:
+    """Every form in which rows of equal length come, with the first of them and their length."""
     for separator, decimal in _FORMS:
         form = _Form(separator, decimal)
         counts = [form.numbers(line) for line in lines[: LONGEST_TOP + FEWEST_ROWS]]
         for first in range(max(len(counts) - FEWEST_ROWS + 1, 0)):
             if counts[first] and len(set(counts[first : first + FEWEST_ROWS])) == 1:
-                return form, first, counts[first]
-    raise RecordingError(
-        f"has no {FEWEST_ROWS} rows of numbers below each other in its first {LONGEST_TOP} lines; expected are rows of"
-        " equal length, separated by commas, semicolons, tabs or blanks, times in seconds and not as dates"
-    )
+                yield form, first, counts[first]
+                break
 
 
 def _header(top: Sequence[str], form: _Form, width: int) -> tuple[list[str], list[str], bool]:
@@ -144,7 +158,9 @@ def _values(body: list[str], form: _Form, width: int, names: Sequence[str]) -> n
         fields = form.split(line)
         last = k == len(body) - 1
         if len(fields) != width:
+            ended = not last and all(len(form.split(x)) < width or not all(form.split(x)) for x in body[k:])
             what = "; the file is truncated" if last and len(fields) < width else ""
+            what = "; columns that end here, as of another sample rate, go into a file of their own" if ended else what
             raise RecordingError(
                 f"row {k + 1} of its numbers has {len(fields)} of {width} columns: {line[:60]!r}{what}"
             )

@@ -34,11 +34,21 @@ def _read_uff(path: Path, hints: Hints) -> Recording:
     sets = [s for s in (sets if isinstance(sets, list) else [sets]) if s.get("type") == 58]
     if not sets:
         raise RecordingError("has no dataset 58")
-    return recording_of([_column_58(s, k) for k, s in enumerate(sets)], hints)
+    against = [
+        f"channel {_name_58(s, k)}: measured against its direction"
+        for k, s in enumerate(sets)
+        if int(s.get("rsp_dir", 0)) < 0
+    ]
+    turn = ["a minus sign in the preparation's channels turns it round"] if against else []
+    return recording_of([_column_58(s, k) for k, s in enumerate(sets)], hints, [*against, *turn])
+
+
+def _name_58(s: dict[str, Any], k: int) -> str:
+    return str(s["id1"]).strip() or f"channel {k + 1}"
 
 
 def _column_58(s: dict[str, Any], k: int) -> Column:
-    name = s["id1"].strip() or f"channel {k + 1}"
+    name = _name_58(s, k)
     x = np.asarray(s["data"])
     over_time = int(s.get("func_type", 1)) in (0, 1) and int(s.get("abscissa_spec_data_type", 17)) in (0, 1, 17)
     if not over_time or x.dtype.kind == "c":

@@ -18,6 +18,8 @@ SPREAD = 0.3
 """Part by which a gear's stiffness may differ from the catalog's, which is an average."""
 DAMPING = (0.01, 0.02, 0.05)
 """Damping of the hub on the gear over critical damping, as makers do not state it: low, assumed, high."""
+OTHERS = ("planetary", "none")
+"""Gears that are not of the catalog."""
 _GEAR = re.compile(r"\s*size\s+(\d{1,4})(?:[\s,]+ratio\s+(\d{1,6}(?:\.\d{1,6})?))?\s*")
 
 
@@ -102,7 +104,10 @@ def find_gear(text: str, ratio: float | None = None) -> tuple[Gear, float]:
     found = _GEAR.fullmatch(str(text).lower())
     sizes = ", ".join(map(str, catalog_gears()))
     if found is None:
-        raise OptionError("gear", f"{shown(text)} is not a gear; write 'size 14 ratio 100', sizes are {sizes}")
+        raise OptionError(
+            "gear",
+            f"{shown(text)} is not a gear; write 'size 14 ratio 100', sizes are {sizes}; or of a data sheet {' or '.join(OTHERS)}",
+        )
     gear = catalog_gears().get(int(found[1]))
     if gear is None:
         raise OptionError("gear", f"{shown(text)}: size {found[1]} is not in the catalog; sizes are {sizes}")

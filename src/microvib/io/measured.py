@@ -13,6 +13,10 @@ from microvib.testdata.channels import in_yaml, is_time, named_unit
 from microvib.testdata.recording import Recording, RecordingError, regular_rate, snapped_rate
 from microvib.units import convert
 
+PLAUSIBLE = (
+    20.0,
+    1e7,
+)  # sample rates [Hz] of loads; others come of kilohertz, milliseconds or days that are not said to be that
 SAME_RATE = 1e-4  # relative difference up to which two statements on the sample rate agree: time axes have few digits
 _RATES = re.compile(
     r"fs|f_?s(am(p|ple))?|s(ample|ampling)?_?(rate|freq|frequency)(_?hz)?|sfreq|srate|abtast(rate|frequenz)",
@@ -151,6 +155,9 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
     agreed = max(values) <= min(values) * (1.0 + SAME_RATE)
     listed = ", ".join(f"{value:.6g} Hz by {name}" for name, value in stated.items())
     if given is not None:
+        if all(abs(1e3 * value / given - 1.0) <= SAME_RATE for value in values):
+            said.append(f"sample rate {given:g} Hz as the preparation says; the file says {listed}, which is kilohertz")
+            return given
         if all(abs(value / given - 1.0) > SAME_RATE for value in values):
             raise RecordingError(f"has a sample rate of {listed}, but the preparation says {given:g} Hz")
         if not agreed:
@@ -163,6 +170,13 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
             remedy="prepare",
         )
     rate, note = snapped_rate(values[0])
+    if not PLAUSIBLE[0] <= rate <= PLAUSIBLE[1]:
+        axis = "time" if column.time is None else in_yaml(column.time.name)
+        raise RecordingError(
+            f"has a sample rate of {listed}; {PLAUSIBLE[0]:g} Hz to {1e-6 * PLAUSIBLE[1]:g} MHz is expected. Add the right rate to"
+            f" the preparation file, such as sample_rate: 4096 Hz, or the unit of the time axis, such as units: {{{axis}: ms}}",
+            remedy="prepare",
+        )
     said.append(note)
     return rate
 

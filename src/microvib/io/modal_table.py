@@ -58,7 +58,10 @@ def read_modes(path: Path | str) -> ModalModel:
         k = int(np.argmax(frequency <= 0.0))
         raise ModalError(f"{path}, row {k + 2}: frequency_hz is {frequency[k]:g}; it must be greater than 0 Hz")
     xi = _column(path, rows, "damping") if "damping" in rows[0] else np.full(len(rows), 0.01)
-    axis = (rows[0].get("drive_axis") or "z").strip().lower()
+    axes = {(row.get("drive_axis") or rows[0].get("drive_axis") or "z").strip().lower() for row in rows}
+    if len(axes) > 1:
+        raise ModalError(f"{path}: drive_axis is {' and '.join(sorted(axes))}; one for the whole array is expected")
+    (axis,) = axes
     order = np.argsort(frequency, kind="stable")
     participation, mass = _masses(path, rows, axis)
     return ModalModel(frequency[order], xi[order], participation[:, order], mass, axis, str(path))
@@ -68,7 +71,7 @@ def _masses(path: Path, rows: list[dict[str, str]], axis: str) -> tuple[np.ndarr
     """Participation (6, s) and rigid-body mass (6, 6); about the drive axis alone where the table has no more."""
     mass = np.zeros((6, 6))
     if all(name in rows[0] for name in (*PARTICIPATIONS, *COUPLINGS)):
-        upper = [_column(path, rows[:1], name)[0] for name in COUPLINGS]
+        upper = [_shared(path, rows, name) for name in COUPLINGS]
         mass[np.triu_indices(6)] = upper
         mass = mass + np.triu(mass, 1).T
         return np.array([_column(path, rows, name) for name in PARTICIPATIONS]), mass
@@ -89,13 +92,26 @@ def _masses(path: Path, rows: list[dict[str, str]], axis: str) -> tuple[np.ndarr
 
 def _inertia(path: Path, rows: list[dict[str, str]], effective: np.ndarray) -> float:
     if "inertia_kg_m2" in rows[0]:
-        return float(_column(path, rows[:1], "inertia_kg_m2")[0])
+        return _shared(path, rows, "inertia_kg_m2")
     if "effective_fraction" in rows[0]:
         fraction = _column(path, rows, "effective_fraction")
         k = int(np.argmax(effective))
         if fraction[k] > 0.0:
             return float(effective[k] / fraction[k])
     raise ModalError(f"{path}: does not say the inertia about the drive axis; a column inertia_kg_m2 is expected")
+
+
+def _shared(path: Path, rows: list[dict[str, str]], name: str) -> float:
+    """A number of the whole array, which every row has or only the first."""
+    given = [(k, row) for k, row in enumerate(rows, 2) if k == 2 or (row.get(name) or "").strip()]
+    values = [(k, finite(f"{path}, row {k}: {name}", row.get(name), ModalError)) for k, row in given]
+    first = values[0][1]
+    other = next(((k, v) for k, v in values if abs(v - first) > 1e-6 * abs(first)), None)
+    if other is not None:
+        raise ModalError(
+            f"{path}, row {other[0]}: {name} is {other[1]:g}, and {first:g} in row 2; one value for the whole array is expected"
+        )
+    return first
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> np.ndarray:

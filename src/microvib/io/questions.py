@@ -21,7 +21,7 @@ QUESTIONS = {
     "phases": Question("2|3|5", "Phases of the motor [usual: 2]"),
     "phases_on": Question("1|2|...", "Phases on at the holding torque [usual: 2 of two phases]"),
     "current": Question("CURRENT", "Current per phase at the holding torque", "0.6 A"),
-    "detent": Question("PART", "Detent torque over holding torque", "5 percent"),
+    "detent": Question("DETENT", "Detent torque, or its part of the holding torque", "5 percent"),
     "step_angle": Question("ANGLE", "Full step at the output", "0.018 deg"),
     "ratio": Question("NUMBER", "Reduction ratio", "100"),
     "resistance": Question("RESISTANCE", "Resistance of one winding", "6 ohm"),
@@ -29,6 +29,6 @@ QUESTIONS = {
     "rotor_inertia": Question("INERTIA", "Moment of inertia of the rotor", "0.2 kg*cm^2"),
     "drive": Question("current|voltage", "What the driver commands; voltage is without a current loop"),
     "microsteps": Question("NUMBER", "Microsteps per full step", "16"),
-    "gear": Question("GEAR", "A harmonic gear of the catalog", "size 14 ratio 100"),
+    "gear": Question("GEAR", "A harmonic gear of the catalog, planetary, or none", "size 14 ratio 100"),
 }
 """In the order in which it is asked for; the keys are those of ``io.data_sheet.DataSheet``."""

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import json
 import math
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
@@ -130,7 +131,9 @@ def read_run(folder: Path | str) -> Run:
         limit = _limit(said.get("limit"))
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
-        raise MicrovibError(f"{written}: was changed since the run; run it again: microvib run {written}")
+        raise MicrovibError(
+            f"{written}: was changed since the run; run it again: microvib run {shlex.quote(str(written))}"
+        )
     scenario = load_scenario(written)
     motion = _motion(folder / "motion.nc", scenario, first)
     other = scenario.driven_wing

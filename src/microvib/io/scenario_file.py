@@ -6,7 +6,7 @@ import copy
 import io
 import math
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,8 +59,15 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     expect(source, (str, Path), "a name of the catalog, or that of a file")
     expect(changes, (dict, type(None)), "keys with their values, such as {'tracking.rate': '0.05 deg/s'}")
     name = str(source)
-    data = parse_yaml(named_text(name), name)
-    return scenario_of(data, name, changes, Path() if name in catalog_names() else Path(source).parent)
+    if name in catalog_names():
+        return scenario_of(copy.deepcopy(_catalog_data(name)), name, changes)
+    return scenario_of(parse_yaml(read_text(Path(name)), name), name, changes, Path(name).parent)
+
+
+@cache
+def _catalog_data(name: str) -> Any:
+    """Data of a catalog file, parsed once: that takes longer than all else of a scenario."""
+    return parse_yaml(catalog_text(name), name)
 
 
 def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, folder: Path = Path()) -> Scenario:

@@ -76,6 +76,10 @@ class Reducer(Part):
         float,
         Quantity("N*m*s/rad", "torsional damping at the output; no part if rigid", "C_g", ge=0, usual=(1e-4, 1e4)),
     ]
+    same_way: bool = Field(
+        default=False,
+        description="whether the output turns the rotor's way, as of most planetary gears and without one; a train says it itself",
+    )
     output_inertia: Annotated[
         float, Quantity("kg*m^2", "moment of inertia of flexspline and output", "J_flex", ge=0, usual=(1e-7, 10.0))
     ] = 0.0
@@ -124,6 +128,8 @@ class Reducer(Part):
     def _misfits(self) -> Iterator[str]:
         if not 1.0 <= self.ratio <= 1e5:
             yield f"train: its ratio is {self.ratio:g}; 1 to 100 000 is expected, a train that turns slower than the rotor"
+        if self.train and self.same_way:
+            yield "same_way: the teeth of a train say which way its output turns; leave it out"
         if self.train and self.train[-1].output_inertia:
             yield f"train.{len(self.train) - 1}.output_inertia: is on the output; give it as reducer.output_inertia"
         if self.rigid and self.hysteresis is not None:
@@ -139,8 +145,10 @@ class Reducer(Part):
 
     @property
     def h(self) -> float:
-        """The ratio of Eq. 19, theta_m = -h theta_l."""
-        return math.copysign(self.ratio, -speeds(self.train)[-1]) if self.train else self.ratio
+        """The ratio of Eq. 19, theta_m = -h theta_l; negative where the output turns the rotor's way."""
+        if self.train:
+            return math.copysign(self.ratio, -speeds(self.train)[-1])
+        return -self.ratio if self.same_way else self.ratio
 
     @property
     def input_inertia(self) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib.analysis.start import wind_up
 from microvib.model.expected import angle_errors
 from microvib.model.linear import coupled_modes
 from microvib.model.orders import drive_orders
@@ -129,10 +130,20 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
             f"h² {half}z K_m I",
         ),
         ("breakaway torque of the output", f"{breakaway:.6g} N m", "slip ring included, Eq. 6 and 7"),
+        *_wound_up(scenario),
         ("rigidly attached inertia J_h", f"{array.J_h:.6g} kg m²", f"of J {array.inertia:.6g} kg m²"),
         *_second_wing(scenario),
     ]
     return values + _driver_orders(scenario)
+
+
+def _wound_up(scenario: Scenario) -> list[tuple[str, str, str]]:
+    """How far the drive is wound up before the output turns; nothing where no friction holds it."""
+    angle, name = wind_up(scenario), "wind-up before the output turns"
+    if math.isinf(angle):
+        return [(name, "none will do", "the motor is weaker than the friction")]
+    after = f"after {angle / abs(scenario.rate):.3g} s" if scenario.rate else "on gear and electromagnetic spring"
+    return [(name, f"{math.degrees(angle):.3g} deg", after)] if angle > 0.0 else []
 
 
 def _second_wing(scenario: Scenario) -> list[tuple[str, str, str]]:

@@ -78,9 +78,9 @@ def _nearest_bins(
     n, k = samples, np.minimum(np.round(frequency * samples / sample_rate), samples // 2)
     # Sum of a geometric series for each tone: sin(pi nu n/f_s) / sin(pi nu/f_s), nu its distance from the bin.
     distance = np.sin(np.pi * (cycles - k[:, None] / n))
-    half = np.exp(1j * np.pi * cycles * (n - 1)) * np.sin(np.pi * cycles * n) * tones
     near = np.abs(distance) < 1e-12
-    share = np.where(near, 0.0, half / np.where(near, 1.0, distance))
-    whole = np.sum(share, axis=1) * np.exp(-1j * np.pi * k * (n - 1) / n) * (-1.0) ** k
-    whole += n * np.sum(np.where(near, tones, 0.0), axis=1)
+    inverse = np.where(near, 0.0, 1.0 / np.where(near, 1.0, distance))
+    half = np.exp(1j * np.pi * cycles * (n - 1)) * np.sin(np.pi * cycles * n) * tones
+    whole = np.einsum("bt,t->b", inverse, half) * np.exp(-1j * np.pi * k * (n - 1) / n) * (-1.0) ** k
+    whole += n * np.einsum("bt,t->b", near, tones)
     return k * sample_rate / n, np.abs(whole) / n

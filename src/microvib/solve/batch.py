@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.errors import SimulationError, expect
+from microvib.errors import SimulationError, expect, expect_list
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.integration import Progress, Simulation
@@ -43,6 +43,7 @@ def simulate_torques(scenarios: Sequence[Scenario]) -> list[Torque | SimulationE
     This is the T_d of ``simulate``, from the same equations, steps and events, with nothing else sampled. One core is used; the
     interpreter's lock is released meanwhile.
     """
+    expect_list(scenarios, "scenarios", "[scenario]")
     return [_torque(scenario) for scenario in scenarios]
 
 

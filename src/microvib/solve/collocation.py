@@ -113,7 +113,8 @@ class Work(NamedTuple):
     per_size: Vector  # of this step
     term: Vector  # (N,)
     term_halves: Matrix
-    weights: Matrix  # (3, 4)
+    weights: Matrix  # lanes: of the nodes, in an integral; a row
+    flows: Matrix  # lanes of the powers: a row for each node, and their running integrals
 
 
 # torques and momentum of the modes as free oscillators; torques; T_d; momentum; margins; change
@@ -198,18 +199,10 @@ def _iterate(level, afresh, s, c, x, p, t, w):
     It begins from the deficits in ``w.r`` or, ``afresh``, from those at the start of the step, taken for all of it.
     """
     r, before, sums = rows(w.r, 0, 6, 1), rows(w.before, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1)
-    free, T, block = (
-        rows(w.free, 0, N, 1),
-        t.longest * 0.5**level,
-        (_pattern(x.stick, p) * t.levels + level) * NODE_ROWS,
-    )
+    T, block = t.longest * 0.5**level, (_pattern(x.stick, p) * t.levels + level) * NODE_ROWS
     E, K = rows(t.nodes, block, N * N, N), rows(t.nodes, block + N * N, 24 * N, N)
     coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)
-    for i in range(N):
-        total = E[0, i] * w.x[0]
-        for j in range(1, N):
-            total += E[j, i] * w.x[j]
-        free[i] = total
+    _free_states(E, w)
     _free_modes(level, x, p, t, w)
     last, change, first = math.inf, math.inf, 0 if afresh else 1
     if afresh:
@@ -260,6 +253,25 @@ def _at_start(x, p, w):
         at[i] = nothing + w.x[i]
     modal, on_rotor = modal_torques(x.y, rate, p)
     return nothing + modal, nothing + on_rotor
+
+
+@code.inner(**FORCED)
+def _free_states(E, w):
+    """States at the nodes without deficits; eight sums side by side, because each addition waits for the one before."""
+    free, first = rows(w.free, 0, N, 1), w.x[0]
+    a0, a1, a2, a3 = E[0, 0] * first, E[0, 1] * first, E[0, 2] * first, E[0, 3] * first
+    a4, a5, a6, a7 = E[0, 4] * first, E[0, 5] * first, E[0, 6] * first, E[0, 7] * first
+    for j in range(1, N):
+        value = w.x[j]
+        a0 += E[j, 0] * value
+        a1 += E[j, 1] * value
+        a2 += E[j, 2] * value
+        a3 += E[j, 3] * value
+        a4 += E[j, 4] * value
+        a5 += E[j, 5] * value
+        a6 += E[j, 6] * value
+        a7 += E[j, 7] * value
+    free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7] = a0, a1, a2, a3, a4, a5, a6, a7
 
 
 @code.inner(**FORCED)

@@ -131,7 +131,7 @@ def pack(scenario: Scenario) -> Packed:
     tables = _propagators(scenario, drive, state) if exact else None
     if scenario.record.rotor_offset != 0.0:
         _hold(scenario, drive, state, scenario.record.rotor_offset * scenario.driver.full_step(scenario.motor))
-    lanes = np.zeros((70 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
+    lanes = np.zeros((75 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
     by_node = np.zeros((4, whole_lanes(kernel.N_CHANNELS + size - kernel.MODES)))
     return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
 
@@ -174,6 +174,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         momentum=propagators.HERMITE.T.reshape(16, 4).copy(),
         onwards=propagators.ONWARDS.reshape(16, 4).copy(),
         fractions=propagators.CUBES[None].copy(),
+        integrals=(propagators.LAGRANGE / np.arange(1, 5)).T.copy(),
     )
     propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
     return tables

@@ -95,7 +95,7 @@ def _work(x, elements, lanes, flat, by_node, room):
         many[n + count + 3 + elements : n + count + 4 + elements], many[n + count + 3 : n + count + 3 + elements],
         many[n : n + count],
         by_node, lanes[45:53], lanes[53:61], lanes[63:65], lanes[61:63], flat[244:252], flat[268:274],
-        flat[260:268], lanes[65:67], many[n + count : n + count + 3],
+        flat[260:268], lanes[65:67], many[n + count : n + count + 1], many[n + count + 4 + elements :],
     )  # fmt: skip
 
 

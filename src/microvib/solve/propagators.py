@@ -56,7 +56,29 @@ GROW_BELOW = 0.05
 
 CUBES = np.array([0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0])
 """Nodes of a step."""
-LAGRANGE = np.linalg.inv(np.vander(CUBES, 4, increasing=True)).T.copy()
+
+
+# Coefficients become constants of compiled code. Products of small polynomials give the same digits on every processor, which
+# the library's inverse of a matrix does not.
+
+
+def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Coefficients of a product of polynomials, lowest power first."""
+    product = np.zeros(a.size + b.size - 1)
+    for power, factor in enumerate(b):
+        product[power : power + a.size] += factor * a
+    return product
+
+
+def _lagrange(j: int) -> np.ndarray:
+    """Coefficients of the cubic that is 1 at node ``j`` and 0 at the others."""
+    cubic = np.ones(1)
+    for node in np.delete(CUBES, j):
+        cubic = _times(cubic, np.array([-node, 1.0]) / (CUBES[j] - node))
+    return cubic
+
+
+LAGRANGE = np.array([_lagrange(j) for j in range(4)])
 """Coefficients of the cubics l_j, (node, power)."""
 HIGHEST = np.array([1.0, -math.sqrt(5.0), math.sqrt(5.0), -1.0]) * -0.5
 """Weights of the highest Legendre term of a cubic, peak to peak (twice its coefficient), by its values at the nodes."""
@@ -64,10 +86,13 @@ HIGHEST = np.array([1.0, -math.sqrt(5.0), math.sqrt(5.0), -1.0]) * -0.5
 
 def _hermite() -> np.ndarray:
     """Coefficients of the polynomial of degree 7 with given values and slopes at the nodes, (power, 4 values and 4 slopes)."""
-    powers = np.arange(8)
-    values = CUBES[:, None] ** powers
-    slopes = powers * CUBES[:, None] ** np.maximum(powers - 1, 0)
-    return np.linalg.inv(np.vstack([values, slopes]))
+    squares = [_times(cubic, cubic) for cubic in LAGRANGE]
+    offsets = [np.array([-node, 1.0]) for node in CUBES]
+    slopes = [float(np.sum(1.0 / (node - np.delete(CUBES, j)))) for j, node in enumerate(CUBES)]
+    lines = [np.array([1.0, 0.0]) - 2.0 * rise * x for x, rise in zip(offsets, slopes, strict=True)]
+    by_value = [_times(square, line) for square, line in zip(squares, lines, strict=True)]
+    by_slope = [_times(square, x) for square, x in zip(squares, offsets, strict=True)]
+    return np.array([*by_value, *by_slope]).T.copy()
 
 
 HERMITE = _hermite()
@@ -108,6 +133,9 @@ class Propagators(NamedTuple):
     momentum: Matrix  # (16, 4): coefficients of the momentum's polynomial by its values and slopes, two rows each
     onwards: Matrix  # (16, 4): deficits at the nodes of another step
     fractions: Matrix  # (1, 4): where in a step the nodes are
+    integrals: (
+        Matrix  # (4, 4): by powers of a fraction of a step, from the first on, integrals of the cubics l_j up to there
+    )
 
 
 class Moments(NamedTuple):

@@ -5,7 +5,6 @@ import math
 from microvib.compiled import Unit
 from microvib.solve.collocation import CHANGE, N_SUMS
 from microvib.solve.kernel import (
-    COMPILE,
     FORCED,
     IMPULSE,
     INLINE,
@@ -24,7 +23,7 @@ from microvib.solve.kernel import (
     references_after,
     sticks,
 )
-from microvib.solve.propagators import BY_ROTOR, LAGRANGE, M_ETA, M_ETA_BY, M_W, M_W_BY, MODE_ROWS
+from microvib.solve.propagators import BY_ROTOR, M_ETA, M_ETA_BY, M_W, M_W_BY, MODE_ROWS
 from microvib.solve.vector import WIDTH, rows
 
 code = Unit(
@@ -79,14 +78,16 @@ def _channels_at_nodes(level, x, p, t, w, out):
         sums[CHANGE] = total
         for j in range(4):
             w.by_node[j, k] = w.sums[CHANGE, j]
+    for j in range(4):
+        for k in range(N_POWERS):
+            w.flows[j, k] = w.values[POWERS + k, j]
 
 
 @code.inner(**INLINE)
-def _weights(u, out):
-    """Integrals of the four cubics l_j from 0 to ``u``."""
-    for j in range(4):
-        l0, l1, l2, l3 = LAGRANGE[j, 0], LAGRANGE[j, 1], LAGRANGE[j, 2], LAGRANGE[j, 3]
-        out[j] = u * (l0 + u * (l1 / 2.0 + u * (l2 / 3.0 + u * l3 / 4.0)))
+def _weights(u, t):
+    """Lanes: integrals of the four cubics l_j from 0 to ``u``."""
+    by = rows(t.integrals, 0, 4, 1)
+    return u * (by[0] + u * (by[1] + u * (by[2] + u * by[3])))
 
 
 @code.inner(**INLINE)
@@ -99,16 +100,16 @@ def _momentum_at(u, poly):
 
 
 @code.inner(**FORCED)
-def _add(u_a, u_b, T, stuck, all_channels, w, out):
+def _add(u_a, u_b, T, stuck, all_channels, t, w, out):
     """Add to ``out.partial`` the integrals over the part of the step between two fractions of it."""
     partial = out.partial
     if all_channels:
-        _weights(u_a, w.weights[0])
-        _weights(u_b, w.weights[1])
-        for j in range(4):
-            weight, values = T * (w.weights[1, j] - w.weights[0, j]), w.by_node[j]
-            for k in range(partial.size):
-                partial[k] += weight * values[k]
+        rows(w.weights, 0, 1, 1)[0] = T * (_weights(u_b, t) - _weights(u_a, t))
+        w0, w1, w2, w3 = w.weights[0, 0], w.weights[0, 1], w.weights[0, 2], w.weights[0, 3]
+        columns, of = partial.size // WIDTH, w.by_node.shape[1] // WIDTH
+        n, total = rows(w.by_node, 0, 4 * of, of), rows(partial, 0, columns, 1)
+        for k in range(columns):
+            total[k] = total[k] + ((n[0, k] * w0 + n[1, k] * w1) + (n[2, k] * w2 + n[3, k] * w3))
     else:
         partial[0] += _momentum_at(u_a, w.poly) - _momentum_at(u_b, w.poly)
         partial[1] += (u_b - u_a) * T * stuck
@@ -126,8 +127,8 @@ def _close(x, out):
     out.cursor[0] += 1
 
 
-@code.inner(**COMPILE)
-def _whole_intervals(count, u, T, stuck, all_channels, w, out):
+@code.inner(**FORCED)
+def _whole_intervals(count, u, T, stuck, all_channels, t, w, out):
     """Rows of ``count`` intervals that lie in the step, from its fraction ``u`` on; returns the fraction after them."""
     first, d = out.cursor[0], out.width / T
     if not all_channels:
@@ -137,22 +138,44 @@ def _whole_intervals(count, u, T, stuck, all_channels, w, out):
             out.rows[first + m, 0], out.rows[first + m, 1] = (L_a - L_b) * inverse, stuck
             L_a = L_b
     else:
-        before, after = w.weights[0], w.weights[1]
+        before, inverse, weights = _weights(u, t), 1.0 / d, rows(w.weights, 0, 1, 1)
         columns, of = out.rows.shape[1] // WIDTH, w.by_node.shape[1] // WIDTH
         n, to = rows(w.by_node, 0, 4 * of, of), rows(out.rows, 0, out.rows.shape[0] * columns, columns)
-        _weights(u, before)
         for m in range(count):
-            _weights(u + (m + 1) * d, after)
-            w0, w1 = (after[0] - before[0]) / d, (after[1] - before[1]) / d
-            w2, w3 = (after[2] - before[2]) / d, (after[3] - before[3]) / d
+            after = _weights(u + (m + 1) * d, t)
+            weights[0], before = inverse * (after - before), after
+            w0, w1, w2, w3 = w.weights[0, 0], w.weights[0, 1], w.weights[0, 2], w.weights[0, 3]
             for k in range(columns):
                 to[first + m, k] = (n[0, k] * w0 + n[1, k] * w1) + (n[2, k] * w2 + n[3, k] * w3)
-            before, after = after, before
+            if out.mix.shape[0] == 0:
+                _powers_to_energy(first + m, out.width, w, out)
     out.cursor[0] += count
     return u + count * d
 
 
-@code.inner(**COMPILE)
+@code.inner(**FORCED)
+def _energy_at(u, T, x, t, w):
+    """Lanes: the energies at the fraction ``u`` of the step, by the powers at its nodes."""
+    flows = rows(w.flows, 0, 4, 1)
+    rows(w.weights, 0, 1, 1)[0] = T * _weights(u, t)
+    w0, w1, w2, w3 = w.weights[0, 0], w.weights[0, 1], w.weights[0, 2], w.weights[0, 3]
+    return rows(x.energy, 0, 1, 1)[0] + ((flows[0] * w0 + flows[1] * w1) + (flows[2] * w2 + flows[3] * w3))
+
+
+@code.inner(**FORCED)
+def _powers_to_energy(row, lasted, w, out):
+    """Replace the mean powers in a row by the energies in the middle of its interval, of which ``lasted`` [s] are in this step.
+
+    The running energies are those where this part of it begins, and then those at its end.
+    """
+    columns, running = out.rows.shape[1] // WIDTH, rows(w.flows, 4, 1, 1)
+    to = rows(out.rows, 0, out.rows.shape[0] * columns, columns)
+    mean = to[row, POWERS // WIDTH]
+    end = running[0] + lasted * mean
+    to[row, POWERS // WIDTH], running[0] = end - (0.5 * out.width) * mean, end
+
+
+@code.inner(**FORCED)
 def _record(u, end, level, x, p, t, w, out):
     """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every sample interval that ends inside.
 
@@ -164,43 +187,35 @@ def _record(u, end, level, x, p, t, w, out):
     if all_channels:
         _channels_at_nodes(level, x, p, t, w, out)
     now, stuck = clock[NOW], sticks(1, x.stick, p)
-    first_row = cursor[0]
     if end > out.first and cursor[0] < out.rows.shape[0]:
         u_a = max((out.first - now) / T, 0.0) if clock[WEIGHT] == 0.0 else 0.0
         boundary = out.first + (cursor[0] + cursor[1] + 1) * out.width
         if boundary <= end + 1e-6 * out.width:  # the last digits of two sums may differ
             u_b = min((boundary - now) / T, u)
-            _add(u_a, u_b, T, stuck, all_channels, w, out)
+            _add(u_a, u_b, T, stuck, all_channels, t, w, out)
             clock[WEIGHT] += (u_b - u_a) * T
             _close(x, out)
+            if all_channels and out.mix.shape[0] == 0:
+                rows(w.flows, 4, 1, 1)[0] = _energy_at(u_b, T, x, t, w)
+                _powers_to_energy(cursor[0] - 1, 0.0, w, out)
             count = min(int((end - boundary) / out.width + 1e-6), out.rows.shape[0] - cursor[0])
-            u_a = _whole_intervals(count, u_b, T, stuck, all_channels, w, out) if count > 0 else u_b
+            u_a = _whole_intervals(count, u_b, T, stuck, all_channels, t, w, out) if count > 0 else u_b
         if cursor[0] < out.rows.shape[0] and u - u_a > 1e-6 * out.width / T:
-            _add(u_a, u, T, stuck, all_channels, w, out)
+            _add(u_a, u, T, stuck, all_channels, t, w, out)
             clock[WEIGHT] += (u - u_a) * T
     if all_channels:
-        _integrate(u, now, T, first_row, x, w, out)
+        _balance(u, T, x, t, w)
     else:
         clock[IMPULSE] += w.poly[0] - _momentum_at(u, w.poly)
 
 
-@code.inner(**COMPILE)
-def _integrate(u, now, T, first_row, x, w, out):
-    """Energies over the step, also at the middles of the intervals closed in it, and the balance of momentum."""
+@code.inner(**FORCED)
+def _balance(u, T, x, t, w):
+    """Energies over the step, and the balance of momentum."""
     clock = x.clock
-    for row in range(first_row, out.cursor[0] if out.mix.shape[0] == 0 else first_row):
-        until = min((out.first + (row + out.cursor[1] + 1) * out.width - now) / T, u)
-        _weights(until, w.weights[0])
-        for k in range(N_POWERS):
-            energy = x.energy[k] - 0.5 * out.width * out.rows[row, POWERS + k]
-            for j in range(4):
-                energy += T * w.weights[0, j] * w.values[POWERS + k, j]
-            out.rows[row, POWERS + k] = energy
-    _weights(u, w.weights[0])
-    for j in range(4):
-        for k in range(N_POWERS):
-            x.energy[k] += T * w.weights[0, j] * w.values[POWERS + k, j]
+    rows(x.energy, 0, 1, 1)[0] = _energy_at(u, T, x, t, w)
+    for j in range(4):  # the weights are those of the energies
         T_d, T_d_force = w.values[T_D, j], w.values[T_D_FORCE, j]
-        clock[IMPULSE] += T * w.weights[0, j] * T_d_force
+        clock[IMPULSE] += w.weights[0, j] * T_d_force
         clock[MISMATCH] = max(clock[MISMATCH], math.fabs(T_d - T_d_force))
         clock[LARGEST] = max(clock[LARGEST], math.fabs(T_d))

@@ -25,7 +25,7 @@ from microvib.signals.line_table import DETECTION, DRIVEN, SEEN, Line, LineTable
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
 from microvib.testdata.recording import Recording
-from microvib.units import Band, Si, band
+from microvib.units import Band, Si, band, inside
 
 PAPER_CLOCK = 0.994
 """Step clock over nominal that fits the peaks of Table 5 (53, 106, 159.0625 Hz)."""
@@ -128,9 +128,7 @@ def chosen(
             "": ends[0][0] if ends else 0.0
         }
         at |= {o.line: o.bin_hz for o in one.observations if o.bins}
-        wanted = {name for name, f in at.items() if not ends or any(low <= f <= high for low, high in ends)} - set(
-            without
-        )
+        wanted = {name for name, f in at.items() if not ends or any(inside(f, *pair) for pair in ends)} - set(without)
         kept.append([o for o in one.observations if {o.line, o.against} <= wanted])
     if not any(kept):
         raise OptionError("without" if without else "band", "leaves no line of the evidence")

@@ -12,7 +12,8 @@ import numpy as np
 
 from microvib.analysis.limits import BEYOND
 from microvib.analysis.lines import steady
-from microvib.errors import OptionError, SimulationError, expect
+from microvib.analysis.start import still_held
+from microvib.errors import OptionError, SimulationError, expect, expect_list
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, FAINT
@@ -20,6 +21,7 @@ from microvib.solve.integration import Progress
 from microvib.studies.workers import all_cores
 from microvib.units import Band, Given, Si, quantity
 from microvib.units import band as ends
+from microvib.units import inside as in_band
 
 Solve = Callable[[Iterable[tuple[float, int]]], list["RateCase"]]
 """Solves cases (rate, microsteps)."""
@@ -64,7 +66,7 @@ class RateCase:
 
     def largest(self, band: tuple[float, float], hidden: bool = False) -> RateLine | None:
         """The largest line within ``band`` [Hz], or the largest that is ``hidden``; None if there is none."""
-        inside = [x for x in (self.hidden if hidden else self.lines) if band[0] <= x.frequency <= band[1]]
+        inside = [x for x in (self.hidden if hidden else self.lines) if in_band(x.frequency, *band)]
         return max(inside, key=lambda line: line.amplitude, default=None)
 
     def verdict(self, band: tuple[float, float], limit: float) -> str:
@@ -193,6 +195,8 @@ def plan_rates(
     (``if __name__ == "__main__":``).
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_list(rates, "rates", "['0.06 deg/s']")
+    expect_list(microsteps or (), "microsteps", "[16, 32]")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
     microsteps = (scenario.driver.microsteps,) if microsteps is None else tuple(map(index, microsteps))
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
@@ -232,6 +236,8 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
         result = steady(changed, harmonics=HARMONICS)
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
+    if result.fallback and (held := still_held(changed)):
+        return RateCase(rate, microsteps, (), held)
     f_d = changed.driving_frequency or math.nan
     seen = [x for x in result.lines if x.kind != "array mode" and x.status != FAINT and x.amplitude_n_m > 0.0]
     top = max((x.amplitude_n_m for x in seen), default=0.0)

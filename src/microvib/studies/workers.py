@@ -24,6 +24,10 @@ SILENT = 24
 """Looks in a row at which a worker gave no sign, after which it is ended: it was stopped, or hangs."""
 BEAT = 1.0
 """Seconds between two signs of a worker."""
+UNGUARDED = (
+    "microvib: each process imports the script that starts it, so what a script does with several workers stands under"
+    " if __name__ == '__main__':"
+)
 
 
 class Backend(Protocol):
@@ -69,6 +73,10 @@ class _Local:
         self._looked = -math.inf
 
     def executor(self) -> Executor:
+        if getattr(
+            multiprocessing.current_process(), "_inheriting", False
+        ):  # a process that is being started imports the script
+            raise SystemExit(UNGUARDED)
         self.close()
         # Inherited: workers' small matrices must not wait on busy cores.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -141,13 +149,13 @@ Calls = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], list[Any]]
 
 @contextmanager
 def all_cores(progress: Progress | None = None, workers: int | None = None) -> Iterator[Calls]:
-    """Calls on threads, which share one interpreter, or on so many processes as there are ``workers``.
+    """Calls on threads, which share one interpreter, or on so many processes as there are ``workers``; one needs no process.
 
     ``progress(done, total)`` counts all calls so far. An interrupt does not wait for what has not begun. MicrovibError where a
     process was ended, because memory was short or it hung.
     """
-    if workers is None:
-        pool = ThreadPoolExecutor(os.cpu_count() or 1)
+    if workers in (None, 1):
+        pool = ThreadPoolExecutor(workers or os.cpu_count() or 1)
         try:
             yield _calls(pool, progress, lambda: None)
         finally:

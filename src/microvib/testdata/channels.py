@@ -10,7 +10,7 @@ from microvib.units import convert
 LOADS = ("N", "N*m")  # units of what is analysed: forces and torques
 COUNTS = ("counts", "count", "lsb", "digit", "digits", "bit", "bits", "eu")  # units of a converter that nobody scaled
 _OTHERS = ("s", "V", "C", "m/s^2", "degC", "m", "rad", "A", "Hz", "Pa", "K")  # units of what else recordings hold
-_TIME = re.compile(r"(time|zeit|temps|tiempo|tempo|t)([ _-]?(axis|achse|vector|stamp))?", re.IGNORECASE)
+_TIME = re.compile(r"(time|zeit|temps|tiempo|tempo|abscissa|t)([ _-]?(axis|achse|vector|stamp))?", re.IGNORECASE)
 _ENDING = re.compile(r"(.*\w)[ _]((?:[munµ]?s|sec|min|h))", re.IGNORECASE)
 _BEHIND = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))")
 _BELOW = re.compile(r"(.*[^\s/])\s*/\s*([A-Za-zµΩ°%][^/]*)")

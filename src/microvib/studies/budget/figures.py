@@ -20,6 +20,7 @@ from microvib.signals.pointing import (
 )
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution, Gap
+from microvib.units import inside as in_band
 
 SLOW = 0.01
 """Distance [Hz] from which two lines have mean squares that add; nearer, an observation may see no more than their crest."""
@@ -165,7 +166,7 @@ def _meeting(r: Requirement, swept: np.ndarray, size: np.ndarray, f: np.ndarray)
 
 def inside(r: Requirement, frequency: np.ndarray) -> np.ndarray:
     """Which frequencies [Hz] count."""
-    return (frequency >= r.lowest) & (frequency <= (math.inf if r.highest is None else r.highest))
+    return np.asarray(in_band(frequency, r.lowest, math.inf if r.highest is None else r.highest))
 
 
 def _of_density(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:

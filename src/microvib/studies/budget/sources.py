@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.limits import BEYOND, CALM, OWN_ERROR, STIRS, calm_for, has_calmed, may_ring
+from microvib.analysis.limits import BEYOND, OWN_ERROR, STIRS, may_ring
 from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
 from microvib.analysis.short_way import OWN
+from microvib.analysis.start import CALM, calm_for, has_calmed, still_held
 from microvib.errors import MicrovibError
 from microvib.model.coupling import (
     MEANINGLESS,
@@ -164,6 +165,8 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
         if line.line in found.unknown and not steady and not has_calmed(line, scenario):
             f = line.expected_hz
             yield open_gap(f"{line.line} ({line.status}; a longer record.duration, or record.start: steady)", f, f)
+    if not steady and (held := still_held(scenario)):
+        yield open_gap(held)
     for key, band in noise_bands(scenario).items():
         yield open_gap(
             f"{key} is taken through the linearised drive as if it never stuck; a run is one draw of many", *band

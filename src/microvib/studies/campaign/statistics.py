@@ -12,7 +12,7 @@ from microvib.analysis.limits import Limit
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, Results
-from microvib.units import Si
+from microvib.units import Si, inside
 
 CONFIDENCE = 0.95
 BELOW, ABOVE, UNKNOWN = range(3)
@@ -77,8 +77,7 @@ class LineStatistics:
 def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
     """Amplitudes of a line (cases,); nan where it is outside of ``band`` [Hz], absent or not computed."""
     f = results.of(line, "frequency")  # comparisons with nan are false
-    inside = (f >= band[0]) & (f <= band[1]) & (results.state == DONE)
-    return np.where(inside, results.of(line), np.nan)
+    return np.where(inside(f, *band) & (results.state == DONE), results.of(line), np.nan)
 
 
 def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OptionError, expect
+from microvib.errors import MicrovibError, OptionError, expect, expect_list
 from microvib.io.recordings import Prepared
 from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario
@@ -120,6 +120,13 @@ def identify(
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    for name, given, example in (
+        ("evidence", evidence, "[recording]"),
+        ("keys", keys, "['reducer.stiffness']"),
+        ("share", share or (), "['reducer.stiffness']"),
+        ("select", select, "['friction.presliding']"),
+    ):
+        expect_list(given, name, example)
     effects = effects_of(select)
     every = switched(scenario, effects, effects)
     told = [_told(one, every) for one in evidence]

@@ -1,0 +1,79 @@
+"""What the start leaves in a record: how long it rings, and how far the drive is wound up before its array turns."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
+from microvib.signals.line_table import Line
+
+CALM = 12.0
+"""e-foldings after which the transient of a start has vanished."""
+
+
+def has_calmed(line: Line, scenario: Scenario | None) -> bool:
+    """Whether an array mode's ringing has died away by its damping, whatever it was, so that it need not be told from others."""
+    if scenario is None or line.kind != "array mode":
+        return False
+    mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
+    return mode is not None and 2.0 * math.pi * mode.frequency * mode.damping * calm_for(scenario) > CALM
+
+
+def calm_for(scenario: Scenario) -> float:
+    """Seconds at one rate before the record."""
+    times, rates = scenario.tracking.breakpoints()
+    settle = scenario.record.settle
+    changes = [0.0, *(t for t, a, b in zip(times[1:], rates[:-1], rates[1:], strict=True) if a != b and t <= settle)]
+    return float(settle - max(changes))
+
+
+def wind_up(scenario: Scenario) -> float:
+    """Angle at the output [rad] that is commanded from rest until the output breaks away; infinite if the motor is too weak.
+
+    The twist of the gear and the lag of the rotor on its electromagnetic spring, T_max sin(z lag), at the breakaway torques of both
+    shafts, and half of the backlash; without detent torque.
+    """
+    motor, reducer = scenario.motor, scenario.reducer
+    held = scenario.friction.breakaway_torque
+    if held == 0.0:
+        return 0.0
+    most = motor.electromagnetic_stiffness / motor.rotor_teeth
+    asked = held / reducer.ratio + motor.friction.breakaway_torque
+    if asked >= most:
+        return math.inf
+    twist = 0.0 if reducer.stiffness == "rigid" else held / float(reducer.stiffness)
+    return math.asin(asked / most) / motor.rotor_teeth / reducer.ratio + twist + 0.5 * (reducer.backlash or 0.0)
+
+
+def still_held(scenario: Scenario) -> str:
+    """Why the record begins before the array turns, and what to do; empty where it turns by then, or is not to turn."""
+    end = scenario.record.settle
+    turned, rate, whole = _commanded(scenario, end)
+    needed = wind_up(scenario) * (1.0 if whole else 2.0)  # after a reversal it is first wound off
+    if rate == 0.0 or turned >= needed:
+        return ""
+    if math.isinf(needed):
+        return "the array does not turn: its friction is more than the motor can break away (a larger motor.current)"
+    longer = end + (needed - turned) / abs(rate)
+    digits = 10.0 ** (math.floor(math.log10(longer)) - 2)
+    remedy = f"settle >= {math.ceil(longer / digits - 1e-9) * digits:.6g} s"
+    held = f"friction holds it until the drive is wound up by {math.degrees(needed):.3g} deg"
+    return f"the array does not turn yet: {held} ({remedy})"
+
+
+def _commanded(scenario: Scenario, end: float) -> tuple[float, float, bool]:
+    """Angle [rad] commanded one way up to the time ``end`` [s], the rate then, and whether that is all since the start."""
+    times, rates = scenario.tracking.breakpoints()
+    before = times < end
+    t = np.append(times[before], end)
+    v = np.append(rates[before], np.interp(end, times, rates))
+    ramps = np.flatnonzero(v[1:] * v[:-1] < 0.0)  # through zero, where each is parted
+    zeros = t[ramps] + np.diff(t)[ramps] * v[ramps] / (v[ramps] - v[ramps + 1])
+    t, v = np.insert(t, ramps + 1, zeros), np.insert(v, ramps + 1, 0.0)
+    steps = 0.5 * (v[1:] + v[:-1]) * np.diff(t)
+    against = np.flatnonzero(steps * v[-1] < 0.0)
+    first = int(against[-1]) + 1 if against.size else 0
+    return abs(float(np.sum(steps[first:]))), float(v[-1]), first == 0
