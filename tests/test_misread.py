@@ -44,7 +44,14 @@ def posed(model, channels):
 )
 def test_a_channel_of_another_sign_or_unit_is_told(short, torque, factor, said):
     (one,) = misread(posed(short, {"Mz": factor * torque}))
-    assert one == f"made: {said} explains it; look at sign and unit of Mz."
+    assert one == f"made: {said} explains it; look at order, sign and unit of Mz."
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_samples_in_reverse_order_are_told(short, torque, sign):
+    (one,) = misread(posed(short, {"Mz": sign * torque[::-1]}))
+    what = "its time" if sign > 0.0 else "its sign and time"
+    assert one == f"made: with {what} reversed the model explains it; look at order, sign and unit of Mz."
 
 
 def test_a_channel_that_is_right_is_not(short, torque):

@@ -334,6 +334,13 @@ def of_reversed(o: Observation, steps: int) -> Observation:
     return replace(o, value=math.remainder(o.value + math.pi * (mine - its), math.tau))
 
 
+def backwards(o: Observation) -> Observation | None:
+    """The observation as it is where the samples are in reverse order; None of what the first sample's time tells."""
+    if o.form == "turn":
+        return None
+    return replace(o, value=-o.value) if o.is_angle or o.form == "decay" else o
+
+
 def _order(name: str) -> tuple[str, int]:
     """Family and order of a line."""
     stem, _, order = name.rpartition("_")

@@ -1,4 +1,4 @@
-"""Where no model explains a recording: whether one would with its sign reversed, in another unit, or from another channel."""
+"""Where no model explains a recording: whether one would with its sign or time reversed, in another unit, or another channel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.studies.evidence import Evidence, of_reversed
+from microvib.studies.evidence import Evidence, backwards, of_reversed
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.problem import Own, Problem, Trust, cost
 from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum
@@ -16,7 +16,7 @@ from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum
 ANY_SCALE = 10.0
 """Standard deviation of the logarithm of a recording's scale where its unit is in question."""
 BLIND = 1e3
-"""Standard deviation of an angle where the sign is in question, over its own."""
+"""Standard deviation of an angle or a decay where signs are in question, over its own."""
 WRONG = 0.1
 """Logarithm of a scale from which it is told."""
 UNITS = {
@@ -41,7 +41,7 @@ def misread(problem: Problem) -> tuple[str, ...]:
     while (along := problem.along()) is not None:
         problem = along
     found = [
-        f"{one.name}: {what} the model explains it; look at sign and unit of {one.channel or 'its figures'}."
+        f"{one.name}: {what} the model explains it; look at order, sign and unit of {one.channel or 'its figures'}."
         for one, what in _signs_and_scales(problem, problem.evidence)
     ]
     return tuple(found or _channels(problem))
@@ -56,27 +56,37 @@ def _signs_and_scales(problem: Problem, tests: Sequence[tuple[Evidence, Own]]) -
         Trust(problem.trust.each, ANY_SCALE, problem.trust.settle),
         ledger=problem.ledger,
     )
-    angles = np.array([o.is_angle for _, o in free.observed])
-    end = _searched(free.looser(np.where(angles, BLIND, 1.0)))
+    signed = np.array([o.is_angle or o.form == "decay" for _, o in free.observed])
+    end = _searched(free.looser(np.where(signed, BLIND, 1.0)))
     if not goodness(free, end.r).explained:
         return
-    reversed_, changed = [], []
+    changes, changed = [], []
     for j, (one, own) in enumerate(tests):
-        steps = free.tests[j][1].motor.detent_periods
-        other = replace(one, observations=tuple(of_reversed(o, steps) for o in one.observations))
-        pair = [_alone(free, j, its, end.x) for its in (one, other)]
-        reversed_.append(pair[1] < pair[0])
-        changed.append((other if reversed_[-1] else one, own))
+        each = _readings(one, free.tests[j][1].motor.detent_periods)
+        costs = {what: _alone(free, j, its, end.x) for what, its in each.items()}
+        changes.append(min(costs, key=lambda what: costs[what]))
+        changed.append((each[changes[-1]], own))
     told = Problem(free.scenario, changed, free.keys, free.trust, ledger=free.ledger)
     end = Descent(told, end.x).run(FULL, ROUGH)
     if not goodness(told, end.r).explained:
         return
     scales = -ANY_SCALE * end.r[told.figures : told.figures + len(tests)]  # of the recording, not of the model
-    for (one, _), other_sign, scale in zip(tests, reversed_, scales, strict=True):
-        what = ["with its sign reversed"] if other_sign else []
+    for (one, _), change, scale in zip(tests, changes, scales, strict=True):
+        what = [change] if change else []
         what += [_scaled(float(scale))] if abs(scale) > WRONG else []
         if what:
             yield one, " and ".join(what)
+
+
+def _readings(one: Evidence, steps: int) -> dict[str, Evidence]:
+    """A test's observations as they are, and with sign, time or both reversed; ``steps`` are full steps in an electrical period."""
+    back = [o for o in map(backwards, one.observations) if o is not None]
+    return {
+        "": one,
+        "with its sign reversed": replace(one, observations=tuple(of_reversed(o, steps) for o in one.observations)),
+        "with its time reversed": replace(one, observations=tuple(back)),
+        "with its sign and time reversed": replace(one, observations=tuple(of_reversed(o, steps) for o in back)),
+    }
 
 
 def _searched(problem: Problem) -> Optimum:
@@ -93,10 +103,10 @@ def _searched(problem: Problem) -> Optimum:
 
 
 def _alone(problem: Problem, j: int, its: Evidence, x: np.ndarray) -> float:
-    """Cost of one test's figures with ``its`` observations."""
+    """Mean cost of figures with ``its`` observations in place of one test's."""
     tests = [(its if k == j else one, own) for k, (one, own) in enumerate(problem.evidence)]
     other = Problem(problem.scenario, tests, problem.keys, problem.trust, ledger=problem.ledger)
-    return cost(other.residuals([x])[0][: other.figures])
+    return cost(other.residuals([x])[0][: other.figures]) / other.figures
 
 
 def _scaled(logarithm: float) -> str:
