@@ -125,3 +125,49 @@ def test_one_thing_is_not_taken_for_a_list(state_1, key, call):
     recording = mv.Recording({"Mz": np.zeros(64)}, Si(64.0), {"Mz": "N*m"})
     with pytest.raises(mv.ObjectError, match=rf"^{key}: .* is no list; expected is one, such as \["):
         call(state_1, recording)
+
+
+WRONG = {
+    "harmonics": (lambda s, m, x: mv.lines(m, harmonics=x), [-1, 2.5, "8", None, True, 10**400, np.zeros(2)]),
+    "harmonics of a run": (lambda s, m, x: mv.run(s, harmonics=x), [-1, None]),
+    "harmonics of a steady state": (lambda s, m, x: mv.steady(s, harmonics=x), [-1, None]),
+    "seeds": (lambda s, m, x: mv.run(s, seeds=x), [-1, "2", None]),
+    "channel": (lambda s, m, x: mv.spectrum(m, x), [None, [], 3, np.zeros(2)]),
+    "channel of lines": (lambda s, m, x: mv.lines(m, x), [None, [], 3]),
+    "channel of a motion": (lambda s, m, x: m[x], [None, [], 3]),
+    "channels": (lambda s, m, x: mv.simulate(s, channels=x), ["T_d", 3, [3]]),
+    "line": (lambda s, m, x: mv.lines(m)[x], [None, np.zeros(2), 3]),
+    "window": (lambda s, m, x: mv.spectrum(m, window=x), [[], None, "round"]),
+    "key": (lambda s, m, x: s[x], [None, 3, []]),
+    "changes": (lambda s, m, x: s.with_(x), ["reducer.stiffness", 3, [1], {3: "1"}]),
+    "limit": (lambda s, m, x: Limit(x), [10**400, None, []]),
+    "count": (lambda s, m, x: rate_grid("0.01 deg/s", "0.1 deg/s", x), [1, 2.5, "3", None]),
+    "microsteps": (lambda s, m, x: plan_rates(s, ["0.06 deg/s"], x), [[], ["16"], [0], [2.5]]),
+    "rates": (lambda s, m, x: plan_rates(s, x), [[]]),
+    "table": (lambda s, m, x: mv.accuracy(m, x), [None, "lines", []]),
+    "folder to read": (lambda s, m, x: mv.read_run(x), [None, 3, ""]),
+    "scenario to write": (lambda s, m, x: mv.dump_scenario(x), [None, [], {}]),
+    "drives": (lambda s, m, x: mv.budget(x), [None, 3]),
+    "samples": (lambda s, m, x: mv.Recording(x, 4096.0), [None, "Mz", [np.zeros(8)]]),
+    "units": (lambda s, m, x: mv.Recording({"Mz": np.zeros(8)}, 4096.0, x), [None, "N*m", ["N*m"]]),
+    "data sheet": (lambda s, m, x: mv.new_scenario(holding_torque=x), [None, 0.5, [], True]),
+    "phases": (lambda s, m, x: mv.new_scenario(phases=x), [None, 4, 2.5, []]),
+}
+
+
+@pytest.mark.parametrize("door", WRONG)
+def test_what_is_of_no_use_is_refused_in_a_sentence(state_1, motion_1, door):
+    enter, given = WRONG[door]
+    quick = state_1.with_(QUICK)
+    for wrong in given:
+        with pytest.raises(mv.MicrovibError) as refused:
+            enter(quick, motion_1, wrong)
+        assert str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def test_counts_and_ratios_of_a_data_sheet_may_be_numbers():
+    given = mv.new_scenario(phases=3, microsteps=32, ratio=100, holding_torque="0.5 N*m", detent=0.04)
+    assert given == mv.new_scenario(
+        phases="3", microsteps="32", ratio="100", holding_torque="0.5 N*m", detent="4 percent"
+    )

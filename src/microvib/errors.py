@@ -7,7 +7,8 @@ import difflib
 import os
 import reprlib
 from collections.abc import Iterable, Iterator, Sequence, Set
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from operator import index
 from typing import Any
 
 
@@ -76,6 +77,34 @@ def expect_list(given: Any, key: str, example: str) -> None:
     several = isinstance(given, (Sequence, Set, Iterator)) or hasattr(given, "tolist")
     if not several or isinstance(given, (str, bytes)):
         raise ObjectError(f"{key}: {shown(given)} is no list; expected is one, such as {example}")
+
+
+def expect_path(given: Any) -> None:
+    """ObjectError where what was given is no name of a file or folder."""
+    if not isinstance(given, (str, os.PathLike)) or not os.fspath(given):
+        raise ObjectError(f"{shown(given)} is no name of a file or folder; expected is one, such as 'state-1'")
+
+
+def expect_channel(name: Any) -> None:
+    """ObjectError where what was given is no name of a channel."""
+    if not isinstance(name, str):
+        raise ObjectError(f"{shown(name)} is no name of a channel; expected is one, such as 'T_d'")
+
+
+def expect_mapping(given: Any, key: str, example: str) -> None:
+    """ObjectError where what was given has no keys; ``example`` is one that has."""
+    if not hasattr(given, "keys"):
+        raise ObjectError(f"{key}: {shown(given)} has no keys; names and values are expected, such as {example}")
+
+
+def whole_number(key: str, given: Any, least: int, most: int) -> int:
+    """What was given for ``key``; OptionError where it is no whole number from ``least`` to ``most``."""
+    number = None
+    with suppress(TypeError):  # of what is no whole number
+        number = None if isinstance(given, bool) else index(given)
+    if number is None or not least <= number <= most:
+        raise OptionError(key, f"{shown(given)} is not allowed; a whole number from {least} to {most} is expected")
+    return number
 
 
 class LineError(MicrovibError, KeyError):

@@ -212,6 +212,10 @@ def _number_or_text(given: Any, unit: str, example: str) -> float:
         return convert(given, unit, example)
     if isinstance(given, bool) or not isinstance(given, Real):
         raise ValueError(_no_quantity(example or unit))
+    try:
+        float(given)
+    except OverflowError:
+        raise ValueError("is too large") from None
     if unit:
         number = shown(float(given))
         raise ValueError(f"needs a unit, such as '{number} {example or unit}'; for {unit} write Si({number})")

@@ -71,6 +71,7 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer step.
     """
     expect(motion, Motion, "a motion (mv.simulate)")
+    expect(table, LineTable, "a table of lines (mv.lines)")
     scenario, beginning = motion.scenario, motion.beginning
     own = scenario.solver.refinement
     if beginning is None or 4 * own > MAX_REFINEMENT:

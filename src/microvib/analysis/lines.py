@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.spectra import SAMPLED, samples_of
-from microvib.errors import expect
+from microvib.errors import expect, expect_channel, whole_number
 from microvib.model.driven import bin_noise, driven_lines, noise_density
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
@@ -33,6 +33,8 @@ from microvib.units import Si
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
 """Parts of their frequencies by which lines of the clock and array modes of a measured torque may be off."""
+MEMBERS = 0, 10_000
+"""Of a family of lines, as many as may be asked for."""
 _SHORTEST = 2.0
 """Length of a recording [s] in which lines are looked for."""
 
@@ -75,6 +77,7 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     ``fallback`` says why. Raises what ``simulate`` raises.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    whole_number("harmonics", harmonics, *MEMBERS)
     state, why = find_steady(scenario, whole=False)  # of T_d, which is the first drive's
     source = state or torque_from_rest(scenario, progress)
     return Steady(lines(source, harmonics=harmonics), source, why)
@@ -98,6 +101,8 @@ def lines(
     is searched within CLOCK_TOLERANCE, and without it lines that stand out are found and not named. See
     ``microvib.model.expected`` for the families and ``microvib.signals.line_fit`` for the estimators. Raises ChannelError.
     """
+    expect_channel(channel)
+    whole_number("harmonics", harmonics, *MEMBERS)
     if isinstance(source, Steady):
         source = source.source
     if isinstance(source, SteadyState):

@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import Any
 
 from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
-from microvib.analysis.lines import lines
+from microvib.analysis.lines import MEMBERS, lines
 from microvib.analysis.pointing import SECOND, HubLines, hub_lines
 from microvib.analysis.seeds import check_noise, with_seeds
 from microvib.analysis.stream import lines_of_stream
-from microvib.errors import expect
+from microvib.errors import expect, whole_number
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, from_rest
@@ -72,7 +72,8 @@ def solve_run(
     table knows its lines over them. Raises what ``simulate`` raises, OptionError for seeds without noise.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
-    if seeds:
+    whole_number("harmonics", harmonics, *MEMBERS)
+    if whole_number("seeds", seeds, 0, 100_000):
         check_noise(scenario)
     if progress is not None:  # a steady state tells nothing while it is sought
         progress(0.0, scenario.record.settle + scenario.record.duration)

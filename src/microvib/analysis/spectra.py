@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.errors import ChannelError, SimulationError, expect
+from microvib.errors import ChannelError, SimulationError, expect, expect_channel
 from microvib.signals import spectrum as spectra
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.batch import Torque
@@ -28,6 +28,7 @@ def samples_of(source: Sampled, channel: str = "", expected: str = SAMPLED) -> t
     if isinstance(source, SimulationError):
         raise source  # of mv.batch, in place of a torque
     expect(source, (Motion, Torque, Recording), expected)
+    expect_channel(channel)
     if isinstance(source, Motion):
         name = channel or "T_d"
         own = series_of(source.channels, name, source.scenario, source.time)

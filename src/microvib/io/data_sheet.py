@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from numbers import Real
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field
 
-from microvib.errors import OptionError, ScenarioError
+from microvib.errors import OptionError, ScenarioError, shown
 from microvib.io.gears import OTHERS, Entry, catalog_gears, find_gear
+from microvib.io.questions import QUESTIONS
 from microvib.model.driver import Driver
 from microvib.model.motor import Motor
 from microvib.model.part import Part
@@ -83,6 +85,12 @@ PHASES_ON = {2: 2, 3: 2, 5: 4}  # assumed of the holding torque
 
 def read_entry(key: str, text: str) -> Any:
     """Value of one entry in SI from what a user wrote; OptionError with a sentence that names the option."""
+    if isinstance(text, Real) and not isinstance(text, bool):
+        text = f"{text}"  # a count or a ratio of a program; a quantity then lacks its unit
+    if not isinstance(text, str):
+        raise OptionError(
+            key, f"{shown(text)} is not allowed; a text as in the data sheet is expected: {QUESTIONS[key]}"
+        )
     given: Any = (
         int(text) if key in ("phases", "phases_on", "microsteps") and text.strip().isdecimal() else text.strip()
     )
@@ -102,7 +110,7 @@ def read_entry(key: str, text: str) -> Any:
 def read_sheet(texts: dict[str, str]) -> DataSheet:
     """Data sheet of entries as a user wrote them; OptionError names the first that is wrong."""
     values = {key: read_entry(key, text) for key, text in texts.items()}
-    if _is_torque(texts.get("detent", "")):
+    if _is_torque(str(texts.get("detent", ""))):
         values["detent_torque"] = values.pop("detent")
     return validated(DataSheet, values, si=True)
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, expect_path
 from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import package_versions, rows_csv
@@ -120,6 +120,7 @@ def _numerics(said: dict[str, Any]) -> Numerics:
 
 def read_run(folder: Path | str) -> Run:
     """Read the run in ``folder``. MicrovibError if a file is missing, is not a run's, or has been changed since."""
+    expect_path(folder)
     folder = Path(folder)
     missing = [name for name in _NEEDED if not (folder / name).is_file()]
     if missing:

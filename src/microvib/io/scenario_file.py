@@ -309,10 +309,14 @@ def dump_part(part: Part) -> str:
     return stream.getvalue()
 
 
-@lru_cache(maxsize=1)  # a run writes it to several places, 20 ms each
 def dump_scenario(scenario: Scenario) -> str:
     """YAML text of a scenario."""
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    return _dumped(scenario)
+
+
+@lru_cache(maxsize=1)  # a run writes it to several places, 20 ms each
+def _dumped(scenario: Scenario) -> str:
     return dump_part(scenario)
 
 

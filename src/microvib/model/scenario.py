@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import Field
 
-from microvib.errors import ScenarioError, did_you_mean
+from microvib.errors import ScenarioError, did_you_mean, expect, expect_mapping
 from microvib.model.array import Array
 from microvib.model.craft import Craft, craft_of, load_of
 from microvib.model.driver import Driver
@@ -248,19 +248,22 @@ class Scenario(Part):
         ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError, also
         for a bare number where a unit decides: ``with_si`` takes those.
         """
-        return self._changed({**({} if changes is None else changes), **groups}, si=False)
+        return self._changed(changes, groups, si=False)
 
     def with_si(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
         """A changed copy, for programs that compute in SI: as ``with_``, but a bare number is in the SI unit of its key.
 
         ``scenario.with_si({"tracking.rate": 0.001})`` is 0.001 rad/s. Raises ScenarioError.
         """
-        return self._changed({**({} if changes is None else changes), **groups}, si=True)
+        return self._changed(changes, groups, si=True)
 
-    def _changed(self, changes: dict[str, Any], si: bool) -> Scenario:
+    def _changed(self, changes: dict[str, Any] | None, groups: dict[str, Any], si: bool) -> Scenario:
+        if changes is not None:
+            expect_mapping(changes, "changes", "{'reducer.stiffness': '9000 N*m/rad'}")
         data: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
         data["sources"] = dict(self.sources)
-        for key, value in changes.items():
+        for key, value in {**({} if changes is None else changes), **groups}.items():
+            expect(key, str, "a dotted key, such as reducer.stiffness")
             group = key.split(".")[0]
             if isinstance(data.get(group), Part):  # what is not changed has been validated
                 data[group] = plain(data[group])
@@ -273,6 +276,7 @@ class Scenario(Part):
 
     def __getitem__(self, key: str) -> Any:
         """A value in SI, or a group, by its dotted key: ``scenario["reducer.stiffness"]``. Raises ScenarioError."""
+        expect(key, str, "a dotted key, such as reducer.stiffness")
         node: Any = self
         for name in key.split("."):
             listed = isinstance(node, tuple) and node and isinstance(node[0], Part)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from microvib.errors import LineError, did_you_mean
+from microvib.errors import LineError, did_you_mean, shown
 from microvib.model.expected import ExpectedLine
 from microvib.units import pretty
 
@@ -162,11 +162,11 @@ class LineTable:
 
     def __getitem__(self, name: str) -> Line:
         for line in self.lines:
-            if line.line == name:
+            if isinstance(name, str) and line.line == name:
                 return line
         names = self._ipython_key_completions_()
         raise LineError(
-            f"no line '{name}' in this table; {did_you_mean(str(name), names)}there are {', '.join(names) or 'none'}"
+            f"no line {shown(name)} in this table; {did_you_mean(str(name), names)}there are {', '.join(names) or 'none'}"
         )
 
     def __str__(self) -> str:

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, shown
 from microvib.units import Given, Si, quantity
 
 Window = Literal["rectangular", "hann", "flat-top"]
@@ -133,8 +133,8 @@ class Waterfall(_Estimate):
 
 def window_values(name: Window, samples: int) -> np.ndarray:
     """Window of ``samples`` points (periodic), (n,), of mean 1 but for rounding."""
-    if name not in _COSINES:
-        raise SpectrumError(f"window: '{name}' is not known; allowed are {', '.join(get_args(Window))}")
+    if not isinstance(name, str) or name not in _COSINES:
+        raise SpectrumError(f"window: {shown(name)} is not known; allowed are {', '.join(get_args(Window))}")
     phase = 2.0 * np.pi * np.arange(samples) / samples
     return sum((a * np.cos(k * phase) for k, a in enumerate(_COSINES[name])), start=np.zeros(samples))
 

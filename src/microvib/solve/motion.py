@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import ChannelError
+from microvib.errors import ChannelError, expect_channel
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import INTERFACE as ROOT
 from microvib.model.spacecraft import SECOND
@@ -181,6 +181,7 @@ def channel_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario
 
     ChannelError where there is none of it.
     """
+    expect_channel(name)
     if name in channels:
         return channels[name]
     derived = _on_firm_ground if scenario.craft is None else channel_on_craft

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from microvib.errors import expect
+from microvib.errors import expect, expect_channel, expect_list
 from microvib.model.scenario import Scenario
 from microvib.solve.integration import Progress, from_rest
 from microvib.solve.motion import Motion
@@ -24,6 +24,11 @@ def simulate(
     the solution does not stay finite.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    if channels is not None and not isinstance(channels, str):
+        expect_list(channels, "channels", "['T_d', 'theta_l']")
+        channels = tuple(channels)
+        for name in channels:
+            expect_channel(name)
     if scenario.record.start == "rest":
         return from_rest(scenario, progress=progress, channels=channels)
     from microvib.solve.steady.state import find_steady  # which imports what a start from rest does without

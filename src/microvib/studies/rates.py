@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
-from operator import index
 
 import numpy as np
 
 from microvib.analysis.limits import BEYOND
 from microvib.analysis.lines import steady
 from microvib.analysis.start import still_held
-from microvib.errors import OptionError, SimulationError, expect, expect_list
+from microvib.errors import OptionError, SimulationError, expect, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION, FAINT
@@ -196,9 +195,16 @@ def plan_rates(
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     expect_list(rates, "rates", "['0.06 deg/s']")
-    expect_list(microsteps or (), "microsteps", "[16, 32]")
+    expect_list(() if microsteps is None else microsteps, "microsteps", "[16, 32]")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
-    microsteps = (scenario.driver.microsteps,) if microsteps is None else tuple(map(index, microsteps))
+    microsteps = (
+        (scenario.driver.microsteps,)
+        if microsteps is None
+        else tuple(whole_number("microsteps", count, 1, 65_536) for count in microsteps)
+    )
+    for key, given in {"rates": grid, "microsteps": microsteps}.items():
+        if not given:
+            raise OptionError(key, "an empty list plans nothing; at least one is expected")
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
     modes = tuple(m for m in coupled_modes(scenario) if m.fixed_frequency is not None or m.damping < LIGHT)
@@ -343,6 +349,7 @@ def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float],
 def rate_grid(low: Given, high: Given, count: int = 200) -> tuple[Si, ...]:
     """``count`` rates in even steps, ``rate_grid("0.01 deg/s", "0.3 deg/s")``; OptionError if they do not make a range."""
     low, high = (quantity(key, rate, "rad/s", example="deg/s") for key, rate in (("from", low), ("to", high)))
+    count = whole_number("count", count, 2, 10_000)
     if not 0.0 < low < high:
         first, last = (f"{math.degrees(rate):g} deg/s" for rate in (low, high))
         raise OptionError("from", f"is not allowed; it must be above 0 and below {last}, the end of the range", first)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, expect_mapping
 from microvib.testdata.channels import LOADS, as_load, in_yaml, per
 from microvib.units import Si, quantity
 
@@ -43,6 +43,8 @@ class Recording:
     """What was wrong with the samples of channels before they were changed, which hides it; None while they are as read."""
 
     def __post_init__(self) -> None:
+        expect_mapping(self.channels, "channels", "{'Mz': samples}")
+        expect_mapping(self.units, "units", "{'Mz': 'N*m'}")
         given: Any = self.sample_rate
         rate = quantity("sample_rate", Si(given) if isinstance(given, Real) else given, "Hz")
         if not 0.0 < rate < math.inf:

@@ -13,7 +13,7 @@ from typing import Any
 from microvib.analysis.limits import Limit
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult, solve_run
-from microvib.errors import ScenarioError, expect
+from microvib.errors import ScenarioError, expect, expect_path
 from microvib.io.runs import SECOND, SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
@@ -63,6 +63,7 @@ def write_run(
     ``time.perf_counter``.
     """
     expect(result, RunResult, "what a run found (mv.run)")
+    expect_path(out)
     files: dict[str, Any] = {}
     motion, form, of_hub = result.motion, form or Form(), result.hub
     if motion is not None:

@@ -13,7 +13,7 @@ from microvib.analysis.limits import Verdict
 from microvib.analysis.pointing import SECOND, HubLines, together
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import Difference, differences, short_way_of
-from microvib.errors import MicrovibError, OptionError, expect
+from microvib.errors import MicrovibError, OptionError, expect, expect_list
 from microvib.io.scenario_file import load_scenario
 from microvib.model.coupling import craft_in, source_of
 from microvib.model.scenario import Scenario
@@ -161,6 +161,8 @@ def _scenarios(
 
     Two driven wings are two drives.
     """
+    if not isinstance(given, Scenario | str):
+        expect_list(given, "scenario", "[scenario, other]")
     each = [given] if isinstance(given, Scenario | str) else list(given)
     if not each:
         raise OptionError("scenario", "missing; the drive on its craft is expected, such as examples/spacecraft.yaml")
