@@ -51,10 +51,9 @@ from microvib.solve.kernel import (
     output_rate,
     references_after,
 )
+from microvib.solve.nodes import CUBES, HIGHEST
 from microvib.solve.propagators import (
     CONVERGED,
-    CUBES,
-    HIGHEST,
     INPUTS,
     ITERATIONS,
     M_MOMENTUM,
@@ -78,6 +77,7 @@ LAYER = 5.0
 code = Unit(
     __name__,
     "kernel.py",
+    "nodes.py",
     "propagators.py",
     "frame.py",
     "vector.py",

@@ -24,12 +24,10 @@ from microvib.solve.kernel import (
     margins,
     noise_at,
 )
+from microvib.solve.nodes import CUBES, HERMITE, LAGRANGE
 from microvib.solve.propagators import (
     BY_ROTOR,
-    CUBES,
-    HERMITE,
     INPUTS,
-    LAGRANGE,
     M_E,
     M_ETA_END,
     M_ETA_PART,
@@ -44,6 +42,7 @@ from microvib.solve.vector import rows
 code = Unit(
     __name__,
     "kernel.py",
+    "nodes.py",
     "propagators.py",
     "frame.py",
     "collocation.py",

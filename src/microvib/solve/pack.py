@@ -12,7 +12,7 @@ from microvib.errors import SimulationError
 from microvib.model.friction import Friction
 from microvib.model.record import Solver
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel, propagate, propagators, rodas4
+from microvib.solve import kernel, nodes, propagate, propagators, rodas4
 from microvib.solve.noise import roughness, torque_noise
 from microvib.solve.vector import whole_lanes
 
@@ -171,10 +171,10 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         pieces=np.zeros((propagators.PATTERNS * levels * propagators.PIECE_ROWS, 4)),
         modes=np.zeros((levels * s * propagators.MODE_ROWS, 4)),
         sums=np.zeros((levels * propagators.SUM_ROWS, 4)),
-        momentum=propagators.HERMITE.T.reshape(16, 4).copy(),
-        onwards=propagators.ONWARDS.reshape(16, 4).copy(),
-        fractions=propagators.CUBES[None].copy(),
-        integrals=(propagators.LAGRANGE / np.arange(1, 5)).T.copy(),
+        momentum=nodes.HERMITE.T.reshape(16, 4).copy(),
+        onwards=nodes.ONWARDS.reshape(16, 4).copy(),
+        fractions=nodes.CUBES[None].copy(),
+        integrals=(nodes.LAGRANGE / np.arange(1, 5)).T.copy(),
     )
     propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
     return tables

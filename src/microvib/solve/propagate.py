@@ -44,11 +44,10 @@ from microvib.solve.kernel import (
     pass_time,
     take_microstep,
 )
+from microvib.solve.nodes import FIRST_HALF, HALF
 from microvib.solve.propagators import (
     CONVERGED,
-    FIRST_HALF,
     GROW_BELOW,
-    HALF,
     PATTERNS,
     N,
     Propagators,
@@ -58,6 +57,7 @@ from microvib.solve.samples import _record
 code = Unit(
     __name__,
     "kernel.py",
+    "nodes.py",
     "propagators.py",
     "frame.py",
     "collocation.py",

@@ -29,6 +29,7 @@ from microvib.solve.vector import WIDTH, rows
 code = Unit(
     __name__,
     "kernel.py",
+    "nodes.py",
     "propagators.py",
     "frame.py",
     "collocation.py",
