@@ -285,3 +285,22 @@ def test_types_are_seen_from_outside_and_tell_bare_numbers(tmp_path):
     errors = [line for line in checked.stdout.splitlines() if ": error:" in line]
     assert len(errors) == 2
     assert all("rate_grid" in line and 'expected "str | Si"' in line for line in errors)
+
+
+@pytest.mark.parametrize("estimate", [mv.spectrum, mv.psd, mv.waterfall])
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (lambda x: np.where(np.arange(x.size) == 700, np.nan, x), "has 1 samples that are not numbers"),
+        (lambda x: np.clip(x, -0.03, 0.03), "is clipped"),
+        (lambda x: np.where((np.arange(x.size) > 700) & (np.arange(x.size) < 900), 0.0, x), "repeats one value"),
+        (lambda x: x[:0], "is empty"),
+    ],
+    ids=["nan", "clipped", "dropped", "empty"],
+)
+def test_spectra_of_a_recording_look_at_its_samples(motion_1, estimate, spoil, complaint):
+    whole = motion_1["T_d"] + np.random.default_rng(1).normal(0.0, 1e-5, motion_1["T_d"].size)
+    for channel, unit in (("Mz", "N*m"), ("acceleration", "m/s^2"), ("Mz", "")):
+        assert estimate(mv.Recording({channel: whole}, 4096.0, {channel: unit}), channel)
+        with pytest.raises(mv.MicrovibError, match=f"^channel {channel} .*{complaint}"):
+            estimate(mv.Recording({channel: spoil(whole)}, 4096.0, {channel: unit}), channel)

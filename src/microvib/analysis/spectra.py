@@ -11,7 +11,7 @@ from microvib.signals import spectrum as spectra
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.batch import Torque
 from microvib.solve.motion import Motion, series_of, unit_of
-from microvib.testdata.recording import Recording
+from microvib.testdata.recording import Recording, check_samples
 from microvib.units import Given
 
 Sampled = Motion | Torque | Recording
@@ -23,7 +23,7 @@ def samples_of(source: Sampled, channel: str = "", expected: str = SAMPLED) -> t
     """Values (n,) of a channel, samples per second [Hz] and unit.
 
     Without a ``channel`` it is the disturbance torque: T_d, or Mz of a recording. ChannelError or RecordingError where there is
-    no such channel, or not one value at a time.
+    no such channel, or not one value at a time, or where a recording's samples are no measurement.
     """
     if isinstance(source, SimulationError):
         raise source  # of mv.batch, in place of a torque
@@ -35,7 +35,7 @@ def samples_of(source: Sampled, channel: str = "", expected: str = SAMPLED) -> t
         return own if source.beside is None else source[name], source.sample_rate, unit_of(name)
     if isinstance(source, Recording):
         name = channel or "Mz"
-        return source[name], source.sample_rate, source.units.get(name, "")
+        return check_samples(source, name), source.sample_rate, source.units.get(name, "")
     if channel not in ("", "T_d"):
         raise ChannelError(f"channel '{channel}' is not in this torque; there is T_d alone, and mv.simulate gives all")
     return source.T_d, source.sample_rate, "N*m"

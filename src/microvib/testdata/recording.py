@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from numbers import Real
 from typing import Any
 
@@ -208,12 +209,22 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     """
     told = fault(recording, name, shortest)
     if told:
-        raise RecordingError(f"{recording.title}: channel {name} {told}")
+        raise RecordingError(f"{recording.title}: channel {name} {told}".removeprefix(": "))
 
 
 def fault(recording: Recording, name: str, shortest: float = 0.0) -> str:
     """What is wrong with a channel, empty where nothing is; RecordingError where it is neither a force nor a torque."""
     return next(_faults(recording, name, shortest), "")
+
+
+def check_samples(recording: Recording, name: str) -> np.ndarray:
+    """Samples (n,) of a channel in any unit; RecordingError where there are none, or NaN, constant, clipped or repeated ones."""
+    x = recording[name]
+    known = filter(None, [(recording.faults or {}).get(name), "" if x.size else "is empty"])
+    told = next(chain(known, _broken(x, recording.sample_rate), _in_samples(x, recording.sample_rate)), "")
+    if told:
+        raise RecordingError(f"{recording.title}: channel {name} {told}".removeprefix(": "))
+    return x
 
 
 def _faults(recording: Recording, name: str, shortest: float) -> Iterator[str]:
