@@ -86,9 +86,10 @@ def test_bits_are_identified_beside_a_stiffness(short, rounded):
     assert fit_json(fit)["parameters"][DAC_BITS]["confidence_95"] == [9, 9]
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
 def test_bits_that_the_evidence_does_not_tell_apart_are_told(short):
     """Of references that are not rounded, 12 bits or more are no others."""
-    fit = identify(short, [recorded(short)], ["reducer.stiffness", f"{DAC_BITS}=11:14"], starts=8, finishes=1)
+    fit = identify(short, [recorded(short)], ["reducer.stiffness", f"{DAC_BITS}=11:14"], starts=6, finishes=1)
     (bits,) = fit.whole
     assert not bits.identifiable
     assert "explain the data as well" in bits.verdict or "explains the data as well" in bits.verdict

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -271,7 +272,8 @@ class Selector:
         new = [k for k, key in enumerate(problem.keys) if key.label not in then]
         if new:
             low, high = np.array([problem.keys[k].range for k in new]).T
-            unit = qmc.Sobol(len(new), seed=self.seed).random(POINTS if before else self.starts)
+            count = POINTS if before else self.starts
+            unit = qmc.Sobol(len(new), seed=self.seed).random_base2(math.ceil(math.log2(count)))[:count]
             points += [points[0].copy() for _ in unit]
             for point, u in zip(points[1:], unit, strict=True):
                 point[new] = low + (high - low) * u
