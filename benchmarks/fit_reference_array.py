@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from microvib.errors import MicrovibError
-from microvib.io.scenario_file import catalog_text
+from microvib.io.named import catalog_text
 from microvib.io.tables import read_table
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated

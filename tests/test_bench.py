@@ -8,8 +8,9 @@ from support.scenarios import in_si
 
 import microvib as mv
 from microvib.analysis.lines import lines_of_recording
+from microvib.io.named import bench_names
 from microvib.io.recordings import read_prepared, read_recording, write_recording
-from microvib.io.scenario_file import bench_names, load_bench
+from microvib.io.scenario_file import load_bench
 from microvib.signals.spectrum import tone_amplitude
 from microvib.studies.measure import measure as measure_scenario
 from microvib.testdata.bench import GRAVITY, Bench, Resonance, Rope, measure

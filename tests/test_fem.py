@@ -9,7 +9,8 @@ from support.scenarios import changed
 
 from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.modal_sources import load_design, modal_source
-from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
+from microvib.io.named import catalog_names
+from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import read_table
 from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign
@@ -151,7 +152,8 @@ def test_a_wrong_unit_is_questioned(design):
     ],
 )  # fmt: skip
 def test_a_description_with_a_mistake(tmp_path, design, key, value, words):
-    from microvib.io.scenario_file import catalog_text, parse_value
+    from microvib.io.named import catalog_text
+    from microvib.io.scenario_file import parse_value
     from microvib.io.yaml_text import parse_yaml
     from microvib.model.scenario import set_key
 
@@ -243,7 +245,7 @@ def test_a_scenario_with_a_wrong_source(changes, words):
 
 
 def test_a_description_beside_the_scenario(tmp_path, design):
-    from microvib.io.scenario_file import catalog_text
+    from microvib.io.named import catalog_text
 
     (tmp_path / "mine.yaml").write_text(catalog_text("reference-array"))
     text = dump_scenario(load_scenario("state-1"))

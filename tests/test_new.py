@@ -19,8 +19,8 @@ from support.terminal import in_terminal
 import microvib as mv
 from microvib.io.data_sheet import read_entry
 from microvib.io.gears import catalog_gears
+from microvib.io.named import catalog_text
 from microvib.io.new_scenario import new_text
-from microvib.io.scenario_file import catalog_text
 from microvib.reports.parameters import provenance
 from microvib.units import convert
 

@@ -10,7 +10,7 @@ import pytest
 import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.io.hub_sources import hub_from
-from microvib.io.scenario_file import catalog_text
+from microvib.io.named import catalog_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.rigid import tensor
 from microvib.model.sentences import validated

@@ -9,8 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import microvib as mv
+from microvib.io.named import catalog_text
 from microvib.io.recordings import load_preparation
-from microvib.io.scenario_file import catalog_text, json_schema, load_scenario, parse_value, scenario_of
+from microvib.io.scenario_file import json_schema, load_scenario, parse_value, scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validated

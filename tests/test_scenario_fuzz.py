@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.io.scenario_file import catalog_text, scenario_of
+from microvib.io.named import catalog_text
+from microvib.io.scenario_file import scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import plain
 

@@ -21,7 +21,8 @@ from microvib.analysis.run import lines_of_second
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import short_way, source_of
 from microvib.model.craft import Craft, Rows
-from microvib.model.linear import coordinates, coupled_modes, dynamic_stiffness
+from microvib.model.drive_matrices import coordinates
+from microvib.model.linear import coupled_modes, dynamic_stiffness
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import draw_craft
 from microvib.reports.parameters import derived

@@ -7,8 +7,8 @@ import pytest
 
 from microvib.cli.test_data import _named
 from microvib.errors import MicrovibError
+from microvib.io.named import catalog_text
 from microvib.io.recordings import Prepared, write_recording
-from microvib.io.scenario_file import catalog_text
 from microvib.io.sources import RunFolder, open_source
 from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario

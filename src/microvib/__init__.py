@@ -74,10 +74,11 @@ if TYPE_CHECKING:
         SimulationError,
         SynchronismLost,
     )
+    from microvib.io.named import catalog_names
     from microvib.io.new_scenario import new_scenario
     from microvib.io.recordings import read_recording
     from microvib.io.runs import read_run
-    from microvib.io.scenario_file import catalog_names, dump_scenario, load_scenario
+    from microvib.io.scenario_file import dump_scenario, load_scenario
     from microvib.io.sources import open_source
     from microvib.model.expected import expected_lines
     from microvib.model.linear import coupled_modes

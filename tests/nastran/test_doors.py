@@ -7,8 +7,9 @@ from click.testing import CliRunner
 
 from microvib.cli.structures import import_from, modal_options
 from microvib.errors import MicrovibError
+from microvib.io.named import catalog_text
 from microvib.io.nastran import read_modal_model
-from microvib.io.scenario_file import catalog_text, load_scenario
+from microvib.io.scenario_file import load_scenario
 
 HOME = (0.1, -0.2, 0.3)
 

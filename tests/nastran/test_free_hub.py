@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 import microvib as mv
 from microvib.io.hub_sources import hub_from
 from microvib.io.modal_table import modes_csv
+from microvib.io.scenario_file import scenario_of
 from microvib.io.spacecraft_files import with_spacecraft
 from microvib.model.rigid import motion_of, tensor
 from microvib.structures.modal import ModalError, ModalModel
@@ -18,7 +19,7 @@ GRIDS = {"root": 1001, "payload": 20, "tip": 58}
 
 def hub_of(path, units="SI", points=GRIDS):
     given = {"spacecraft": {"hub": {"modes": path.name, "units": units, "points": points, "damping": "0.5 percent"}}}
-    found = with_spacecraft(given, path.parent, "craft")["spacecraft"]["hub"]
+    found = with_spacecraft(given, path.parent, "craft", scenario_of)["spacecraft"]["hub"]
     return json.loads(json.dumps(found))
 
 

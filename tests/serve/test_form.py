@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from support.server import spec
 
-from microvib.io.scenario_file import catalog_text, parse_yaml
+from microvib.io.named import catalog_text
+from microvib.io.scenario_file import parse_yaml
 from microvib.web.routes import forms
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from microvib.cli.main import main
-from microvib.io.scenario_file import catalog_text
+from microvib.io.named import catalog_text
 
 ONE_AFTER_ANOTHER = """
 import json, sys

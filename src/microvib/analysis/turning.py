@@ -14,7 +14,8 @@ import numpy as np
 from microvib.analysis.pointing import HubLines
 from microvib.model.coupling import craft_in
 from microvib.model.craft import Rows
-from microvib.model.linear import coordinates, dynamic_stiffness
+from microvib.model.drive_matrices import coordinates
+from microvib.model.linear import dynamic_stiffness
 from microvib.model.scenario import Scenario
 
 _NUDGE = 1e-5

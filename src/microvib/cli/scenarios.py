@@ -106,7 +106,8 @@ def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Tar
 @click.command()
 def scenarios() -> None:
     """List the published scenarios of the catalog."""
-    from microvib.io.scenario_file import catalog_names, load_scenario
+    from microvib.io.named import catalog_names
+    from microvib.io.scenario_file import load_scenario
 
     for name in catalog_names():
         loaded = load_scenario(name)

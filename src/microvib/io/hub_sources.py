@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import ScenarioError, shown
+from microvib.io.array_files import damping_ratio
 from microvib.io.files import check_file, reading
 from microvib.io.modal_sources import elements_of
-from microvib.io.scenario_file import damping_ratio, hub_names, named_text
+from microvib.io.named import hub_names, named_text
 from microvib.io.tables import finite, named_rows
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from microvib.errors import ScenarioError
-from microvib.io.scenario_file import named_text, reference_names
+from microvib.io.named import named_text, reference_names
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.structures.array_design import ArrayDesign

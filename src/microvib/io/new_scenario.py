@@ -8,7 +8,8 @@ from collections.abc import Mapping
 
 from microvib.io.data_sheet import REST, assumed, entries_of, read_sheet
 from microvib.io.gears import Entry, find_gear
-from microvib.io.scenario_file import catalog_text, scenario_of
+from microvib.io.named import catalog_text
+from microvib.io.scenario_file import scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 

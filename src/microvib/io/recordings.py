@@ -14,7 +14,7 @@ from microvib.errors import OutputError, ScenarioError, expect
 from microvib.io.files import check_file, library, reading
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
-from microvib.io.scenario_file import read_text
+from microvib.io.named import read_text
 from microvib.io.tables import dict_rows
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from microvib.errors import MicrovibError, expect
 from microvib.io.formats import READERS
+from microvib.io.named import catalog_names
 from microvib.io.recordings import Prepared, read_prepared, read_recording
-from microvib.io.scenario_file import catalog_names, load_scenario
+from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import PaperLines, is_line_table, paper_lines, read_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from microvib.errors import ScenarioError, error_context, shown
+from microvib.io.array_files import with_array
 from microvib.io.hub_sources import COLUMNS, hub_from
-from microvib.io.scenario_file import catalog_names, hub_names, named_text, scenario_of, with_array
+from microvib.io.named import catalog_names, hub_names, named_text
 from microvib.io.tables import finite, named_rows
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import plain
+from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import DRIVE
 from microvib.structures.modal import ModalError
 
@@ -18,11 +21,15 @@ SHAPE = COLUMNS[6:]
 LOS_COLUMNS = ("axis", "point", *SHAPE)
 
 
-def with_spacecraft(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
+Load = Callable[..., Scenario]
+"""Makes a scenario of data, a name and the ``folder`` of its files (``scenario_file.scenario_of``)."""
+
+
+def with_spacecraft(data: dict[str, Any], folder: Path, origin: str, load: Load) -> dict[str, Any]:
     """Scenario data with what they stand for in place of the names of ``spacecraft``: of ``hub.modes`` a file or a description,
     of ``line_of_sight.rows`` a file, of an ``interface.position`` a point of the hub, of ``second_wing.scenario`` another drive.
 
-    Files are relative to ``folder``. Raises ScenarioError or ModalError.
+    Files are relative to ``folder``; another drive is what ``load`` makes of its file. Raises ScenarioError or ModalError.
     """
     group, sources = dict(data["spacecraft"]), {}
     hub, los, second = (group.get(key) for key in ("hub", "line_of_sight", "second_wing"))
@@ -39,7 +46,7 @@ def with_spacecraft(data: dict[str, Any], folder: Path, origin: str) -> dict[str
             name = second.get("scenario")
             if name is not None:
                 sources["spacecraft.second_wing"] = str(name)
-            group["second_wing"] = _placed(_with_drive(second, folder), group.get("hub"), "second_wing.")
+            group["second_wing"] = _placed(_with_drive(second, folder, load), group.get("hub"), "second_wing.")
         group = _placed(group, group.get("hub"))
     data = {**data, "spacecraft": group}
     if not sources:
@@ -48,7 +55,7 @@ def with_spacecraft(data: dict[str, Any], folder: Path, origin: str) -> dict[str
     return {**data, "sources": {**(given if isinstance(given, dict) else {}), **sources}}
 
 
-def _with_drive(wing: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _with_drive(wing: dict[str, Any], folder: Path, load: Load) -> dict[str, Any]:
     """A second wing with drive and array of the scenario that it names, but for the groups that it gives itself."""
     given = dict(with_array(wing, folder, "spacecraft.second_wing"))
     given.pop("sources", None)
@@ -62,7 +69,7 @@ def _with_drive(wing: dict[str, Any], folder: Path) -> dict[str, Any]:
     data = parse_yaml(named_text(name, folder), name)
     if isinstance(data, dict):
         data.pop("spacecraft", None)  # whose second wing may be this one's file
-    other = scenario_of(data, name, folder=folder if name in catalog_names() else (folder / name).parent)
+    other = load(data, name, folder=folder if name in catalog_names() else (folder / name).parent)
     return {**{key: plain(getattr(other, key), text=True) for key in DRIVE}, **given}
 
 

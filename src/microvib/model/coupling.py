@@ -18,9 +18,10 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.craft import Craft, Held, array_on_hub, held, hub_matrices
+from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
-from microvib.model.linear import coordinates, coupled_modes, pulls
+from microvib.model.linear import coupled_modes, pulls
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import INTERFACE, SECOND

@@ -24,6 +24,7 @@ import numpy as np
 
 from microvib.model.array import Array
 from microvib.model.decoupled import Decoupled, decoupled
+from microvib.model.drive_matrices import coordinates, drive_matrices
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
@@ -297,8 +298,6 @@ def second_wing(spacecraft: Spacecraft) -> Held | None:
 
 def held(motor: Motor, reducer: Reducer, friction: Friction, array: Array, interface: Interface, angle: float) -> Held:
     """A wing at an ``angle`` [rad] of its array on its ``interface``, its shaft held by the linearised drive."""
-    from microvib.model.linear import coordinates, drive_matrices  # which begins with a craft
-
     a, J_m = _six(interface.axis), motor.rotor_inertia + reducer.input_inertia
     M, P = array_on_hub(array, interface, angle)
     M = M + reducer.output_inertia * np.outer(a, a)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
-from pydantic.fields import FieldInfo
 
 from microvib.errors import ScenarioError
+from microvib.model.fields import quantity_in
+from microvib.model.sentences import validated
 from microvib.units import Quantity, Si
 
 Six = tuple[float, float, float, float, float, float]  # Fx Fy Fz and Mx My Mz of something
@@ -24,8 +25,6 @@ else:
         """Classes whose constructor takes and refuses what a file would, in the same sentences."""
 
         def __call__(cls, **data: Any) -> Any:
-            from microvib.model.sentences import validated
-
             return validated(cls, data)
 
     class _Base(BaseModel, metaclass=_Sentences):
@@ -88,30 +87,6 @@ class Part(_Base):
 
 def _alike(given: Any, value: float) -> bool:
     return isinstance(given, float) and math.isclose(given, value, rel_tol=1e-6)
-
-
-def nested(annotation: Any) -> Iterator[Any]:
-    """An annotation and all that it is made of, from outside to inside."""
-    yield annotation
-    for argument in get_args(annotation):
-        yield from nested(argument)
-
-
-def quantity_in(field: FieldInfo) -> Quantity | None:
-    """The ``Quantity`` that a field declares, also inside ``Annotated[...] | None``."""
-    return next((x for x in (*field.metadata, *nested(field.annotation)) if isinstance(x, Quantity)), None)
-
-
-def part_in(annotation: Any) -> type[Part] | None:
-    """The class of the part, or of the parts, that a field holds."""
-    return next((x for x in nested(annotation) if isinstance(x, type) and issubclass(x, Part)), None)
-
-
-def whole_numbers(field: FieldInfo) -> str:
-    """The range of a field that holds a whole number, in words; empty without one."""
-    told = [*field.metadata, *(m for x in nested(field.annotation) if isinstance(x, FieldInfo) for m in x.metadata)]
-    low, high = (next((getattr(m, end) for m in told if hasattr(m, end)), None) for end in ("ge", "le"))
-    return "" if low is None else f"a whole number from {low} to {high}"
 
 
 def plain(value: Any, quantity: Quantity | None = None, *, text: bool = False) -> Any:

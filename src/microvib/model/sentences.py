@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from microvib.errors import ScenarioError, did_you_mean, shown
-from microvib.model.part import Part, part_in, whole_numbers
+from microvib.model.fields import part_in, quantity_in, whole_numbers
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=BaseModel)
 MAX_SENTENCES = 8  # problems that are told, at most; of the others their number
 
 
@@ -54,24 +54,24 @@ class _Place(NamedTuple):
     """What is expected where whole numbers are."""
 
 
-def _place(root: type[Part], where: list[str]) -> _Place:
-    part: type[Part] | None = root
-    parent, field = root, None
+def _place(root: type[BaseModel], where: list[str]) -> _Place:
+    part: type[BaseModel] | None = root
+    field = None
     for name in (name for name in where if not name.isdigit()):
         if part is None or name not in part.model_fields:
             return _Place()
-        parent, field = part, part.model_fields[name]
+        field = part.model_fields[name]
         part = part_in(field.annotation)
     keys = () if part is None else tuple(part.model_fields)
     if field is None:
         return _Place(keys)
-    quantity = parent.quantity_of(where[-1])
+    quantity = None if where[-1].isdigit() else quantity_in(field)
     unit = f", in {quantity.display or quantity.unit}" if quantity and quantity.unit else ""
     meaning = f"{quantity.meaning}{unit}" if quantity else field.description
     return _Place(keys, f" ({meaning})" if meaning else "", whole_numbers(field) or "a whole number")
 
 
-def _sentence(root: type[Part], item: ErrorDetails) -> str:
+def _sentence(root: type[BaseModel], item: ErrorDetails) -> str:
     """One validation error as a sentence: which key, what was found, what is allowed."""
     where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
     key = ".".join(where) or root.__name__.lower()
@@ -105,7 +105,7 @@ def _sentence(root: type[Part], item: ErrorDetails) -> str:
     return f"{key}: {shown(found)} is not allowed; {expected}"
 
 
-def _near(key: str, known: list[str], root: type[Part]) -> str:
+def _near(key: str, known: list[str], root: type[BaseModel]) -> str:
     """What an unknown key may stand for: a neighbour spelt like it, or a key of its name in another group, the outermost."""
     elsewhere = [name for name in _all_keys(root) if name.split(".")[-1] == key.split(".")[-1]]
     outermost = min((name.count(".") for name in elsewhere), default=0)
@@ -113,7 +113,7 @@ def _near(key: str, known: list[str], root: type[Part]) -> str:
     return did_you_mean(key, known) or (f"did you mean {' or '.join(elsewhere)}? " if 0 < len(elsewhere) <= 3 else "")
 
 
-def _all_keys(part: type[Part], prefix: str = "") -> Iterator[str]:
+def _all_keys(part: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for name, field in part.model_fields.items():
         yield f"{prefix}{name}"
         inner = part_in(field.annotation)

@@ -16,7 +16,7 @@ from microvib.errors import MicrovibError
 from microvib.model.array import Array
 from microvib.model.coupling import craft_in
 from microvib.model.craft import hub_matrices
-from microvib.model.linear import coordinates
+from microvib.model.drive_matrices import coordinates
 from microvib.model.rigid import about_center, rigid_motions, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface

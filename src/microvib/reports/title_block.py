@@ -55,7 +55,7 @@ KEYS = tuple(f.name for f in fields(TitleBlock))
 
 def read_title_block(path: Path) -> TitleBlock:
     """The title block that a YAML file describes; MicrovibError with the key and what is allowed."""
-    from microvib.io.scenario_file import read_text
+    from microvib.io.named import read_text
     from microvib.io.yaml_text import parse_yaml
 
     data = parse_yaml(read_text(path, "report data", ()), str(path))

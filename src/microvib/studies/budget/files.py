@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field
 
-from microvib.io.scenario_file import read_text
+from microvib.io.named import read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part
 from microvib.model.rigid import Direction, Position

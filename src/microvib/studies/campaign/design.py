@@ -13,7 +13,8 @@ import numpy as np
 from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
 from microvib.errors import OptionError, ScenarioError, error_context
-from microvib.io.scenario_file import load_scenario, read_text
+from microvib.io.named import read_text
+from microvib.io.scenario_file import load_scenario
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import plain
 from microvib.model.scenario import Scenario
@@ -194,7 +195,7 @@ def _variation(base: Scenario, key: str, spec: Any, folder: Path) -> Levels | Un
         return variation(base, key, spec)
     if not isinstance(spec, list) or not spec:
         raise ScenarioError(f"vary.{key}: {spec!r} is not allowed; a list of files or names is expected")
-    from microvib.io.scenario_file import with_array
+    from microvib.io.array_files import with_array
 
     arrays = []
     for name in spec:

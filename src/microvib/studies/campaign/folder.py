@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario, read_text
+from microvib.io.named import read_text
+from microvib.io.scenario_file import dump_part, dump_scenario, load_scenario
 from microvib.io.tables import package_versions, to_json
 from microvib.io.writing import write_file, write_folder
 from microvib.io.yaml_text import parse_yaml

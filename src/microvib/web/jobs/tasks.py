@@ -38,8 +38,7 @@ from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import sized
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si
-from microvib.web.jobs import results
-from microvib.web.jobs.worker import Tell
+from microvib.web.jobs import Tell, results
 from microvib.web.routes.forms import Spec, array_structure, view_of
 
 Upload = tuple[str, str]  # a recording's file, and what its owner calls it

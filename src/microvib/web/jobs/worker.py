@@ -7,15 +7,13 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from microvib.errors import MicrovibError
-
-Tell = Callable[[float, float | None, str, str], None]  # done, total (None: not known), unit, text
+from microvib.web.jobs import Tell
 
 _FOLDERS = re.compile(r"""(?<![\w.*^/\\])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:;,'"]+[/\\])+""")
 _OUT_OF_MEMORY = "memory is exhausted; shorten record.duration or lower record.sample_rate"

@@ -12,21 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from pydantic.fields import FieldInfo
 
 from microvib.errors import MicrovibError, ScenarioError
+from microvib.io.array_files import ARRAY_ORIGINS
 from microvib.io.data_sheet import DataSheet
+from microvib.io.named import catalog_names, catalog_text, hub_names, reference_names
 from microvib.io.questions import QUESTIONS
-from microvib.io.scenario_file import (
-    ARRAY_ORIGINS,
-    catalog_names,
-    catalog_text,
-    dump_scenario,
-    hub_names,
-    named_tables,
-    parse_value,
-    reference_names,
-    scenario_of,
-)
+from microvib.io.scenario_file import dump_scenario, named_tables, parse_value, scenario_of
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.part import nested, part_in, whole_numbers
+from microvib.model.fields import nested, part_in, whole_numbers
 from microvib.model.scenario import Scenario, set_key
 from microvib.reports.parameters import derived
 from microvib.units import Quantity

@@ -8,8 +8,8 @@ from fastapi import APIRouter
 
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.data_sheet import read_entry
+from microvib.io.named import catalog_names, catalog_text
 from microvib.io.new_scenario import sheet_text
-from microvib.io.scenario_file import catalog_names, catalog_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.web.routes import forms
 from microvib.web.routes.common import At, Refused, reading, refusals, refused, view

@@ -1,0 +1,93 @@
+"""Arrays of which a scenario names the file, or the description, that their modes come from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microvib.errors import ScenarioError, error_context, shown
+from microvib.model.part import plain
+from microvib.units import convert
+
+if TYPE_CHECKING:
+    from microvib.structures.modal import ModalModel
+
+ARRAY_ORIGINS = ("from", "fem")
+"""Keys of ``array`` that name where its modes come from, instead of the modes themselves: a table, a description."""
+
+
+def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
+    """Scenario data with ``array: {from: FILE}`` or ``array: {fem: DESCRIPTION}`` replaced by the modes of that source.
+
+    Files are relative to ``folder``. ``modes: N`` keeps the first N modes, ``damping`` replaces their damping ratios; beside
+    results of a finite-element program stand the keys of ``Import``. Raises ScenarioError or ModalError.
+    """
+    group = data.get("array")
+    if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
+        return data
+    with error_context(origin):
+        model, source = _modes_of(group, folder)
+        given = data.get("sources") or {}
+        if not isinstance(given, dict):
+            raise ScenarioError(f"sources: {given!r} is not allowed; keys are expected here: text to text")
+    sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {"array": source}
+    if model.notes:
+        sources["array.inertia"] = " ".join([f"{source}.", *model.notes])  # once, not at each mode
+    return {**data, "array": plain(model.array(), text=True), "sources": sources}
+
+
+def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
+    """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
+    from microvib.io.modal_sources import DEFAULT_MODES, DESCRIPTIONS, TABLES, modal_source
+    from microvib.io.modal_table import MAX_MODES
+
+    key, *others = [key for key in group if key in ARRAY_ORIGINS]
+    if not isinstance(group[key], str) or "\0" in group[key]:
+        raise ScenarioError(f"array.{key}: {shown(group[key])} is not allowed; the name of a file is expected")
+    name = str(group[key])
+    if key == "from" and not others and Path(name).suffix.lower() not in (*TABLES, *DESCRIPTIONS):
+        from microvib.io.nastran import read_modal_model
+        from microvib.structures.deck import import_options
+
+        said = {option: value for option, value in group.items() if option not in ARRAY_ORIGINS}
+        return read_modal_model(folder / name, import_options(said, "array")), name
+    unknown = [*others, *(key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping"))]
+    if unknown:
+        raise ScenarioError(
+            f"array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed beside it are modes"
+            " (how many) and damping"
+        )
+    if key == "from":
+        model = modal_source(name, folder=folder).model
+        return _damped(model.first(_count(group, model.frequency.size)), group), name
+    count = _count({"modes": DEFAULT_MODES, **group}, MAX_MODES)
+    model = modal_source(name, max(count, 1), folder).model
+    return _damped(model.first(count), group), f"finite elements of {name}, {count} modes"
+
+
+def _count(group: dict[str, Any], available: int) -> int:
+    count = group.get("modes", available)
+    if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= available:
+        raise ScenarioError(f"array.modes: {count!r} is not allowed; a whole number from 0 to {available} is expected")
+    return count
+
+
+def _damped(model: ModalModel, group: dict[str, Any]) -> ModalModel:
+    if "damping" not in group:
+        return model
+    return replace(model, damping=np.full(model.frequency.size, damping_ratio("array.damping", group["damping"])))
+
+
+def damping_ratio(key: str, given: Any) -> float:
+    """A damping ratio as a user wrote it beside the name of a file; ScenarioError where it is none."""
+    try:
+        xi = convert(given, "") if isinstance(given, str) else float(given)
+    except (TypeError, ValueError):
+        xi = math.nan
+    if not 0.0 <= xi <= 0.99:
+        raise ScenarioError(f"{key}: {shown(given)} is not allowed; a damping ratio from 0 to 99 percent is expected")
+    return xi
