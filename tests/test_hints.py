@@ -34,6 +34,14 @@ def said(model, torque):
     return hints(problem.tests, after, deviations(problem, problem.start))
 
 
+def judged(problem):
+    """Verdict on the start, as if a search had converged there and explained everything."""
+    best = Optimum(problem.start, np.zeros(problem.figures + 1), 0.0)
+    local = Local(np.ones((problem.figures + 1, 1)), np.array([[1e-4]]), 1.0)
+    found = Findings(problem, best, local, True, (Interval(best.x[0] - 0.02, best.x[0] + 0.02),))
+    return estimate(found, 0).verdict
+
+
 def torque_of(scenario):
     return mv.simulate(scenario, channels=("T_d",))["T_d"]
 
@@ -57,10 +65,7 @@ def test_without_torque_noise_nothing_is_identified_where_the_floor_allows_it(sh
     assert "may be torque noise of some 8e-07 N^2*m^2/Hz" in one
     problem = posed(short, torque)
     assert 0.5e-6 < problem.tests[0][0].noise < 2e-6  # where the shaft sticks it swallows some
-    best = Optimum(problem.start, np.zeros(problem.figures + 1), 0.0)
-    local = Local(np.ones((problem.figures + 1, 1)), np.array([[1e-4]]), 1.0)
-    found = Findings(problem, best, local, True, (Interval(best.x[0] - 0.02, best.x[0] + 0.02),))
-    assert estimate(found, 0).verdict.startswith("not identifiable without friction.torque_noise")
+    assert judged(problem).startswith("not identifiable without friction.torque_noise")
     instrument = np.random.default_rng(1).normal(0.0, 5e-3, torque.size)
     assert not any("torque noise" in sentence for sentence in said(short, torque_of(short) + instrument))
     assert posed(noisy, torque).tests[0][0].noise == 0.0  # known, and sought by its levels
@@ -70,9 +75,12 @@ def test_without_torque_noise_nothing_is_identified_where_the_floor_allows_it(sh
 def test_a_motion_of_another_period_is_told(short, part, word):
     torque = torque_of(short)
     t = np.arange(torque.size) / 4096.0
-    (one,) = said(short, torque + 3e-3 * np.cos(2 * np.pi * short.driving_frequency / part * t))
+    other = torque + 3e-3 * np.cos(2 * np.pi * short.driving_frequency / part * t)
+    (one,) = said(short, other)
     assert f"made: the recording's motion repeats every {word} microstep, the model's does not" in one
     assert "3 and 0.00" in one
+    assert judged(posed(short, torque)).startswith("identifiable")
+    assert judged(posed(short, other)).startswith("not identifiable: the model's motion repeats after another number")
 
 
 def test_what_the_evidence_does_not_tell_costs_no_profile(short):

@@ -32,10 +32,8 @@ def hints(
     tests: Sequence[tuple[Evidence, Scenario]], after: Sequence[Simulated], deviations: Sequence[Deviation]
 ) -> tuple[str, ...]:
     """Sentences on what the model, whose lines of each test are ``after``, seems to lack."""
-    found: list[str] = []
-    for (one, scenario), simulated in zip(tests, after, strict=True):
-        clock = scenario.driving_frequency or 0.0
-        found += _period(one, at_parts(simulated.torque, simulated.sample_rate, scenario.driving_frequency), clock)
+    found = [sentence for each in zip(tests, after, strict=True) for sentence in other_period(*each)]
+    for one, scenario in tests:
         if loose(one, scenario):
             found.append(
                 f"{one.name}: its floor between the lines may be torque noise of some {one.noise:.1g} N^2*m^2/Hz, which frees what"
@@ -67,8 +65,10 @@ def _floor(one: Evidence, frequency: float) -> float:
     return float(np.interp(frequency, one.rest.frequency, one.rest.floor))
 
 
-def _period(one: Evidence, model: Sequence[float], clock: float) -> Iterator[str]:
-    """Whether the recording or the model alone repeats after several microsteps."""
+def other_period(test: tuple[Evidence, Scenario], simulated: Simulated) -> Iterator[str]:
+    """Sentences where the recording or the model alone repeats after several microsteps."""
+    (one, scenario), clock = test, test[1].driving_frequency or 0.0
+    model = at_parts(simulated.torque, simulated.sample_rate, scenario.driving_frequency)
     for k, (part, word) in enumerate(PARTS.items(), 1):
         if not one.parts or not model or max(one.parts[k], model[k]) < LARGE * one.parts[0]:
             continue

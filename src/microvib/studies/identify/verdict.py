@@ -12,7 +12,7 @@ import numpy as np
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
 from microvib.studies.identify.goodness import REJECTED, Goodness, goodness
-from microvib.studies.identify.hints import loose
+from microvib.studies.identify.hints import loose, other_period
 from microvib.studies.identify.images import FRAMED, NEAR, turns
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import WholeKey, fittable
@@ -101,6 +101,12 @@ class Findings:
         """The model about the optimum, linearised."""
         return self.confirmed or local_at(self.problem, self.best)
 
+    @cached_property
+    def other_period(self) -> bool:
+        """Whether model and recording repeat after different numbers of microsteps."""
+        tests, after = self.problem.tests, self.problem.lines(self.best.x)
+        return after is not None and any(any(other_period(*each)) for each in zip(tests, after, strict=True))
+
 
 def estimate(findings: Findings, k: int) -> Estimate:
     """The k-th parameter with its interval and verdict."""
@@ -134,6 +140,8 @@ def refusal(findings: Findings) -> str:
         return "not identifiable: few figures check the model, and they speak against it"
     if not findings.converged or findings.intervals is None:
         return "not identifiable: the search has not converged"
+    if findings.other_period:
+        return "not identifiable: the model's motion repeats after another number of microsteps than the recording's"
     if any(loose(one, scenario) for one, scenario in findings.problem.tests):
         return "not identifiable without friction.torque_noise: the floor may be such noise, which would move the lines"
     return ""
