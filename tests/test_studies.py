@@ -14,7 +14,7 @@ from microvib.io.recordings import write_recording
 from microvib.io.sources import open_source
 from microvib.reports.comparison import comparison_folder
 from microvib.reports.document import Form
-from microvib.reports.identification import fit_folder, fit_json, fit_text
+from microvib.reports.identification import fit_folder, fit_json, fit_report, fit_text
 from microvib.reports.rendering import write_study
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
@@ -91,6 +91,20 @@ def test_identification_finds_the_truth(fit):
     assert fit.usable
     assert "explains these data" in fit.goodness.sentence
     assert not any(d.off for d in fit.deviations)
+
+
+def test_sidebands_are_shown_where_there_is_nothing_else_and_nothing_is_green_that_nothing_checks(fit):
+    assert fit_report(fit).facts[0].status == "pass"
+    ((evidence, before),), ((_, after),) = fit.before, fit.after
+    beside = tuple(o for o in evidence.observations if "plus_" in o.line and o.form == "amplitude")[:2]
+    assert len(beside) == 2
+    assert not any(f"{o.line} amplitude" in fit_text(fit) for o in beside)
+    one = replace(evidence, observations=beside)
+    unchecked = replace(fit.goodness, chi_square=0.0, figures=2, parameters=2)
+    bare = replace(fit, before=((one, before),), after=((one, after),), goodness=unchecked)
+    assert all(f"{o.line} amplitude" in fit_text(bare) for o in beside)
+    assert fit_report(bare).facts[0].value == "not checked"
+    assert fit_report(bare).facts[0].status == ""
 
 
 def test_what_an_identification_writes(fit, tmp_path):

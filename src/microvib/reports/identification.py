@@ -168,18 +168,25 @@ def _interval(e: Estimate) -> str:
 
 
 def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
-    """Amplitudes and mode figures of the tests with their values before and after."""
+    """Amplitudes and mode figures of the tests with their values before and after; sidebands where there is nothing else."""
     several = len(fit.before) > 1
+    each = [
+        (evidence, o, before, after)
+        for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True)
+        for o in evidence.observations
+        if not o.is_angle
+    ]
     return [
         (
             f"{o.line} {o.form}" + (f" [{file_name(evidence.name)}]" if several else ""),
             o.value, predicted(before, o), predicted(after, o),
         )
-        for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True)
-        for o in evidence.observations
-        if not o.is_angle
-        and (o.line in _MAIN or (o.line.startswith(("drive", "array", "electrical")) and "us_" not in o.line))
+        for evidence, o, before, after in [one for one in each if _is_main(one[1].line)] or each
     ]  # fmt: skip
+
+
+def _is_main(line: str) -> bool:
+    return line in _MAIN or (line.startswith(("drive", "array", "electrical")) and "us_" not in line)
 
 
 def _off_by(value: float, test: float) -> str:
@@ -243,6 +250,8 @@ def fit_report(fit: Fit) -> Document:
     prepared = [Text(text, note=True) for text in _prepared(fit)]
     explained = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
     good = Fact(f"{fit.goodness.ratio:.3g}", explained, "pass" if fit.usable else "fail")
+    if fit.usable and fit.goodness.freedom <= 0:
+        good = Fact("not checked", "as many parameters as figures: any model might fit")
     return study(
         "Identification report",
         f"Identification: {fit.scenario.title or 'drive'}",
