@@ -21,9 +21,10 @@ from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import SEPARATION
-from microvib.signals.line_table import DETECTION, DRIVEN, SEEN, Line, LineTable, Rest
+from microvib.signals.line_table import DETECTION, DRIVEN, SEEN, LineTable, Rest
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
+from microvib.studies.relative_phase import PHASE_OF, family, relative_phase
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band, inside
 
@@ -182,7 +183,7 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
         if x.kind == "array mode":
             found.append(Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz))
             found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
-        against = sure.get(PHASE_OF.get(_family(x.line), ""))
+        against = sure.get(PHASE_OF.get(family(x.line), ""))
         if against is not None and against is not x:
             found.append(Observation(x.line, "phase", *relative_phase(x, against), against.line))
         first = sure.get("electrical_1")
@@ -287,64 +288,8 @@ def _between(
     return between, f, [k for k in bands if k.size >= FEWEST]
 
 
-PHASE_OF = {"drive": "drive_1", "electrical": "full_step_1"}
-"""Line against which phases of a family of lines are taken."""
 BRANCH = 0.3
 """Standard uncertainty [rad] of a branch, which is to tell quarters apart and nothing that the phase tells already."""
-
-
-def _family(line: str) -> str:
-    """What the name of a driving line or of one of the electrical period begins with; of others, sidebands too, nothing."""
-    stem, _, order = line.rpartition("_")
-    return stem if stem in PHASE_OF and order.isdigit() else ""
-
-
-def relative_phase(line: Line, against: Line) -> tuple[float, float]:
-    """Phase [rad] of a line against another one of its clock, as no choice of time zero changes it, and its uncertainty.
-
-    With the orders j and k of both, and their least common multiple m: (m/j) phi_j - (m/k) phi_k. The full step is the order 4 of
-    the electrical period, with three phases 6, with five 10.
-    """
-    (family, _), (other, _) = map(_order, (line.line, against.line))
-    steps = 1
-    if family != other and "full_step" in (family, other):  # one is the electrical period's
-        per_turn = [one.frequency_hz / _order(one.line)[1] for one in (line, against)]
-        if not math.isfinite(sum(per_turn)):  # one of them is not there
-            return math.nan, math.nan
-        steps = round(max(per_turn) / min(per_turn))
-    mine, its = _multiples(line.line, against.line, steps)
-    value = mine * line.phase_rad - its * against.phase_rad
-    return value, math.hypot(mine * line.phase_uncertainty_rad, its * against.phase_uncertainty_rad)
-
-
-def _multiples(line: str, against: str, steps: int) -> tuple[int, int]:
-    """m/j and m/k of two lines, with ``steps`` full steps in an electrical period where they are of both."""
-    (family, mine), (other, its) = map(_order, (line, against))
-    if family != other:
-        mine, its = (order * steps if name == "full_step" else order for name, order in ((family, mine), (other, its)))
-    common = math.lcm(mine, its)
-    return common // mine, common // its
-
-
-def of_reversed(o: Observation, steps: int) -> Observation:
-    """The observation as it is where the channel's sign is reversed; ``steps`` are full steps in an electrical period."""
-    if not o.is_angle:
-        return o
-    mine, its = (1, 0) if o.form == "turn" else _multiples(o.line, o.against, steps)
-    return replace(o, value=math.remainder(o.value + math.pi * (mine - its), math.tau))
-
-
-def backwards(o: Observation) -> Observation | None:
-    """The observation as it is where the samples are in reverse order; None of what the first sample's time tells."""
-    if o.form == "turn":
-        return None
-    return replace(o, value=-o.value) if o.is_angle or o.form == "decay" else o
-
-
-def _order(name: str) -> tuple[str, int]:
-    """Family and order of a line."""
-    stem, _, order = name.rpartition("_")
-    return stem, int(order)
 
 
 @dataclass(frozen=True)

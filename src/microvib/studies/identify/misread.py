@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.studies.evidence import Evidence, backwards, of_reversed
+from microvib.studies.evidence import Evidence, Observation
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.problem import Own, Problem, Trust, cost
 from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum
+from microvib.studies.relative_phase import multiples
 
 ANY_SCALE = 10.0
 """Standard deviation of the logarithm of a recording's scale where its unit is in question."""
@@ -80,13 +81,28 @@ def _signs_and_scales(problem: Problem, tests: Sequence[tuple[Evidence, Own]]) -
 
 def _readings(one: Evidence, steps: int) -> dict[str, Evidence]:
     """A test's observations as they are, and with sign, time or both reversed; ``steps`` are full steps in an electrical period."""
-    back = [o for o in map(backwards, one.observations) if o is not None]
+    back = [o for o in map(_backwards, one.observations) if o is not None]
     return {
         "": one,
-        "with its sign reversed": replace(one, observations=tuple(of_reversed(o, steps) for o in one.observations)),
+        "with its sign reversed": replace(one, observations=tuple(_of_reversed(o, steps) for o in one.observations)),
         "with its time reversed": replace(one, observations=tuple(back)),
-        "with its sign and time reversed": replace(one, observations=tuple(of_reversed(o, steps) for o in back)),
+        "with its sign and time reversed": replace(one, observations=tuple(_of_reversed(o, steps) for o in back)),
     }
+
+
+def _of_reversed(o: Observation, steps: int) -> Observation:
+    """The observation as it is where the channel's sign is reversed; ``steps`` are full steps in an electrical period."""
+    if not o.is_angle:
+        return o
+    mine, its = (1, 0) if o.form == "turn" else multiples(o.line, o.against, steps)
+    return replace(o, value=math.remainder(o.value + math.pi * (mine - its), math.tau))
+
+
+def _backwards(o: Observation) -> Observation | None:
+    """The observation as it is where the samples are in reverse order; None of what the first sample's time tells."""
+    if o.form == "turn":
+        return None
+    return replace(o, value=-o.value) if o.is_angle or o.form == "decay" else o
 
 
 def _searched(problem: Problem) -> Optimum:
