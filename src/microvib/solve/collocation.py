@@ -167,6 +167,12 @@ def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
             r[5] = r[5] - A[XB, j] * at[j]
 
 
+@code.inner(**INLINE)
+def _nothing(t):
+    """Lanes of zeros, of numbers that are finite whatever an iteration came to."""
+    return rows(t.fractions, 0, 1, 1)[0] * 0.0
+
+
 @code.inner(**FORCED)
 def _free_modes(level, x, p, t, w):
     """Torques and momentum of the modes as free oscillators."""
@@ -174,7 +180,7 @@ def _free_modes(level, x, p, t, w):
         rows(w.sums, 0, N_SUMS, 1),
         rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS),
     )
-    torque = momentum = on_rotor = sums[CHANGE] * 0.0
+    torque = momentum = on_rotor = _nothing(t)
     for k in range(p.H.size):
         eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
         torque += modes[k, M_TORQUE] * eta + modes[k, M_TORQUE + 1] * rate
@@ -202,7 +208,7 @@ def _iterate(level, afresh, s, c, x, p, t, w):
     T, block = t.longest * 0.5**level, (_pattern(x.stick, p) * t.levels + level) * NODE_ROWS
     E, K = rows(t.nodes, block, N * N, N), rows(t.nodes, block + N * N, 24 * N, N)
     coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)
-    _free_states(E, w)
+    _free_states(E, t, w)
     _free_modes(level, x, p, t, w)
     last, change, first = math.inf, math.inf, 0 if afresh else 1
     if afresh:
@@ -211,7 +217,7 @@ def _iterate(level, afresh, s, c, x, p, t, w):
         _listen(T, x, p, w)
     for n in range(first, ITERATIONS + 1):
         if n == 0:
-            modal, on_rotor = _at_start(x, p, w)
+            modal, on_rotor = _at_start(x, p, t, w)
         else:
             if n == 1:
                 _weigh(x, p, t, w)  # by the start of the step
@@ -245,10 +251,10 @@ def _iterate(level, afresh, s, c, x, p, t, w):
 
 
 @code.inner(**INLINE)
-def _at_start(x, p, w):
+def _at_start(x, p, t, w):
     """States at the nodes as at the start of the step; torques of the modes there."""
-    at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
-    nothing, rate = sums[CHANGE] * 0.0, output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
+    at = rows(w.at, 0, N, 1)
+    nothing, rate = _nothing(t), output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
     for i in range(N):
         at[i] = nothing + w.x[i]
     modal, on_rotor = modal_torques(x.y, rate, p)
@@ -256,42 +262,34 @@ def _at_start(x, p, w):
 
 
 @code.inner(**FORCED)
-def _free_states(E, w):
-    """States at the nodes without deficits; eight sums side by side, because each addition waits for the one before."""
-    free, first = rows(w.free, 0, N, 1), w.x[0]
-    a0, a1, a2, a3 = E[0, 0] * first, E[0, 1] * first, E[0, 2] * first, E[0, 3] * first
-    a4, a5, a6, a7 = E[0, 4] * first, E[0, 5] * first, E[0, 6] * first, E[0, 7] * first
-    for j in range(1, N):
-        value = w.x[j]
-        a0 += E[j, 0] * value
-        a1 += E[j, 1] * value
-        a2 += E[j, 2] * value
-        a3 += E[j, 3] * value
-        a4 += E[j, 4] * value
-        a5 += E[j, 5] * value
-        a6 += E[j, 6] * value
-        a7 += E[j, 7] * value
-    free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7] = a0, a1, a2, a3, a4, a5, a6, a7
+def _plus(a, M, m, value):
+    """Eight sums with one product more each; side by side, because each addition waits for the one before."""
+    return (
+        a[0] + M[m, 0] * value, a[1] + M[m, 1] * value, a[2] + M[m, 2] * value, a[3] + M[m, 3] * value,
+        a[4] + M[m, 4] * value, a[5] + M[m, 5] * value, a[6] + M[m, 6] * value, a[7] + M[m, 7] * value,
+    )  # fmt: skip
+
+
+@code.inner(**FORCED)
+def _free_states(E, t, w):
+    """States at the nodes without deficits."""
+    free, nothing = rows(w.free, 0, N, 1), _nothing(t)
+    a = nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing
+    for j in range(N):
+        a = _plus(a, E, j, w.x[j])
+    free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7] = a
 
 
 @code.inner(**FORCED)
 def _states_at_nodes(K, x, p, t, w):
     """States at the nodes by the deficits ``w.r``."""
     free, at = rows(w.free, 0, N, 1), rows(w.at, 0, N, 1)
-    a0, a1, a2, a3, a4, a5, a6, a7 = free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7]
+    a = free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7]
     for k in range(t.inputs):
         for j in range(4):
-            m, value = 4 * k + j, w.r[k, j]
-            a0 += K[m, 0] * value
-            a1 += K[m, 1] * value
-            a2 += K[m, 2] * value
-            a3 += K[m, 3] * value
-            a4 += K[m, 4] * value
-            a5 += K[m, 5] * value
-            a6 += K[m, 6] * value
-            a7 += K[m, 7] * value
-    a7 = output_rate(a4 + x.clock[THETA_E] * p.inv_z, a5, a7, p)
-    at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = a0, a1, a2, a3, a4, a5, a6, a7
+            a = _plus(a, K, 4 * k + j, w.r[k, j])
+    at[0], at[1], at[2], at[3], at[4], at[5], at[6] = a[0], a[1], a[2], a[3], a[4], a[5], a[6]
+    at[7] = output_rate(a[4] + x.clock[THETA_E] * p.inv_z, a[5], a[7], p)
 
 
 @code.inner(**INLINE)
