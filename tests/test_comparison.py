@@ -19,7 +19,6 @@ from microvib.reports.comparison import clock_sentence, comparison_report, compa
 from microvib.reports.document import Table, Text
 from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
-from microvib.signals.line_table import SEEN
 from microvib.studies.analyse import analyse
 from microvib.studies.compare import Figures, Row, Side, _with_names_of, compare, comparison_csv
 from microvib.studies.evidence import evidence_of
@@ -116,7 +115,7 @@ def test_lines_under_the_floor_of_a_table_are_no_evidence(state_1, tmp_path):
     found = analyse(Prepared(heard((53.0, 0.05), (106.0, 0.02))), scenario=state_1)
     (tmp_path / "lines.csv").write_text(lines_csv(found.table))
     told = {o.line for o in evidence_of(open_source(str(tmp_path / "lines.csv")), state_1).observations}
-    assert {"drive_1", "drive_2"} <= told <= {x.line for x in found.table if x.status in SEEN}
+    assert {"drive_1", "drive_2"} <= told <= {x.line for x in found.table if x.seen}
     assert len(told) < 10 < len(found.table)
 
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from microvib.analysis.lines import clock_doubts
-from microvib.analysis.start import CALM, calm_for, has_calmed, still_held
+from microvib.analysis.start import CALM, calm_for, has_calmed, rounded_up, still_held
 from microvib.errors import OptionError, expect
 from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import SEPARATION
-from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable, SeedLine
+from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable, SeedLine
 from microvib.units import Band, Given, Si, band, inside, pretty, quantity
 
 Verdict = Literal["pass", "fail", "not judged"]
@@ -191,8 +191,7 @@ def judge(
 def _place(line: Line) -> tuple[float, float]:
     """Frequency of a line, found or expected, and to what it is known [Hz]."""
     spread = line.frequency_uncertainty_hz
-    frequency = line.frequency_hz if math.isfinite(line.frequency_hz) else line.expected_hz
-    return frequency, 2.0 * spread if math.isfinite(spread) else 0.0
+    return line.place_hz, 2.0 * spread if math.isfinite(spread) else 0.0
 
 
 def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
@@ -216,7 +215,7 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.starting(table.duration)) for x in table if x.status == "decaying"]
     told = [f"{why[0].upper()}{why[1:]}." for why in _held(table, scenario)]
-    told += [_drawn(x, table) for x in table if x.status == DRIVEN and x.kind == "array mode"]
+    told += [_drawn(x, table) for x in table if x.status == DRIVEN and x.is_mode]
     return told + [
         f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
         f" {_unsettled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
@@ -283,7 +282,7 @@ def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line],
     doubt = 2.0 * spread + max(OWN_ERROR, table.own_error) * amplitude
     verdict: Verdict
     if line.status == FAINT:
-        amplitude = max(amplitude, DETECTION * line.floor_n_m)
+        amplitude = max(amplitude, line.hidden_n_m)
         verdict, why = ("pass" if amplitude <= most else "not judged"), "hidden by its floor; a longer record.duration"
     elif line.status in ("decaying", "growing"):
         amplitude = line.starting(table.duration)
@@ -323,14 +322,8 @@ def _unsettled(line: Line, too_large: float, scenario: Scenario | None) -> str:
         return "it grows within the record"
     longer = math.log(max(too_large, 1.0)) / line.decay_per_s
     if scenario is None:
-        return f"not settled for another {_up(longer)} s"
-    return f"not settled; settle >= {_up(scenario.record.settle + longer)} s"
-
-
-def _up(value: float) -> str:
-    """A number rounded up to three digits."""
-    digits = 10.0 ** (math.floor(math.log10(value)) - 2) if value > 0.0 else 1.0
-    return f"{math.ceil(value / digits - 1e-9) * digits:.6g}"
+        return f"not settled for another {rounded_up(longer)} s"
+    return f"not settled; settle >= {rounded_up(scenario.record.settle + longer)} s"
 
 
 def _left(table: LineTable, limit: Limit) -> list[str]:
@@ -354,13 +347,13 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
     reaches = _linear_reach(scenario, limit, start)
     if reaches is not None:
         rate = min(reaches, limit.high) / PASSBAND
-        gaps.append(f"what is above {start:.4g} Hz (record.sample_rate >= {_up(rate)} Hz)")
+        gaps.append(f"what is above {start:.4g} Hz (record.sample_rate >= {rounded_up(rate)} Hz)")
     begun = all(x.status != TRANSIENT for x in table)  # in the steady state, nothing rings
     ringing = [m for m in coupled_modes(scenario) if begun and start < m.frequency <= limit.high]
-    slowest = max((CALM / (2.0 * math.pi * m.frequency * m.damping) for m in ringing if m.damping > 0.0), default=0.0)
+    slowest = max((CALM / m.decay for m in ringing if m.damping > 0.0), default=0.0)
     longer = slowest - calm_for(scenario)
     if longer > 0.0:
-        gaps.append(f"ringing above {start:.4g} Hz (settle >= {_up(scenario.record.settle + longer)} s)")
+        gaps.append(f"ringing above {start:.4g} Hz (settle >= {rounded_up(scenario.record.settle + longer)} s)")
     return gaps
 
 
@@ -377,9 +370,15 @@ def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | Non
     return max(near) + 0.5 * f_d if near else None
 
 
+def may_have(line: Line) -> float:
+    """What a line without a figure of its own may have at most [N m]: what its floor hides, or BEYOND times the bin that it shares
+    with others, for there they may cancel in part."""
+    return line.hidden_n_m if line.hidden_n_m > 0.0 else BEYOND * line.bin_amplitude_n_m
+
+
 def _is_small(line: Line, limit: Limit) -> bool:
-    """Whether a line that others hide is small all the same, by the bin that they share: there they may cancel in part."""
-    return line.status.startswith("not separable") and BEYOND * line.bin_amplitude_n_m <= limit.torque
+    """Whether a line that others hide is small all the same."""
+    return line.status.startswith("not separable") and may_have(line) <= limit.torque
 
 
 def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
@@ -388,10 +387,10 @@ def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
     A mode whose decay the record is too short to show does, and what lies within its resolution, until it has died away by its
     damping.
     """
-    if line.kind not in ("array mode", "other") or line.status == DRIVEN:
+    if line.of_clock or line.status == DRIVEN:
         return False
     if scenario is None or line.status != "ok":
         return line.status != "ok"
     near = SEPARATION / table.duration
     modes = [m for m in coupled_modes(scenario) if m.name == line.line or abs(m.frequency - line.frequency_hz) < near]
-    return any(2.0 * math.pi * m.frequency * m.damping * calm_for(scenario) < CALM for m in modes)
+    return any(m.decay * calm_for(scenario) < CALM for m in modes)

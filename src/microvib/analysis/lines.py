@@ -23,7 +23,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
-from microvib.signals.line_table import DRIVEN, FAINT, SEEN, Line, LineTable
+from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable
 from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, from_rest, method_of
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
@@ -142,8 +142,8 @@ deviation, from simulations of states 1, 2 and 4 of the catalog with reducers, f
 
 def while_settling(table: LineTable) -> LineTable:
     """Measured lines with what rings in the uncertainties of the clock: it shifts all its lines in time, as its size squared."""
-    clock = [x for x in table if x.kind not in ("array mode", "other") and x.status in SEEN]
-    rings = max((x.amplitude_n_m for x in table if x.kind == "array mode" and x.status in SEEN), default=0.0)
+    clock = [x for x in table if x.of_clock and x.seen]
+    rings = max((x.amplitude_n_m for x in table if x.is_mode and x.seen), default=0.0)
     if not clock or not rings or table.clock_ratio_uncertainty is None:
         return table
     largest = max(clock, key=lambda x: x.amplitude_n_m)
@@ -183,13 +183,13 @@ def with_noise(table: LineTable, scenario: Scenario, disturbance: bool = True) -
             line = replace(
                 line, noise_mean_n_m=noise.mean, noise_deviation_n_m=noise.deviation, noise_p95_n_m=noise.quantile
             )
-        elif line.kind not in ("array mode", "other") or not line.frequency_hz > 0.0:
+        elif line.of_clock or not line.frequency_hz > 0.0:
             drawn = False
         elif disturbance:
             drawn = line.amplitude_n_m < _FAR * bin_noise(scenario, line.frequency_hz, table.duration)
         else:
             drawn = bool(noise_density(scenario, np.array([line.frequency_hz]))[0] > 0.0)
-        own = line.status in SEEN or (noise is not None and line.status == FAINT)
+        own = line.seen or (noise is not None and line.status == FAINT)
         rows.append(replace(line, status=DRIVEN) if drawn and own else line)
     return replace(table, lines=tuple(rows))
 
@@ -200,7 +200,7 @@ def lines_among(x: np.ndarray, sample_rate: float, scenario: Scenario, names: Co
     They have no uncertainties, and take a fraction of the time.
     """
     expected = expected_in(scenario, sample_rate)
-    wanted = [line for line in expected if line.name in names or line.kind == "array mode"]
+    wanted = [line for line in expected if line.name in names or line.is_mode]
     return lines_at_known_clock(x, sample_rate, wanted)
 
 
@@ -238,8 +238,8 @@ def near_mains(frequency: float, duration: float) -> bool:
 
 def clock_doubts(table: LineTable) -> Iterator[str]:
     """What speaks against a recording being of the scenario's drive at its rate: a sentence each."""
-    clock = [x for x in table if x.kind not in ("array mode", "other", "")]
-    seen = [x for x in clock if x.status in SEEN]
+    clock = [x for x in table if x.kind and x.of_clock]
+    seen = [x for x in clock if x.seen]
     drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
     common = math.gcd(*(k for k, x in drive.items() if x in seen))
     if table.clock_ratio is None and any(x.status == FAINT for x in clock):
@@ -254,7 +254,7 @@ def clock_doubts(table: LineTable) -> Iterator[str]:
 def clock_notes(table: LineTable) -> Iterator[str]:
     """``clock_doubts`` and, where there are none, which lines of the clock pick-up of the mains may stand in."""
     doubts = tuple(clock_doubts(table))
-    clock = (x for x in table if x.kind not in ("array mode", "other") and x.status in SEEN)
+    clock = (x for x in table if x.of_clock and x.seen)
     hum = [x.line for x in clock if near_mains(x.frequency_hz, table.duration)]
     if hum and not doubts:
         yield f"where pick-up of the mains (50 or 60 Hz) may stand: {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"

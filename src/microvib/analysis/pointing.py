@@ -19,7 +19,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import crowded, lines_at_known_clock, tones_beside
-from microvib.signals.line_table import DRIVEN, SEEN, Line, LineTable
+from microvib.signals.line_table import DRIVEN, Line, LineTable
 from microvib.signals.pointing import (
     METRICS,
     Metric,
@@ -255,7 +255,7 @@ def _lines_of_one(source: Motion | SteadyState, table: LineTable, harmonics: int
     )
     shafts, found = _found(source, expected, channels, table, los_only)
     frequency, ringing = _ringing(*found, expected, channels)
-    own = np.array([line.kind in ("array mode", "other") for line in expected])
+    own = np.array([not line.of_clock for line in expected])
     rows = [*([] if los_only else [craft.loads()]), *([craft.second_loads()] if two else [])]
     rows += [craft.line_of_sight()] if looks else []
     forced = np.hstack([np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows])
@@ -343,7 +343,7 @@ def _found(
     tones, frequency, decay = tones_beside(
         [source[name] for name in (*shafts, *channels)], source.sample_rate, expected, table
     )
-    if any(x.kind == "array mode" and x.status not in SEEN and np.isfinite(x.amplitude_n_m) for x in table):
+    if any(x.is_mode and not x.seen and np.isfinite(x.amplitude_n_m) for x in table):
         return tones[:, :2], _each(source, expected, channels, rows)
     each = np.ones((1, len(channels)))
     return tones[:, :2], (tones[:, 2:], frequency[:, None] * each, decay[:, None] * each)

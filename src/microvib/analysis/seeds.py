@@ -12,7 +12,7 @@ import numpy as np
 from microvib.analysis.lines import lines_among
 from microvib.errors import OptionError
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import DETECTION, FAINT, Line, LineTable, SeedLine
+from microvib.signals.line_table import Line, LineTable, SeedLine
 from microvib.solve.batch import Torque, simulate_torques
 
 QUANTILE, CONFIDENCE = 0.95, 0.95
@@ -78,7 +78,7 @@ def _over(rows: list[Line]) -> SeedLine:
         p95_n_m=float(np.quantile(amplitude, QUANTILE)),
         p95_low_n_m=low,
         p95_high_n_m=high,
-        hidden_n_m=max((DETECTION * x.floor_n_m for x in rows if x.status == FAINT), default=0.0),
+        hidden_n_m=max((x.hidden_n_m for x in rows), default=0.0),
     )
 
 

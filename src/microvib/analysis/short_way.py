@@ -16,9 +16,6 @@ from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.steady.state import SteadyState
 
-OWN = ("array mode", "other")
-"""Kinds of lines that ring at frequencies of their own: on a craft these are others, so that the short way does not take them."""
-
 
 @dataclass(frozen=True)
 class BlockedLines:
@@ -33,7 +30,8 @@ class BlockedLines:
 
 def blocked_lines(source: Motion | SteadyState, on: Scenario, harmonics: int = 8) -> BlockedLines:
     """Lines of the six loads of a run on ground, in the hub axes of the scenario ``on`` a craft and at its array angle."""
-    expected = [line for line in expected_in(source.scenario, on.record.sample_rate, harmonics) if line.kind not in OWN]
+    # What rings does so at other frequencies on a craft: the short way does not take it.
+    expected = [line for line in expected_in(source.scenario, on.record.sample_rate, harmonics) if line.of_clock]
     found = [lines_in(source, name, tuple(expected)) for name in INTERFACE]
     loads = np.array([tones_of(column) for column in found]).T.reshape(len(expected), 6)
     spacecraft = craft_in(on).spacecraft

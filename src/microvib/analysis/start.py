@@ -16,10 +16,10 @@ CALM = 12.0
 
 def has_calmed(line: Line, scenario: Scenario | None) -> bool:
     """Whether an array mode's ringing has died away by its damping, whatever it was, so that it need not be told from others."""
-    if scenario is None or line.kind != "array mode":
+    if scenario is None or not line.is_mode:
         return False
     mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
-    return mode is not None and 2.0 * math.pi * mode.frequency * mode.damping * calm_for(scenario) > CALM
+    return mode is not None and mode.decay * calm_for(scenario) > CALM
 
 
 def calm_for(scenario: Scenario) -> float:
@@ -57,11 +57,15 @@ def still_held(scenario: Scenario) -> str:
         return ""
     if math.isinf(needed):
         return "the array does not turn: its friction is more than the motor can break away (a larger motor.current)"
-    longer = end + (needed - turned) / abs(rate)
-    digits = 10.0 ** (math.floor(math.log10(longer)) - 2)
-    remedy = f"settle >= {math.ceil(longer / digits - 1e-9) * digits:.6g} s"
+    remedy = f"settle >= {rounded_up(end + (needed - turned) / abs(rate))} s"
     held = f"friction holds it until the drive is wound up by {math.degrees(needed):.3g} deg"
     return f"the array does not turn yet: {held} ({remedy})"
+
+
+def rounded_up(value: float) -> str:
+    """A number rounded up to three digits, as remedies name it."""
+    digits = 10.0 ** (math.floor(math.log10(value)) - 2) if value > 0.0 else 1.0
+    return f"{math.ceil(value / digits - 1e-9) * digits:.6g}"
 
 
 def _commanded(scenario: Scenario, end: float) -> tuple[float, float, bool]:

@@ -11,7 +11,7 @@ import numpy as np
 from microvib.analysis.accuracy import account, accuracy, noted
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import SEEN, Line, LineTable, Rest
+from microvib.signals.line_table import Line, LineTable, Rest
 from microvib.solve.integration import Progress, Simulation
 from microvib.solve.motion import Invariants, Motion
 
@@ -39,8 +39,7 @@ def lines_of_stream(
         tables.append(lines_of_samples(block, rate, scenario, harmonics))
         if start == 0:
             begun = block.copy()
-            at = [x.frequency_hz if np.isfinite(x.frequency_hz) else x.expected_hz for x in tables[0]]
-            numbers = [round(f * samples / rate) for f in at]
+            numbers = [round(x.place_hz * samples / rate) for x in tables[0]]
         sums = sums + _bin_sums(block, start, numbers, samples)
         start += block.size
     amplitudes = np.where(np.array(numbers) == 0, 0.0, 2.0 * np.abs(sums) / samples).tolist()  # bin 0: mean taken out
@@ -79,7 +78,7 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
     for first, (bin_hz, bin_amplitude) in zip(tables[0], bins, strict=True):
         column = [row for row in (_row(table, first) for table in tables) if row is not None]
         # A mode that has died away says nothing of its frequency: blocks count by the square of what they show.
-        weights = np.array([x.amplitude_n_m**2 if x.status in SEEN else 0.0 for x in column])
+        weights = np.array([x.amplitude_n_m**2 if x.seen else 0.0 for x in column])
         if not np.any(weights > 0.0):
             weights = np.ones(len(column))
         means: dict[str, Any] = {

@@ -86,8 +86,7 @@ def driven_lines(scenario: Scenario, duration: float) -> tuple[DrivenLine, ...]:
     """
     found = []
     for mode in coupled_modes(scenario):
-        sigma = 2.0 * math.pi * mode.frequency * mode.damping
-        fold = sigma * duration
+        sigma, fold = mode.decay, mode.decay * duration
         if mode.fixed_frequency is None or not 0.0 < fold <= LONGEST:
             continue
         angles = math.pi * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)  # of equal parts of the resonance

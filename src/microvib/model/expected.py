@@ -24,8 +24,24 @@ Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
 
+class OfKind:
+    """What the kind of a line, expected or found, says of it."""
+
+    kind: str
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether it is an array mode as seen through the drive."""
+        return self.kind == "array mode"
+
+    @property
+    def of_clock(self) -> bool:
+        """Whether the step clock makes it; modes, and what is not expected, have frequencies of their own."""
+        return self.kind not in ("array mode", "other")
+
+
 @dataclass(frozen=True)
-class ExpectedLine:
+class ExpectedLine(OfKind):
     """An expected line: its name, its frequency and the band to search [Hz]."""
 
     name: str

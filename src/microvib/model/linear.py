@@ -37,6 +37,11 @@ class CoupledMode:
     fixed_frequency: float | None
     """Frequency with the interface clamped, on a craft with locked hinges [Hz]; None for a resonance of the drive itself."""
 
+    @property
+    def decay(self) -> float:
+        """Rate [1/s] at which its ringing dies away."""
+        return 2.0 * math.pi * self.frequency * self.damping
+
 
 def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if rigid), modes (Eq. 16-18)."""

@@ -11,7 +11,7 @@ from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Contents, Document, Fact, Figure, Section, Table, Text, pairs, table
 from microvib.reports.numbers import brief, format_number, milli
 from microvib.reports.typography import file_name
-from microvib.signals.line_table import SEEN, Line, LineTable
+from microvib.signals.line_table import Line, LineTable
 from microvib.studies.analyse import Analysis
 
 
@@ -93,7 +93,7 @@ def _facts(a: Analysis) -> list[Fact]:
 
 
 def _largest(a: Analysis) -> list[Line]:
-    seen = [line for line in a.table or () if line.status in SEEN]
+    seen = [line for line in a.table or () if line.seen]
     return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MAX_FIRST_PAGE]
 
 

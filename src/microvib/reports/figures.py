@@ -145,7 +145,7 @@ def _name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
     _dots(ax, visible, markersize=4, zorder=5)
     placed: list[float] = []
     top = max((x.amplitude_n_m for x in visible), default=0.0)
-    for x in sorted(visible, key=lambda x: (x.kind != "array mode", -x.amplitude_n_m)):
+    for x in sorted(visible, key=lambda x: (not x.is_mode, -x.amplitude_n_m)):
         clear = all(abs(x.frequency_hz - f) >= 0.055 * highest for f in placed)
         if clear and x.amplitude_n_m >= 1e-3 * top:
             placed.append(x.frequency_hz)
@@ -158,7 +158,7 @@ def _dots(ax: Axes, lines: Sequence[Line], marker: str = "o", **style: Any) -> N
 
 def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
     """Spectrum about the array's first modes; clamped and coupled frequency of the strongest marked."""
-    modes = [line for line in table if line.kind == "array mode" and np.isfinite(line.amplitude_n_m)]
+    modes = [line for line in table if line.is_mode and np.isfinite(line.amplitude_n_m)]
     top = 4.0 * min((line.expected_hz for line in modes), default=1.0)
     s = spectrum(motion, window="rectangular")
     keep = (s.frequency <= top) & (s.frequency > 0)

@@ -27,10 +27,10 @@ def lines_of_series(
     """
     sizes = np.abs(series)
     top = float(np.max(sizes[1:], initial=0.0))
-    named = {k for line in expected if line.kind != "array mode" and (k := _order(line, base, series.size))}
+    named = {k for line in expected if not line.is_mode and (k := _order(line, base, series.size))}
     lines = (*expected, *_others(sizes, base, microsteps, named, Orders.of(expected, 1.0)))
     frequency = np.array([line.frequency for line in lines], dtype=float)
-    mode = np.array([line.kind == "array mode" for line in lines], dtype=bool)
+    mode = np.array([line.is_mode for line in lines], dtype=bool)
     tone = np.array([series[k] if (k := _order(line, base, series.size)) else 0.0 for line in lines], dtype=complex)
     sharp = np.where(mode, math.nan, 0.0)
     amplitude = np.abs(tone) + sharp

@@ -20,7 +20,7 @@ from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
 from microvib.signals.clock import agreeing, estimate_clock_ratio
 from microvib.signals.line_search import FALLS, search
-from microvib.signals.line_table import DETECTION, FAINT, SEEN, Figures, Line, LineTable, Rest, Uncertainty
+from microvib.signals.line_table import DETECTION, FAINT, Figures, Line, LineTable, Rest, Uncertainty
 from microvib.signals.orders import Orders
 from microvib.signals.spectrum import tone_amplitude
 from microvib.signals.tones import (
@@ -81,7 +81,7 @@ def lines_at_known_clock(
     Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time. What rings in another channel of the
     same motion, whose lines ``beside`` has, does so here with the same frequency and decay.
     """
-    rings = () if beside is None else tuple(x for x in beside if x.kind == "array mode" and x.status in SEEN)
+    rings = () if beside is None else tuple(x for x in beside if x.is_mode and x.seen)
     figures = figures_at_known_clock(x, sample_rate, expected, rings)
     none = 0.0 * figures.amplitude
     return LineTable(figures.rows(Uncertainty(none, none, none, none)), 1.0, 0.0, np.size(x), sample_rate)
@@ -89,8 +89,8 @@ def lines_at_known_clock(
 
 def crowded(table: LineTable) -> LineTable:
     """Of a table the modes that are so near a line of the clock that another channel can tell them only if it knows them."""
-    clock = [x.expected_hz for x in table if x.kind not in ("array mode", "other")]
-    modes = (x for x in table if x.kind == "array mode")
+    clock = [x.expected_hz for x in table if x.of_clock]
+    modes = (x for x in table if x.is_mode)
     near = (x for x in modes if any(abs(x.expected_hz - f) * table.duration < SEPARATION for f in clock))
     return replace(table, lines=tuple(near))
 
@@ -104,9 +104,9 @@ def tones_beside(
     channel of the same motion; those that it does not show are nan.
     """
     spectra = [HannSpectrum.of(x - x.mean(), sample_rate) for x in xs]
-    rings = {x.line: x for x in beside if x.kind == "array mode" and x.status in SEEN}
+    rings = {x.line: x for x in beside if x.is_mode and x.seen}
     wanted, _ = _sort_out(expected, spectra[0].duration, rings)
-    clock = steady([line for line in wanted if line.kind != "array mode"])
+    clock = steady([line for line in wanted if not line.is_mode])
     tones = clock.and_those(ringing([(line, rings[line.name]) for line in wanted if line.name in rings]))
     mean = mean_of_decay(tones.decay * spectra[0].duration)[0]
     found = np.append(amplitudes_in(spectra, tones) * mean[:, None], np.full((1, len(xs)), np.nan), axis=0)
@@ -118,10 +118,7 @@ def figures_at_known_clock(
     x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], rings: Sequence[Line] = ()
 ) -> Figures:
     """The figures of ``lines_at_known_clock`` as arrays, for many records."""
-    known = [
-        replace(line, low=line.frequency, high=line.frequency) if line.kind != "array mode" else line
-        for line in expected
-    ]
+    known = [replace(line, low=line.frequency, high=line.frequency) if not line.is_mode else line for line in expected]
     joint, refused, _ = _fitted(x, sample_rate, known, rings, everywhere=False)
     return _figures(expected, joint, refused)
 
@@ -142,9 +139,9 @@ def _fitted(
     spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
     named = {line.line: line for line in rings}
     wanted, refused = _sort_out(expected, spectrum.duration, named)
-    clock = [line for line in wanted if line.kind != "array mode"]
+    clock = [line for line in wanted if not line.is_mode]
     known = ringing([(line, named[line.name]) for line in wanted if line.name in named])
-    modes = [line for line in wanted if line.kind == "array mode" and line.name not in named]
+    modes = [line for line in wanted if line.is_mode and line.name not in named]
     modes, left_out = _largest(modes, spectrum)
     refused |= left_out
     searched = _is_searched(expected)
@@ -209,7 +206,7 @@ def _nearest(frequency: np.ndarray, modes: Sequence[ExpectedLine]) -> list[Expec
 def _near_each_other(expected: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:
     """Array modes in the order of their frequencies, those together of which one is too near the next to be told from it."""
     groups: list[list[ExpectedLine]] = []
-    for mode in sorted((x for x in expected if x.kind == "array mode"), key=lambda x: x.frequency):
+    for mode in sorted((x for x in expected if x.is_mode), key=lambda x: x.frequency):
         if not groups or (mode.frequency - groups[-1][-1].frequency) * duration >= SEPARATION:
             groups.append([])
         groups[-1].append(mode)
@@ -218,7 +215,7 @@ def _near_each_other(expected: Sequence[ExpectedLine], duration: float) -> list[
 
 def _shared(expected: Sequence[ExpectedLine], refused: dict[str, str]) -> Iterator[ExpectedLine]:
     """The lines; of a mode the origin says which others are not separable from it, since its peak may be theirs."""
-    modes = {line.name for line in expected if line.kind == "array mode"}
+    modes = {line.name for line in expected if line.is_mode}
     hidden = {
         name: why.removeprefix(f"{NOT_APART} ").partition(";")[0] for name, why in refused.items() if name in modes
     }
@@ -238,7 +235,7 @@ def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.nd
 
 
 def _is_searched(expected: Sequence[ExpectedLine]) -> bool:
-    return any(line.high > line.low for line in expected if line.kind != "array mode")
+    return any(line.high > line.low for line in expected if not line.is_mode)
 
 
 def with_background(table: LineTable, background: np.ndarray) -> LineTable:

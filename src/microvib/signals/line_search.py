@@ -154,7 +154,7 @@ class _Search:
         """The clock's order about which tone ``i`` is a sideband that a larger mode may make: that far away, and falling alike."""
         tones, sizes, modes = self.joint.tones, self.joint.sizes, {}
         for j, line in enumerate(tones.lines):
-            if line.kind == "array mode" and sizes[j] > sizes[i] and self.orders:
+            if line.is_mode and sizes[j] > sizes[i] and self.orders:
                 own = self._spread(self.joint, j)
                 doubt = 3.0 * float(np.hypot(spread.decay[0], own.decay[0])) + _FALLS_ALIKE * abs(tones.decay[j])
                 if abs(tones.decay[i] - tones.decay[j]) <= doubt:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from microvib.errors import LineError, did_you_mean, shown
-from microvib.model.expected import ExpectedLine
+from microvib.model.expected import ExpectedLine, OfKind
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DETECTION = 6.0  # a line is seen when it stands this many times above the floor about it
 FAINT = "below the floor"  # status of a line that was looked for and not found
 DRIVEN = "driven by noise"  # status of a line that is another one with every draw of the noise
-SEEN = ("ok", "decaying", "growing", DRIVEN)
+_SEEN = ("ok", "decaying", "growing", DRIVEN)
 """Statuses of lines that stand out and have figures of their own."""
 
 _IN_PHASE = math.sqrt(0.5 / (1.0 - math.pi / 4.0))
@@ -33,7 +33,7 @@ _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
 
 
 @dataclass(frozen=True)
-class Line:
+class Line(OfKind):
     """One line of a torque; amplitudes in N m, 0-to-peak."""
 
     line: str
@@ -66,6 +66,21 @@ class Line:
     """Its standard deviation."""
     noise_p95_n_m: float = float("nan")
     """What 95 % of the draws stay below."""
+
+    @property
+    def seen(self) -> bool:
+        """Whether it stands out and has figures of its own."""
+        return self.status in _SEEN
+
+    @property
+    def place_hz(self) -> float:
+        """Where it is: its frequency, or where that was not found the expected one."""
+        return self.frequency_hz if math.isfinite(self.frequency_hz) else self.expected_hz
+
+    @property
+    def hidden_n_m(self) -> float:
+        """What it may have where its floor hides it; 0 where it does not."""
+        return DETECTION * self.floor_n_m if self.status == FAINT else 0.0
 
     @property
     def noise_doubt_n_m(self) -> float:

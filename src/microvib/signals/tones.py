@@ -46,7 +46,7 @@ class Tones:
     @property
     def clock(self) -> np.ndarray:
         """Which tones belong to the step clock, (m,)."""
-        return ~self.free & np.array([line.kind != "array mode" for line in self.lines], dtype=bool)
+        return ~self.free & np.array([not line.is_mode for line in self.lines], dtype=bool)
 
     def only(self, some: np.ndarray) -> Tones:
         """The tones for which ``some`` (m,) is true, or whose places it holds."""

@@ -16,7 +16,7 @@ from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
 from microvib.io.tables import PaperLines, rows_csv
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import SEEN, LineTable
+from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -217,7 +217,7 @@ def _figures(table: LineTable) -> dict[str, Figures]:
     return {
         x.line: Figures(
             x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m,
-            x.status in ("", *SEEN), x.frequency_uncertainty_hz,
+            x.seen or not x.status, x.frequency_uncertainty_hz,
         )
         for x in table
     }  # fmt: skip

@@ -21,7 +21,7 @@ from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import SEPARATION
-from microvib.signals.line_table import DETECTION, DRIVEN, SEEN, LineTable, Rest
+from microvib.signals.line_table import DETECTION, DRIVEN, LineTable, Rest
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
 from microvib.studies.relative_phase import PHASE_OF, family, relative_phase
@@ -177,10 +177,10 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
     period, frequency and decay of modes; and one turn, since relative phases have all that a second would tell."""
     found = []
     sure = {x.line: x for x in table if x.status == "ok"}
-    seen = (x for x in table if x.kind != "other" and x.status in SEEN)
+    seen = (x for x in table if x.kind != "other" and x.seen)
     for x in (x for x in seen if not x.amplitude_n_m < 2 * DETECTION * x.floor_n_m):
         found.append(Observation(x.line, "amplitude", x.amplitude_n_m, x.amplitude_uncertainty_n_m))
-        if x.kind == "array mode":
+        if x.is_mode:
             found.append(Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz))
             found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
         against = sure.get(PHASE_OF.get(family(x.line), ""))
@@ -219,7 +219,7 @@ def with_scatter(
     noise = scenario.friction.torque_noise
     if noise is None or noise.silent:
         return tuple(found)
-    sigma = {mode.name: math.tau * mode.frequency * mode.damping for mode in coupled_modes(scenario)}
+    sigma = {mode.name: mode.decay for mode in coupled_modes(scenario)}
     told = []
     for o in found:
         line, more = table[o.line], 0.0
@@ -355,7 +355,7 @@ def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
     """Amplitudes, or else those of nearest bins, of lines that stand out; without uncertainties one per cent is taken."""
     found = []
     ratio = None
-    for line in (x for x in table if x.status in ("", *SEEN)):
+    for line in (x for x in table if x.seen or not x.status):
         form, value = "amplitude", line.amplitude_n_m
         if math.isnan(value):
             form, value = "nearest_bin", line.bin_amplitude_n_m

@@ -344,7 +344,7 @@ def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
         line.name
         for drive in one.drives or (one,)
         for line in expected_in(drive.scenario, drive.scenario.record.sample_rate)
-        if line.kind == "array mode"
+        if line.is_mode
     }
     alone = [name.removeprefix(f"{SECOND} ") for name in one.names]
     return {

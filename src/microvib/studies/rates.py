@@ -9,13 +9,13 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from microvib.analysis.limits import BEYOND
+from microvib.analysis.limits import may_have
 from microvib.analysis.lines import steady
 from microvib.analysis.start import still_held
 from microvib.errors import OptionError, SimulationError, expect, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import DETECTION, FAINT
+from microvib.signals.line_table import FAINT
 from microvib.solve.integration import Progress
 from microvib.studies.workers import all_cores
 from microvib.units import Band, Given, Si, quantity
@@ -245,19 +245,15 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
     if result.fallback and (held := still_held(changed)):
         return RateCase(rate, microsteps, (), held)
     f_d = changed.driving_frequency or math.nan
-    seen = [x for x in result.lines if x.kind != "array mode" and x.status != FAINT and x.amplitude_n_m > 0.0]
+    seen = [x for x in result.lines if not x.is_mode and x.status != FAINT and x.amplitude_n_m > 0.0]
     top = max((x.amplitude_n_m for x in seen), default=0.0)
     kept = (x for x in seen if x.amplitude_n_m >= LEAST * top)
     lines = (RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m) for x in kept)
-    unseen = [x for x in result.lines if x.kind != "array mode" and x not in seen] if result.fallback else []
-    most = (
-        DETECTION * x.floor_n_m if x.status == FAINT and x.floor_n_m > 0.0 else BEYOND * x.bin_amplitude_n_m
-        for x in unseen
-    )
+    unseen = [x for x in result.lines if not x.is_mode and x not in seen] if result.fallback else []
     hidden = (
-        RateLine(x.line, x.kind, x.expected_hz / f_d, x.expected_hz, top)
-        for x, top in zip(unseen, most, strict=True)
-        if top > 0.0
+        RateLine(x.line, x.kind, x.expected_hz / f_d, x.expected_hz, most)
+        for x in unseen
+        if (most := may_have(x)) > 0.0
     )
     return RateCase(rate, microsteps, tuple(lines), result.fallback, tuple(hidden))
 

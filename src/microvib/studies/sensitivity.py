@@ -226,7 +226,7 @@ def _gains(scenario: Scenario, key: str, values: Sequence[float] | np.ndarray, l
             changed = scenario.with_si({key: float(value)})
         except MicrovibError:
             continue
-        at = {x.name: x.frequency for x in expected_in(changed, changed.record.sample_rate) if x.kind != "array mode"}
+        at = {x.name: x.frequency for x in expected_in(changed, changed.record.sample_rate) if not x.is_mode}
         for k, f in ((k, at[name]) for k, name in enumerate(lines) if name in at and at[name] > 0.0):
             dynamic = dynamic_stiffness(changed, f)
             moved = np.linalg.solve(dynamic, np.eye(dynamic.shape[0])[0])

@@ -15,7 +15,7 @@ from microvib.reports.craft import craft_words
 from microvib.reports.document import Block, Fact, Figure, Mark, Table, Text, pairs, table
 from microvib.reports.numbers import count, format_number, given, milli, short, torque
 from microvib.reports.run.trust import drives, failing, invariants_sentence
-from microvib.signals.line_table import DRIVEN, SEEN, Line, LineTable
+from microvib.signals.line_table import DRIVEN, Line, LineTable
 from microvib.solve.motion import Motion
 
 MOST = 10
@@ -60,7 +60,7 @@ def _verdict(judged: Judgement) -> list[Fact]:
 
 
 def _largest(lines: LineTable) -> list[Line]:
-    seen = [x for x in lines.notable() if x.status in SEEN]
+    seen = [x for x in lines.notable() if x.seen]
     return sorted(seen, key=lambda x: -x.amplitude_n_m)
 
 

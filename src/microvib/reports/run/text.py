@@ -8,7 +8,7 @@ from microvib.analysis.limits import Limit, judge, unsettled
 from microvib.analysis.run import RunResult
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import pointing_facts
-from microvib.signals.line_table import SEEN, LineTable
+from microvib.signals.line_table import LineTable
 from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
 
 _COSTS = 4
@@ -24,7 +24,7 @@ def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
     yield f"\n{scenario.title or 'Lines'}: amplitudes 0-to-peak\n"
     yield table.text(notable=True)
     yield from (f"\n{sentence}" for sentence in unsettled(table, scenario))
-    if not any(line.status in SEEN for line in table):
+    if not any(line.seen for line in table):
         yield "No line stands out: the record is too short, its sample rate too low, or nothing moves."
     rows = compare_with_paper(scenario, table)
     if rows:

@@ -12,7 +12,6 @@ from microvib.analysis.limits import BEYOND, OWN_ERROR, STIRS, may_ring
 from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
-from microvib.analysis.short_way import OWN
 from microvib.analysis.start import CALM, calm_for, has_calmed, still_held
 from microvib.errors import MicrovibError
 from microvib.model.coupling import (
@@ -28,7 +27,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, SEEN, Line, LineTable
+from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable
 from microvib.solve.channels import INTERFACE
 from microvib.testdata.recording import Recording, fault
 
@@ -125,7 +124,7 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
     own = [rows[name] for name in found.names]
     rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
     # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by the mode's damping.
-    T, decay = result.table.duration, {m.name: math.tau * m.frequency * m.damping for m in coupled_modes(scenario)}
+    T, decay = result.table.duration, {m.name: m.decay for m in coupled_modes(scenario)}
     falls = (x if x.status == "decaying" else replace(x, decay_per_s=decay.get(x.line, 0.0)) for x in own)
     start = [x.starting(T) / x.amplitude_n_m if x.amplitude_n_m > 0.0 else 1.0 for x in falls]
     return Contribution(
@@ -145,10 +144,10 @@ def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> 
 def _doubt_of_run(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
     """Relative doubt of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and of a floor that hides them."""
     T, least = table.duration, max(OWN_ERROR, table.own_error) + (HELD_DOUBT if craft_in(scenario).second else 0.0)
-    stirs = (x for x in table if x.status == DRIVEN or (x.status in SEEN and may_ring(x, table, scenario)))
+    stirs = (x for x in table if x.status == DRIVEN or (x.seen and may_ring(x, table, scenario)))
     rings = STIRS * sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(T) for x in stirs)
     size = np.maximum([x.amplitude_n_m for x in lines], 1e-300)
-    hidden = np.array([DETECTION * x.floor_n_m if x.status == FAINT else 0.0 for x in lines])
+    hidden = np.array([x.hidden_n_m for x in lines])
     more = least + np.minimum(rings / size, STIRS) + np.maximum(hidden / size - 1.0, 0.0)
     less = np.where(hidden > 0.0, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
@@ -190,11 +189,7 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
         )
     top = PASSBAND * record.sample_rate
     calm = math.inf if steady else calm_for(scenario)
-    rings = [
-        m.name
-        for m in coupled_modes(scenario)
-        if m.frequency > top and math.tau * m.frequency * m.damping * calm < CALM
-    ]
+    rings = [m.name for m in coupled_modes(scenario) if m.frequency > top and m.decay * calm < CALM]
     if rings:
         yield open_gap(
             f"{rings[0]} above {top:.4g} Hz may ring (a higher record.sample_rate, or record.start: steady)", top
@@ -229,7 +224,7 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     expected = [
         replace(x, frequency=ratio * x.frequency, low=ratio * x.frequency, high=ratio * x.frequency)
         for x in expected_in(scenario, recording.sample_rate, harmonics)
-        if x.kind not in OWN
+        if x.of_clock
     ]
     missing = [channel for channel in INTERFACE if channel not in recording.channels]
     loads, floors = np.zeros((len(expected), 6), dtype=complex), np.zeros((len(expected), 6))
