@@ -122,6 +122,39 @@ def test_a_line_that_goes_round_in_a_circle_does_not_fail_by_its_diagonal(keys: 
         assert [x.verdict for x in found] == ["pass", "fail"]
 
 
+def test_lines_of_one_clock_keep_their_phases_in_a_level() -> None:
+    """Harmonics that crest together pass a level that those of unrelated phases would keep; about windows as about the error."""
+    lines = [(3.0 * n, np.exp(0.3j * n), 0.0) for n in range(1, 7)]
+    t, tau = np.random.default_rng(0).random((2, 400_000)) * [[1.0], [0.04]]  # starts of a window and instants in it
+    f = np.array([line[0] for line in lines])
+    starts = np.exp(2j * np.pi * np.outer(t, f))
+    own = starts * np.exp(2j * np.pi * np.outer(tau, f))
+    mean = starts * np.array([np.mean(np.exp(2j * np.pi * x * np.linspace(0.0, 0.04, 4001))) for x in f])
+    tones = np.array([line[1] for line in lines])
+    for metric, moved in (("ape", own), ("rpe", own - mean)):
+        true = float(np.quantile(np.abs((moved @ tones).real), 0.997)) * URAD
+        r = requirement(metric=metric, window="40 ms", axis="x", statistic="level", limit=f"{0.98 * true:.6g} rad")
+        one, other = (judged(r, [source("a", *lines, clock=clock)], "rss") for clock in ("a", ""))
+        assert one.value == pytest.approx(true, rel=5e-3)
+        assert one.verdict == "fail"
+        assert other.verdict == "pass"
+
+
+def test_a_line_at_the_end_of_a_band_may_be_on_either_side_of_it() -> None:
+    """A clock is good to 1e-4: a requirement that ends nearer to a line than that is not decided by digits of the end."""
+    lines = [(10.0, 0.1, 0.0), (50.0, 2.0, 0.0)]
+    ends = [{"highest": "49.999 Hz"}, {"highest": "50.001 Hz"}, {"lowest": "49.999 Hz"}, {"lowest": "50.001 Hz"}]
+    for band in ends:
+        one = judged(requirement(**band), [source("a", *lines)], "rss")
+        assert one.verdict == "not judged"
+        assert "line_1 at an end of the band" in one.why[0]
+    far = [judged(requirement(highest=f"{f} Hz"), [source("a", *lines)], "rss").verdict for f in (49.9, 50.1)]
+    assert far == ["pass", "fail"]
+    for f, verdict in ((49.9, "fail"), (49.999, "not judged"), (50.001, "not judged"), (50.1, "pass")):
+        curve = [{"frequency": f"{f} Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "1 urad"}]
+        assert judged(requirement(limit=None, curve=curve), [source("a", *lines)], "rss").verdict == verdict
+
+
 def test_a_level_of_low_confidence_may_fall_as_a_line_grows() -> None:
     """At 68 % one line beside a smaller one has a lower level than alone, which must not pass what may be without the other."""
     other = Gap("peaks", 0.0, math.inf, np.array([7.0]), np.array([[0.3, 0.0]]) * URAD)

@@ -177,7 +177,13 @@ class HubLines:
         rising = np.sqrt(np.cumsum(squares, axis=0))
         falling = np.sqrt(np.cumsum(squares[::-1], axis=0)[::-1])
         sigma = np.sqrt(self.noise("ape", 1.0)).tolist()
-        levels = [level(self.lasting[:, k], sigma[k], CONFIDENCE) for k in range(2)]
+        second = None if self.scenario.spacecraft is None else self.scenario.spacecraft.second_wing
+        own = second is not None and second.clock_ratio != 1.0
+        clock = np.array([int(own and name.startswith(SECOND)) for name in self.names], dtype=int)
+        tones = np.zeros(self.lasting.shape) if self.los is None else np.where(self.lasting > 0.0, self.los, 0.0)
+        levels = [
+            level(tones[:, k], sigma[k], CONFIDENCE, frequency=self.frequency, clock=clock) for k in range(2)
+        ]  # fmt: skip
         return {
             "windows": list(self.totals()),
             "image": list(self.image()),

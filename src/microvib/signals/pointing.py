@@ -38,6 +38,10 @@ _MEAN: dict[Metric, float] = {
 }  # the others have fallen to nothing there
 _MOST_PIECES = 20_000_000
 _TERMS_OF_LEVEL = 1 << 12  # of the Fourier series of a distribution
+_INSTANTS, _PERIODS = (
+    32749,
+    1e4,
+)  # a prime number of instants, of so many periods of the lowest line that keeps its phase
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
 MIDDLES, EVERYWHERE = (np.arange(24) + 0.5) / 24.0, np.linspace(0.0, 1.0, 201)
 """Instants in half a window."""
@@ -163,19 +167,29 @@ def radial(mean_squares: np.ndarray) -> np.ndarray:
 # ---- Statistics: a line is at its amplitude most of the time, noise hardly ever beyond three sigma ----
 
 
-def level(amplitudes: Sequence[float] | np.ndarray, sigma: float, confidence: float = 0.997) -> float:
-    """Angle [rad] that the sum of independent lines and Gaussian noise stays within for a part ``confidence`` of the time.
+def level(
+    amplitudes: Sequence[float] | np.ndarray,
+    sigma: float,
+    confidence: float = 0.997,
+    *,
+    frequency: np.ndarray | None = None,
+    clock: np.ndarray | None = None,
+) -> float:
+    """Angle [rad] that the sum of lines and Gaussian noise stays within for a part ``confidence`` of the time.
 
     ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of the noise. Several rows (n, k)
     are equal shares of the time with amplitudes of their own. The densities are convolved as products of their characteristic
     functions, J_0(x A) and exp(-(x sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle.
+    Lines of one ``clock`` (k,), a number of 0 or more, keep their phases to each other, as harmonics do: with their complex
+    amplitudes and their ``frequency`` (k,) [Hz] the density of their sum takes the place of theirs.
     """
     if not 0.0 < confidence < 1.0:
         raise MicrovibError(f"confidence: {confidence:g} is not allowed; a part between 0 and 1 is expected")
-    lines = np.atleast_2d(np.abs(np.asarray(amplitudes, dtype=float)))
+    moved = np.atleast_2d(np.asarray(amplitudes))
+    lines = np.abs(moved)
     small = lines.max(axis=0, initial=0.0) < _SMALL * lines.max(initial=0.0)
     sigma = math.hypot(sigma, math.sqrt(0.5 * float(np.mean(np.sum(lines[:, small] ** 2, axis=1)))))
-    lines = lines[:, ~small]
+    lines, moved = lines[:, ~small], moved[:, ~small]
     reach = float(lines.sum(axis=1).max(initial=0.0)) + 8.0 * sigma
     if reach == 0.0:
         return 0.0
@@ -186,12 +200,36 @@ def level(amplitudes: Sequence[float] | np.ndarray, sigma: float, confidence: fl
     # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi n/L; its integral from -x to x.
     n = np.arange(1, _TERMS_OF_LEVEL)
     at = np.pi * n / (1.02 * reach)
-    transform = np.mean([np.prod([j0(at * one) for one in row], axis=0) for row in lines], axis=0)
+    f, of = (np.full(small.size, -1) if x is None else np.asarray(x) for x in (frequency, clock))
+    f, of = f[~small], of[~small]
+    locked = [np.flatnonzero(of == one) for one in np.unique(of) if one >= 0 and np.sum(of == one) > 1]
+    alone = np.setdiff1d(np.arange(of.size), np.concatenate([np.zeros(0, dtype=int), *locked]))
+    each = np.ones((lines.shape[0], at.size))
+    for k in alone:
+        each *= j0(np.outer(lines[:, k], at))
+    for group in locked:
+        each = each * _transform_of_sum(f[group], moved[:, group], 1.02 * reach)
+    transform = each.mean(axis=0)
     shares = np.zeros(2 * _TERMS_OF_LEVEL)
     shares[1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * transform * np.exp(-0.5 * (at * sigma) ** 2)
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
     inside = x - np.fft.fft(shares)[:_TERMS_OF_LEVEL].imag
     return float(1.02 * reach * np.interp(confidence, np.maximum.accumulate(inside), x))
+
+
+def _transform_of_sum(frequency: np.ndarray, rows: np.ndarray, half: float) -> np.ndarray:
+    """Even part of the characteristic function of the sum of lines that keep their phases, at pi n/``half``, of each row (m, k)."""
+    # A prime number of instants: no harmonic that counts has one phase at all of them.
+    cycles = np.outer(np.arange(_INSTANTS) / _INSTANTS * _PERIODS, frequency / frequency.min())
+    moved = np.exp(2j * np.pi * (cycles % 1.0))
+    cells, found = 2 * _TERMS_OF_LEVEL, []
+    for row in rows:
+        place = ((moved @ row).real / half + 1.0) * _TERMS_OF_LEVEL
+        left = np.floor(place).astype(int)
+        share = place - left
+        density = np.bincount(left, 1.0 - share, cells) + np.bincount((left + 1) % cells, share, cells)
+        found.append(np.fft.fft(density)[1:_TERMS_OF_LEVEL].real / _INSTANTS)
+    return np.array(found) * (-1.0) ** np.arange(1, _TERMS_OF_LEVEL)
 
 
 def in_window(
@@ -207,15 +245,30 @@ def in_window(
     What moves about the mean or the fitted line is not the same throughout a window: rows are ``instants`` in it, from 0 in its
     middle to 1 at its end. MIDDLES have equal shares of the time, as ``level`` takes them; EVERYWHERE is for ``bound``.
     """
-    A, f = np.abs(np.asarray(amplitude, dtype=float)), np.asarray(frequency, dtype=float)
-    if metric not in ("rpe", "smear", "jitter"):
-        return np.asarray(A * np.sqrt(weight(metric, f, window, apart)))[None]
+    return np.abs(moved_in_window(metric, frequency, amplitude, window, apart, instants))
+
+
+def moved_in_window(
+    metric: Metric,
+    frequency: np.ndarray,
+    amplitude: np.ndarray,
+    window: float,
+    apart: float | None = None,
+    instants: np.ndarray = MIDDLES,
+) -> np.ndarray:
+    """As ``in_window``, complex, of complex amplitudes; ``instants`` from -1 to 1, since lines that keep their phases tell both
+    halves of a window apart."""
+    A, f = np.asarray(amplitude), np.asarray(frequency, dtype=float)
     u = np.pi * f * window
+    if metric not in ("rpe", "smear", "jitter"):
+        change = np.exp(2j * np.pi * f * (window if apart is None else apart)) - 1.0
+        mean = np.sinc(u / np.pi) if metric in ("mpe", "pde") else 1.0
+        return np.asarray(A * mean * (change if metric in ("stability", "pde") else 1.0))[None]
     tau = instants[:, None]
     slope = 3.0j * _spherical(1, u) * tau
     about = {"smear": slope, "rpe": np.exp(1j * u * tau) - np.sinc(u / np.pi)}
     moved = about[metric] if metric in about else about["rpe"] - slope
-    return np.asarray(A * np.abs(moved))
+    return np.asarray(A * moved)
 
 
 def bound(amplitudes: Sequence[float] | np.ndarray, sigma: float, sigmas: float = 3.0) -> float:

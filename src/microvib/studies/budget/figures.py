@@ -11,17 +11,20 @@ import numpy as np
 from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import (
     EVERYWHERE,
+    MIDDLES,
     bound,
     in_window,
     level,
     mean_square_of_density,
     mean_square_of_lines,
+    moved_in_window,
     weight,
 )
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution, Gap
 from microvib.units import inside as in_band
 
+ALONE = -1
 SLOW = 0.01
 """Distance [Hz] from which two lines have mean squares that add; nearer, an observation may see no more than their crest."""
 AXES = {"x": [0], "y": [1], "radial": [0, 1]}
@@ -41,6 +44,10 @@ class Tones:
     least: np.ndarray
     value: np.ndarray
     most: np.ndarray
+    turn: np.ndarray
+    """Phase of the largest of those of one frequency, exp(j phase), (k, 2)."""
+    clock: np.ndarray
+    """Its clock, by number, (k, 2): lines of one clock keep their phases to each other; ALONE for those that keep none."""
 
 
 def figure(
@@ -50,15 +57,20 @@ def figure(
     densities: Sequence[tuple[np.ndarray, np.ndarray]] = (),
     *,
     surely: bool = False,
+    clock: np.ndarray | None = None,
+    nominal: np.ndarray | None = None,
 ) -> float:
     """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and densities.
 
-    What both axes reach together is a bound, since they need not do so at once; ``surely`` it is what one of them does.
+    What both axes reach together is a bound, since they need not do so at once; ``surely`` it is what one of them does. A level
+    depends on the phases that lines of one ``clock`` (k, 2) keep, of complex amplitudes at the frequencies ``nominal`` (k,), of
+    which ``frequency`` may be off: that shifts them in time, together.
     """
     r, axes = requirement, AXES[requirement.axis]
     window = r.window or r.apart or 1.0
     counts = inside(r, frequency)
-    f, A = frequency[counts], amplitude[counts]
+    f, tones = frequency[counts], amplitude[counts]
+    A = np.abs(tones)
     squares = np.array([sum((_of_density(r, window, f_S, S[:, k]) for f_S, S in densities), 0.0) for k in axes])
     if r.statistic == "rms":
         total = float(np.sum(mean_square_of_lines(r.metric, f, A[:, axes], window, r.apart)))
@@ -70,11 +82,20 @@ def figure(
         ]
     else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
         part = r.confidence if surely else 1.0 - (1.0 - r.confidence) / len(axes)
-        each = [
-            level(in_window(r.metric, f, A[:, k], window, r.apart), math.sqrt(s), part)
-            for k, s in zip(axes, squares, strict=True)
-        ]
+        at = f if nominal is None else nominal[counts]
+        of = np.full(A.shape, ALONE) if clock is None else clock[counts]
+        halves = np.r_[-MIDDLES[::-1], MIDDLES] if np.any(of != ALONE) else MIDDLES
+        each = []
+        for k, s in zip(axes, squares, strict=True):
+            rows = in_window(r.metric, f, A[:, k], window, r.apart, halves).astype(complex)
+            rows *= np.exp(1j * np.angle(moved_in_window(r.metric, at, tones[:, k], window, r.apart, halves)))
+            each.append(level(rows, math.sqrt(s), part, frequency=at, clock=of[:, k]))
     return max(each) if surely else math.hypot(*each)
+
+
+def of_tones(r: Requirement, tones: Tones, densities: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> float:
+    """The figure that is required of what the sources are given as."""
+    return figure(r, tones.frequency, tones.value * tones.turn, densities, clock=tones.clock)
 
 
 def ends(
@@ -82,26 +103,47 @@ def ends(
 ) -> tuple[float, float]:
     """Between which the figure lies: least and most; infinite where nothing bounds a gap."""
     lower, upper = (_off_clock(r, tones.frequency, extreme) for extreme in (np.argmin, np.argmax))
-    f = np.concatenate([upper, *(gap.frequency for gap in gaps)])
+    hidden_at = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
     hidden = np.vstack([np.zeros((0, 2)), *(gap.most for gap in gaps)])
-    bounded = bool(np.all(np.isfinite(hidden)))
-    if r.statistic != "level" or r.confidence >= RISES:
+    f, bounded = np.concatenate([upper, hidden_at]), bool(np.all(np.isfinite(hidden)))
+    if r.statistic != "level":
         least = figure(r, lower, tones.least, densities, surely=True)
         return least, figure(r, f, np.vstack([tones.most, hidden]), densities) if bounded else math.inf
-    # A level may fall as a line grows, but changes by no more than what the line adds at its crests.
-    change = np.vstack([np.maximum(tones.most - tones.value, tones.value - tones.least), hidden])
-    reach = figure(r.model_copy(update={"statistic": "bound"}), f, change) if bounded else math.inf
-    surely, value = figure(r, lower, tones.value, densities, surely=True), figure(r, upper, tones.value, densities)
-    return max(surely - reach, 0.0), value + reach
+    # A level may fall as a line grows, where others keep their phases to it or below RISES, but changes by no more than what the
+    # line adds at its crests.
+    falls = (tones.clock != ALONE) | (r.confidence < RISES)
+    change = np.where(falls, np.maximum(tones.most - tones.value, tones.value - tones.least), 0.0)
+    if r.confidence < RISES:
+        change, hidden = np.vstack([change, hidden]), 0.0 * np.nan_to_num(hidden)
+    crests = r.model_copy(update={"statistic": "bound"})
+    reach = figure(crests, f[: len(change)], change) if np.all(np.isfinite(change)) else math.inf
+    nominal, clock = (
+        np.concatenate([tones.frequency, hidden_at]),
+        np.vstack([tones.clock, np.full(hidden.shape, ALONE)]),
+    )
+    less, more = (np.where(falls, tones.value, one) * tones.turn for one in (tones.least, tones.most))
+    least = figure(r, lower, less, densities, surely=True, clock=tones.clock, nominal=tones.frequency)
+    most = figure(r, f, np.vstack([more, hidden]), densities, clock=clock, nominal=nominal) if bounded else math.inf
+    return max(least - reach, 0.0), most + reach
 
 
 def _off_clock(r: Requirement, f: np.ndarray, extreme: Callable[..., np.ndarray]) -> np.ndarray:
     """Frequencies (k,) of lines whose clock is off by CLOCK at most, such that they count least or most: between the zeros of a
-    weight there may be no more than that."""
+    weight there may be no more than that, and at an end of the band they may be on either side of it."""
     off = f[:, None] * (1.0 + CLOCK * _OFF)
     at = extreme(weight(r.metric, off, r.window or r.apart or 1.0, r.apart), axis=1)
+    low, high = off_clock(f)
+    if extreme is np.argmin:
+        shifted = off[np.arange(f.size), at]
+        outside = np.where(inside(r, low), np.where(inside(r, high), shifted, high), low)
+        return np.where(inside(r, f), outside, f)
     shifted = np.clip(off[np.arange(f.size), at], r.lowest, math.inf if r.highest is None else r.highest)
-    return np.where(inside(r, f), shifted, f)
+    return np.where((shifted >= low) & (shifted <= high), shifted, f)
+
+
+def off_clock(f: np.ndarray) -> np.ndarray:
+    """Between which frequencies [Hz] lines may be, (2, k)."""
+    return f * (1.0 + CLOCK * np.array([[-1.0], [1.0]]))
 
 
 def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Contribution]) -> Iterator[Gap]:

@@ -265,7 +265,9 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[kept], initial=0.0)) + noise[kept] / np.abs(los[kept])
     names = tuple(x.name for x, ok in zip(expected, kept, strict=True) if ok)
     how = f"clock lines of the recording {recording.title}, the short way"
-    return Contribution(name, how, names, f[kept], los[kept], gaps=tuple(gaps), doubt=doubt, scenario=scenario)
+    # Its lines keep their phases to each other, not to those of a run, which starts at another instant.
+    clock = f"{name}, recorded"
+    return Contribution(name, how, names, f[kept], los[kept], clock, gaps=tuple(gaps), doubt=doubt, scenario=scenario)
 
 
 def _relative(line: object) -> float:

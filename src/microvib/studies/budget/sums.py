@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Literal
 
 import numpy as np
@@ -18,7 +19,19 @@ import numpy as np
 from microvib.analysis.limits import Verdict
 from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
-from microvib.studies.budget.figures import AXES, Tones, beats, crossings, ends, figure, inside
+from microvib.studies.budget.figures import (
+    ALONE,
+    AXES,
+    CLOCK,
+    Tones,
+    beats,
+    crossings,
+    ends,
+    figure,
+    inside,
+    of_tones,
+    off_clock,
+)
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, quantile
@@ -69,21 +82,23 @@ class Judged:
         return self.limit / self.value if self.value > 0.0 else math.inf
 
 
-_Part = tuple[float, np.ndarray, str, np.ndarray, bool]
-"""A line: frequency, both angles, clock, doubts of both (less, more; 2, 2), and whether it belongs to the settled motion."""
+_Part = tuple[float, np.ndarray, str | int, np.ndarray, bool]
+"""A line: frequency, both angles, clock (of a line without one a number of its own), doubts of both (less, more; 2, 2), and whether
+it belongs to the settled motion."""
 
 
 def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
     """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
+    own = count()
     parts = [
         (
             float(f),
             one.los[k],
-            "all" if rule == "coherent" and one.phased else one.clock or f"{n}:{k}",
+            "all" if rule == "coherent" and one.phased else one.clock or next(own),
             doubts[:, k] if doubtful else 0.0 * doubts[:, k],
             bool(one.settled[k]),
         )
-        for n, one in enumerate(contributions)
+        for one in contributions
         for doubts in (one.doubts,)
         for k, f in enumerate(one.frequency)
     ]
@@ -94,14 +109,20 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
             groups[-1].append(part)
         else:
             groups.append([part])
-    rows = np.array([_of_group(group, rule) for group in groups]).reshape(-1, 3, 2)
+    found = [_of_group(group, rule) for group in groups]
+    rows = np.array([sizes for sizes, _, _ in found]).reshape(-1, 3, 2)
+    tones = np.array([largest for _, largest, _ in found], dtype=complex).reshape(-1, 2)
+    whose = [clock for _, _, clocks in found for clock in clocks]
+    numbers = {clock: k for k, clock in enumerate(dict.fromkeys(x for x in whose if isinstance(x, str)))}
+    clock = np.array([numbers.get(x, ALONE) if isinstance(x, str) else ALONE for x in whose], dtype=int).reshape(-1, 2)
     frequency = np.array([group[0][0] for group in groups])
-    return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2])
+    return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock)
 
 
-def _of_group(group: Sequence[_Part], rule: Rule) -> np.ndarray:
-    """Least, given and largest amplitude (3, 2) of lines of one frequency; what rings counts in the largest only."""
-    clocks: dict[str, np.ndarray] = {}
+def _of_group(group: Sequence[_Part], rule: Rule) -> tuple[np.ndarray, np.ndarray, list[str | int]]:
+    """Least, given and largest amplitude (3, 2) of lines of one frequency; what rings counts in the largest only. Of the clock with
+    the largest line about each axis that line, (2,), and its name."""
+    clocks: dict[str | int, np.ndarray] = {}
     doubt, ringing = np.zeros((2, 2)), np.zeros(2)
     for _, los, clock, doubts, settled in group:
         size = np.abs(los)
@@ -111,7 +132,12 @@ def _of_group(group: Sequence[_Part], rule: Rule) -> np.ndarray:
     total = given.sum(axis=0)
     least = np.maximum(2.0 * given.max(axis=0) - total - doubt[0], 0.0)
     value = total if rule == "bound" else np.sqrt(np.sum(given**2, axis=0))
-    return np.array([least, value, total + doubt[1] + ringing])
+    largest = np.argmax(given, axis=0)
+    return (
+        np.array([least, value, total + doubt[1] + ringing]),
+        np.array(list(clocks.values()))[largest, [0, 1]],
+        [list(clocks)[k] for k in largest],
+    )
 
 
 def judged(requirement: Requirement, contributions: Sequence[Contribution], rule: Rule) -> Judged:
@@ -127,7 +153,7 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
     densities = [one.density for one in chosen if one.density is not None]
     chosen = _with_gaps(requirement, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
-    value = figure(requirement, tones.frequency, tones.value, densities)
+    value = of_tones(requirement, tones, densities)
     least, most = ends(requirement, tones, gaps, densities)
     cases = _values(requirement, chosen, rule, densities)
     lacking = _lacking(requirement, chosen, cases)
@@ -146,7 +172,7 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
     limit = requirement.limit or math.nan
     verdict: Verdict = "pass" if most <= limit else "fail" if least > limit else "not judged"
     return Judged(
-        requirement, value, least, most, figure(requirement, tones.frequency, tones.value) if densities else value,
+        requirement, value, least, most, of_tones(requirement, tones) if densities else value,
         figure(requirement, np.zeros(0), np.zeros((0, 2)), densities), limit, verdict,
         tuple(why or [NEAR]) if verdict == "not judged" else (), *_costs(requirement, chosen), spread=spread,
     )  # fmt: skip
@@ -199,6 +225,11 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
             bounded = np.all(np.isfinite(gap.most))
             if not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
                 found.append(f"{one.source}: {gap.why}")
+        at_edge = one.settled & (np.diff(inside(r, off_clock(one.frequency)), axis=0)[0])
+        size = figure(r.model_copy(update={"lowest": 0.0, "highest": None}), one.frequency[at_edge], one.los[at_edge])
+        if size**2 > WORTH * value**2:
+            names = ", ".join(np.array(one.names)[at_edge])
+            found.append(f"{one.source}: {names} at an end of the band, by less than clocks are known ({CLOCK:g})")
         ringing = ~one.settled & inside(r, one.frequency)
         size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
         if size**2 > WORTH * value**2:
@@ -266,7 +297,14 @@ def _by_curve(
     )
     chosen = _with_gaps(own, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
-    over = [_over(r, tones.frequency, A, surely=A is tones.least) for A in (tones.least, tones.value, tones.most)]
+    edges = np.array([*(point.frequency for point in curve), own.lowest, own.highest])
+    low, high = off_clock(tones.frequency)
+    maybe = [tones.frequency, low, high, *np.clip(edges[:, None], low, high)]
+    over = [
+        np.min([_over(r, f, tones.least, surely=True) for f in maybe], axis=0),
+        _over(r, tones.frequency, tones.value),
+        np.max([_over(r, f, tones.most) for f in maybe], axis=0),
+    ]
     hidden = [_over(r, gap.frequency, np.nan_to_num(gap.most, posinf=1e300)).max(initial=0.0) for gap in gaps]
     unbounded = any(not np.all(np.isfinite(gap.most)) for gap in gaps)
     worst = int(np.argmax(over[1])) if tones.frequency.size else -1
