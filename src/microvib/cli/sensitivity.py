@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 
 import click
@@ -23,6 +22,7 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
     d ln/d ln is the sensitivity at the value itself.
     """
     from microvib.io.tables import to_json
+    from microvib.reports.sensitivity import ranking_text
     from microvib.studies.sensitivity import sensitivities
 
     loaded = load(scenario, settings)
@@ -30,30 +30,5 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
         found = sensitivities(loaded, progress=progress)
     if as_json:
         click.echo(to_json(asdict(found)), nl=False)
-        return
-    quantities = {key: quantity for key, _, quantity in loaded.entries()}
-    for line in found:
-        echo(f"\n{line.line}, {line.frequency:.4g} Hz, {1e3 * line.amplitude:.4g} mN m: {line.verdict}")
-        echo(f"  {'value':42s} {'d ln/d ln':>9s} {'mN m over its range':>22s}  range")
-        for effect in line.effects:
-            quantity = quantities[effect.key]
-            ends = [quantity.show(x) if quantity else f"{x:g}" for x in effect.range]
-            low, high = (1e3 * x for x in effect.amplitudes)
-            moved = f"{low:.4g} to {high:.4g}"
-            none = math.isnan(effect.sensitivity) and not math.isnan(effect.slopes[0])
-            slope = "none *" if none else f"{effect.sensitivity:.3g}"
-            echo(f"  {effect.key:42s} {slope:>9s} {moved:>22s}  {ends[0]} to {ends[1]}")
-            for value, amplitude in effect.between:
-                at = quantity.show(value) if quantity else f"{value:g}"
-                echo(f"    {1e3 * amplitude:.4g} mN m at {at}, where the linearised drive has an extreme")
-            if none:
-                echo(
-                    f"    * {effect.slopes[0]:.3g} below and {effect.slopes[1]:.3g} above: the line jumps or bends there"
-                )
-    for case in found.failed:
-        quantity = quantities[case.key]
-        echo(f"\nNo run with {case.key} {quantity.show(case.value) if quantity else case.value}: {case.reason}")
-    if found.left_out:
-        echo("\nNot ranked:")
-    for key, why in found.left_out.items():
-        echo(f"  {key}: {why}")
+    else:
+        echo(ranking_text(found, loaded))

@@ -203,10 +203,10 @@ def _part(option: str, text: str, above: float) -> float:
 
 def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str, float]], None]:
     """The best fit so far, in the bar's words."""
+    from microvib.reports.identification import values_text
 
     def report(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
-        values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
-        found = f"{stage}: {simulations} simulations, cost {cost:.4g}; {values}"
+        found = f"{stage}: {simulations} simulations, cost {cost:.4g}; {values_text(best)}"
         progress.say(found if simulations else "searching (compiles on first use)")
 
     return report

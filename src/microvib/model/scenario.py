@@ -304,6 +304,11 @@ class Scenario(Part):
             if name not in _WORDS and (name != "spacecraft" or self.spacecraft is not None):
                 yield from entries(name, getattr(self, name), type(self).quantity_of(name))
 
+    def shown(self, key: str, value: Any) -> str:
+        """A value of a key as tables show it: a number in its unit, all else as it is."""
+        quantity = next((quantity for name, _, quantity in self.entries() if name == key), None)
+        return quantity.show(value) if quantity and isinstance(value, float) else str(value)
+
     def doubts(self) -> tuple[str, ...]:
         """Values that are allowed but not of a usual size, a sentence each: often another unit was meant."""
         said = (

@@ -14,6 +14,8 @@ from microvib.reports.typography import file_name
 from microvib.signals.line_table import Line, LineTable
 from microvib.studies.analyse import Analysis
 
+_ROW = "{:16s} {:>12s} {:>9s} {:>11s} {:>9s} {:>9s}  {}".format
+
 
 def analysis_text(a: Analysis) -> str:
     """Lines with their uncertainties, how the spectra were made, RMS and bands."""
@@ -22,12 +24,12 @@ def analysis_text(a: Analysis) -> str:
     if a.table is not None:
         if a.clock_ratio is not None:
             rows.append(f"step clock over nominal: {a.clock_ratio:.7f} ± {a.table.clock_ratio_uncertainty:.1g}")
-        rows += ["", f"{'line':16s} {'Hz':>12s} {'±':>9s} {'N m':>11s} {'±':>9s} {'floor':>9s}  status"]
+        rows += ["", _ROW("line", "Hz", "±", "N m", "±", "floor", "status")]
         rows += [
-            f"{x.line:16s} {brief(x.frequency_hz, 8):>12s} {brief(x.frequency_uncertainty_hz, 2):>9s}"
-            f" {brief(x.amplitude_n_m):>11s} {brief(x.amplitude_uncertainty_n_m, 2):>9s} {brief(x.floor_n_m, 2):>9s}  {x.status}"
+            _ROW(x.line, brief(x.frequency_hz, 8), brief(x.frequency_uncertainty_hz, 2), brief(x.amplitude_n_m),
+                 brief(x.amplitude_uncertainty_n_m, 2), brief(x.floor_n_m, 2), x.status)
             for x in a.table.notable()
-        ]
+        ]  # fmt: skip
     rows += ["", str(a.spectrum), str(a.density), str(a.waterfall), ""]
     rows.append(f"RMS about the mean: {a.recording[a.channel].std():.4g} {a.unit}")
     rows += [f"RMS from {low:g} to {high:g} Hz: {rms:.4g} {a.unit}" for low, high, rms in a.bands]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from microvib.analysis.limits import Verdict
-from microvib.io.tables import rows_csv, to_json
+from microvib.io.tables import tables_csv, to_json
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Mark, Section, Status, Table, Text, table
@@ -180,14 +180,13 @@ def budget_folder(budget: Budget) -> Contents:
         (c.source, c.names[k], float(c.frequency[k]), *np.abs(c.los[k]).tolist(), *np.angle(c.los[k]).tolist(), bool(c.settled[k]))
         for c in budget.contributions for k in range(len(c.names))
     ]  # fmt: skip
-    tables: dict[str, tuple[str, Sequence[Sequence[Any]]]] = {
+    tables = tables_csv({
         "budget": (_BUDGET_CSV, judged),
         "sources": ("name requirement source rms_rad share", costs),
         "lines": ("source line frequency_hz los_x_rad los_y_rad los_x_phase_rad los_y_phase_rad settled", lines),
-    }
-    files: dict[str, Any] = {f"{name}.csv": rows_csv(head.split(), rows) for name, (head, rows) in tables.items()}
-    files |= {"budget.json": to_json(summary(budget)), "budget.png": sheets.png(picture)}
-    return files, budget_report(budget, picture)
+    })  # fmt: skip
+    files = {"budget.json": to_json(summary(budget)), "budget.png": sheets.png(picture)}
+    return tables | files, budget_report(budget, picture)
 
 
 def budget_report(budget: Budget, picture: Figure) -> Document:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -49,18 +49,23 @@ OUTSTANDING = 8.0
 _MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
 
 
+_ESTIMATE_ROW = "{:32s} {:>12s} {:>10s} {:>25s}  {:12s} {}".format
+_FIGURE_ROW = "{:28s} {:>12s} {:>12s} {:>12s} {:>9s} {:>9s}".format
+_OFF_ROW = "{:28s} {:>12s} {:>12s} {:>8s}".format
+
+
 def fit_text(fit: Fit) -> str:
     """Goodness of fit, what is off, estimates with verdicts, and the lines before and after, as text."""
     lines = [fit.goodness.sentence, *_warnings(fit), *_off_text(fit), ""]
-    lines += [f"{'parameter':32s} {'estimate':>12s} {'std error':>10s} {'95 % interval':>25s}  {'unit':12s} verdict"]
+    lines += [_ESTIMATE_ROW("parameter", "estimate", "std error", "95 % interval", "unit", "verdict")]
     for e in fit.parameters:
         error = brief(e.standard_error, 2) or ("withheld" if math.isnan(e.interval[0]) else "-")
-        row = f"{e.key:32s} {e.estimate:12.6g} {error:>10s} {_interval(e):>25s}  {e.unit:12s} {e.verdict}"
-        lines.append(row.rstrip())
-    lines += _alternatives_text(fit) + [one.sentence for one in fit.selection]
-    lines += ["", f"{'observed':28s} {'test':>12s} {'before':>12s} {'after':>12s} {'before %':>9s} {'after %':>9s}"]
+        lines.append(_ESTIMATE_ROW(e.key, f"{e.estimate:.6g}", error, _interval(e), e.unit, e.verdict).rstrip())
+    lines += [f"as good: {values_text(other)}" for other in fit.alternatives]
+    lines += [one.sentence for one in fit.selection]
+    lines += ["", _FIGURE_ROW("observed", "test", "before", "after", "before %", "after %")]
     lines += [
-        f"{name:28s} {test:12.6g} {before:12.6g} {after:12.6g} {_off_by(before, test):>9s} {_off_by(after, test):>9s}"
+        _FIGURE_ROW(name, *(f"{x:.6g}" for x in (test, before, after)), _off_by(before, test), _off_by(after, test))
         for name, test, before, after in _figures(fit)
     ]
     lines.append("")
@@ -72,10 +77,9 @@ def fit_text(fit: Fit) -> str:
     return "\n".join(lines)
 
 
-def _alternatives_text(fit: Fit) -> list[str]:
-    """Other values of all parameters that explain the evidence as well."""
-    each = [", ".join(f"{key} {value:.4g}" for key, value in other.items()) for other in fit.alternatives]
-    return [f"as good: {other}" for other in each]
+def values_text(values: Mapping[str, float]) -> str:
+    """Values of what is fitted, by key, as they are told while it is searched."""
+    return ", ".join(f"{key} {value:.4g}" for key, value in values.items())
 
 
 def _warnings(fit: Fit) -> list[str]:
@@ -148,8 +152,8 @@ def _prepared(fit: Fit) -> list[str]:
 
 
 def _off_text(fit: Fit) -> list[str]:
-    off, rows = _off(fit), [f"{'off':28s} {'test':>12s} {'fitted':>12s} {'sigma':>8s}"]
-    rows += [f"{_name(fit, d):28s} {d.measured:12.6g} {d.fitted:12.6g} {d.sigma:+8.1f}" for d in off[:_MAX_OFF]]
+    off, rows = _off(fit), [_OFF_ROW("off", "test", "fitted", "sigma")]
+    rows += [_OFF_ROW(_name(fit, d), f"{d.measured:.6g}", f"{d.fitted:.6g}", f"{d.sigma:+.1f}") for d in off[:_MAX_OFF]]
     rows += [f"and {len(off) - _MAX_OFF} more"] if len(off) > _MAX_OFF else []
     return rows if off else []
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.io.tables import rows_csv
+from microvib.io.tables import tables_csv
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, Text, table
@@ -28,14 +28,16 @@ def _deg(rate: float) -> str:
     return f"{math.degrees(rate):.5g}"
 
 
+_BEST_ROW, _MET_ROW = "{:>10} {:>11s} {:>17s} {:>19s}".format, "{:>10} {:>9s} {:>9s} {:>10s}  {}".format
+
+
 def plan_text(plan: RatePlan) -> str:
     """Best rates, forbidden bands and the strongest resonances, as text."""
-    header = f"{'microsteps':>10s} {'best deg/s':>11s} {'its largest line':>17s} {'worst of the range':>19s}"
-    lines = [_how(plan), "", header]
+    lines = [_how(plan), "", _BEST_ROW("microsteps", "best deg/s", "its largest line", "worst of the range")]
     for n in plan.counts:
         best = plan.best(n)
         shown = (_deg(best[0].rate), f"{best[1]:.4g} N m") if best else ("none", "")
-        lines.append(f"{n:10d} {shown[0]:>11s} {shown[1]:>17s} {brief(plan.worst(n)):>15s} N m")
+        lines.append(_BEST_ROW(n, *shown, f"{brief(plan.worst(n))} N m"))
     lines.append(best_text(plan))
     if plan.limit is not None or plan.keep_away:
         said = {ABOVE: "{0.line} reaches {0.largest:.4g} N m", HIDES: "{0.why} ({0.line}, up to {0.largest:.4g} N m)"}
@@ -44,9 +46,9 @@ def plan_text(plan: RatePlan) -> str:
         lines += ["", f"Forbidden, {_criteria(plan)}:", *(bands or ["none"])]
     if plan.resonances:
         lines += ["", "Where lines meet modes, strongest first:"]
-        lines += [f"{'microsteps':>10s} {'deg/s':>9s} {'Hz':>9s} {'N m':>10s}  line on mode"]
+        lines += [_MET_ROW("microsteps", "deg/s", "Hz", "N m", "line on mode")]
         lines += [
-            f"{r.microsteps:10d} {_deg(r.rate):>9s} {r.frequency:9.4g} {brief(r.amplitude):>10s}  {r.line} on {r.mode}"
+            _MET_ROW(r.microsteps, _deg(r.rate), f"{r.frequency:.4g}", brief(r.amplitude), f"{r.line} on {r.mode}")
             for r in strongest(plan.resonances, SHOWN)
         ]
     return "\n".join([*lines, *(text for found in _unsolved(plan) for text in ("", found))])
@@ -135,14 +137,13 @@ def plan_folder(plan: RatePlan, text: str) -> Contents:
     bands = [
         (x.microsteps, math.degrees(x.low), math.degrees(x.high), x.why, x.line, x.largest) for x in plan.forbidden
     ]
-    tables: dict[str, tuple[str, Iterable[Sequence[Any]]]] = {
+    tables = tables_csv({
         "rates": ("rate_deg_s microsteps line kind order frequency_hz amplitude_n_m status", _case_rows(plan)),
         "resonances": ("microsteps rate_deg_s mode mode_hz line frequency_hz amplitude_n_m", met),
         "forbidden": ("microsteps from_deg_s to_deg_s why line largest_n_m", bands),
-    }
-    files: dict[str, Any] = {f"{name}.csv": rows_csv(head.split(), rows) for name, (head, rows) in tables.items()}
-    files |= {"campbell.png": sheets.png(campbell), "largest.png": sheets.png(largest)}
-    return files, plan_report(plan, text, campbell, largest)
+    })  # fmt: skip
+    pictures = {"campbell.png": sheets.png(campbell), "largest.png": sheets.png(largest)}
+    return tables | pictures, plan_report(plan, text, campbell, largest)
 
 
 def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:

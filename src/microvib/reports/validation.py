@@ -20,14 +20,13 @@ _LEAD = (
 def validation_text(checks: list[Check]) -> str:
     """All checks as a table, and how many hold."""
     width = max(len(check.item) for check in checks)
-    head = f"{'paper':>9s} {'test':>9s} {'ours':>10s} {'error %':>8s}  {'holds':5s} {'spread':>6s} {'single':>6s}"
-    head += f" {'without':>9s} {'status':10s} bar"
-    rows = [f"{'item':{width}s} {head}"] + [
-        f"{c.item:{width}s} {brief(c.paper, 6):>9s} {brief(c.test, 6):>9s} {brief(c.ours, 5):>10s}"
-        f" {brief(c.error_percent, 3):>8s}  {_holds(c):5s} {_part(c.over_spread):>6s} {_part(c.single_records):>6s}"
-        f" {brief(c.without, 4):>9s} {c.status:10s} {c.bar}"
+    row = f"{{:{width}s}} {{:>9s}} {{:>9s}} {{:>10s}} {{:>8s}}  {{:5s}} {{:>6s}} {{:>6s}} {{:>9s}} {{:10s}} {{}}".format
+    rows = [row("item", "paper", "test", "ours", "error %", "holds", "spread", "single", "without", "status", "bar")]
+    rows += [
+        row(c.item, brief(c.paper, 6), brief(c.test, 6), brief(c.ours, 5), brief(c.error_percent, 3), _holds(c),
+            _part(c.over_spread), _part(c.single_records), brief(c.without, 4), c.status, c.bar)
         for c in checks
-    ]
+    ]  # fmt: skip
     return "\n".join([*rows, "", summary(checks)])
 
 

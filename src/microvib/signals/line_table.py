@@ -27,7 +27,8 @@ _SEEN = ("ok", "decaying", "growing", DRIVEN)
 _IN_PHASE = math.sqrt(0.5 / (1.0 - math.pi / 4.0))
 """Deviation of one part of a complex Gaussian over that of its magnitude."""
 
-_ROW = "{} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}"
+_ROW = "{} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}".format
+_SEED_ROW = "{:16s} {:>6} {:>12s} {:>12s} {:>12s}  {}".format
 _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
 """What the ends of a line's fields say of their units."""
 
@@ -249,7 +250,7 @@ class LineTable:
     def _text(self, shown: Sequence[Line], where: str) -> str:
         cells = list(self._cells(shown))
         wide = max(16, *(len(name) for name, *_ in cells))
-        rows = [_ROW.format(name.ljust(wide), *rest) for name, *rest in cells]
+        rows = [_ROW(name.ljust(wide), *rest) for name, *rest in cells]
         return "\n".join([*rows, *filter(None, [self._left_out(shown, where)]), *self._seed_rows(shown)])
 
     def _seed_rows(self, shown: Sequence[Line]) -> Iterator[str]:
@@ -258,12 +259,11 @@ class LineTable:
         rows = [seed for seed in self.seeds if seed.line in names]
         if rows:
             yield ""
-            head = f"{'line':16s} {'draws':>6s} {'mean':>12s} {'deviation':>12s} {'95 %':>12s}"
-            yield f"{head}  95 % lies within ({pretty(self.unit)})"
+            yield _SEED_ROW("line", "draws", "mean", "deviation", "95 %", f"95 % lies within ({pretty(self.unit)})")
         for x in rows:
             high = "?" if np.isnan(x.p95_high_n_m) else f"{x.p95_high_n_m:.4e}"
-            figures = f"{x.mean_n_m:12.4e} {x.deviation_n_m:12.4e} {x.p95_n_m:12.4e}"
-            yield f"{x.line:16s} {x.draws:6d} {figures}  {x.p95_low_n_m:.4e} to {high}"
+            figures = (f"{figure:.4e}" for figure in (x.mean_n_m, x.deviation_n_m, x.p95_n_m))
+            yield _SEED_ROW(x.line, x.draws, *figures, f"{x.p95_low_n_m:.4e} to {high}")
 
     def _cells(self, shown: Sequence[Line]) -> Iterator[Sequence[str]]:
         """A head and a row for each line."""

@@ -326,8 +326,8 @@ def _worst(s: Summary) -> list[Block]:
 
 def _varied_row(base: Scenario, key: str, labels: Sequence[str]) -> list[str]:
     """A key, its unit, its values in some cases and in the scenario; figures with four digits."""
-    value, quantity = next(((v, q) for name, v, q in base.entries() if name == key), ("", None))
-    texts = [*labels, quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)]
+    value = next((value for name, value, _ in base.entries() if name == key), "")
+    texts = [*labels, base.shown(key, value)]
     parts = [_NUMBER.match(text) for text in texts]
     units = {m[2] or "" for m in parts if m}
     if len(units) != 1 or not all(parts):

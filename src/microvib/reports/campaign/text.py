@@ -55,18 +55,21 @@ def _kind_of(reason: str) -> str:
     return " ".join(word for k, word in enumerate(words) if word != "..." or k == 0 or words[k - 1] != "...")[:200]
 
 
+_ROW = "{:18s} {:>19s} {:>9s} {:>9s} {:>20s} {:>9s} {:>9s} {:>8}".format
+
+
 def report_text(s: Summary) -> str:
     """Distributions, exceedance, effects and worst cases as text."""
     cases = report.counts(s.results)
     lines = [f"{cases[DONE]} cases, {cases[FAILED]} failed, {cases[MISSING]} not computed yet."]
     if s.rows:
-        above = "" if s.limit is None else f"{'above ' + format(1e3 * s.limit, 'g') + ' mN m':>32s}"
-        lines += ["", f"{'line':18s} {'Hz':>19s} {'median':>9s} {'P95':>9s} {'P95, 95 % sure':>20s} {'P99':>9s} {'largest':>9s}"
-                  f" {'case':>8s}{above}   mN m, 0-to-peak"]  # fmt: skip
+        above = "" if s.limit is None else f"above {1e3 * s.limit:g} mN m".rjust(32)
+        head = _ROW("line", "Hz", "median", "P95", "P95, 95 % sure", "P99", "largest", "case")
+        lines += ["", f"{head}{above}   mN m, 0-to-peak"]
         for r in shown(s):
             median, p95, p99, top = map(brief_milli, (r.median.value, r.p95.value, r.p99.value, r.largest))
-            text = f"{r.line:18s} {hertz(r):>19s} {median:>9s} {p95:>9s} {interval(r.p95):>20s} {p99:>9s} {top:>9s}"
-            lines.append(f"{text} {r.worst:8d}" + ("" if r.above is None else f"{above_limit(r):>32s}"))
+            row = _ROW(r.line, hertz(r), median, p95, interval(r.p95), p99, top, r.worst)
+            lines.append(row + ("" if r.above is None else above_limit(r).rjust(32)))
     if s.rows and s.several:
         text = "Each line at the level at which it is largest. The largest line level by level, highest first:"
         lines += ["", text, "", *(_level_text(r) for r in s.by_level[:MAX_LEVELS])]

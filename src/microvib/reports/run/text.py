@@ -27,17 +27,15 @@ def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
     if not any(line.seen for line in table):
         yield "No line stands out: the record is too short, its sample rate too low, or nothing moves."
     rows = compare_with_paper(scenario, table)
+    row = "{:14s} {:>9s} {:>10s} {:>9s} {:>10s} {:>10s} {:>10s} {:>8s} {:>8s}".format
     if rows:
         yield f"\nCompared with the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(scenario)}:\n"
-        yield (
-            f"{'line':14s} {'test Hz':>9s} {'paper Hz':>10s} {'ours Hz':>9s} {'test N m':>10s} {'paper N m':>10s}"
-            f" {'ours N m':>10s} {'paper %':>8s} {'ours %':>8s}"
-        )
+        yield row("line", "test Hz", "paper Hz", "ours Hz", "test N m", "paper N m", "ours N m", "paper %", "ours %")
     for r in rows:
-        yield (
-            f"{r.line:14s} {r.test_hz:9.4f} {r.paper_hz:10.5f} {r.ours_hz:9.4f} {r.test_n_m:10.5f} {r.paper_n_m:10.6f}"
-            f" {r.ours_n_m:10.6f} {100 * r.paper_error:+8.1f} {100 * r.our_error:+8.1f}"
-        )
+        yield row(
+            r.line, f"{r.test_hz:.4f}", f"{r.paper_hz:.5f}", f"{r.ours_hz:.4f}", f"{r.test_n_m:.5f}", f"{r.paper_n_m:.6f}",
+            f"{r.ours_n_m:.6f}", f"{100 * r.paper_error:+.1f}", f"{100 * r.our_error:+.1f}",
+        )  # fmt: skip
     if not rows and paper_state(scenario) not in (None, 1):
         yield "\nThe paper tabulates the lines of state 1 only; for the other states it gives statements."
 

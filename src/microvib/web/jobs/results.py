@@ -284,12 +284,6 @@ def _elements(array: Array, structure: str | None) -> ModalSource | None:
 
 def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
     """Effects of uncertain values on each line, the one that moves it farthest first; ranges in units of the form."""
-    quantities = {key: quantity for key, _, quantity in scenario.entries()}
-
-    def shown(key: str, value: float) -> str:
-        quantity = quantities[key]
-        return quantity.show(value) if quantity else f"{value:g}"
-
     return {
         "lines": [
             {
@@ -297,10 +291,10 @@ def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
                 "verdict": line.verdict,
                 "effects": [
                     {
-                        "key": e.key, "low": shown(e.key, e.range[0]), "high": shown(e.key, e.range[1]),
+                        "key": e.key, "low": scenario.shown(e.key, e.range[0]), "high": scenario.shown(e.key, e.range[1]),
                         "sensitivity": e.sensitivity, "below": e.slopes[0], "above": e.slopes[1],
                         "at_low": e.amplitudes[0], "at_high": e.amplitudes[1],
-                        "between": [{"at": shown(e.key, at), "amplitude": x} for at, x in e.between],
+                        "between": [{"at": scenario.shown(e.key, at), "amplitude": x} for at, x in e.between],
                     }
                     for e in line.effects
                 ],
@@ -308,7 +302,7 @@ def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
             for line in found
         ],
         "left_out": [
-            *({"key": c.key, "why": f"no run with {shown(c.key, c.value)}: {c.reason}"} for c in found.failed),
+            *({"key": c.key, "why": f"no run with {scenario.shown(c.key, c.value)}: {c.reason}"} for c in found.failed),
             *({"key": key, "why": why} for key, why in found.left_out.items()),
         ],
     }  # fmt: skip

@@ -23,6 +23,7 @@ from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import to_json
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
+from microvib.reports.identification import values_text
 from microvib.reports.run.folder import run_summary, run_texts
 from microvib.reports.run.report import run_report
 from microvib.signals.line_table import LineTable
@@ -169,8 +170,7 @@ def identification(
     """Parameters from recordings."""
 
     def progress(stage: str, simulations: int, cost: float, best: dict[str, float]) -> None:
-        values = ", ".join(f"{key} {value:.4g}" for key, value in best.items())
-        tell(simulations, None, "simulations", f"{stage} search, best so far: {values}")
+        tell(simulations, None, "simulations", f"{stage} search, best so far: {values_text(best)}")
 
     keys = [parse_key(scenario, text) for text in fit]
     tests: list[tuple[Any, dict[str, object]]] = [
