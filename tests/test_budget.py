@@ -250,7 +250,7 @@ def test_no_record_turns_a_verdict_round() -> None:
     each = []
     for record in records:
         scenario = base.with_si(record)
-        each.append(of_run("drive", scenario, mv.run(scenario), 8)[0])
+        each.append(of_run("drive", scenario, mv.run(scenario))[0])
     keys = [
         {"metric": "smear", "window": Si(2.0), "axis": "x"},
         {"metric": "ape"},
@@ -270,7 +270,7 @@ def test_a_mode_whose_decay_does_not_show_decides_nothing() -> None:
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.settle": Si(1.0), "record.duration": Si(8.0)})
     result = mv.run(scenario)
     steady = (replace(x, status="ok", decay_per_s=0.0) if x.line == "array_mode_2" else x for x in result.table)
-    one, _ = of_run("drive", scenario, replace(result, table=replace(result.table, lines=tuple(steady))), 8)
+    one, _ = of_run("drive", scenario, replace(result, table=replace(result.table, lines=tuple(steady))))
     k = one.names.index("array_mode_2")
     size, f = float(np.linalg.norm(one.los[k])), float(one.frequency[k])
     band = {"lowest": Si(f - 0.05), "highest": Si(f + 0.05)}
@@ -478,7 +478,7 @@ def test_a_campaign_that_lacks_cases_has_no_percentile() -> None:
 def test_lines_above_a_low_passband_keep_it_from_passing() -> None:
     """At 8 Hz no driving line is seen, nor the full-step lines, which are the largest."""
     low = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.sample_rate": Si(8.0), "record.duration": Si(30.0)})
-    one, _ = of_run("drive", low, mv.run(low), 8)
+    one, _ = of_run("drive", low, mv.run(low))
     found = judged(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"
     assert any("not even two driving lines" in why for why in found.why)
@@ -626,7 +626,7 @@ def test_lines_and_densities_from_files(tmp_path: Path) -> None:
 )
 def test_noise_of_the_friction_is_one_draw_of_many(noise: dict[str, object]) -> None:
     noisy = scenario_of(whole.FullCraft(bandwidth=0.2), **noise)
-    one, _ = of_run("drive", noisy, mv.run(noisy), 8)
+    one, _ = of_run("drive", noisy, mv.run(noisy))
     found = judged(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"
     assert any("a run is one draw of many" in why for why in found.why)
@@ -643,7 +643,7 @@ def test_a_free_hub_is_not_judged_below_its_lowest() -> None:
             "record.duration": Si(8.0),
         },
     )
-    one, _ = of_run("drive", slow, mv.run(slow), 8)
+    one, _ = of_run("drive", slow, mv.run(slow))
     assert any("attitude_control" in why for why in judged(requirement(limit=Si(1.0)), [one], "rss").why)
 
 
@@ -729,7 +729,7 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
     campaign.write(0, compute_bytes(campaign.work(0)))
     merge(campaign)
-    one, _ = of_run("drive", scenario, mv.run(scenario), 8)
+    one, _ = of_run("drive", scenario, mv.run(scenario))
     cases = with_campaign(one, ensemble_of(scenario, tmp_path / "c")).cases
     assert cases is not None
     case = campaign.design.scenario(1)

@@ -181,3 +181,17 @@ def test_a_free_craft_is_silent_below_a_twentieth_of_a_hertz() -> None:
     }
     motion = mv.simulate(mv.load_scenario(EXAMPLE, changes))
     assert "from 0.05 Hz on" in craft._angles(motion).caption
+
+
+def test_lines_of_the_hub_have_as_many_members_as_those_of_the_torque(tmp_path) -> None:
+    scenario = mv.load_scenario("examples/spacecraft.yaml", {"record.settle": "0.2 s", "record.duration": "1 s"})
+
+    def orders(names) -> set[int]:
+        return {int(name.removeprefix("drive_")) for name in names if re.fullmatch(r"drive_\d+", name)}
+
+    for harmonics in (3, 10):
+        result = mv.run(scenario, harmonics=harmonics)
+        assert orders(result.hub.names) == orders(x.line for x in result.table) == set(range(1, harmonics + 1))
+        mv.write_run(result, tmp_path / str(harmonics))
+        again = mv.read_run(tmp_path / str(harmonics))
+        assert hub_lines(again.motion, again.table).names == result.hub.names

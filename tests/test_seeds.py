@@ -150,3 +150,10 @@ def test_an_independent_integration_aligns_alike(state_1):
 def test_an_offset_out_of_reach_is_a_sentence(state_1, changes, said):
     with pytest.raises(mv.ScenarioError, match=said):
         state_1.with_si(changes)
+
+
+def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
+    short = {"record.settle": "0.2 s", "record.duration": "1 s", "friction.torque_noise.density": "2e-6 N^2*m^2/Hz"}
+    table = mv.run(mv.load_scenario("state-1", short), harmonics=10, seeds=2).table
+    assert table["drive_10"].amplitude_n_m > 0.0
+    assert table.over_seeds("drive_10") is not None

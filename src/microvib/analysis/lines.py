@@ -107,7 +107,7 @@ def lines(
         source = source.source
     if isinstance(source, SteadyState):
         table = _of_steady_state(source, channel or "T_d", harmonics)
-        return replace(table, unit=unit_of(channel or "T_d"))
+        return replace(table, unit=unit_of(channel or "T_d"), harmonics=harmonics)
     if isinstance(source, Recording):
         name, source = channel or f"M{scenario.array.drive_axis if scenario else 'z'}", source.in_si()
         check(source, name, _SHORTEST)
@@ -129,7 +129,7 @@ def lines_of_samples(
     known of the ``disturbance`` torque.
     """
     expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
-    table = estimate_lines(x, sample_rate, expected)
+    table = replace(estimate_lines(x, sample_rate, expected), harmonics=harmonics)
     if measured:
         table = while_settling(table)
     return table if scenario is None else with_noise(table, scenario, disturbance)
@@ -194,12 +194,14 @@ def with_noise(table: LineTable, scenario: Scenario, disturbance: bool = True) -
     return replace(table, lines=tuple(rows))
 
 
-def lines_among(x: np.ndarray, sample_rate: float, scenario: Scenario, names: Collection[str]) -> LineTable:
+def lines_among(
+    x: np.ndarray, sample_rate: float, scenario: Scenario, names: Collection[str], harmonics: int = 8
+) -> LineTable:
     """Lines of a simulated torque, as ``lines_of_samples``, that are called by these ``names`` or are array modes.
 
     They have no uncertainties, and take a fraction of the time.
     """
-    expected = expected_in(scenario, sample_rate)
+    expected = expected_in(scenario, sample_rate, harmonics)
     wanted = [line for line in expected if line.name in names or line.is_mode]
     return lines_at_known_clock(x, sample_rate, wanted)
 

@@ -225,9 +225,7 @@ def _rms(squares: np.ndarray) -> dict[str, float]:
     return {"los_x_rad": x, "los_y_rad": y, "radial_rad": float(radial(squares))}
 
 
-def hub_lines(
-    source: Motion | SteadyState, table: LineTable, harmonics: int = 8, *, los_only: bool = False
-) -> HubLines:
+def hub_lines(source: Motion | SteadyState, table: LineTable, *, los_only: bool = False) -> HubLines:
     """Lines of loads and line of sight of a run on a craft: those that are expected, and those found in T_d (its ``table``).
 
     Lines of the clock follow from those of the two shafts' accelerations, through the craft's linear response, which no drift leaks
@@ -237,20 +235,20 @@ def hub_lines(
     MicrovibError where the scenario has no spacecraft.
     """
     beside = source.beside
-    own = _lines_of_one(source.alone if isinstance(source, Motion) else source, table, harmonics, los_only)
+    own = _lines_of_one(source.alone if isinstance(source, Motion) else source, table, los_only)
     if beside is None:
         return own
-    return together(own, _lines_of_one(beside, lines(beside, harmonics=harmonics), harmonics, los_only))
+    return together(own, _lines_of_one(beside, lines(beside, harmonics=table.harmonics), los_only))
 
 
-def _lines_of_one(source: Motion | SteadyState, table: LineTable, harmonics: int, los_only: bool) -> HubLines:
+def _lines_of_one(source: Motion | SteadyState, table: LineTable, los_only: bool) -> HubLines:
     """``hub_lines`` of one drive's run."""
     scenario, craft = source.scenario, source.scenario.craft
     if craft is None:
         raise MicrovibError("this run is one on firm ground; a scenario with a spacecraft is expected")
     others = [line for line in table if line.kind == "other" and np.isfinite(line.frequency_hz)]
     expected = (
-        *expected_in(scenario, scenario.record.sample_rate, harmonics),
+        *expected_in(scenario, scenario.record.sample_rate, table.harmonics),
         *(ExpectedLine(x.line, "other", x.frequency_hz, x.frequency_hz, x.frequency_hz, x.origin) for x in others),
     )
     looks, two = craft.spacecraft.line_of_sight is not None, craft.second is not None and not los_only

@@ -58,7 +58,7 @@ def with_seeds(
         (torque,) = simulate_torques([drawn.with_({"record.start": "rest"})])
         if not isinstance(torque, Torque):
             raise torque
-        for line in lines_among(torque.T_d, torque.sample_rate, scenario, names):
+        for line in lines_among(torque.T_d, torque.sample_rate, scenario, names, table.harmonics):
             if line.line in found and math.isfinite(line.amplitude_n_m):
                 found[line.line].append(line)
         if progress:

@@ -97,10 +97,14 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
     left = [table.rest for table in tables if table.rest is not None]
     left += [_unmatched(table, tables[0]) for table in tables[1:]]
     rest = Rest.of(*(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude")))
-    return LineTable(
-        tuple(lines), float(np.mean(ratios)) if ratios else None, _of_mean(spreads) if spreads else None,
-        sum(table.samples for table in tables), tables[0].sample_rate, rest=rest,
-    )  # fmt: skip
+    return replace(
+        tables[0],
+        lines=tuple(lines),
+        clock_ratio=float(np.mean(ratios)) if ratios else None,
+        clock_ratio_uncertainty=_of_mean(spreads) if spreads else None,
+        samples=sum(table.samples for table in tables),
+        rest=rest,
+    )
 
 
 def _row(table: LineTable, line: Line) -> Line | None:

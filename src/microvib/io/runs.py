@@ -100,6 +100,7 @@ def summary(
         "doubts": list(scenario.doubts()),
         "left_by_lines": left,
         "own_error": table.own_error,
+        "harmonics": table.harmonics,
         "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
         "versions": package_versions(),
         "timings_s": timings,
@@ -145,7 +146,7 @@ def read_run(folder: Path | str) -> Run:
         table = LineTable(
             _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
             rest=left and Rest(*(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))),
-            own_error=said.get("own_error", 0.0),
+            own_error=said.get("own_error", 0.0), harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip
     return Run(motion, table, versions, limit)

@@ -158,6 +158,8 @@ class LineTable:
     sample_rate: float
     unit: str = "N*m"
     """Of all amplitudes, in place of N m where the lines are those of another channel than a torque."""
+    harmonics: int = field(default=8, compare=False)
+    """Members of each family of lines that were looked for."""
     rest: Rest | None = field(default=None, compare=False)
     """What is left; None where that was not looked at."""
     own_error: float = field(default=0.0, compare=False)

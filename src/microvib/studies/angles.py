@@ -71,10 +71,10 @@ def sweep_angles(
         turned = scenario.at_angle(angle)
         state, why = find_steady(turned) if turned.record.start == "steady" else (None, "")
         if state is not None:
-            return hub_lines(state, lines(state, harmonics=harmonics), harmonics), ""
+            return hub_lines(state, lines(state, harmonics=harmonics)), ""
         result = solve_run(turned.with_si({"record.start": "rest"}), harmonics=harmonics)
         assert result.motion is not None
-        return hub_lines(result.motion, result.table, harmonics), why
+        return hub_lines(result.motion, result.table), why
 
     with all_cores(progress) as calls:
         found = calls(at, ((angle,) for angle in turns))

@@ -113,11 +113,11 @@ class Contribution:
         return np.ones(len(self.names), dtype=bool) if self.rings is None else ~self.rings
 
 
-def of_run(name: str, scenario: Scenario, result: RunResult, harmonics: int) -> tuple[Contribution, HubLines]:
+def of_run(name: str, scenario: Scenario, result: RunResult) -> tuple[Contribution, HubLines]:
     """A drive by its run on the craft; and all lines of its loads."""
     source = result.state or result.motion
     assert source is not None
-    found = hub_lines(source, result.table, harmonics)
+    found = hub_lines(source, result.table)
     if found.los is None:
         raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
     rows = {line.line: line for line in result.table}

@@ -127,7 +127,7 @@ def pointing_budget(
     for k, (name, scenario) in enumerate(drives):
         recorded = measured if k == 0 else None
         tried = scenario if recorded is None else scenario.with_({"record.start": "steady"})
-        one, full = of_run(name, tried, solve_run(tried, harmonics=harmonics, progress=progress), harmonics)
+        one, full = of_run(name, tried, solve_run(tried, harmonics=harmonics, progress=progress))
         if k == 0 and (short_way or recorded is not None):
             compared = tuple(differences(*short_way_of(tried, harmonics=harmonics, progress=progress), full))
         if recorded is not None:

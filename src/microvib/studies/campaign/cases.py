@@ -277,7 +277,7 @@ def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
     source = state or from_rest(scenario, channels=kept, balanced=False)
     table = lines_of(source, harmonics=harmonics)
     stuck = float(np.mean(source["stuck_output"])) if state is None else state.stuck_output
-    on_hub = hub_lines(source, table, harmonics, los_only=True)
+    on_hub = hub_lines(source, table, los_only=True)
     los = dict(zip(on_hub.names, on_hub.amplitude, strict=True))
     second = None if source.beside is None else lines_of(source.beside, harmonics=harmonics)
     return replace(_result(work.study, scenario, table, source["T_d"], stuck, fallback, second), los=los)
