@@ -77,7 +77,6 @@ def test_waterfall_follows_a_tone_that_dies():
         (lambda x: amplitude_spectrum(x, RATE, "kaiser"), "window: 'kaiser' is not known; allowed are rectangular, hann"),
         (lambda x: power_spectral_density(x, RATE, "0.01 Hz"), "needs a record of 100 s; it has 16 s"),
         (lambda x: power_spectral_density(x, RATE, "-1.0 Hz"), "must be greater than 0 and at most 512 Hz"),
-        (lambda x: waterfall(x, RATE, overlap=1.0), "from 0 to 0.95"),
         (lambda x: power_spectral_density(x, RATE).band_rms("5.0 Hz", "2.0 Hz"), "below its upper end"),
     ],
 )  # fmt: skip

@@ -154,12 +154,12 @@ class HubLines:
                     "mtf_at_nyquist": float(mtf),
                 }  # fmt: skip
 
-    def costs(self, most: int = 5) -> Iterator[dict[str, Any]]:
-        """For each window and metric the lines that cost most: radial rms and part of the mean square."""
+    def costs(self) -> Iterator[dict[str, Any]]:
+        """For each window and metric the five lines that cost most: radial rms and part of the mean square."""
         for window in self.windows:
             for metric in METRICS:
                 whole = float(self.sums(metric, window).sum())
-                ranked = self.ranking(metric, window)[:most]
+                ranked = self.ranking(metric, window)[:5]
                 yield {
                     "window_s": window, "metric": metric,
                     "lines": [{"line": n, "radial_rad": x, "share": x**2 / whole if whole else 0.0} for n, x in ranked],

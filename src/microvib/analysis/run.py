@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -65,11 +66,12 @@ def solve_run(
     lines_only: bool = False,
     seeds: int = 0,
     progress: Progress | None = None,
+    drawn: Callable[[int], None] | None = None,
 ) -> RunResult:
     """Simulate ``scenario``, from its steady state if ``record.start`` says so and there is one, and find its lines.
 
     With ``lines_only`` memory stays bounded however long the record. With ``seeds`` so many draws of the noise are run, and the
-    table knows its lines over them. Raises what ``simulate`` raises, OptionError for seeds without noise.
+    table knows its lines over them; ``drawn`` counts them. Raises what ``simulate`` raises, OptionError for seeds without noise.
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     whole_number("harmonics", harmonics, *MEMBERS)
@@ -78,7 +80,7 @@ def solve_run(
     if progress is not None:  # a steady state tells nothing while it is sought
         progress(0.0, scenario.record.settle + scenario.record.duration)
     result = _solved(scenario, harmonics, lines_only, progress)
-    return replace(result, table=with_seeds(result.table, scenario, seeds)) if seeds else result
+    return replace(result, table=with_seeds(result.table, scenario, seeds, drawn)) if seeds else result
 
 
 def _solved(scenario: Scenario, harmonics: int, lines_only: bool, progress: Progress | None) -> RunResult:

@@ -9,7 +9,7 @@ import numpy as np
 from microvib.analysis.lines import expected_in
 from microvib.analysis.pointing import HubLines, lines_in, tones_of
 from microvib.analysis.run import solve_run
-from microvib.model.coupling import Coupled, craft_in, short_way
+from microvib.model.coupling import Coupled, craft_in, into_hub, short_way
 from microvib.model.scenario import Scenario
 from microvib.solve.channels import INTERFACE
 from microvib.solve.integration import Progress
@@ -34,12 +34,10 @@ def blocked_lines(source: Motion | SteadyState, on: Scenario, harmonics: int = 8
     expected = [line for line in expected_in(source.scenario, on.record.sample_rate, harmonics) if line.of_clock]
     found = [lines_in(source, name, tuple(expected)) for name in INTERFACE]
     loads = np.array([tones_of(column) for column in found]).T.reshape(len(expected), 6)
-    spacecraft = craft_in(on).spacecraft
-    turn = np.kron(np.eye(2), spacecraft.interface.turn(on.array.drive_axis, spacecraft.array_angle))
     kept = np.any(np.isfinite(loads) & (loads != 0.0), axis=1)
     names = tuple(line.name for line, keep in zip(expected, kept, strict=True) if keep)
     frequency = np.array([line.frequency for line in expected])
-    return BlockedLines(names, frequency[kept], np.nan_to_num(loads[kept]) @ turn.T)
+    return BlockedLines(names, frequency[kept], np.nan_to_num(loads[kept]) @ into_hub(on).T)
 
 
 def short_way_of(

@@ -6,7 +6,7 @@ import copy
 import io
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from microvib.errors import ScenarioError, error_context, expect, shown
 from microvib.io.array_files import ARRAY_ORIGINS, with_array
@@ -16,9 +16,6 @@ from microvib.model.part import Part, plain
 from microvib.model.scenario import Scenario, set_key
 from microvib.model.sentences import validated
 from microvib.testdata.bench import Bench
-
-if TYPE_CHECKING:
-    pass
 
 
 def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> Scenario:

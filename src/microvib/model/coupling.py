@@ -22,7 +22,7 @@ from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
 from microvib.model.linear import coupled_modes, pulls
-from microvib.model.rigid import motion_of
+from microvib.model.rigid import both, motion_of
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import INTERFACE, SECOND
 from microvib.units import Si
@@ -76,8 +76,8 @@ class Source(Held):
 
     def turned(self, turn: np.ndarray) -> Source:
         """The same in other axes, by the congruence of ``turn`` (3, 3), whose columns are its axes there."""
-        both = np.kron(np.eye(2), turn)
-        return Source(both @ self.mass @ both.T, both @ self.G, self.M, self.C, self.K)
+        T = both(turn)
+        return Source(T @ self.mass @ T.T, T @ self.G, self.M, self.C, self.K)
 
     def about(self, position: np.ndarray) -> Source:
         """The same about another point, from which the interface lies at ``position`` (3,) [m]: u = T u_there, T' mass T."""
@@ -297,7 +297,7 @@ def chart(scenario: Scenario, rates: np.ndarray, angles: np.ndarray | None = Non
         if hub.second is not None:  # which may turn, too
             there = receiver_of(scenario.at_angle(Si(angle)))
             Y, seen = there.accelerance(f), there.transfer(f)
-        turn = np.kron(np.eye(2), about_axis(spacecraft.interface.axis, float(angle) - spacecraft.array_angle))
+        turn = both(about_axis(spacecraft.interface.axis, float(angle) - spacecraft.array_angle))
         found.append(_coupled(f, loads @ turn.T, turn @ mass @ turn.T, Y, seen))
     shape = (psi.size, *frequency.shape)
     los = None if hub.los is None else np.array([one.los for one in found]).reshape(*shape, 2)
@@ -308,6 +308,12 @@ def about_axis(axis: np.ndarray, angle: float) -> np.ndarray:
     """Turn about a unit vector ``axis`` (3,) by an ``angle`` [rad], (3, 3)."""
     along, across = np.outer(axis, axis), np.cross(np.eye(3), axis)
     return np.asarray(along + math.cos(angle) * (np.eye(3) - along) + math.sin(angle) * across)
+
+
+def into_hub(scenario: Scenario) -> np.ndarray:
+    """Turn of loads from the axes of a scenario's array into those of the hub that carries it, (6, 6)."""
+    spacecraft = craft_in(scenario).spacecraft
+    return both(spacecraft.interface.turn(scenario.array.drive_axis, spacecraft.array_angle))
 
 
 def craft_in(scenario: Scenario) -> Craft:

@@ -29,7 +29,7 @@ from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
-from microvib.model.rigid import motion_of, tensor
+from microvib.model.rigid import both, motion_of, tensor
 from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface, Spacecraft
 
 
@@ -312,7 +312,7 @@ def array_on_hub(array: Array, interface: Interface, angle: float) -> tuple[np.n
     mass, participation = array.mass, array.interface
     if mass is None or participation is None:
         raise ValueError("the array has no six components")
-    turn = np.kron(np.eye(2), interface.turn(array.drive_axis, angle))
+    turn = both(interface.turn(array.drive_axis, angle))
     return turn @ mass @ turn.T, turn @ participation
 
 

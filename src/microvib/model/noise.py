@@ -31,13 +31,19 @@ def table_misfits(density: float | None, table: Rows) -> Iterator[str]:
         yield "table: densities must be at least 0"
 
 
-def density_at(frequency: np.ndarray, density: float | None, table: Rows) -> np.ndarray:
-    """The density at each ``frequency`` (n,); between rows of a table straight in logarithms, beyond them 0."""
+def _density_at(frequency: np.ndarray, band: tuple[float, float], density: float | None, table: Rows) -> np.ndarray:
+    """The density at each ``frequency`` (n,); between rows of a table straight in logarithms, 0 beyond them and the ``band``."""
+    inside = (frequency > 0.0) & (frequency >= band[0]) & (frequency <= band[1])
     if density is not None:
-        return np.full(frequency.shape, density)
+        return np.where(inside, density, 0.0)
     f, S = np.log(np.maximum(np.array(table), 1e-300)).T
-    result: np.ndarray = np.exp(np.interp(np.log(np.maximum(frequency, 1e-300)), f, S, -np.inf, -np.inf))
-    return result
+    return np.where(inside, np.exp(np.interp(np.log(np.maximum(frequency, 1e-300)), f, S, -np.inf, -np.inf)), 0.0)
+
+
+def _band(lowest: float, highest: float, table: Rows) -> tuple[float, float]:
+    """Between which frequencies there is noise: those that are given, as far as a table reaches."""
+    first, last = (table[0][0], table[-1][0]) if table else (0.0, math.inf)
+    return max(lowest, first), min(highest, last)
 
 
 class TorqueNoise(Part):
@@ -73,15 +79,11 @@ class TorqueNoise(Part):
 
     def band(self, sample_rate: float) -> tuple[float, float]:
         """Lowest and highest frequency [Hz] in a record of ``sample_rate`` [Hz]."""
-        first, last = (self.table[0][0], self.table[-1][0]) if self.table else (0.0, math.inf)
-        highest = 0.5 * sample_rate if self.highest is None else self.highest
-        return max(self.lowest, first), min(highest, last)
+        return _band(self.lowest, 0.5 * sample_rate if self.highest is None else self.highest, self.table)
 
     def at(self, frequency: np.ndarray, sample_rate: float) -> np.ndarray:
         """Density [N^2 m^2/Hz] at each ``frequency`` (n,) [Hz], in a record of ``sample_rate`` [Hz]."""
-        low, high = self.band(sample_rate)
-        inside = (frequency > 0.0) & (frequency >= low) & (frequency <= high)
-        return np.where(inside, density_at(frequency, self.density, self.table), 0.0)
+        return _density_at(frequency, self.band(sample_rate), self.density, self.table)
 
 
 class FrictionHarmonic(Part):
@@ -123,14 +125,11 @@ class Roughness(Part):
     @property
     def band(self) -> tuple[float, float]:
         """Fewest and most cycles per turn."""
-        first, last = (self.table[0][0], self.table[-1][0]) if self.table else (0.0, math.inf)
-        return max(self.lowest, first), min(last, math.inf if self.highest is None else self.highest)
+        return _band(self.lowest, math.inf if self.highest is None else self.highest, self.table)
 
     def at(self, order: np.ndarray) -> np.ndarray:
         """Density at each ``order`` (n,) [cycles per turn]."""
-        low, high = self.band
-        inside = (order > 0.0) & (order >= low) & (order <= high)
-        return np.where(inside, density_at(order, self.density, self.table), 0.0)
+        return _density_at(order, self.band, self.density, self.table)
 
     @property
     def deviation(self) -> float:

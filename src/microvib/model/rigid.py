@@ -61,6 +61,18 @@ def about_center(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.nda
     return np.asarray(inertia - mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
+def beside(direction: np.ndarray) -> np.ndarray:
+    """Unit vector across a unit vector (3,): the first axis, or where that is near it the second, made perpendicular to it."""
+    axis = np.eye(3)[0 if abs(direction[0]) < 0.9 else 1]
+    across = axis - (axis @ direction) * direction
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def both(turn: np.ndarray) -> np.ndarray:
+    """A turn (3, 3) of displacements and rotations, or of forces and torques, alike, (6, 6)."""
+    return np.kron(np.eye(2), turn)
+
+
 def inertia_misfit(inertia: np.ndarray) -> str:
     """What keeps a tensor (3, 3) about a centre of mass from being an inertia, in words; empty where it is one."""
     principal = np.linalg.eigvalsh(inertia)

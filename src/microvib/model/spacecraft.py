@@ -15,7 +15,7 @@ from microvib.model.friction import Friction
 from microvib.model.motor import Motor
 from microvib.model.part import Part, Six
 from microvib.model.reducer import Reducer
-from microvib.model.rigid import Direction, Inertia, Position, inertia_misfit, tensor
+from microvib.model.rigid import Direction, Inertia, Position, beside, inertia_misfit, tensor
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
@@ -242,9 +242,7 @@ class LineOfSight(Part):
         and y for a boresight along z.
         """
         b = _unit(self.boresight or (0.0, 0.0, 1.0))
-        first = np.eye(3)[0 if abs(b[0]) < 0.9 else 1]
-        first = first - (first @ b) * b
-        first /= np.linalg.norm(first)
+        first = beside(b)
         return np.array([first, np.cross(b, first)])
 
 

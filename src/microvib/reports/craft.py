@@ -254,13 +254,11 @@ def _loads_at(motion: Motion, hub: HubLines, loads: np.ndarray, names: tuple[str
     return table(header, rows, caption), picture
 
 
-def _curves(
-    ax: Axes, curves: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, depth: float, highest: float = 200.0
-) -> None:
-    """Curves over frequency on two logarithmic axes, down to a part ``depth`` of the largest value."""
+def _curves(ax: Axes, curves: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, depth: float) -> None:
+    """Curves over frequency, to 200 Hz, on two logarithmic axes, down to a part ``depth`` of the largest value."""
     top = 0.0
     for (name, (f, y)), colour, dashes in zip(curves.items(), COLOURS, ("-", "--", "-."), strict=False):
-        keep = (f > 0.0) & (f <= highest)
+        keep = (f > 0.0) & (f <= 200.0)
         top = max(top, float(np.nanmax(y[keep], initial=0.0)))
         ax.plot(f[keep], np.maximum(y[keep], 1e-300), color=colour, linestyle=dashes, linewidth=1.0, label=name)
     ax.set(
@@ -284,8 +282,8 @@ def _window(length: float) -> str:
     return f"{1e3 * length:g} ms" if length < 1.0 else f"{length:g} s"
 
 
-def _micro(angle: float, digits: int = 3) -> str:
-    return format_number(1e6 * angle, digits)
+def _micro(angle: float) -> str:
+    return format_number(1e6 * angle, 3)
 
 
 def _windows(hub: HubLines) -> list[Block]:

@@ -182,10 +182,10 @@ class _Search:
         """The fit with an unexpected tone near a frequency: a steady one if that explains the peak, otherwise a decaying one."""
         one = falling([self._other(at)], np.array([at]), np.zeros(1))
         held = self.joint.with_tones(replace(one, falls=np.zeros(1, dtype=bool)))
-        if self._explains(held, k, 0.1 * height) and not held.tones.limited[-1] and not self._is_change(held, -1):
+        if self._explains(held, k, 0.1 * height) and not held.tones.limited[-1] and not self._is_change(held):
             return held
         fit = self.joint.with_tones(replace(one, decay=np.array([0.3 / self.duration])))
-        if fit.tones.limited[-1] or not self._explains(fit, k, height) or self._is_change(fit, -1):
+        if fit.tones.limited[-1] or not self._explains(fit, k, height) or self._is_change(fit):
             return None
         fold = abs(fit.tones.decay[-1]) * self.duration
         falls = fold > FALLS and fold > 3.0 * self._spread(fit, -1).decay[0] * self.duration
@@ -194,12 +194,12 @@ class _Search:
     def _explains(self, fit: Joint, k: int, height: float) -> bool:
         return float(np.max(np.abs(fit.rest.values[max(k - 1, 0) : k + 2]))) < 0.5 * height
 
-    def _is_change(self, fit: Joint, i: int) -> bool:
-        """Whether tone ``i`` only compensates for another that changes, or does not decay exponentially."""
+    def _is_change(self, fit: Joint) -> bool:
+        """Whether the last tone only compensates for another that changes, or does not decay exponentially."""
         tones, sizes = fit.tones, fit.sizes
-        apart = np.abs(tones.frequency - tones.frequency[i]) * self.duration
-        apart[i] = np.inf
-        misfit = (apart < REACH) & tones.falls & (sizes[i] < _MISFIT * sizes)
+        apart = np.abs(tones.frequency - tones.frequency[-1]) * self.duration
+        apart[-1] = np.inf
+        misfit = (apart < REACH) & tones.falls & (sizes[-1] < _MISFIT * sizes)
         return bool(np.any(apart < _ALIKE) or np.any(misfit))
 
     def _put(self, i: int, line: ExpectedLine) -> None:

@@ -147,9 +147,9 @@ def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rect
 
 
 def power_spectral_density(
-    x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann", overlap: float = 0.5
+    x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann"
 ) -> Density:
-    """Power spectral density of ``x`` (n,) by Welch's method, the mean of each segment taken out.
+    """Power spectral density of ``x`` (n,) by Welch's method: segments that overlap by half, the mean of each taken out.
 
     ``resolution`` is the distance of the bins; without it an eighth of the record makes a segment. SpectrumError where the
     record is too short for it.
@@ -157,7 +157,7 @@ def power_spectral_density(
     from scipy.signal import welch
 
     segment = _segment(x.size, sample_rate, resolution)
-    lap = _overlap(overlap, segment)
+    lap = segment // 2
     frequency, density = welch(
         x, sample_rate, window_values(window, segment), segment, lap, detrend="constant", scaling="density"
     )
@@ -165,12 +165,10 @@ def power_spectral_density(
     return Density(frequency, window, segment, sample_rate, density, averages=averages, overlap=lap / segment)
 
 
-def waterfall(
-    x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann", overlap: float = 0.5
-) -> Waterfall:
-    """Amplitude spectra of overlapping stretches of ``x`` (n,), each ``1 / resolution`` long and free of its mean."""
+def waterfall(x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann") -> Waterfall:
+    """Amplitude spectra of stretches of ``x`` (n,) that overlap by half, each ``1 / resolution`` long and free of its mean."""
     segment = _segment(x.size, sample_rate, resolution)
-    lap = _overlap(overlap, segment)
+    lap = segment // 2
     starts = np.arange(0, x.size - segment + 1, segment - lap)
     spectra = [amplitude_spectrum(x[k : k + segment], sample_rate, window) for k in starts]
     middle = (starts + 0.5 * segment) / sample_rate
@@ -192,12 +190,6 @@ def _segment(samples: int, sample_rate: float, given: Given | None) -> int:
             f"resolution: {resolution:g} Hz needs a record of {1 / resolution:.4g} s; it has {samples / sample_rate:.4g} s"
         )
     return segment
-
-
-def _overlap(overlap: float, segment: int) -> int:
-    if not 0.0 <= overlap <= 0.95:
-        raise SpectrumError(f"overlap: {overlap:g} is not allowed; it must be from 0 to 0.95 of a segment")
-    return int(overlap * segment)
 
 
 def tone(x: np.ndarray, sample_rate: float, frequency: float) -> np.ndarray:

@@ -253,7 +253,7 @@ def _refitted(tones: Tones, before: np.ndarray, rest: HannSpectrum) -> tuple[Ton
     there, falling, at, amplitudes, values = tone_fit.refit(
         tones.frequency * duration, tones.decay * duration, before, free, falls, low, high, rest.values, rest.table
     )
-    found = _ended(tones, there / duration, falling / duration, (at <= low + 1e-9) | (at >= high - 1e-9))
+    found = _ended(tones, there / duration, falling / duration, at, low, high)
     return found, amplitudes, replace(rest, values=values)
 
 
@@ -264,8 +264,11 @@ def _bounds(tones: Tones, free: np.ndarray, falls: int, duration: float) -> tupl
     return np.array(low + [SLOWEST] * falls), np.array(high + [FASTEST] * falls)
 
 
-def _ended(tones: Tones, frequency: np.ndarray, decay: np.ndarray, ended: np.ndarray) -> Tones:
+def _ended(
+    tones: Tones, frequency: np.ndarray, decay: np.ndarray, at: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> Tones:
     """Tones where a fit ended, and which of its parameters, free frequencies and then decays, ended at a bound."""
+    ended = (at <= low + 1e-9) | (at >= high - 1e-9)
     limited, free = tones.limited.copy(), int(np.count_nonzero(tones.free))
     limited[tones.free] = ended[:free]
     limited[tones.falls] |= ended[free : free + int(np.count_nonzero(tones.falls))]
@@ -286,5 +289,5 @@ def moved(tones: Tones, spectrum: HannSpectrum, ratio: float, telling: np.ndarra
     bounds = zip(_bounds(tones, free, falls.size, duration), (-np.inf, np.inf), strict=True)
     low, high = (np.append(ends, end) for ends, end in bounds)
     there, falling, at = tone_fit.fit(cycles, fold, free, falls, clock, low, high, k, spectrum.values, spectrum.table)
-    found = _ended(tones, there / duration, falling / duration, (at <= low + 1e-9) | (at >= high - 1e-9))
+    found = _ended(tones, there / duration, falling / duration, at, low, high)
     return found, float(ratio * there[clock[0]] / cycles[clock[0]])

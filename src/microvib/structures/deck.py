@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from microvib.model.part import Part
-from microvib.model.rigid import rigid_motions
+from microvib.model.rigid import beside, rigid_motions
 from microvib.structures.modal import ModalError, ModalModel
 from microvib.structures.modal_checks import check_deck, check_mass, with_findings
 from microvib.units import Quantity
@@ -165,9 +165,7 @@ def _with_z_along(direction: np.ndarray) -> np.ndarray:
             f"drive_axis: {direction.tolist()} is not a direction; three components, not all 0, are expected"
         )
     z = direction / np.linalg.norm(direction)
-    near = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
-    x = near - (near @ z) * z
-    x /= np.linalg.norm(x)
+    x = beside(z)
     return np.array([x, np.cross(z, x), z])
 
 

@@ -95,8 +95,8 @@ def hub_of(modes: FreeModes, damping: float | None = None, count: int | None = N
     )
 
 
-def freed(model: ModalModel, name: str = "root") -> FreeModes:
-    """Free-free modes of what is known by its modes with the interface clamped, at the interface, which is called ``name``.
+def freed(model: ModalModel) -> FreeModes:
+    """Free-free modes of what is known by its modes with the interface clamped, at the interface, which is called ``root``.
 
     The interface is the origin. ModalError where the modes hold more than the mass.
     """
@@ -113,7 +113,7 @@ def freed(model: ModalModel, name: str = "root") -> FreeModes:
     damping = (shapes[6:].T * (2.0 * model.damping * np.sqrt(stiffness[6:]))) @ shapes[6:]
     xi = np.divide(0.5 * np.diag(damping), omega, out=np.zeros_like(omega), where=omega > 0.0)
     xi[:6] = 0.0
-    return FreeModes(natural_frequency(squares), xi, (name,), np.zeros((1, 3)), shapes[None, :6], damping)
+    return FreeModes(natural_frequency(squares), xi, ("root",), np.zeros((1, 3)), shapes[None, :6], damping)
 
 
 def _check_rigid(f: np.ndarray) -> None:

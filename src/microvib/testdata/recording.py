@@ -207,7 +207,11 @@ def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
     RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs of repeated samples
     (drop-outs), one sample out of all proportion, or is shorter than ``shortest`` [s].
     """
-    told = fault(recording, name, shortest)
+    _refuse(recording, name, fault(recording, name, shortest))
+
+
+def _refuse(recording: Recording, name: str, told: str) -> None:
+    """RecordingError where something is told of a channel."""
     if told:
         raise RecordingError(f"{recording.title}: channel {name} {told}".removeprefix(": "))
 
@@ -221,9 +225,11 @@ def check_samples(recording: Recording, name: str) -> np.ndarray:
     """Samples (n,) of a channel in any unit; RecordingError where there are none, or NaN, constant, clipped or repeated ones."""
     x = recording[name]
     known = filter(None, [(recording.faults or {}).get(name), "" if x.size else "is empty"])
-    told = next(chain(known, _broken(x, recording.sample_rate), _in_samples(x, recording.sample_rate)), "")
-    if told:
-        raise RecordingError(f"{recording.title}: channel {name} {told}".removeprefix(": "))
+    _refuse(
+        recording,
+        name,
+        next(chain(known, _broken(x, recording.sample_rate), _in_samples(x, recording.sample_rate)), ""),
+    )
     return x
 
 

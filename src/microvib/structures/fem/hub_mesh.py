@@ -11,7 +11,7 @@ from microvib.structures.fem.array_mesh import check_size, laminate_of
 from microvib.structures.fem.assembly import assemble
 from microvib.structures.fem.checks import check_structure
 from microvib.structures.fem.modes import lowest_modes
-from microvib.structures.fem.structure import Link, Lump, Mesh, Shells, Spring, Structure, StructureError
+from microvib.structures.fem.structure import Link, Lump, Mesh, Spring, Structure, StructureError
 from microvib.structures.hub import FreeModes
 from microvib.structures.hub_design import BENCH_POINT, Bench, Bus, HubDesign
 from microvib.structures.modal import natural_frequency
@@ -70,9 +70,7 @@ def _box(mesh: Mesh, bus: Bus, size: float) -> np.ndarray:
             if key not in nodes:
                 nodes[key] = mesh.node(*(float(steps[k][key[k]]) for k in range(3)))
             grid[i, j] = nodes[key]
-        corners = (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])
-        along = (0.0, 1.0, 0.0) if axis == 0 else (1.0, 0.0, 0.0)
-        mesh.parts.append(Shells(name, np.column_stack([c.ravel() for c in corners]), laminate, along))
+        mesh.shells(name, grid, laminate, (0.0, 1.0, 0.0) if axis == 0 else (1.0, 0.0, 0.0))
     return np.array(list(nodes.values()))
 
 

@@ -134,10 +134,13 @@ class Mesh:
         X, Y = np.meshgrid(x, y, indexing="ij")
         xyz = np.column_stack([X.ravel(), Y.ravel(), np.full(X.size, z)])
         index = self.add(xyz)
-        grid = index.reshape(X.shape)
-        corners = (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])
-        self.parts.append(Shells(name, np.column_stack([c.ravel() for c in corners]), laminate))
+        self.shells(name, index.reshape(X.shape), laminate)
         return index, xyz
+
+    def shells(self, name: str, grid: np.ndarray, laminate: Any, *along: tuple[float, float, float]) -> None:
+        """Shells between the nodes of a ``grid`` (m, n) of indices."""
+        corners = (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])
+        self.parts.append(Shells(name, np.column_stack([c.ravel() for c in corners]), laminate, *along))
 
     def line(self, name: str, ends: tuple[int, int], section: Section, size: float, up: Any = (0.0, 0.0, 1.0)) -> None:
         """Beams of at most ``size`` [m] between two nodes."""

@@ -163,10 +163,14 @@ def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contri
     return Contribution(source.name, f"density of {path.name}", (), np.zeros(0), none, density=(f, S), gaps=gaps)
 
 
-def _finer(f: np.ndarray, S: np.ndarray, near: np.ndarray, part: float = 2e-3) -> tuple[np.ndarray, np.ndarray]:
+_FINER = 2e-3
+"""Relative distance of a grid's frequencies, apart from resonances."""
+
+
+def _finer(f: np.ndarray, S: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A density on a grid that resolves the craft's resonances by frequencies ``near`` them, linear between what was given."""
     grid = np.union1d(
-        np.r_[f, near], np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / part) + 2)
+        np.r_[f, near], np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / _FINER) + 2)
     )
     grid = grid[(grid >= f[0]) & (grid <= f[-1])]
     return grid, np.array([np.interp(grid, f, column) for column in S.T]).T

@@ -13,12 +13,12 @@ from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recordin
 from microvib.analysis.pointing import HubLines, hub_lines
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import CALM, calm_for, has_calmed, still_held
-from microvib.errors import MicrovibError
 from microvib.model.coupling import (
     MEANINGLESS,
     chart,
     craft_in,
     density_of_noise,
+    into_hub,
     receiver_of,
     short_way,
 )
@@ -118,8 +118,7 @@ def of_run(name: str, scenario: Scenario, result: RunResult) -> tuple[Contributi
     source = result.state or result.motion
     assert source is not None
     found = hub_lines(source, result.table)
-    if found.los is None:
-        raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+    assert found.los is not None
     rows = {line.line: line for line in result.table}
     own = [rows[name] for name in found.names]
     rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
@@ -237,12 +236,9 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     of_axis = {line.line: line for line in table}
     found = [of_axis.get(x.name) for x in expected]
     seen = np.array([x is not None and x.status == "ok" for x in found]) & np.all(np.isfinite(loads), axis=1)
-    spacecraft = craft_in(scenario).spacecraft
-    turn = np.kron(np.eye(2), spacecraft.interface.turn(scenario.array.drive_axis, spacecraft.array_angle))
-    f = np.array([x.frequency for x in expected])
+    turn, f = into_hub(scenario), np.array([x.frequency for x in expected])
     los = short_way(scenario, f, np.nan_to_num(loads) @ turn.T).los
-    if los is None:
-        raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+    assert los is not None
     each = (short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T)
     by_each = np.abs(np.array([one for one in each if one is not None]))  # (6, k, 2)
     noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, np.nan_to_num(floors) ** 2))

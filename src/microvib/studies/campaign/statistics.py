@@ -249,9 +249,9 @@ def worst_cases(results: Results, line: str, band: tuple[float, float], count: i
     return [(k, float(y[k])) for k in order if math.isfinite(y[k])]
 
 
-def main_lines(rows: Sequence[LineStatistics], count: int = 6) -> list[str]:
-    """Lines worth a picture: the largest; sidebands only where they are as large as a fifth of the largest."""
+def main_lines(rows: Sequence[LineStatistics]) -> list[str]:
+    """Lines worth a picture: the six largest; sidebands only where they are as large as a fifth of the largest."""
     singles = [row for row in governing(rows) if row.line != ANY]
     top = max((row.largest for row in singles), default=0.0)
     worth = [r for r in singles if r.largest >= (0.2 if "_plus_" in r.line or "_minus_" in r.line else 1e-2) * top]
-    return [row.line for row in worth[:count]]
+    return [row.line for row in worth[:6]]

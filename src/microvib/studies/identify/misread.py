@@ -10,7 +10,7 @@ import numpy as np
 
 from microvib.studies.evidence import Evidence, Observation
 from microvib.studies.identify.goodness import goodness
-from microvib.studies.identify.problem import Own, Problem, Trust, cost
+from microvib.studies.identify.problem import Own, Problem, cost
 from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum
 from microvib.studies.relative_phase import multiples
 
@@ -50,13 +50,7 @@ def misread(problem: Problem) -> tuple[str, ...]:
 
 def _signs_and_scales(problem: Problem, tests: Sequence[tuple[Evidence, Own]]) -> Iterator[tuple[Evidence, str]]:
     """What is to be changed of each test; nothing, where the model explains none of them, or all as they are."""
-    free = Problem(
-        problem.scenario,
-        tests,
-        problem.keys,
-        Trust(problem.trust.each, ANY_SCALE, problem.trust.settle),
-        ledger=problem.ledger,
-    )
+    free = problem.again(evidence=tests, trust=replace(problem.trust, common=ANY_SCALE))
     signed = np.array([o.is_angle or o.form == "decay" for _, o in free.observed])
     end = _searched(free.looser(np.where(signed, BLIND, 1.0)))
     if not goodness(free, end.r).explained:
@@ -67,7 +61,7 @@ def _signs_and_scales(problem: Problem, tests: Sequence[tuple[Evidence, Own]]) -
         costs = {what: _alone(free, j, its, end.x) for what, its in each.items()}
         changes.append(min(costs, key=lambda what: costs[what]))
         changed.append((each[changes[-1]], own))
-    told = Problem(free.scenario, changed, free.keys, free.trust, ledger=free.ledger)
+    told = free.again(evidence=changed)
     end = Descent(told, end.x).run(FULL, ROUGH)
     if not goodness(told, end.r).explained:
         return
@@ -120,23 +114,25 @@ def _searched(problem: Problem) -> Optimum:
 
 def _alone(problem: Problem, j: int, its: Evidence, x: np.ndarray) -> float:
     """Mean cost of figures with ``its`` observations in place of one test's."""
-    tests = [(its if k == j else one, own) for k, (one, own) in enumerate(problem.evidence)]
-    other = Problem(problem.scenario, tests, problem.keys, problem.trust, ledger=problem.ledger)
+    other = problem.again(evidence=_with_test(problem, j, its))
     return cost(other.residuals([x])[0][: other.figures]) / other.figures
+
+
+def _with_test(problem: Problem, j: int, its: Evidence) -> list[tuple[Evidence, Own]]:
+    """The evidence with ``its`` observations in place of one test's."""
+    return [(its if k == j else one, own) for k, (one, own) in enumerate(problem.evidence)]
 
 
 def _scaled(logarithm: float) -> str:
     """A scale in words: by what the recording is to be divided."""
     times = math.exp(logarithm)
-    near = next(
-        (f"{f:.6g}, as in {unit} taken for N*m," for f, unit in UNITS.items() if abs(times / f - 1.0) < CLOSE), None
-    )
-    more = next(
-        (f"{f:.6g}, as in N*m taken for {unit}," for f, unit in UNITS.items() if abs(times * f - 1.0) < CLOSE), None
-    )
-    if near is None and more is not None:
-        return f"multiplied by {more}"
-    return f"divided by {near or f'{times:.3g}'}"
+    for f, unit in UNITS.items():
+        if abs(times / f - 1.0) < CLOSE:
+            return f"divided by {f:.6g}, as in {unit} taken for N*m,"
+    for f, unit in UNITS.items():
+        if abs(times * f - 1.0) < CLOSE:
+            return f"multiplied by {f:.6g}, as in N*m taken for {unit},"
+    return f"divided by {times:.3g}"
 
 
 def _channels(problem: Problem) -> Iterator[str]:
@@ -147,8 +143,8 @@ def _channels(problem: Problem) -> Iterator[str]:
         units = one.prepared.recording.units
         for channel in (name for name, unit in units.items() if unit == units[one.channel] and name != one.channel):
             other = one.of_channel(channel, problem.tests[j][1])
-            tests = [(other if k == j else its, own) for k, (its, own) in enumerate(problem.evidence)]
-            posed = Problem(problem.scenario, tests, problem.keys, problem.trust, ledger=problem.ledger)
+            tests = _with_test(problem, j, other)
+            posed = problem.again(evidence=tests)
             if len(other.observations) <= len(problem.keys):
                 continue
             fit = goodness(posed, _searched(posed).r)

@@ -167,8 +167,12 @@ class Ledger:
         """Simulations that are no point of a search."""
         with self._lock:
             self.simulations += simulations
-            if self.best is not None:
-                self._progress(self.stage, self.simulations, self._cost, self.best[0].named(self.best[1]))
+            self._tell()
+
+    def _tell(self) -> None:
+        if self.best is not None:
+            problem, x, _ = self.best
+            self._progress(self.stage, self.simulations, self._cost, problem.named(x))
 
     def note(self, problem: Problem, x: np.ndarray, r: np.ndarray) -> None:
         """One point more; any thread may say so."""
@@ -177,7 +181,7 @@ class Ledger:
             worth = problem.whole is not None, cost(r)  # whole records before short ones
             if self.best is None or worth < (self.best[0].whole is not None, self._cost):
                 self._cost, self.best = cost(r), (problem, x, r)
-            self._progress(self.stage, self.simulations, self._cost, self.best[0].named(self.best[1]))
+            self._tell()
 
 
 class Problem:
@@ -207,9 +211,16 @@ class Problem:
         self.low, self.high = np.array([key.reach for key in self.keys]).T
         self.ledger = ledger or Ledger(progress or (lambda *_: None))
 
-    def again(self, keys: Sequence[FitKey]) -> Problem:
-        """The same with other keys."""
-        return Problem(self.scenario, self.evidence, keys, self.trust, ledger=self.ledger)
+    def again(
+        self,
+        keys: Sequence[FitKey] | None = None,
+        evidence: Sequence[tuple[Evidence, Own]] | None = None,
+        trust: Trust | None = None,
+    ) -> Problem:
+        """The same with other keys, evidence or trust."""
+        evidence = self.evidence if evidence is None else evidence
+        keys = self.keys if keys is None else keys
+        return Problem(self.scenario, evidence, keys, trust or self.trust, ledger=self.ledger)
 
     def looser(self, factors: np.ndarray) -> Problem:
         """The same with each figure's standard deviation ``factors`` (figures,) times as large; ``tight`` are those of before."""

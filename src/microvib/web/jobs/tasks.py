@@ -15,7 +15,6 @@ import numpy as np
 
 from microvib.analysis.limits import Limit, judge
 from microvib.analysis.run import lines_of_second, solve_run
-from microvib.analysis.seeds import with_seeds
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
@@ -58,12 +57,11 @@ def run(folder: str, scenario: Scenario, tell: Tell, seeds: int = 0) -> None:
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
 
-    result = solve_run(scenario, progress=progress)
+    result = solve_run(
+        scenario, seeds=seeds, progress=progress, drawn=lambda k: tell(k, seeds, "draws", "drawing the noise")
+    )
     motion = result.motion
     assert motion is not None
-    if seeds:
-        found = with_seeds(result.table, scenario, seeds, lambda k: tell(k, seeds, "draws", "drawing the noise"))
-        result = replace(result, table=found)
     summed = run_summary(result)
     _keep(Path(folder), motion, result.table)
     of_hub = result.hub
