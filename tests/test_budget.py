@@ -719,6 +719,19 @@ def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: fl
         assert found.least <= true.value <= found.most
 
 
+def test_a_glitch_in_a_recording_keeps_it_from_passing() -> None:
+    """It may have been a blow, of which lines of the step clock say nothing."""
+    scenario = scenario_of(whole.FullCraft(), **{"record.settle": Si(2.0), "record.duration": Si(4.0)})
+    ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
+    loads = {n: np.array(ground[n]) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+    loads["Mx"][1000] += 60.0 * np.max(np.abs(loads["Mx"]))
+    units = {n: "N" if n[0] == "F" else "N*m" for n in loads}
+    r = Requirements(requirements=[{"limit": "1 rad", "lowest": "5 Hz", "highest": "300 Hz"}])
+    found = pointing_budget(scenario, r, recording=Recording(loads, 1024.0, units, "table")).judged[0]
+    assert found.verdict == "not judged"
+    assert any("channel Mx has a sample that stands alone at 0.976562 s" in told for told in found.why)
+
+
 def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     scenario = scenario_of(whole.FullCraft(), **{"record.settle": Si(0.5), "record.duration": Si(2.0)})
     (tmp_path / "craft.yaml").write_text(dump_scenario(scenario))

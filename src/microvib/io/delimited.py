@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.io.measured import Column, Hints, recording_of
+from microvib.io.timestamps import in_seconds
 from microvib.testdata.channels import in_yaml, is_unit, named_unit
 from microvib.testdata.recording import Recording, RecordingError
 
@@ -53,13 +54,12 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     """Recording of a text file; RecordingError says which row or column is wrong, or what the preparation must add."""
     text = _text(path)
     lines = [line for line in text.splitlines() if line.strip()]
-    form, first, width = _layout(lines)
+    lines, (form, first, width), notes = _laid_out(lines, hints)
     top = [line.lstrip("#%").strip(" ") for line in lines[:first]]
     names, units, headed = _header(top, form, width)
     body = [line.rstrip(form.separator) for line in lines[first:] if not line.startswith("#")]
     last = body[-1] if not text.endswith(("\n", "\r")) else None
     data = _values(body, form, width, names)
-    notes = []
     if last is not None and _doubtful([form.split(line)[-1] for line in body[-2000:]]):
         data = data[:-1]
         notes.append("the last row has no end of line and may be cut off: it was left out")
@@ -89,6 +89,18 @@ def _text(path: Path) -> str:
         return data.decode("cp1252", "replace")  # as older test software writes its units
 
 
+def _laid_out(lines: list[str], hints: Hints) -> tuple[list[str], tuple[_Form, int, int], list[str]]:
+    """Lines and their ``_layout``, with seconds in place of dates and times, and notes."""
+    try:
+        return lines, _layout(lines), []
+    except RecordingError:
+        stamped = in_seconds(lines, FEWEST_ROWS, LONGEST_TOP, hints.time)
+        if stamped is None:
+            raise
+    lines, start = stamped
+    return lines, _layout(lines), [f"time is counted from '{start}'"]
+
+
 def _layout(lines: Sequence[str]) -> tuple[_Form, int, int]:
     """Form of the rows, the first of them, and how many numbers each has; from where rows of equal length come.
 
@@ -102,7 +114,8 @@ def _layout(lines: Sequence[str]) -> tuple[_Form, int, int]:
         return fitting[0]
     raise RecordingError(
         f"has no {FEWEST_ROWS} rows of numbers below each other in its first {LONGEST_TOP} lines; expected are rows of"
-        " equal length without empty cells, separated by commas, semicolons, tabs or blanks, times in seconds and not as dates"
+        " equal length without empty cells, separated by commas, semicolons, tabs or blanks; times are numbers, or such as"
+        " 2024-03-05T10:15:30.000244"
     )
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from microvib.testdata.channels import in_yaml, is_time, named_unit
-from microvib.testdata.recording import Recording, RecordingError, regular_rate, snapped_rate
+from microvib.testdata.recording import Recording, RecordingError
+from microvib.testdata.time_axis import agrees, regular_rate, snapped_rate
 from microvib.units import convert
 
 PLAUSIBLE = (
@@ -182,7 +183,16 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
 
 
 def _rate_of_axis(time: Column, hints: Hints, said: list[str]) -> dict[str, float]:
-    rate, note = regular_rate(np.asarray(time.values, dtype=float) * _seconds(time, hints))
+    t, given = np.asarray(time.values, dtype=float) * _seconds(time, hints), hints.sample_rate
+    try:
+        rate, note = regular_rate(t)
+    except RecordingError:
+        if given is None or not agrees(t, given):
+            raise
+        rate, note = (
+            given,
+            f"time axis {time.name} has too few digits; its samples are at {given:g} Hz as the preparation says",
+        )
     said.append(note)
     if not _unit(time, hints):
         said.append(f"time axis {time.name} has no unit and is read in seconds")

@@ -20,8 +20,9 @@ from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, snapped_rate
+from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
 from microvib.testdata.response import Stage
+from microvib.testdata.time_axis import snapped_rate
 from microvib.units import Given, quantity
 
 LARGEST = 2_000_000_000  # bytes of the largest recording that is read

@@ -20,7 +20,7 @@ _ROW = "{:16s} {:>12s} {:>9s} {:>11s} {:>9s} {:>9s}  {}".format
 def analysis_text(a: Analysis) -> str:
     """Lines with their uncertainties, how the spectra were made, RMS and bands."""
     rows = [f"{a.name}, channel {a.channel}"]
-    rows += [f"  {note}" for note in a.recording.notes]
+    rows += [f"  {note}" for note in a.recording.told(a.channel)]
     if a.table is not None:
         if a.clock_ratio is not None:
             rows.append(f"step clock over nominal: {a.clock_ratio:.7f} ± {a.table.clock_ratio_uncertainty:.1g}")
@@ -67,7 +67,7 @@ def analysis_report(a: Analysis) -> Document:
     fall = drawing(a.waterfall, 2.9, "Waterfall")
     lines = [] if a.table is None else [Section("All lines", _all_lines(a.table), new_page=True)]
     record = f"{a.recording.samples} samples at {a.recording.sample_rate:g} Hz, {a.recording.duration:g} s"
-    notes = [("Note", note) for note in a.recording.notes if note]
+    notes = [("Note", note) for note in a.recording.told(a.channel) if note]
     return study(
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",

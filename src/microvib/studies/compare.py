@@ -205,7 +205,7 @@ def _side(
             table = lines_of_recording(recording, channel, guide, background)
             found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
             ratio = None if found is None or guide is None else found * guide.tracking.clock_ratio
-            notes = (*recording.notes, *clock_notes(table))
+            notes = (*recording.told(channel), *clock_notes(table))
             return Side(recording.title, "recording", _figures(table), ratio, x, rate, notes=notes)
         case PaperLines():
             return Side(f"paper-{source.column}", "paper", _figures(source.table))

@@ -153,7 +153,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
                 r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
             )
             noise = _allowed(r[channel], r.sample_rate, table, scenario)
-            notes = (*r.notes, *clock_notes(table))
+            notes = (*r.told(channel), *clock_notes(table))
             return Evidence(
                 r.title,
                 found,

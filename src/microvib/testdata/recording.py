@@ -20,6 +20,7 @@ COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
 OUTLIER = 1e4  # size of a sample, over that of 99 % of them, from which it is taken for a broken number
+ALONE = 10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
 LARGEST_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
 
 
@@ -42,6 +43,8 @@ class Recording:
     """What reading and preparing did, in words."""
     faults: Mapping[str, str] | None = None
     """What was wrong with the samples of channels before they were changed, which hides it; None while they are as read."""
+    alone: Mapping[str, str] | None = None
+    """Which samples of channels stood alone before they were changed, likewise."""
 
     def __post_init__(self) -> None:
         expect_mapping(self.channels, "channels", "{'Mz': samples}")
@@ -95,6 +98,15 @@ class Recording:
         """Length [s]."""
         return self.samples / self.sample_rate
 
+    def told(self, name: str) -> tuple[str, ...]:
+        """Notes, and of a channel which of its samples stand alone: they stay in what is made of it."""
+        stands = self.glitch(name)
+        return (*self.notes, f"channel {name} {stands}; it stays in") if stands else self.notes
+
+    def glitch(self, name: str) -> str:
+        """Which samples of a channel stand alone, as one of a converter's or a line's glitches does; empty where none does."""
+        return _alone(self[name], self.sample_rate) if self.alone is None else self.alone.get(name, "")
+
     def noted(self, note: str, **changes: object) -> Recording:
         """A changed copy that says what was done to it."""
         return replace(self, notes=(*self.notes, note), **changes)  # type: ignore[arg-type]
@@ -145,28 +157,39 @@ class Recording:
         if self.faults is not None:
             return self
         found = {name: next(_in_samples(x[part], self.sample_rate), "") for name, x in self.channels.items()}
-        return replace(self, faults={name: fault for name, fault in found.items() if fault})
+        single = {name: _alone(x[part], self.sample_rate) for name, x in self.channels.items()}
+        return replace(
+            self,
+            faults={name: fault for name, fault in found.items() if fault},
+            alone={name: stands for name, stands in single.items() if stands},
+        )
 
     def combined(self, A: np.ndarray, note: str) -> Recording:
         """Six components that are ``A`` (6, 6) times these, with the faults of all that make a hundredth of one."""
-        six, told = self.six(), dict(self.looked_at().faults or {})
+        seen = self.looked_at()
+        six, told, single = self.six(), dict(seen.faults or {}), dict(seen.alone or {})
         after = A @ six
         large = np.abs(A) * np.ptp(six, axis=1) > 0.01 * np.ptp(after, axis=1)[:, None]
-        faults = {name: fault for name, fault in told.items() if name not in COMPONENTS}
+        faults, alone = ({n: x for n, x in known.items() if n not in COMPONENTS} for known in (told, single))
         for i, j in np.argwhere(large).tolist():
             name, of = COMPONENTS[i], COMPONENTS[j]
-            if of in told:
-                faults[name] = told[of] if name == of else f"is made of {of}, which {told[of]}"
-        return self.noted(note, channels={**self.channels, **dict(zip(COMPONENTS, after, strict=True))}, faults=faults)
+            for known, made in ((told, faults), (single, alone)):
+                if of in known:
+                    made[name] = known[of] if name == of else f"is made of {of}, which {known[of]}"
+        channels = {**self.channels, **dict(zip(COMPONENTS, after, strict=True))}
+        return self.noted(note, channels=channels, faults=faults, alone=alone)
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
         """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to reverse it."""
-        channels, units, told = {}, {}, self.faults
+        channels, units = {}, {}
         for new, old in names.items():
             sign, old = (-1.0, old[1:]) if old.startswith("-") else (1.0, old)
             channels[new], units[new] = sign * self[old], self.units.get(old, "")
-        faults = told and {new: told[old.lstrip("-")] for new, old in names.items() if old.lstrip("-") in told}
-        return self.noted(f"channels {dict(names)}", channels=channels, units=units, faults=faults)
+        faults, alone = (
+            told and {new: told[old.lstrip("-")] for new, old in names.items() if old.lstrip("-") in told}
+            for told in (self.faults, self.alone)
+        )
+        return self.noted(f"channels {dict(names)}", channels=channels, units=units, faults=faults, alone=alone)
 
     def without_cross_talk(self, matrix: np.ndarray) -> Recording:
         """Six components after the cross-talk ``matrix`` (6, 6), readings = matrix @ loads, is inverted."""
@@ -275,6 +298,34 @@ def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
         yield f"repeats one value for {dropped + 1} samples; samples were dropped and held"
 
 
+def _alone(x: np.ndarray, rate: float) -> str:
+    """Samples, up to three in a row, that leave their neighbours and come back at once, which no motion does; empty without.
+
+    What rings, as after a blow, has many neighbours that bend, and a step does not come back.
+    """
+    if x.size < 100 or not np.all(np.isfinite(x)):
+        return ""
+    bend = np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
+    usual = float(np.quantile(bend, 0.999))
+    far = np.flatnonzero(bend > ALONE * usual) + 1
+    groups = np.split(far, np.flatnonzero(np.diff(far) > 3) + 1) if 0 < far.size <= 5 * (3 + 1e-4 * x.size) else []
+    found = []
+    for group in groups if usual > 0.0 else []:
+        first, last = int(group[0]) - 1, int(group[-1]) + 1
+        around = bend[np.r_[max(first - 11, 0) : max(first - 1, 0), last : last + 10]]
+        straight = np.interp(np.arange(first, last + 1), [first, last], x[[first, last]])
+        k = first + int(np.argmax(np.abs(x[first : last + 1] - straight)))
+        size = float(np.abs(x[k] - straight[k - first]))
+        if last - first <= 6 and abs(x[last] - x[first]) < 0.2 * size and np.max(around, initial=0.0) < 0.1 * size:
+            found.append((k, size / usual))
+    if not found:
+        return ""
+    k, times = max(found, key=lambda one: one[1])
+    many = f", with {len(found) - 1} others," if len(found) > 1 else ""
+    what = f"{x[k]:.4g}, {times:.2g} times what else bends there, as a glitch does"
+    return f"has a sample that stands alone{many} at {k / rate:.6g} s: {what}"
+
+
 def _clipped(x: np.ndarray) -> int:
     """Samples in runs of three or more at the largest or the smallest value; 0 unless there are several such runs."""
     runs = np.concatenate([_runs(x == level) for level in (x.max(), x.min())])
@@ -286,56 +337,3 @@ def _runs(flags: np.ndarray) -> np.ndarray:
     """Lengths of the runs of what is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
     return edges[1::2] - edges[::2]
-
-
-def regular_rate(t: np.ndarray) -> tuple[float, str]:
-    """Sample rate [Hz] of a time axis, and a note; RecordingError where samples are missing or their spacing wanders.
-
-    A time axis that is written with few digits gives a rate that is off by millionths; where it is that close to a whole
-    number of hertz, that number is meant.
-    """
-    if t.size < 8 or not np.all(np.isfinite(t)):
-        raise RecordingError("a time axis of at least 8 finite values is expected")
-    steps = np.diff(t)
-    typical = float(np.median(steps))
-    if typical <= 0.0 and t[-1] > t[0] and np.all(steps >= 0.0):
-        raise RecordingError(
-            "its time axis has too few digits to tell the samples apart; write more digits, or leave the axis out and add"
-            " sample_rate to the preparation file",
-            remedy="prepare",
-        )
-    if typical <= 0.0 or np.any(steps < -0.5 * typical):
-        raise RecordingError("its time axis does not increase throughout")
-    gaps = np.flatnonzero(steps > 1.5 * typical)
-    if gaps.size:
-        missing = round(float((steps[gaps] / typical - 1).sum()))
-        raise RecordingError(f"about {missing} samples are missing, the first at {t[gaps[0]]:.6g} s")
-    mean = float((t[-1] - t[0]) / (t.size - 1))
-    wander = float(np.max(np.abs(t - t[0] - mean * np.arange(t.size))))
-    if wander > max(0.05 * mean, _written_to(t)):
-        raise RecordingError(
-            f"the spacing of its samples wanders by {wander:.3g} s; resample it at a constant rate first"
-        )
-    return snapped_rate(1.0 / mean)
-
-
-def _written_to(t: np.ndarray) -> float:
-    """The last digit [s] to which a time axis is written where that is the sixth to tenth; 0 where it has more."""
-    decade = math.floor(math.log10(max(abs(float(t[-1])), 1e-12)))
-    last = t[np.abs(t) >= 10.0**decade]  # what is smaller may have more decimals
-    for k in range(5, 10):
-        counts = last / 10.0 ** (decade - k)
-        if np.all(np.abs(counts - np.rint(counts)) < 1e-3):
-            return float(10.0 ** (decade - k))
-    return 0.0
-
-
-def snapped_rate(rate: float) -> tuple[float, str]:
-    """A whole number of hertz where ``rate`` is within 1e-5 of one, and a note that says so; a rate that is not finite as it is."""
-    if not math.isfinite(rate):
-        return rate, ""
-    whole = float(round(rate))
-    if whole > 0.0 and rate != whole and abs(rate / whole - 1.0) < 1e-5:
-        told = f"{rate:.6f}" != f"{whole:.6f}"
-        return whole, f"sample rate {rate:.6f} Hz of the time axis read as {whole:g} Hz" if told else ""
-    return rate, ""

@@ -247,6 +247,8 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     faint = np.array([x is not None and x.status == FAINT for x in found]) & np.all(np.isfinite(floors), axis=1) & known
     gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")] if missing else []
     gaps += [open_gap(f"channel {channel} {told}") for channel, told in faults.items() if told]
+    single = {channel: recording.glitch(channel) for channel in faults}
+    gaps += [open_gap(f"channel {channel} {told}") for channel, told in single.items() if told]
     gaps += [open_gap(told) for told in clock_doubts(table)]
     if faint.any():
         gaps.append(Gap("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint]))

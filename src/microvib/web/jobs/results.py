@@ -159,7 +159,7 @@ def analysis_result(a: Analysis) -> dict[str, Any]:
         "clock_ratio": a.clock_ratio,
         "channel": a.channel,
         "unit": a.unit,
-        "notes": [note for note in a.recording.notes if note],
+        "notes": [note for note in a.recording.told(a.channel) if note],
     }
 
 
