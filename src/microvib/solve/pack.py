@@ -118,7 +118,7 @@ def pack(scenario: Scenario) -> Packed:
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
-        levels=np.full(propagate.KINDS * propagators.PATTERNS, propagate.FIRST_LEVEL, dtype=np.int64),
+        levels=propagate.NOTHING_LEARNT.astype(np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
     _hold(scenario, drive, state)

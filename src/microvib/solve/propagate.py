@@ -6,6 +6,8 @@ A step is ``microvib.solve.collocation``'s. Read from the end: ``advance`` is th
 
 import math
 
+import numpy as np
+
 from microvib.compiled import CountMatrix, Matrix, Unit, Vector
 from microvib.solve.collocation import N_SUMS, Work, _continue, _error, _iterate, _judge, _momentum, _weigh
 from microvib.solve.ends import (
@@ -35,16 +37,18 @@ from microvib.solve.kernel import (
     Drive,
     Samples,
     State,
+    _friction,
     before_ramp_ends,
     decide_element,
     decide_friction,
     follow,
+    follower,
     health,
     initial_friction,
     pass_time,
     take_microstep,
 )
-from microvib.solve.nodes import FIRST_HALF, HALF
+from microvib.solve.nodes import CUBES, FIRST_HALF, HALF, HIGHEST
 from microvib.solve.propagators import (
     CONVERGED,
     GROW_BELOW,
@@ -68,17 +72,22 @@ code = Unit(
     types="microvib.solve.vector_type",
 )
 
-# Kinds of a step, by which the level of the last one of its kind is remembered: the first after a microstep, after an event,
-# any other; for each pattern
-AFTER_MICROSTEP, AFTER_EVENT, FURTHER, KINDS = range(4)
+# Kinds of a step, each with a memory of its own for each pattern: the first after a microstep or an event, the one after that,
+# any other
+AFTER_MICROSTEP, AFTER_EVENT, SECOND_AFTER_MICROSTEP, SECOND_AFTER_EVENT, FURTHER, KINDS = range(6)
+SLOTS = KINDS * PATTERNS
 FIRST_LEVEL = 4
 """Level at which steps of each kind are tried first."""
+NOTHING_LEARNT = np.repeat([FIRST_LEVEL, 0], SLOTS)
+"""``State.levels`` at first: for each kind and pattern a level; then how many steps shall pass before a longer one is tried."""
+PATIENCE = 16
+"""Such steps after one that failed: motions nearly repeat from microstep to microstep, and so would the failure."""
 AFRESH = -1
 """In place of the step whose deficits go on in the next: none."""
-ALMOST_AT_REST = 0.3
-"""Rate, over the Stribeck rate, below which a step may go beyond the stop as far as it likes."""
-BEFORE_LAYER, IN_LAYER = 0.9, 1.5
-"""Longest step while friction brings a body to rest, over the time that this takes at its present deceleration."""
+FAR = 15.0
+"""Rate over the Stribeck rate above which its excess is nothing."""
+LAYER_ERROR = 0.3
+"""Error that a step may be expected to have by Stribeck's excess alone, over the accuracy."""
 UNRESOLVED = 1e-4
 """Change of the deficits, over what a microstep moves, that is accepted in the shortest steps: where equations jump."""
 
@@ -99,35 +108,59 @@ def _work(x, elements, lanes, flat, by_node, room):
     )  # fmt: skip
 
 
-@code.inner(**INLINE)
-def _before_stop(sign, rate, alpha, stribeck, inv_rate):
-    """Longest step [s] that is worth a try while friction brings a body to rest; ``alpha`` is that of the last step's end.
+@code.inner(**COMPILE)
+def _layer_error(T, sign, rate, alpha, size, stribeck, inv_rate, shape, shaped):
+    """Error that a step of length ``T`` will have by Stribeck's excess, where a body that slows down goes on at ``alpha``.
 
-    One that runs into the layer where friction rises steeply, or far beyond the stop, would fail after all its iterations.
+    ``size`` turns a torque over a time into what errors are measured in. Steps that ran into the layer where friction rises
+    steeply would fail after all their iterations.
     """
-    slips = sign * rate * inv_rate
-    if stribeck == 0.0 or slips < ALMOST_AT_REST or sign * alpha >= 0.0:
-        return math.inf
-    return (BEFORE_LAYER if slips > 1.0 else IN_LAYER) * math.fabs(rate / alpha)
+    if sign * alpha >= 0.0 or stribeck == 0.0 or sign * (rate + alpha * T) * inv_rate > FAR:
+        return 0.0
+    total = 0.0
+    for j in range(4):
+        torque, _ = _friction(sign, rate + alpha * CUBES[j] * T, 0.0, stribeck, inv_rate, shape, 0.0, shaped)
+        total += HIGHEST[j] * torque
+    return math.fabs(total) * size * T
+
+
+@code.inner(**INLINE)
+def _expected_error(T, x, p, w):
+    """The larger of these errors of rotor and output; ``alpha`` are those at the last step's end."""
+    rate, alpha, size, J = w.x[WM], w.f[WM, 3], w.per_size[2], p.J_m
+    if p.rigid:
+        J += p.inv_h * p.inv_h * p.J_L
+    own = _layer_error(T, x.stick[0], rate, alpha, size / J, p.m_stribeck, p.m_inv_rate, p.m_shape, p.shaped)
+    sign, output, beta, of_output = x.stick[1], w.x[WL], w.f[WL, 3], w.per_size[3] * p.inv_J_L
+    if p.rigid:
+        sign, beta, of_output = follower(x.stick[0], p), -p.inv_h * alpha, size / J * math.fabs(p.inv_h)
+    return max(own, _layer_error(T, sign, output, beta, of_output, p.l_stribeck, p.l_inv_rate, p.l_shape, p.shaped))
 
 
 @code.inner(**INLINE)
 def _first_level(kind, left, x, p, t, w):
-    """Level at which the last step of this kind succeeded; at most the one that just reaches the end of what is ``left``, or that
-    suits a body which comes to rest."""
+    """Level remembered from steps of this kind, and that to try first: at most the one that just reaches the end of what is
+    ``left``, or that of which no failure is expected."""
     remembered = x.levels[kind * PATTERNS + _pattern(x.stick, p)]
     level = remembered
     while level < t.levels - 1 and t.longest * 0.5 ** (level + 1) >= left:
         level += 1
-    rate, alpha, sign = w.x[WM], w.f[WM, 3], x.stick[0]
-    longest = _before_stop(sign, rate, alpha, p.m_stribeck, p.m_inv_rate)
-    if p.rigid:
-        longest = min(longest, _before_stop(sign, rate, alpha, p.l_stribeck, p.l_inv_rate * p.inv_h))
-    else:
-        longest = min(longest, _before_stop(x.stick[1], w.x[WL], w.f[WL, 3], p.l_stribeck, p.l_inv_rate))
-    while level < t.levels - 1 and t.longest * 0.5**level > longest:
+    while level < t.levels - 1 and _expected_error(t.longest * 0.5**level, x, p, w) > LAYER_ERROR * t.accuracy:
         level += 1
     return remembered, level
+
+
+@code.inner(**INLINE)
+def _learn(kind, failed, grows, remembered, level, x, p):
+    """Remember at which level to try the next step of this kind, and any other; ``grows``: this one could have been longer."""
+    slot = kind * PATTERNS + _pattern(x.stick, p)
+    if failed and kind != FURTHER:
+        x.levels[SLOTS + slot] = PATIENCE
+    waits = grows and x.levels[SLOTS + slot] > 0
+    if waits:
+        x.levels[SLOTS + slot] -= 1
+    x.levels[slot] = max(min(remembered, level) - 1, 0) if grows and not waits else remembered
+    x.levels[FURTHER * PATTERNS + _pattern(x.stick, p)] = max(level - 1, 0) if grows else level
 
 
 @code.inner(**FORCED)
@@ -136,8 +169,8 @@ def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
 
     ``last_level`` is that of the step before, whose deficits go on in this one, or -1.
     """
-    (remembered, level), onwards = _first_level(kind, left, x, p, t, w), AFRESH
-    if kind == FURTHER and last_level >= 0 and last_level - 1 <= level <= last_level + 1:
+    (remembered, level), onwards, failed = _first_level(kind, left, x, p, t, w), AFRESH, False
+    if kind >= SECOND_AFTER_MICROSTEP and last_level >= 0 and last_level - 1 <= level <= last_level + 1:
         onwards = HALF + last_level + 1 - level
     while True:
         if onwards >= 0:
@@ -150,6 +183,7 @@ def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
         if shortest and (converged or change <= UNRESOLVED):
             break  # a kink, such as the supply's limit, inside the shortest step
         x.counters[REJECTED] += 1
+        failed = True
         if shortest:
             return level, STEP_TOO_SMALL if math.isfinite(change) and math.isfinite(error) else NOT_FINITE
         if converged and error <= 30.0 * t.accuracy:
@@ -157,10 +191,7 @@ def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
         else:
             level, onwards = min(level + (2 if not error <= 1e3 * t.accuracy else 1), t.levels - 1), AFRESH
         remembered = level
-    grows = 1 if error < GROW_BELOW * t.accuracy else 0
-    pattern = _pattern(x.stick, p)
-    x.levels[kind * PATTERNS + pattern] = max((min(remembered, level) if grows else remembered) - grows, 0)
-    x.levels[FURTHER * PATTERNS + pattern] = max(level - grows, 0)
+    _learn(kind, failed, error < GROW_BELOW * t.accuracy, remembered, level, x, p)
     return level, OK
 
 
@@ -249,7 +280,12 @@ def advance(
         _move(event, x, p, t, w)
         if not p.ideal:
             _see_references(s, c, x, p)
-        kind, last_level = (AFTER_EVENT, -1) if event >= 0 else (FURTHER, level if u == 1.0 else -1)
+        if event >= 0:
+            kind, last_level = AFTER_EVENT, -1
+        elif u < 1.0:
+            kind, last_level = FURTHER, -1
+        else:
+            kind, last_level = kind + 2 if kind <= AFTER_EVENT else FURTHER, level
         if ramp_ends:
             kind, last_level = AFTER_MICROSTEP, -1
         status, stalled = health(p.z * w.x[TM], lasted, clock[NOW], stalled)
@@ -285,7 +321,7 @@ def advance_each(
     for j in range(stops.size):
         _copy(y[j], x.y)
         _copy(begun[j], x.clock)
-        x.levels[:] = FIRST_LEVEL
+        _copy(NOTHING_LEARNT, x.levels)
         x.energy[:] = 0.0
         out.partial[:] = 0.0
         out.cursor[:] = 0

@@ -17,7 +17,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import pack
-from microvib.solve.propagate import FIRST_LEVEL
+from microvib.solve.propagate import NOTHING_LEARNT
 from microvib.solve.sampling import LOBES, no_samples
 
 SECTION = 0.1
@@ -159,7 +159,7 @@ class PeriodMap:
         """Make ``x``, seen from the command, the state at the start of the period."""
         state = self.packed.state
         state.y[:], state.clock[:] = self.absolute(x[None], self.turn([0]))[0], self.clocks(np.array([0]))[0]
-        state.levels[:], state.energy[:] = FIRST_LEVEL, 0.0
+        state.levels[:], state.energy[:] = NOTHING_LEARNT, 0.0
         kernel.initial_friction(state, self.packed.drive)
 
     def clocks(self, microsteps: np.ndarray) -> np.ndarray:
