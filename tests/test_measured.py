@@ -209,6 +209,7 @@ def test_what_is_left_out_is_told(tmp_path):
     ("values", "how"),
     [
         (MZ / 0.02, "units: {Mz: V}\nsensitivity: {Mz: 0.02 N*m/V}"),
+        (MZ / 0.02, "units: {Mz: m/s^2}\nsensitivity: {Mz: 0.02 N*m/(m/s^2)}"),
         (1e3 * MZ / 0.02, "units: {Mz: mV}\nsensitivity: {Mz: 50 V/(N*m)}"),
         (MZ / 3e-5, "units: {Mz: counts}\nsensitivity: {Mz: 0.03 mN*m/count}"),
         (MZ / 3e-5, "units: {Mz: 0.03 mN*m}"),
@@ -228,6 +229,7 @@ def test_sensitivities_and_units_in_the_preparation(tmp_path, values, how):
             "units: {Mz: V}\nsensitivity: {Mz: 0.02 N*m/pC}",
             "sensitivity.Mz: '0.02 N.m/pC' does not go with a channel in V",
         ),
+        ("units: {Mz: m/s^2}\nsensitivity: {Mz: 1 V}", r"such as 0.01 N\*m/\(m/s\^2\) or 100 \(m/s\^2\)/\(N\*m\)"),
         ("units: {Mz: V}\nsensitivity: {Mz: 0 N*m/V}", "does not go with a channel in V"),
         ("units: {Mz: apples}", "units.Mz: 'apples' is not a unit"),
         ("units: {Mz: 2 kg}", "neither a force nor a torque"),

@@ -63,7 +63,9 @@ def as_load(text: str) -> tuple[float, str] | None:
 
 def per(unit: str) -> str:
     """A channel's unit as the denominator of a sensitivity."""
-    return "count" if not unit or unit.lower() in COUNTS else unit
+    if not unit or unit.lower() in COUNTS:
+        return "count"
+    return f"({unit})" if re.search(r"[*/ ]", unit) else unit
 
 
 def load_per(text: str, unit: str) -> tuple[float, str] | None:
