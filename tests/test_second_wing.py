@@ -407,7 +407,7 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     assert result.motion is not None
     assert again.beside is not None
     assert again.beside.invariants == result.second.invariants != again.invariants
-    told = lines_of_second(again)
+    told = lines_of_second(again, result.table)
     assert told is not None
     assert told.own_error == result.second.table.own_error == result.second.accuracy.doubt
     for name in ("T_d", "My", "My_2", "los_x"):
@@ -520,6 +520,16 @@ def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
     alone = mv.judge(result.table, between, result.scenario)
     assert alone.verdict == "not judged"
     assert "the second wing's drive, of which there are no lines here" in alone.gaps
+
+
+def test_a_report_judges_the_second_drive_by_the_lines_of_its_run(tmp_path: Path) -> None:
+    result = mv.run(quick(), harmonics=3)
+    assert result.second is not None
+    limit = mv.Limit(Si(0.01 * result.table["drive_1"].amplitude_n_m))
+    judged = mv.judge(result.table, limit, result.scenario, result.second.table)
+    assert judged.verdict == "fail"
+    mv.write_run(result, tmp_path / "run", limit=limit)
+    assert f"FAIL: {judged.above} of {len(judged.margins)} lines" in (tmp_path / "run" / "report.html").read_text()
 
 
 @pytest.mark.parametrize("steady", ["", "solve: steady"])

@@ -152,6 +152,12 @@ def test_an_offset_out_of_reach_is_a_sentence(state_1, changes, said):
         state_1.with_si(changes)
 
 
+def test_draws_that_are_refused_are_so_before_anything_is_run(noisy, monkeypatch) -> None:
+    monkeypatch.setattr("microvib.analysis.run._solved", None)
+    with pytest.raises(mv.OptionError, match="2 to 100000 draws are expected"):
+        mv.run(noisy, seeds=1)
+
+
 def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
     short = {"record.settle": "0.2 s", "record.duration": "1 s", "friction.torque_noise.density": "2e-6 N^2*m^2/Hz"}
     table = mv.run(mv.load_scenario("state-1", short), harmonics=10, seeds=2).table

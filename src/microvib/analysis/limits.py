@@ -122,6 +122,11 @@ class Judgement:
         """How many lines are above the limit."""
         return sum(m.fails for m in self.margins)
 
+    @property
+    def worst(self) -> Margin | None:
+        """The smallest margin that is judged; None without one."""
+        return next((m for m in self.margins if m.verdict != "not judged"), None)
+
     def of(self, line: Line) -> Margin | None:
         """Margin of one line; None where it was not judged."""
         return next((m for m in self.margins if m.line.line == line.line), None)
@@ -142,7 +147,7 @@ class Judgement:
         return f" Not judged: {'; '.join(self.gaps[:most])}{more}."
 
     def _worst(self) -> str:
-        worst = next((m for m in self.margins if m.verdict != "not judged"), None)
+        worst = self.worst
         if worst is None or math.isinf(worst.factor):
             return ""
         what = "smallest margin" if self.verdict != "not judged" else "smallest margin judged"

@@ -10,7 +10,7 @@ from typing import Any
 from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
 from microvib.analysis.lines import MEMBERS, lines
 from microvib.analysis.pointing import SECOND, HubLines, hub_lines
-from microvib.analysis.seeds import check_noise, with_seeds
+from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import expect, whole_number
 from microvib.model.scenario import Scenario
@@ -75,8 +75,8 @@ def solve_run(
     """
     expect(scenario, Scenario, "a scenario (mv.load_scenario)")
     whole_number("harmonics", harmonics, *MEMBERS)
-    if whole_number("seeds", seeds, 0, 100_000):
-        check_noise(scenario)
+    if whole_number("seeds", seeds, 0, MOST_SEEDS):
+        check_seeds(scenario, seeds)
     if progress is not None:  # a steady state tells nothing while it is sought
         progress(0.0, scenario.record.settle + scenario.record.duration)
     result = _solved(scenario, harmonics, lines_only, progress)
@@ -110,7 +110,8 @@ def _of_source(state: SteadyState | None, motion: Motion | None, harmonics: int)
     return RunResult(source.scenario, table, source.invariants, solver, motion, state, second=second)
 
 
-def lines_of_second(motion: Motion) -> LineTable | None:
-    """Lines of the second wing's drive in a run's motion, which know how far they are off; None where it is not driven."""
+def lines_of_second(motion: Motion, table: LineTable) -> LineTable | None:
+    """Lines of the second wing's drive in a run's motion, as many as the first's ``table`` has, which know how far they are off;
+    None where it is not driven."""
     beside = motion.beside
-    return None if beside is None else noted(lines(beside), estimate_in(beside.solver))
+    return None if beside is None else noted(lines(beside, harmonics=table.harmonics), estimate_in(beside.solver))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import count
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from microvib.signals.line_table import Line, LineTable, SeedLine
 from microvib.solve.batch import Torque, simulate_torques
 
 QUANTILE, CONFIDENCE = 0.95, 0.95
-_MOST = 100_000
+MOST_SEEDS = 100_000
 
 
 def seeds_of(scenario: Scenario, draw: int) -> dict[str, int]:
@@ -28,19 +27,14 @@ def seeds_of(scenario: Scenario, draw: int) -> dict[str, int]:
     return {key: (seed + draw) % 2**63 for key, seed in keys.items()}
 
 
-def check_noise(scenario: Scenario) -> None:
-    """OptionError where a scenario has no noise to draw."""
+def check_seeds(scenario: Scenario, number: int) -> None:
+    """OptionError where a scenario has no noise to draw, or so many draws are not allowed."""
     if not seeds_of(scenario, 0):
         raise OptionError(
             "seeds", "says how many draws of the noise to run, and this scenario has none (friction.torque_noise)"
         )
-
-
-def draws(scenario: Scenario) -> Iterator[Scenario]:
-    """The scenario with its seeds, and with the following ones."""
-    check_noise(scenario)
-    for k in count():
-        yield scenario.with_(seeds_of(scenario, k))
+    if not 2 <= number <= MOST_SEEDS:
+        raise OptionError("seeds", f"{number} is not allowed; 2 to {MOST_SEEDS} draws are expected")
 
 
 def with_seeds(
@@ -48,14 +42,14 @@ def with_seeds(
 ) -> LineTable:
     """The table with its lines over a ``number`` of draws, those of its seeds and of the following ones, each from rest.
 
-    Unlisted lines are others in every draw and are left out. Raises OptionError without noise, and what ``simulate`` raises.
+    Unlisted lines are others in every draw and are left out. What
+    ``check_seeds`` allows is drawn; raises what ``simulate`` raises.
     """
-    if not 2 <= number <= _MOST:
-        raise OptionError("seeds", f"{number} is not allowed; 2 to {_MOST} draws are expected")
+    rest = scenario.with_({"record.start": "rest"})
     names = [line.line for line in table if line.kind != "other"]
     found: dict[str, list[Line]] = {name: [] for name in names}
-    for k, drawn in zip(range(number), draws(scenario), strict=False):
-        (torque,) = simulate_torques([drawn.with_({"record.start": "rest"})])
+    for k in range(number):
+        (torque,) = simulate_torques([rest.with_(seeds_of(scenario, k))])
         if not isinstance(torque, Torque):
             raise torque
         for line in lines_among(torque.T_d, torque.sample_rate, scenario, names, table.harmonics):

@@ -52,7 +52,7 @@ def _verdict(judged: Judgement) -> list[Fact]:
         "pass": Fact(f"Pass: {count(total, 'line')}", label, "pass"),
         "not judged": Fact("Not judged", f"{label}: {judged.gaps[0] if judged.gaps else ''}", "fail"),
     }[judged.verdict]
-    worst = next((m for m in judged.margins if m.verdict != "not judged"), None)
+    worst = judged.worst
     if worst is None:
         return [whole]
     smallest = f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.line}"

@@ -66,6 +66,7 @@ def write_run(
     expect_path(out)
     files: dict[str, Any] = {}
     motion, form, of_hub = result.motion, form or Form(), result.hub
+    second = None if result.second is None else result.second.table
     if motion is not None:
         from microvib.reports.rendering import report_files
         from microvib.reports.run.report import run_report
@@ -73,7 +74,7 @@ def write_run(
         files = {"motion.nc": partial(write_motion, motion)}
         if motion.beside is not None:
             files[SECOND_MOTION] = partial(write_motion, motion.beside)
-        files |= report_files(run_report(motion, result.table, hub=of_hub, limit=limit), form)
+        files |= report_files(run_report(motion, result.table, hub=of_hub, second=second, limit=limit), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
     files |= run_texts(result, run_summary(result, **total) | judged_by, of_hub)

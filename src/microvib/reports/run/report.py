@@ -47,19 +47,20 @@ def run_report(
     lines: LineTable,
     *,
     hub: HubLines | None = None,
+    second: LineTable | None = None,
     limit: Limit | None = None,
     versions: Mapping[str, str] | None = None,
 ) -> Document:
     """The report on one run; ``versions`` are those that made the motion, without them today's.
 
-    ``hub`` are the lines of a craft's hub; without them they are found in the motion.
+    ``hub`` are the lines of a craft's hub, ``second`` those of its second wing's drive; without them they are found in the motion.
     """
     scenario, axis = motion.scenario, motion.scenario.array.drive_axis
     again = (
         Text("In the folder of this report (the scenario there is complete):"),
         Code("microvib run scenario.yaml --out again"),
     )
-    judged = None if limit is None else judge(lines, limit, scenario, lines_of_second(motion))
+    judged = None if limit is None else judge(lines, limit, scenario, second or lines_of_second(motion, lines))
     if hub is None and scenario.spacecraft is not None:
         hub = hub_lines(motion, lines)
     return study(

@@ -105,7 +105,7 @@ def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None
 def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
     """Lines of a run against a limit."""
     motion, table = _kept(Path(folder))
-    judged = judge(table, limit, motion.scenario, lines_of_second(motion))
+    judged = judge(table, limit, motion.scenario, lines_of_second(motion, table))
     margins = [
         {"line": m.line.line, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why} for m in judged.margins
     ]

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
-from microvib.analysis.seeds import draws
+from microvib.analysis.seeds import check_seeds
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import craft_in
 from microvib.model.scenario import Scenario
@@ -50,7 +50,7 @@ def start_run(want: Run, store: At) -> Started:
     if want.steady:
         scenario = scenario.with_({"record.start": "steady"})
     if want.seeds:
-        next(draws(scenario))
+        check_seeds(scenario, want.seeds)
     _check_size(scenario, store.limits.record)
     return start(store, "run", want.name or scenario.title or "run", scenario=scenario, seeds=want.seeds or 0)
 
