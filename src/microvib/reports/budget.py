@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from microvib.studies.budget.sums import Judged, merged
 from microvib.studies.campaign.statistics import NONE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_REASONS = 4
@@ -80,17 +81,9 @@ def _spread(budget: Budget) -> list[str]:
 
 
 def _row(one: Judged, spread: bool) -> list[str]:
-    what, limit, value, most, margin, *percentiles = _cells(one)
-    return [
-        one.requirement.name,
-        limit,
-        value,
-        most,
-        *percentiles[: 3 * spread],
-        margin,
-        _WORDS[one.verdict],
-        one.requirement.text,
-    ]
+    _, *figures, margin, median, p95, p99 = _cells(one)
+    percentiles = (median, p95, p99) if spread else ()
+    return [one.requirement.name, *figures, *percentiles, margin, _WORDS[one.verdict], one.requirement.text]
 
 
 def _not_judged(budget: Budget) -> list[str]:
@@ -113,16 +106,9 @@ def short_way_text(budget: Budget) -> str:
 
 def _short_rows(budget: Budget) -> list[list[str]]:
     return [
-        [
-            d.line,
-            f"{d.frequency:.5g}",
-            f"{d.los[0]:.4g}",
-            f"{d.los[1]:.4g}",
-            f"{100 * d.los_error:.3g}",
-            f"{100 * d.load_error:.3g}",
-        ]
+        [d.line, f"{d.frequency:.5g}", *(f"{x:.4g}" for x in d.los), *(f"{100 * x:.3g}" for x in (d.los_error, d.load_error))]
         for d in budget.short_way[:20]
-    ]
+    ]  # fmt: skip
 
 
 def _name(one: Judged) -> str:
@@ -132,14 +118,8 @@ def _name(one: Judged) -> str:
 def _cells(one: Judged) -> list[str]:
     spread = ["", "", ""] if one.spread is None else [angle(e.value) for e in one.spread]
     r = one.requirement
-    return [
-        f"{r.name}: {r.text}" if r.name else r.text,
-        angle(one.limit),
-        angle(one.value),
-        _up_to(one),
-        _margin(one),
-        *spread,
-    ]
+    what = f"{r.name}: {r.text}" if r.name else r.text
+    return [what, angle(one.limit), angle(one.value), _up_to(one), _margin(one), *spread]
 
 
 def _ranked(one: Judged) -> list[list[str]]:
@@ -321,7 +301,13 @@ _MARKERS = {"radial": ("o", "-", "dots"), "x": (">", "--", "pointing right"), "y
 def draw_budget(budget: Budget) -> Figure:
     """Lines by source, and rms over the length of the window with the limits on it."""
     drawing, axes = sheets.sheet(3.0, 1, 2)
-    left, right = axes[0]
+    _draw_lines(axes[0, 0], budget)
+    _draw_windows(axes[0, 1], budget)
+    return drawing
+
+
+def _draw_lines(ax: Axes, budget: Budget) -> None:
+    """Lines of each source, and the curves that limit them."""
     top = max(
         (float(np.hypot(*np.abs(c.los[c.settled]).T).max(initial=0.0)) for c in budget.contributions), default=0.0
     )
@@ -332,20 +318,30 @@ def draw_budget(budget: Budget) -> Figure:
             size = _SIZE[axis](np.abs(one.los))
             shown, colour = one.settled & (size > 1e-5 * top), sheets.COLOURS[k % 7]
             if axis == "radial":
-                left.vlines(one.frequency[shown], 1e-3 * top, 1e6 * size[shown], color=colour, linewidth=0.8)
+                ax.vlines(one.frequency[shown], 1e-3 * top, 1e6 * size[shown], color=colour, linewidth=0.8)
             label = one.source if axis == "radial" else "_"
-            style = {"marker": _MARKERS[axis][0], "color": colour, "markersize": 3, "linestyle": "", "label": label}
-            left.plot(one.frequency[shown], 1e6 * size[shown], **style)
+            style: dict[str, Any] = {
+                "marker": _MARKERS[axis][0],
+                "color": colour,
+                "markersize": 3,
+                "linestyle": "",
+                "label": label,
+            }
+            ax.plot(one.frequency[shown], 1e6 * size[shown], **style)
     for required in curves:
         curve, axis = required.requirement.curve or (), required.requirement.axis
         f, allowed = [p.frequency for p in curve], [1e6 * p.amplitude for p in curve]
         label = _name(required) if axis == "radial" else f"{_name(required)}: los_{axis} ({_MARKERS[axis][2]})"
-        left.plot(f, allowed, color="black", linestyle=_MARKERS[axis][1], linewidth=0.9, label=label)
+        ax.plot(f, allowed, color="black", linestyle=_MARKERS[axis][1], linewidth=0.9, label=label)
     what = "amplitude, radial [µrad]" if seen == ["radial"] else "amplitude, radial and by axis [µrad]"
-    left.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=what)
+    ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=what)
     if top:
-        left.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
-    left.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        ax.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
+    ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+
+
+def _draw_windows(ax: Axes, budget: Budget) -> None:
+    """Rms of all lines over the length of the window, the largest in each step of lengths, and the limits on it."""
     T = 10.0 ** np.arange(-4.0, 2.0, _STEP)
     tried = (T[:, None] * 10.0 ** (_STEP * _WITHIN)).ravel()
     tones = merged(budget.contributions, budget.rule, doubtful=False)
@@ -358,20 +354,21 @@ def draw_budget(budget: Budget) -> Figure:
             squares = 0.5 * size**2 @ weight(metric, cycles, 1.0)
             rms = np.sqrt(squares.reshape(T.size, -1).max(axis=1))
             label = metric if axis == "radial" else f"{metric} los_{axis}"
-            style = {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}  # smear lies on it
-            right.plot(T, 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
+            style: dict[str, Any] = (
+                {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}
+            )  # smear lies on it
+            ax.plot(T, 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
             at = [(window, limit) for own, window, limit in limits if own == axis]
-            right.plot(*(np.array(at).reshape(-1, 2).T), marker, color=sheets.COLOURS[k], markersize=4)
+            ax.plot(*(np.array(at).reshape(-1, 2).T), marker, color=sheets.COLOURS[k], markersize=4)
     largest = 1e6 * math.sqrt(0.5 * float(np.sum(tones.value**2))) or 1.0
-    right.set(
+    ax.set(
         xscale="log",
         yscale="log",
         xlabel="window [s]",
         ylabel="rms of lines [µrad]",
         ylim=(1e-5 * largest, 30 * largest),
     )
-    right.legend(fontsize=6.5, frameon=False)
-    return drawing
+    ax.legend(fontsize=6.5, frameon=False)
 
 
 def draw_cumulative(budget: Budget) -> Figure:

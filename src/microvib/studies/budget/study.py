@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -103,96 +103,109 @@ def pointing_budget(
     """
     if rule not in RULES:
         raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))
-    whole, drives, clocks = _scenarios(scenarios, names, steady)
+    whole, drives = _drives(scenarios, names, steady)
+    first, two = drives[0], len(drives) > 1 and drives[1].name == _second(drives[0].name)
     required = (
         requirements if isinstance(requirements, Requirements | None) else read_file(Path(requirements), Requirements)
     )
-    others = read_file(Path(sources), Sources).sources if isinstance(sources, str | Path) else tuple(sources)
-    folder = Path(sources).parent if isinstance(sources, str | Path) else Path()
     # What can be refused is looked at before anything is simulated.
-    first = drives[0][1]
-    beside = [of_other(source, first, folder) for source in others]
-    two = len(drives) > 1 and drives[1][0] == _second(drives[0][0])
+    beside = _others(sources, first.scenario)
     if two and campaign is not None and recording is not None:
         raise OptionError(
             "campaign", "holds what both wings do together, and a recording has one of them; leave one out"
         )
     ensemble = None if campaign is None else ensemble_of(whole, Path(campaign))
-    for _, scenario in drives:
-        source_of(scenario)
-    measured = None if recording is None else of_recording(*drives[0], recording, harmonics)
-    found: list[Contribution] = []
-    tables: list[HubLines] = []
+    for drive in drives:
+        source_of(drive.scenario)
+    measured = None if recording is None else of_recording(first.name, first.scenario, recording, harmonics)
+    if measured is not None:  # of the settled drive; the run beside it tells what the short way misses
+        drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
+
+    runs = [
+        of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress))
+        for name, scenario, _ in drives
+    ]
     compared: tuple[Difference, ...] = ()
-    for k, (name, scenario) in enumerate(drives):
-        recorded = measured if k == 0 else None
-        tried = scenario if recorded is None else scenario.with_({"record.start": "steady"})
-        one, full = of_run(name, tried, solve_run(tried, harmonics=harmonics, progress=progress))
-        if k == 0 and (short_way or recorded is not None):
-            compared = tuple(differences(*short_way_of(tried, harmonics=harmonics, progress=progress), full))
-        if recorded is not None:
-            found.append(with_doubt(recorded, compared))
-            continue
-        found.append(replace(one, clock="drives" if one_clock else clocks[k]))
-        tables.append(full)
+    if short_way or measured is not None:
+        by_short_way = short_way_of(drives[0].scenario, harmonics=harmonics, progress=progress)
+        compared = tuple(differences(*by_short_way, runs[0][1]))
+
+    found = [
+        replace(one, clock="drives" if one_clock else drive.clock) for (one, _), drive in zip(runs, drives, strict=True)
+    ]
+    if measured is not None:
+        found[0] = with_doubt(measured, compared)
     if ensemble is not None:
         if two:
-            found[:2] = [both_wings(whole, found[0], found[1], *tables[:2])]
+            found[:2] = [both_wings(whole, found[0], found[1], *(lines for _, lines in runs[:2]))]
         found[0] = with_campaign(found[0], ensemble)
     found += beside
-    judgements = () if required is None else tuple(judged(r, found, rule) for r in required.requirements)
-    windows = tuple(_windows(first, found, rule))
     return Budget(
-        first,
+        first.scenario,
         required,
         rule,
         tuple(found),
         merged(found, rule, doubtful=False),
-        judgements,
-        windows,
+        () if required is None else tuple(judged(r, found, rule) for r in required.requirements),
+        tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
     )
 
 
-def _scenarios(
-    given: Scenario | str | Sequence[Scenario | str], names: Sequence[str], steady: bool
-) -> tuple[Scenario, list[tuple[str, Scenario]], list[str]]:
-    """The first scenario, names and scenarios of the drives, all on one hub, and the clock that each steps by.
+class _Drive(NamedTuple):
+    name: str
+    scenario: Scenario
+    """Of this drive alone."""
+    clock: str
+    """By which it steps."""
 
-    Two driven wings are two drives.
-    """
+
+def _drives(
+    given: Scenario | str | Sequence[Scenario | str], names: Sequence[str], steady: bool
+) -> tuple[Scenario, list[_Drive]]:
+    """The first scenario, and the drives of all, which are on one hub. Two driven wings are two drives."""
     if not isinstance(given, Scenario | str):
         expect_list(given, "scenario", "[scenario, other]")
     each = [given] if isinstance(given, Scenario | str) else list(given)
     if not each:
         raise OptionError("scenario", "missing; the drive on its craft is expected, such as examples/spacecraft.yaml")
-    found: list[tuple[str, Scenario]] = []
-    clocks: list[str] = []
+    found: list[_Drive] = []
     whole: list[Scenario] = []
     for k, one in enumerate(each, 1):
         scenario = load_scenario(one) if isinstance(one, str) else one
         expect(scenario, Scenario, "a scenario (mv.load_scenario)")
         name = names[k - 1] if names else Path(one).stem if isinstance(one, str) else f"drive {k}"
-        name = name if name not in dict(found) else f"{name} {k}"
+        name = f"{name} {k}" if any(name == drive.name for drive in found) else name
         if steady:
             scenario = scenario.with_({"record.start": "steady"})
-        spacecraft, other = craft_in(scenario).spacecraft, scenario.driven_wing
-        if spacecraft.line_of_sight is None:
-            raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
-        hub = craft_in(found[0][1]).spacecraft if found else spacecraft
-        for key in ("hub", "line_of_sight", "attitude_control"):
-            if getattr(hub, key) != getattr(spacecraft, key):
-                raise MicrovibError(
-                    f"{name}: spacecraft.{key}: is another than that of {found[0][0]}; all drives are on one craft"
-                )
+        _check_craft(name, scenario, found)
         whole.append(scenario)
-        found.append((name, scenario.alone))
-        clocks.append(name)
-        if other is not None:
-            wing = spacecraft.second_wing
-            found.append((_second(name), other))
-            clocks.append(name if wing is not None and wing.clock_ratio == 1.0 else _second(name))
-    return whole[0], found, clocks
+        found.append(_Drive(name, scenario.alone, name))
+        other, wing = scenario.driven_wing, craft_in(scenario).spacecraft.second_wing
+        if other is not None and wing is not None:
+            found.append(_Drive(_second(name), other, name if wing.clock_ratio == 1.0 else _second(name)))
+    return whole[0], found
+
+
+def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> None:
+    """MicrovibError where a craft has no line of sight, or is another than that of the drives ``before``."""
+    spacecraft = craft_in(scenario).spacecraft
+    if spacecraft.line_of_sight is None:
+        raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+    for first in before[:1]:
+        for key in ("hub", "line_of_sight", "attitude_control"):
+            if getattr(craft_in(first.scenario).spacecraft, key) != getattr(spacecraft, key):
+                raise MicrovibError(
+                    f"{name}: spacecraft.{key}: is another than that of {first.name}; all drives are on one craft"
+                )
+
+
+def _others(sources: str | Path | Sequence[OtherSource], scenario: Scenario) -> list[Contribution]:
+    """What moves the line of sight besides: of a file, whose own files are relative to it, or of a list."""
+    if not isinstance(sources, str | Path):
+        return [of_other(source, scenario, Path()) for source in sources]
+    path = Path(sources)
+    return [of_other(source, scenario, path.parent) for source in read_file(path, Sources).sources]
 
 
 def _second(name: str) -> str:

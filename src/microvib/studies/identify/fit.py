@@ -148,21 +148,30 @@ def identify(
     problem = Problem(scenario, tests, fitted, trust, progress)
     if not problem.figures:
         raise MicrovibError("the evidence has no observation above its floor")
-    found, interrupted = None, False
+    found, interrupted = _last(_with_wholes(problem, wholes, seed, starts, finishes))
+    return replace(_fit(found or _best_so_far(problem), wholes, seed, interrupted, notes), selection=asked)
+
+
+def _last(stages: Iterator[Findings]) -> tuple[Findings | None, bool]:
+    """What the last stage found, and whether an interrupt ended the stages; None where it came within the first."""
+    found = None
     try:
-        for stage in _with_wholes(problem, wholes, seed, starts, finishes):
+        for stage in stages:
             found = stage
     except KeyboardInterrupt:
-        interrupted = True
-    if found is None:
-        if problem.ledger.best is None:
-            raise KeyboardInterrupt
-        problem, x, r = problem.ledger.best
-        if problem.whole is not None:
-            problem = problem.whole
-            r = problem.residuals([x])[0]
-        found = Findings(problem, Optimum(x, r, cost(r)))
-    return replace(_fit(found, wholes, seed, interrupted, notes), selection=asked)
+        return found, True
+    return found, False
+
+
+def _best_so_far(problem: Problem) -> Findings:
+    """The best point of a search that was interrupted, in the whole records; KeyboardInterrupt again where it has met none."""
+    if problem.ledger.best is None:
+        raise KeyboardInterrupt
+    problem, x, r = problem.ledger.best
+    if problem.whole is not None:
+        problem = problem.whole
+        r = problem.residuals([x])[0]
+    return Findings(problem, Optimum(x, r, cost(r)))
 
 
 def _told(test: Test, scenario: Scenario) -> tuple[Evidence, Own]:
