@@ -88,16 +88,26 @@ class Unit:
     """The compiled functions of one module, made and kept together."""
 
     def __init__(self, module: str, *sources: str, types: str | None = None) -> None:
-        """``sources`` are further files of its folder that the code is made from, ``types`` a module that numba needs."""
+        """``sources`` are files of its folder that the code is made from, and with each what its own unit is made from.
+
+        ``types`` is a module that numba needs, unless that of one of those units.
+        """
         self.module, self.types = module, types
         self.file = Path(str(sys.modules[module].__file__)).with_suffix(".llvm")
-        here, own = self.file.parent, Path(__file__).parent
-        self.sources = [
-            self.file.with_suffix(".py"),
-            *(here / name for name in sources),
-            *(own / name for name in _OWN),
-        ]
+        self.sources = [self.file.with_suffix(".py")]
+        for name in sources:
+            unit = self._imported(name)
+            self.types = self.types or (unit.types if unit else None)
+            self.sources += unit.sources if unit else [self.file.parent / name]
+        self.sources += [Path(__file__).parent / name for name in _OWN]
+        self.sources = list(dict.fromkeys(self.sources))
         self.entries: dict[str, Entry] = {}
+
+    def _imported(self, name: str) -> Unit | None:
+        """The unit of another file of the folder, which the module has imported; None where it has none."""
+        package, _, _ = self.module.rpartition(".")
+        unit = getattr(sys.modules.get(f"{package}.{Path(name).stem}"), "code", None)
+        return unit if isinstance(unit, Unit) else None
 
     def inner(self, **options: Any) -> Callable[[Callable[..., Any]], Any]:
         """Decorator of a function that compiled functions call; ``options`` are numba's."""

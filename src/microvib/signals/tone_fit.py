@@ -24,7 +24,7 @@ from microvib.signals.tone_kernel import (
     tone,
 )
 
-code = Unit(__name__, "tone_kernel.py", "tone_algebra.py")
+code = Unit(__name__, "tone_kernel.py")
 
 
 @code.entry(**COMPILE)

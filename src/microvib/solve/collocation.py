@@ -74,16 +74,7 @@ from microvib.solve.vector import rows, where
 LAYER = 5.0
 """Rate over the Stribeck rate below which friction falls."""
 
-code = Unit(
-    __name__,
-    "kernel.py",
-    "nodes.py",
-    "propagators.py",
-    "frame.py",
-    "vector.py",
-    "vector_type.py",
-    types="microvib.solve.vector_type",
-)
+code = Unit(__name__, "propagators.py", "frame.py")
 
 
 class Work(NamedTuple):

@@ -4,7 +4,7 @@ from microvib.compiled import Matrix, Unit, Vector
 from microvib.solve.kernel import COMPILE
 from microvib.solve.vector import WIDTH, rows
 
-code = Unit(__name__, "kernel.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+code = Unit(__name__, "kernel.py")
 
 
 @code.entry(**COMPILE)

@@ -39,17 +39,7 @@ from microvib.solve.propagators import (
 )
 from microvib.solve.vector import rows
 
-code = Unit(
-    __name__,
-    "kernel.py",
-    "nodes.py",
-    "propagators.py",
-    "frame.py",
-    "collocation.py",
-    "vector.py",
-    "vector_type.py",
-    types="microvib.solve.vector_type",
-)
+code = Unit(__name__, "collocation.py")
 
 
 @code.inner(**INLINE)

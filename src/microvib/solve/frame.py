@@ -26,7 +26,7 @@ from microvib.solve.kernel import (
 )  # fmt: skip
 from microvib.solve.vector import sincos
 
-code = Unit(__name__, "kernel.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+code = Unit(__name__, "kernel.py")
 
 
 @code.inner(**INLINE)

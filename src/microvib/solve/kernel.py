@@ -374,6 +374,18 @@ def output_rate(theta_m, omega_m, omega_l, p):
 
 
 @code.inner(**INLINE)
+def _mode(k, y, omega_l, p):
+    """Rate and pull of a mode (Eq. 16, 17), and its torques on output and rotor; the output turns at ``omega_l``."""
+    rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
+    if p.H_m.size == 0:
+        pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
+        return rate, pull, p.H[k] * pull, 0.0
+    rate -= p.H_m[k] * y[WM]
+    pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k] + (p.V[k] * omega_l + p.V_m[k] * y[WM])
+    return rate, pull, p.H[k] * pull - p.V[k] * rate, p.H_m[k] * pull - p.V_m[k] * rate
+
+
+@code.inner(**INLINE)
 def derivative(y, references, noise, stick, p, f, q):
     """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18).
 
@@ -381,17 +393,10 @@ def derivative(y, references, noise, stick, p, f, q):
     """
     omega_l, modal, on_rotor = output_rate(y[TM], y[WM], y[WL], p), 0.0, 0.0
     for k in range(p.H.size):
-        rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
-        if p.H_m.size > 0:
-            rate -= p.H_m[k] * y[WM]
-        pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
-        if p.H_m.size > 0:
-            pull += p.V[k] * omega_l + p.V_m[k] * y[WM]
-            modal -= p.V[k] * rate
-            on_rotor += p.H_m[k] * pull - p.V_m[k] * rate
-        f[MODES + 2 * k] = rate
+        f[MODES + 2 * k], pull, on_output, on_the_rotor = _mode(k, y, omega_l, p)
         f[MODES + 2 * k + 1] = -pull
-        modal += p.H[k] * pull
+        modal += on_output
+        on_rotor += on_the_rotor
     drive_derivative(y, modal - noise, on_rotor, references, stick, p, f, q)
 
 
@@ -604,15 +609,9 @@ def modal_torques(y, omega_l, p):
     """Torques of the modes on the output, which turns at the rate ``omega_l``, and on the rotor."""
     modal = on_rotor = 0.0
     for k in range(p.H.size):
-        rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
-        if p.H_m.size > 0:
-            rate -= p.H_m[k] * y[WM]
-        pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
-        if p.H_m.size > 0:
-            pull += p.V[k] * omega_l + p.V_m[k] * y[WM]
-            modal -= p.V[k] * rate
-            on_rotor += p.H_m[k] * pull - p.V_m[k] * rate
-        modal += p.H[k] * pull
+        _, _, on_output, on_the_rotor = _mode(k, y, omega_l, p)
+        modal += on_output
+        on_rotor += on_the_rotor
     return modal, on_rotor
 
 

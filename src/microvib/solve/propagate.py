@@ -58,19 +58,7 @@ from microvib.solve.propagators import (
 )
 from microvib.solve.samples import _record
 
-code = Unit(
-    __name__,
-    "kernel.py",
-    "nodes.py",
-    "propagators.py",
-    "frame.py",
-    "collocation.py",
-    "ends.py",
-    "samples.py",
-    "vector.py",
-    "vector_type.py",
-    types="microvib.solve.vector_type",
-)
+code = Unit(__name__, "ends.py", "samples.py")
 
 # Kinds of a step, each with a memory of its own for each pattern: the first after a microstep or an event, the one after that,
 # any other

@@ -30,7 +30,7 @@ from microvib.solve.kernel import (
 )  # fmt: skip
 from microvib.solve.nodes import CUBES, LAGRANGE
 
-code = Unit(__name__, "kernel.py", "nodes.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+code = Unit(__name__, "kernel.py", "nodes.py")
 
 MOST_LEVELS = 40
 """Lengths of steps: the longest over powers of two, at most so many, until what is linear changes little over the shortest."""

@@ -58,7 +58,7 @@ from microvib.solve.rosenbrock import (
     step,
 )
 
-code = Unit(__name__, "kernel.py", "rosenbrock.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+code = Unit(__name__, "rosenbrock.py")
 
 # entries of the search for an event: bracket [LO, HI] in the length of the step, margins there, tolerance, trials so far
 LO, HI, E_LO, E_HI, ENOUGH, TRIALS, N_SEARCH = range(7)

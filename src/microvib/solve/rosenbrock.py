@@ -35,7 +35,7 @@ from microvib.solve.kernel import (
 )
 from microvib.solve.vector import sincos, where
 
-code = Unit(__name__, "kernel.py", "vector.py", "vector_type.py", types="microvib.solve.vector_type")
+code = Unit(__name__, "kernel.py")
 
 
 class Work(NamedTuple):

@@ -26,17 +26,7 @@ from microvib.solve.kernel import (
 from microvib.solve.propagators import BY_ROTOR, M_ETA, M_ETA_BY, M_W, M_W_BY, MODE_ROWS
 from microvib.solve.vector import WIDTH, rows
 
-code = Unit(
-    __name__,
-    "kernel.py",
-    "nodes.py",
-    "propagators.py",
-    "frame.py",
-    "collocation.py",
-    "vector.py",
-    "vector_type.py",
-    types="microvib.solve.vector_type",
-)
+code = Unit(__name__, "collocation.py")
 
 
 @code.inner(**FORCED)
