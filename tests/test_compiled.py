@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.compiled import machine
+from microvib.compiled import ahead, codegen, machine
 from microvib.signals import tone_fit, tone_kernel
 from microvib.solve import decimate, kernel, propagate, propagators, rodas4
 
@@ -135,20 +135,128 @@ def test_a_unit_names_every_file_that_it_is_made_from(name):
         assert source.parent != UNITS[name].file.parent or not missing, f"{source.name} imports from {missing}"
 
 
-def test_a_first_run_needs_no_compiler(tmp_path):
+def test_a_first_run_needs_no_compiler_and_leaves_the_largest_unit_to_another_process(tmp_path):
     script = """
-import sys, microvib as mv
-from microvib.solve.batch import simulate_torques
-scenario = mv.load_scenario("state-1").with_si({"record.duration": 4.0, "record.settle": 1.0})
-mv.lines(mv.simulate(scenario))
-assert simulate_torques([scenario])[0].T_d.size
-print("numba" in sys.modules, "llvmlite" in sys.modules)
+import sys
+from microvib.cli.main import main
+from microvib.compiled import ahead, codegen
+ahead.cores, make, made = lambda: 2, codegen.object_file, []
+codegen.object_file = lambda code, *host: made.append(code) or make(code, *host)
+settings = "--set record.duration=4s --set record.settle=1s --lines-only".split()
+main(["run", "state-1", *settings], standalone_mode=False)
+from microvib.solve import propagate
+print("numba" in sys.modules, "llvmlite" in sys.modules, len(made), propagate.code._kept() in made)
 """
     environment = os.environ | dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(tmp_path))
     run = subprocess.run(
-        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True, timeout=300
+        [sys.executable, "-c", script],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
     )
-    assert run.stdout.split() == ["False", "True"]
+    assert run.stdout.splitlines()[-1].split() == ["False", "True", "5", "False"]
+
+
+@pytest.fixture
+def begun(monkeypatch):
+    """Processes that were started ahead, on a machine that has cores for them."""
+    started, start = [], subprocess.Popen
+    monkeypatch.setattr(ahead, "cores", lambda: 2)
+    monkeypatch.setattr(ahead.subprocess, "Popen", lambda *a, **k: started.append(start(*a, **k)) or started[-1])
+    yield started
+    assert all(process.poll() is not None for process in started), "a process is left"
+
+
+def test_what_another_process_makes_is_the_same(small, cache, begun, monkeypatch):
+    keep_beside(small())
+    made, make = [], codegen.object_file
+    monkeypatch.setattr(codegen, "object_file", lambda *a: made.append(make(*a)) or made[-1])
+    assert results(small())[0] == expected()[0]
+    (own,) = cache.iterdir()
+    alone = own.read_bytes()
+    own.unlink()
+    module = small()
+    module.code.begin()
+    assert results(module)[0] == expected()[0]
+    assert own.read_bytes() == alone
+    assert (len(begun), len(made)) == (1, 1)
+    small().code.begin()
+    assert len(begun) == 1, "there is nothing left to make"
+
+
+def test_who_waits_makes_what_comes_next(small, cache, begun, tmp_path, monkeypatch):
+    keep_beside(small())
+    slow = tmp_path / "slow.py"
+    slow.write_text("import time; time.sleep(600)")
+    monkeypatch.setattr(codegen, "__file__", str(slow))
+    module, calls = small(), []
+
+    class Next:
+        @property
+        def addresses(self):
+            calls.append("made")
+            begun[0].kill()
+            begun[0].wait()
+
+    module.code.begin(Next(), Next())
+    assert results(module)[0] == expected()[0]
+    assert calls == ["made"], "the second waits for its turn, since there is nothing to wait for any more"
+
+
+@pytest.mark.parametrize("fault", ["raise SystemExit(1)", "", "import time; time.sleep(600)", "import no_such_module"])
+def test_where_the_other_process_fails_code_is_made_here(fault, small, cache, begun, tmp_path, monkeypatch):
+    keep_beside(small())
+    program = tmp_path / "program.py"
+    program.write_text(fault)
+    monkeypatch.setattr(codegen, "__file__", str(program))
+    monkeypatch.setattr(ahead, "PATIENCE", 2.0)
+    module = small()
+    module.code.begin()
+    assert results(module)[0] == expected()[0]
+    assert len(begun) == 1
+    assert [path.suffix for path in cache.iterdir()] == [".o"], "kept, and without numba"
+
+
+def test_no_process_where_it_would_be_in_the_way(small, cache, begun, monkeypatch):
+    keep_beside(small())
+    for where, name, value in ((ahead, "cores", lambda: 1), (sys, "frozen", True), (sys, "executable", "")):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, name, value, raising=False)
+            small().code.begin()
+    small("x * x", "x * x * x").code.begin()  # edited: what is kept is of no use
+    assert begun == []
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "executable", "no such program")
+        module = small()
+        module.code.begin()
+        assert results(module)[0] == expected()[0]
+
+
+def test_the_other_process_ends_with_this_one(small, tmp_path):
+    keep_beside(small())
+    (tmp_path / "slow.py").write_text("import time; time.sleep(600)")
+    script = """
+from microvib.compiled import ahead, codegen
+import small_unit
+ahead.cores, codegen.__file__ = lambda: 2, "slow.py"
+small_unit.code.begin()
+print(*[making.process.pid for making in ahead._begun.values()])
+"""
+    environment = os.environ | dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(tmp_path))
+    run = subprocess.run(
+        [sys.executable, "-c", script],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(run.stdout), 0)
 
 
 def test_code_that_is_kept_is_used_and_edits_are_not_missed(small, cache):
@@ -258,14 +366,13 @@ def noting(used, name, function):
 def test_code_for_other_machines_is_made(triple, names):
     """In a process of its own, for what LLVM cannot do ends it. The large units differ from the small ones in length only."""
     script = f"""
-import lzma
 from importlib import import_module
 import llvmlite.binding as llvm
-from microvib.compiled import machine
+from microvib.compiled import codegen
 llvm.initialize_all_targets(); llvm.initialize_all_asmprinters()
 for module in map(import_module, {names!r}):
-    code = lzma.decompress(module.code.file.read_bytes().partition(b"\\n")[2])
-    print(len(machine._machine_code(code, {triple!r}, "generic", "")) > 5_000)
+    code = module.code.file.read_bytes().partition(b"\\n")[2]
+    print(len(codegen.object_file(code, {triple!r}, "generic", "")) > 5_000)
 """
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=300)
     assert run.stdout.splitlines() == ["True"] * len(names)

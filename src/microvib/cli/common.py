@@ -59,6 +59,19 @@ limit_options = options(
 )
 
 
+def simulates(command: Command) -> Command:
+    """A command that simulates in this process, whatever it is told: compiled code is on its way while the rest is imported."""
+
+    @wraps(command)
+    def begun(*arguments: Any, **options: Any) -> None:
+        from microvib.analysis.ahead import begin
+
+        begin()
+        command(*arguments, **options)
+
+    return begun
+
+
 def _form(pdf: bool, report_data: Path | None) -> Form:
     """What is asked of the report; a library that is missing and wrong data are told before anything is computed."""
     if pdf:

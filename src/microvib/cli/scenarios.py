@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import PATH, Target, limit_options, load, report_options, set_option
+from microvib.cli.common import PATH, Target, limit_options, load, report_options, set_option, simulates
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 from microvib.errors import OptionError, OutputError
@@ -49,6 +49,7 @@ _KINDS = (".html", ".pdf")  # files of a report
 )
 @limit_options
 @report_options
+@simulates
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
     steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None, form: Form,

@@ -21,10 +21,10 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import lzma
 import sys
 from collections.abc import Callable, Iterable
-from functools import cached_property
+from contextlib import suppress
+from functools import cached_property, partial
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -137,12 +137,20 @@ class Unit:
                     continue
             return {}
 
+    def begin(self, *meanwhile: Unit) -> None:
+        """Have another process make machine code of what is kept, if there is none; ``meanwhile`` are units whose turn comes while
+        one waits for it."""
+        with suppress(Exception):  # then it is made when it is needed
+            from microvib.compiled import machine
+
+            machine.begin(self.module, self._kept(), [partial(getattr, unit, "addresses") for unit in meanwhile])
+
     def _kept(self) -> bytes:
-        """The code beside the module, if it is of these sources, or these are not there to be edited."""
+        """The code beside the module, compressed, if it is of these sources, or these are not there to be edited."""
         stamps, _, content = self.file.read_bytes().partition(b"\n")
         if all(path.exists() for path in self.sources) and not self.fits(*stamps.decode().split()):
             raise ValueError(f"{self.file.name} was made from other sources")
-        return lzma.decompress(content)
+        return content
 
     def _made(self) -> bytes:
         """The code made here, kept for this user's next process."""

@@ -13,12 +13,14 @@ import hashlib
 import os
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
 
+from microvib.compiled import ahead, codegen
 from microvib.compiled.layout import sound
 
 KEPT = 8
@@ -33,18 +35,21 @@ _linker: Any = None
 _loaded: list[Any] = []  # the code lives as long as these
 
 
+def begin(name: str, code: bytes, meanwhile: Sequence[Callable[[], object]]) -> None:
+    """Have another process make machine code of ``code``, if there is none, for ``load``, which calls ``meanwhile`` as it waits."""
+    file = _file(name, code)
+    if kept(file) is None:
+        ahead.begin(file, code, meanwhile)
+
+
 def load(name: str, code: bytes, functions: list[str]) -> dict[str, int]:
-    """Addresses of functions in ``code`` (LLVM's bitcode). Raises an error of LLVM's where it cannot be read or linked."""
+    """Addresses of functions in ``code``, LLVM's bitcode, which may be compressed. Raises an error of LLVM's where it cannot be
+    read or linked."""
     global _linker
-    if ctypes.sizeof(ctypes.c_void_p) != 8 or sys.byteorder != "little" or not sound():
-        raise RuntimeError("kept code is for 64 bits, little end first, and arrays as CPython has them")
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    host = llvm.get_process_triple(), llvm.get_host_cpu_name(), _features()
-    file = f"{name}-{digest(code, *(text.encode() for text in (llvmlite.__version__, *host)))}.o"
+    file = _file(name, code)
     machine_code = kept(file)
     if machine_code is None:
-        machine_code = _machine_code(code, *host)
+        machine_code = ahead.take(file) or codegen.object_file(code, *codegen.host())
         keep(file, machine_code)
     _linker = _linker or llvm.create_lljit_compiler()
     library = llvm.JITLibraryBuilder().add_object_img(machine_code).add_current_process()
@@ -56,23 +61,11 @@ def load(name: str, code: bytes, functions: list[str]) -> dict[str, int]:
     return {function: _loaded[-1][function] for function in functions}
 
 
-def _machine_code(code: bytes, triple: str, cpu: str, features: str) -> bytes:
-    """An object file for this machine."""
-    machine = llvm.Target.from_triple(triple).create_target_machine(
-        cpu=cpu, features=features, opt=3, reloc="default", codemodel="jitdefault", jit=True
-    )
-    module = llvm.parse_bitcode(code)
-    module.triple, module.data_layout = triple, str(machine.target_data)
-    module.verify()
-    return bytes(machine.emit_object(module))
-
-
-def _features() -> str:
-    """What this processor can do."""
-    try:
-        return str(llvm.get_host_cpu_features().flatten())
-    except RuntimeError:  # LLVM does not know
-        return ""
+def _file(name: str, code: bytes) -> str:
+    """Name of the file that machine code of ``code`` is kept in, by all that it depends on."""
+    if ctypes.sizeof(ctypes.c_void_p) != 8 or sys.byteorder != "little" or not sound():
+        raise RuntimeError("kept code is for 64 bits, little end first, and arrays as CPython has them")
+    return f"{name}-{digest(code, *(text.encode() for text in (llvmlite.__version__, *codegen.host())))}.o"
 
 
 def _c_library() -> dict[str, int]:
