@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from microvib.cli.common import PATH, Target, load, preparation, set_option, target_options
+from microvib.cli.common import PATH, Target, load, preparation, set_option, simulates, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 
@@ -33,6 +33,7 @@ from microvib.errors import OptionError
 @click.option("--harmonics", default=8, type=click.IntRange(1, 200), help="Members of each family of lines.")
 @set_option
 @target_options("Folder for tables, JSON and report [default: print only].")
+@simulates
 def budget(
     scenarios: tuple[str, ...], requirement: Path | None, sources: Path | None, campaign: Path | None, recording: str | None,
     prepare: Path | None, rule: str, one_clock: bool, short_way: bool, steady: bool, harmonics: int,

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import click
 
-from microvib.cli.common import load, set_option
+from microvib.cli.common import load, set_option, simulates
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 
@@ -15,6 +15,7 @@ from microvib.cli.streams import echo
 @click.argument("scenario")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, in SI.")
 @set_option
+@simulates
 def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None:
     """Rank, line by line, which value of SCENARIO matters most, of those whose sources note a range.
 

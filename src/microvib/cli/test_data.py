@@ -9,7 +9,17 @@ from typing import Any
 
 import click
 
-from microvib.cli.common import PATH, Target, guide, load, preparation, recording_options, set_option, target_options
+from microvib.cli.common import (
+    PATH,
+    Target,
+    guide,
+    load,
+    preparation,
+    recording_options,
+    set_option,
+    simulates,
+    target_options,
+)
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import OptionError
@@ -71,6 +81,7 @@ def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | 
 @click.option("--bench", default="force-table", help="Bench: a catalog name or a YAML file.")
 @click.option("-o", "--output", type=PATH, required=True, help="Recording to write: .uff, .mat or .csv.")
 @click.option("--seed", default=1, help="Seed of the noise; the same seed gives the same recording.")
+@simulates
 def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
     """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
     from microvib.io.recordings import check_output, write_recording
@@ -134,6 +145,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     metavar="TIME",
     help="Error of record.settle, the time before a recording (standard deviation) [default: not known].",
 )
+@simulates
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
     prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...], starts: int, seed: int, model_error: str,
@@ -214,6 +226,7 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
 
 @click.command()
 @target_options("Folder for table and report [default: print only].")
+@simulates
 def validate(target: Target) -> None:
     """Check all claims of the paper against its simulation and its test."""
     from microvib.reports.validation import validation_folder, validation_text
