@@ -19,7 +19,7 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.model.coupling import transfer_from
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import motion_of
-from microvib.reports.budget import budget_text, draw_budget
+from microvib.reports.budget import budget_text, draw_budget, draw_cumulative
 from microvib.signals.pointing import level, weight
 from microvib.studies.budget.figures import figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
@@ -439,6 +439,21 @@ def test_a_picture_holds_a_limit_on_one_axis_against_lines_about_it() -> None:
         "lines, amplitude over frequency",
         "lines, y, amplitude over frequency",
     ]
+
+
+def test_pictures_name_limits_and_sum_lines_where_they_are() -> None:
+    one = source("a", (10.0, 0.03, 0.04), (50.0, 0.0, 0.02))
+    required = judged(requirement(name="R-7", metric="rpe", window="10 ms", limit="0.1 urad"), [one], "rss")
+    budget = Budget(mv.load_scenario("state-1"), None, "rss", (one,), merged([one], "rss"), (required,), ())
+    right = draw_budget(budget).axes[1]
+    assert [text.get_text().strip() for text in right.texts] == ["limit R-7"]
+    for line in draw_cumulative(budget).axes[1].lines:
+        f, rms = (np.asarray(values) for values in line.get_data())
+        rising = line.get_label() == "from low to high"
+        assert line.get_drawstyle() == ("steps-post" if rising else "steps-pre")  # between both lines that of one
+        between = rms[0] if rising else rms[1]
+        assert f == pytest.approx([10.0, 50.0])
+        assert between == pytest.approx((0.04 if rising else 0.02) / math.sqrt(2.0))
 
 
 def test_percentiles_over_cases() -> None:

@@ -140,7 +140,7 @@ def test_spectra_of_all_that_has_samples(motion_1):
         assert mv.waterfall(source, resolution="1 Hz").amplitude.shape[0] > 10
         np.testing.assert_array_equal(mv.spectrum(source).amplitude, mv.spectrum(motion_1).amplitude)
     assert repr(mv.psd(motion_1, resolution="1 Hz")).startswith(
-        "power spectral density (Welch), one-sided; hann window"
+        "power spectral density (Welch), one-sided; Hann window"
     )
 
 

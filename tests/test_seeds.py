@@ -11,6 +11,8 @@ import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.analysis.seeds import quantile_bounds
 from microvib.model.driven import driven_lines, noise_density, response
+from microvib.reports.document import Text
+from microvib.reports.run.first_page import first_page
 from microvib.signals.line_table import DRIVEN
 from microvib.solve.pack import pack
 
@@ -90,6 +92,16 @@ def test_verdicts_rest_on_the_quantile_where_seeds_were_run(noisy, drawn):
     }
     for torque, expected in verdicts.items():
         assert judge(drawn, limit_of(torque), noisy).of(mode).verdict == expected
+
+
+def test_a_report_says_that_margins_are_those_of_the_quantile(noisy, drawn):
+    motion, limit = mv.simulate(noisy.with_si({"record.duration": 2.0}), channels=("T_d",)), limit_of(1.0)
+    alone = mv.LineTable(drawn.lines, drawn.clock_ratio, None, drawn.samples, drawn.sample_rate)
+    for table, told in ((drawn, "over their 95 % quantile, without"), (alone, "limit over amplitude, of this one run")):
+        texts = [
+            block.text for block in first_page(motion, table, judge(table, limit, noisy)) if isinstance(block, Text)
+        ]
+        assert told in " ".join(texts)
 
 
 def test_what_is_left_of_the_start_is_not_passed_as_noise(noisy):

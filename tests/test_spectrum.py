@@ -32,7 +32,7 @@ def test_density_of_white_noise_and_of_a_tone():
     assert psd.band_rms("495.0 Hz", "505.0 Hz") ** 2 - noise == pytest.approx(0.125, rel=0.03)
     assert psd.averages == 31
     assert "31 averages" in str(psd)
-    assert "hann window, 4096 samples" in str(psd)
+    assert "Hann window, 4096 samples" in str(psd)
 
 
 def test_band_rms_does_not_depend_on_where_bins_fall():

@@ -13,7 +13,7 @@ from microvib.errors import MicrovibError
 from microvib.io.recordings import write_recording
 from microvib.io.sources import open_source
 from microvib.reports.comparison import comparison_folder
-from microvib.reports.document import Form
+from microvib.reports.document import Form, Table
 from microvib.reports.identification import fit_folder, fit_json, fit_report, fit_text
 from microvib.reports.rendering import write_study
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
@@ -105,6 +105,14 @@ def test_sidebands_are_shown_where_there_is_nothing_else_and_nothing_is_green_th
     assert all(f"{o.line} amplitude" in fit_text(bare) for o in beside)
     assert fit_report(bare).facts[0].value == "not checked"
     assert fit_report(bare).facts[0].status == ""
+
+
+def test_parameters_of_one_ending_are_told_apart(fit):
+    """``motor.friction.viscous`` is not ``friction.viscous``."""
+    blocks = [block for section in fit_report(fit).sections for block in section.blocks]
+    heads = {column.title for block in blocks if isinstance(block, Table) for column in block.columns}
+    assert {e.key for e in fit.estimates} <= heads
+    assert "modes.0.frequency" not in heads
 
 
 def test_what_an_identification_writes(fit, tmp_path):

@@ -13,7 +13,7 @@ from microvib.model.coupling import chart, craft_in
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, table
-from microvib.reports.numbers import text_table
+from microvib.reports.numbers import angle_text, text_table, window_text
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.angles import AngleSweep
@@ -43,7 +43,7 @@ def fallbacks(sweep: AngleSweep) -> list[str]:
 def angles_table(sweep: AngleSweep) -> tuple[list[str], list[list[str]]]:
     """Head, unit at the end of each name, and rows: the largest line and the rms at each angle, then over all of them."""
     windows = sweep.lines[0].windows
-    columns = {"ape": sweep.rms("ape", 1.0)} | {f"rpe {1e3 * w:g} ms": sweep.rms("rpe", w) for w in windows}
+    columns = {"ape": sweep.rms("ape", 1.0)} | {f"rpe {window_text(w)}": sweep.rms("rpe", w) for w in windows}
     head = ["angle deg", "largest line", "Hz", "its amplitude rad", *(f"{name} rad" for name in columns)]
     rows = []
     for k, (angle, one) in enumerate(zip(sweep.angles, sweep.lines, strict=True)):
@@ -89,9 +89,9 @@ def angles_report(sweep: AngleSweep, picture: Figure) -> Document:
     ape = sweep.rms("ape", 1.0)
     worst, least = int(np.argmax(ape)), int(np.argmin(ape))
     facts = [
-        Fact(f"{math.degrees(sweep.angles[worst]):g}°", f"worst angle, {ape[worst]:.3g} rad rms"),
-        Fact(f"{math.degrees(sweep.angles[least]):g}°", f"best angle, {ape[least]:.3g} rad rms"),
-        Fact(f"{math.sqrt(np.mean(ape**2)):.3g} rad", "rms over all angles, each for the same time"),
+        Fact(f"{math.degrees(sweep.angles[worst]):g}°", f"worst angle, {angle_text(float(ape[worst]))} rms"),
+        Fact(f"{math.degrees(sweep.angles[least]):g}°", f"best angle, {angle_text(float(ape[least]))} rms"),
+        Fact(angle_text(math.sqrt(np.mean(ape**2))), "rms over all angles, each for the same time"),
     ]
     head, rows = angles_table(sweep)
     said: Table = table([bracketed(x) for x in head], rows)
@@ -138,7 +138,7 @@ def draw_rms(
     """The rms (n,) [rad] that ``rms`` gives of all lines over ``x``, in each window and in none."""
     for k, window in enumerate(windows):
         ax.plot(x, 1e6 * rms("rpe", window), style, color=sheets.COLOURS[k % 7], markersize=3, linewidth=0.9,
-                label=f"RPE {1e3 * window:g} ms")  # fmt: skip
+                label=f"RPE {window_text(window)}")  # fmt: skip
     ax.plot(x, 1e6 * rms("ape", 1.0), style, color="black", markersize=3, linewidth=0.9, label="APE")
 
 

@@ -13,7 +13,7 @@ from microvib.io.tables import tables_csv, to_json
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Mark, Section, Status, Table, Text, table
-from microvib.reports.numbers import brief, count, text_table
+from microvib.reports.numbers import angle_text, brief, count, text_table
 from microvib.signals.pointing import Metric, mean_square_of_density, weight
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Judged, merged
@@ -35,22 +35,12 @@ _RULES = {
 _WORDS: dict[Verdict, str] = {"fail": "FAIL", "not judged": "not judged", "pass": "pass"}
 
 
-def angle(value: float, digits: int = 4) -> str:
-    """An angle [rad] with a unit that suits its size; empty if there is none."""
-    if not math.isfinite(value):
-        return ""
-    unit, size = next(
-        ((u, s) for u, s in (("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9)) if abs(value) >= s), ("nrad", 1e-9)
-    )
-    return f"{brief(value / size, digits)} {unit}"
-
-
 def _margin(one: Judged) -> str:
     return f"{20.0 * math.log10(one.margin):+.1f}" if 0.0 < one.margin < math.inf else ""
 
 
 def _up_to(one: Judged) -> str:
-    return "not bounded" if math.isinf(one.most) else angle(one.most)
+    return "not bounded" if math.isinf(one.most) else angle_text(one.most)
 
 
 def budget_text(budget: Budget) -> str:
@@ -116,10 +106,10 @@ def _name(one: Judged) -> str:
 
 
 def _cells(one: Judged) -> list[str]:
-    spread = ["", "", ""] if one.spread is None else [angle(e.value) for e in one.spread]
+    spread = ["", "", ""] if one.spread is None else [angle_text(e.value) for e in one.spread]
     r = one.requirement
     what = f"{r.name}: {r.text}" if r.name else r.text
-    return [what, angle(one.limit), angle(one.value), _up_to(one), _margin(one), *spread]
+    return [what, angle_text(one.limit), angle_text(one.value), _up_to(one), _margin(one), *spread]
 
 
 def _ranked(one: Judged) -> list[list[str]]:
@@ -347,8 +337,10 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
     tones = merged(budget.contributions, budget.rule, doubtful=False)
     for k, metric in enumerate(_DRAWN):
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
-        limits = [(r.axis, r.window, 1e6 * r.limit) for r in asked if r.window and r.limit and r.statistic == "rms"]
-        for axis in sorted({"radial", *(axis for axis, _, _ in limits)}, key=list(_SIZE).index):
+        limits = [
+            (r.axis, r.window, 1e6 * r.limit, r.name) for r in asked if r.window and r.limit and r.statistic == "rms"
+        ]
+        for axis in sorted({"radial", *(axis for axis, *_ in limits)}, key=list(_SIZE).index):
             size, (marker, line, _) = _SIZE[axis](tones.value), _MARKERS[axis]
             cycles = tones.frequency[:, None] * tried  # these metrics know f T only
             squares = 0.5 * size**2 @ weight(metric, cycles, 1.0)
@@ -358,8 +350,10 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
                 {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}
             )  # smear lies on it
             ax.plot(T, 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
-            at = [(window, limit) for own, window, limit in limits if own == axis]
-            ax.plot(*(np.array(at).reshape(-1, 2).T), marker, color=sheets.COLOURS[k], markersize=4)
+            for _, window, limit, name in (one for one in limits if one[0] == axis):
+                ax.plot(window, limit, marker, color=sheets.COLOURS[k], markersize=4)
+                said = f"limit {name}".rstrip() + "  "
+                ax.annotate(said, (window, limit), ha="right", va="center", fontsize=6.5, annotation_clip=True)
     largest = 1e6 * math.sqrt(0.5 * float(np.sum(tones.value**2))) or 1.0
     ax.set(
         xscale="log",
@@ -388,7 +382,7 @@ def draw_cumulative(budget: Budget) -> Figure:
         up = np.sqrt(np.cumsum(squares[order]))
         down = np.sqrt(np.cumsum(squares[order][::-1])[::-1])
         ax.step(f[order], 1e6 * up, where="post", color=sheets.BLUE, linewidth=1.1, label="from low to high")
-        ax.step(f[order], 1e6 * down, where="post", color=sheets.RED, linewidth=1.1, label="from high to low")
+        ax.step(f[order], 1e6 * down, where="pre", color=sheets.RED, linewidth=1.1, label="from high to low")
         ax.set(xscale="log", xlabel="frequency [Hz]", ylabel=f"rms of los_{axis} [µrad]")
         ax.legend(fontsize=6.5, frameon=False)
     return drawing

@@ -17,7 +17,7 @@ from microvib.model.spacecraft import CENTER, SECOND, Interface, SecondWing, Spa
 from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
 from microvib.reports.moving import box_corners
-from microvib.reports.numbers import count, format_number
+from microvib.reports.numbers import count, format_number, window_text
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
 from microvib.signals.pointing import METRICS, cumulative_rms, radial
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
@@ -55,7 +55,7 @@ def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
     die = np.array([name in hub.rings for name in hub.names], dtype=bool)
     part = float(hub.mean_squares("rpe", window)[die].sum()) / rms**2 if rms else 0.0
     rings = f", {100 * part:.2g} % of its square ringing after the start" if part > RINGS else ""
-    return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {_window(window)}{rings}"),)
+    return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {window_text(window)}{rings}"),)
 
 
 def craft_words(craft: Spacecraft) -> str:
@@ -271,15 +271,11 @@ def _line_of_sight(motion: Motion, hub: HubLines) -> Section:
     within = hub.summary()["within"]
     summed = count(len(hub.names), "line") + (" and torque noise" if hub.density else "")
     text = (
-        f"Sums of {summed} as mean squares, their phases being unrelated; the line of sight stays within"
+        f"Sums of {summed} as mean squares; the line of sight stays within"
         f" {_micro(within['los_x_rad'])} µrad about x and {_micro(within['los_y_rad'])} µrad about y for"
         f" {100 * within['confidence']:.4g} % of the time. The mean motion that the command makes is taken out."
     )
     return Section("Line of sight", (Text(text), *(_windows(hub) if hub.windows else ()), _angles(motion)))
-
-
-def _window(length: float) -> str:
-    return f"{1e3 * length:g} ms" if length < 1.0 else f"{length:g} s"
 
 
 def _micro(angle: float) -> str:
@@ -288,7 +284,7 @@ def _micro(angle: float) -> str:
 
 def _windows(hub: HubLines) -> list[Block]:
     """Radial rms in each window and metric, in pixels, too; which lines cost most; what is left of contrast."""
-    names = [_window(w) for w in hub.windows]
+    names = [window_text(w) for w in hub.windows]
     sums = {(row["window_s"], row["metric"]): row["radial_rad"] for row in hub.totals()}
     rms = [
         [metric.upper() if len(metric) < 4 else metric, *(_micro(sums[w, metric]) for w in hub.windows)]

@@ -14,7 +14,7 @@ from microvib.model.presliding import quasi_static_torque
 from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, one_axes, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.signals.screen import extremes
-from microvib.signals.spectrum import Density, Spectrum, Waterfall, amplitude_spectrum
+from microvib.signals.spectrum import Density, Spectrum, Waterfall, amplitude_spectrum, named
 from microvib.solve.motion import Motion
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def draw_amplitudes(ax: Axes, s: Spectrum, unit: str, highest: float, table: Lin
 
 
 def _made_by(s: Spectrum) -> str:
-    return f"{s.window} window, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
+    return f"{named(s.window)}, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
 
 
 _NAME: dict[str, Any] = {"textcoords": "offset points", "xytext": (4, 4), "fontsize": 7, "rotation": 35, "zorder": 4,

@@ -310,7 +310,7 @@ def _estimates(fit: Fit) -> Table:
 def _alternatives(fit: Fit) -> tuple[Table, ...]:
     """Other values of all parameters, a row each."""
     rows = [[str(k), *(format_number(v) for v in other.values())] for k, other in enumerate(fit.alternatives, 1)]
-    header = ["", *(f"{_short_key(e.key)} [1]" for e in fit.estimates)]
+    header = ["", *(f"{e.key} [1]" for e in fit.estimates)]
     return (table(header, rows, "Other values, a row each, that explain the data as well."),) if rows else ()
 
 
@@ -375,13 +375,7 @@ def draw_before_and_after(fit: Fit) -> Drawing:
 
 
 def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
-    header = [of, *(f"{_short_key(e.key)} [1]" for e in fit.estimates)]
+    header = [of, *(f"{e.key} [1]" for e in fit.estimates)]
     return table(
         header, ([name, *(signed(x) for x in row)] for name, row in rows if "phase" not in name and " turn" not in name)
     )
-
-
-def _short_key(key: str) -> str:
-    key, space, recording = key.partition(" ")
-    parts = key.split(".")
-    return ".".join(parts[-3 if len(parts) > 2 and parts[-2].isdigit() else -2 :]) + space + recording

@@ -26,6 +26,21 @@ def brief_milli(value: float) -> str:
     return brief(1e3 * value)
 
 
+def angle_text(value: float, digits: int = 4) -> str:
+    """An angle [rad] with a unit that suits its size; empty if there is none."""
+    if not math.isfinite(value):
+        return ""
+    unit, size = next(
+        ((u, s) for u, s in (("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9)) if abs(value) >= s), ("nrad", 1e-9)
+    )
+    return f"{brief(value / size, digits)} {unit}"
+
+
+def window_text(length: float) -> str:
+    """The length of a window [s], in ms below a second."""
+    return f"{1e3 * length:g} ms" if length < 1.0 else f"{length:g} s"
+
+
 def torque(value: float) -> str:
     """A torque [N m] with its unit: in mN m below one."""
     return f"{format_number(value)} N m" if abs(value) >= 1.0 else f"{milli(value)} mN m"

@@ -103,7 +103,7 @@ def set_texts(ax: Axes) -> None:
     """Sizes for print. A title keeps to its place, and powers of ten need no formulas: finding either takes as long as drawing."""
     from matplotlib.ticker import LogFormatterSciNotation
 
-    ax.tick_params(labelsize=7.5)
+    ax.tick_params(labelsize=7.5, which="both")
     for label in (ax.xaxis.label, ax.yaxis.label):
         label.set_fontsize(min(8, label.get_fontsize()))
     ax.set_title(ax.get_title(), y=1.0, fontsize=min(8.5, ax.title.get_fontsize()))

@@ -20,6 +20,11 @@ _COSINES: dict[str, tuple[float, ...]] = {
 }
 
 
+def named(window: Window) -> str:
+    """A window in words."""
+    return f"{window.replace('hann', 'Hann')} window"
+
+
 class SpectrumError(MicrovibError):
     """A spectrum that cannot be had from these samples; says which setting, and what is allowed."""
 
@@ -53,7 +58,7 @@ class _Estimate:
         overlapping = f", overlap {100 * self.overlap:g} %" if self.overlap else ""
         averaging = f"{self.averages} averages" if self.averages > 1 else "no averaging"
         return (
-            f"{self.window} window, {self.segment} samples at {self.sample_rate:g} Hz, {1.0 / self.resolution:g} s,"
+            f"{named(self.window)}, {self.segment} samples at {self.sample_rate:g} Hz, {1.0 / self.resolution:g} s,"
             f" resolution {self.resolution:g} Hz, {averaging}{overlapping}"
         )
 

@@ -72,9 +72,11 @@ def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tu
     notes += [f"So are {len(doubts) - 4} more; `microvib show scenario.yaml` names them."] if len(doubts) > 4 else []
     notes += unsettled(lines, scenario)
     if judged is not None:
-        alone = "of this one run, without allowance for the uncertainty of parameters"
+        of_draws = any(lines.over_seeds(margin.line.line) for margin in judged.margins)
+        alone = "" if of_draws else " of this one run,"
+        quantile = ", of lines that several draws of the noise were run of over their 95 % quantile" if of_draws else ""
         notes += [
-            f"A margin is limit over amplitude, {alone}.",
+            f"A margin is limit over amplitude{quantile},{alone} without allowance for the uncertainty of parameters.",
             *([judged.not_judged(4).strip()] if judged.gaps else []),
         ]
     told = [Text(" ".join(notes), note=True)] if notes else []

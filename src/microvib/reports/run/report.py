@@ -250,7 +250,7 @@ def _method(motion: Motion) -> Section:
     duration = motion.scenario.record.duration
     text = (
         "The equations of motor, current loop, microstep command, frictions, reducer and flexible array are integrated in time"
-        " with an adaptive L-stable method; stick and slip are located as events. T_d is what the angular momentum of drive"
+        " with adaptive steps; stick and slip are located as events. T_d is what the angular momentum of drive"
         " and array loses (Eq. 20). Lines come from one Hann-windowed spectrum: the lines of the step clock share one clock ratio,"
         " array modes are fitted as decaying tones, and all amplitudes come from one least-squares fit. The record of"
         f" {duration:g} s has bins of {1 / duration:.4g} Hz."
