@@ -2,7 +2,7 @@
 from pathlib import Path
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 
 changes = {
     "spacecraft.hub": {"modes": "reference-hub", "count": 20},  # or a description of your own, hub.yaml

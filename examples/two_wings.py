@@ -2,7 +2,7 @@
 from pathlib import Path
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 
 scenario = mv.load_scenario(Path(__file__).parent / "spacecraft.yaml")
 place = {"position": ["0.35 m", "-0.9 m", "-0.2 m"], "drive_axis": [0, -1, 0], "reference": [1, 0, 0]}

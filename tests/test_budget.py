@@ -13,7 +13,7 @@ from support import craft as whole
 from support.craft_scenarios import scenario_of
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.coupling import transfer_from

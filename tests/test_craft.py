@@ -28,7 +28,7 @@ from support.craft_scenarios import (
 )
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.linear import coupled_modes

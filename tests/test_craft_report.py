@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from scipy import signal
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.run import RunResult
 from microvib.cli.main import main
 from microvib.reports import craft

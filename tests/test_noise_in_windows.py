@@ -8,7 +8,8 @@ from support import craft as whole
 from support.craft_scenarios import scenario_of
 
 import microvib as mv
-from microvib.analysis.pointing import NOISE, HubLines, hub_lines
+from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.pointing import NOISE, HubLines
 from microvib.signals.pointing import mean_square_of_density, weight
 from microvib.units import Si
 

@@ -16,7 +16,7 @@ from support.craft_scenarios import instants, off, scenario_of, seen
 from support.two_wings import BothDrives, Wing
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.run import lines_of_second
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import short_way, source_of

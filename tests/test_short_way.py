@@ -9,7 +9,7 @@ from support import craft as whole
 from support.craft_scenarios import DAMPED, FLEXIBLE, scenario_of
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.short_way import differences, short_way_of
 from microvib.model.coupling import Source, about_axis, chart, coupled, noise_density, receiver_of, short_way, source_of
 from microvib.model.linear import coupled_modes, linear_lines, pulls

@@ -11,7 +11,7 @@ import pytest
 from support.page import PAGE, api, run
 
 import microvib as mv
-from microvib.analysis.pointing import hub_lines
+from microvib.analysis.hub_lines import hub_lines
 from microvib.signals.pointing import METRICS, weight
 
 pytestmark = PAGE

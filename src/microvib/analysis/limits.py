@@ -3,33 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from microvib.analysis.lines import clock_doubts
+from microvib.analysis.margins import BEYOND, ONE_DRAW, Margin, Verdict, margin, may_have, when_settled
 from microvib.analysis.start import CALM, calm_for, has_calmed, rounded_up, still_held
 from microvib.errors import OptionError, expect
 from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.fourier_lines import TRANSIENT
-from microvib.signals.line_fit import SEPARATION
-from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable, SeedLine
+from microvib.signals.line_table import DRIVEN, Line, LineTable
 from microvib.units import Band, Given, Si, band, inside, pretty, quantity
 
-Verdict = Literal["pass", "fail", "not judged"]
-OWN_ERROR = 1e-3
-"""Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table may know a larger one."""
-BEYOND = 10.0
-"""Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
-detent torque add there, and on bins that several lines share."""
-STIRS = 0.1
-"""Part of what rings in a record by which a line may change until that has died away: friction couples them."""
 _SETTLED = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
-_LIMITED = 3.0
-"""Factor on the amplitude of a line whose fit ended at a limit."""
 _MAX_ORDERS = 5000
 _ALL = Si(0.0), Si(math.inf)
 """The band of all frequencies [Hz]."""
@@ -69,31 +58,6 @@ class Limit:
     def holds(self, frequency: float, doubt: float = 0.0) -> bool:
         """Whether it holds at a frequency [Hz] that is known to ``doubt`` [Hz]; the ends of the band belong to it."""
         return inside(frequency, self.low, self.high, doubt)
-
-
-@dataclass(frozen=True)
-class Margin:
-    """One line against the limit."""
-
-    line: Line
-    amplitude: float
-    """What is judged [N m]: the line's amplitude, where it decays that at the start of the record, where it was not found what it
-    may have at most."""
-    factor: float
-    """Limit over amplitude."""
-    verdict: Verdict
-    why: str = ""
-    """Why it is not judged, and what would have to change."""
-
-    @property
-    def decibel(self) -> float:
-        """The factor in dB."""
-        return 20.0 * math.log10(self.factor)
-
-    @property
-    def fails(self) -> bool:
-        """Whether the amplitude is certainly above the limit."""
-        return self.verdict == "fail"
 
 
 @dataclass(frozen=True)
@@ -154,11 +118,6 @@ class Judgement:
         return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
 
 
-_LEFT = 1.5
-"""Times what noise alone gives a mode, above which its mean over draws holds something that decays."""
-_DRAWN = "driven by noise, one draw of many"
-
-
 def judge(
     table: LineTable, limit: Limit, scenario: Scenario | None = None, second: LineTable | None = None
 ) -> Judgement:
@@ -176,7 +135,7 @@ def judge(
         )
     within = [x for x in table if limit.holds(*_place(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", DRIVEN)]
-    margins = [_margin(x, limit, table, ringing, scenario) for x in within if math.isfinite(x.amplitude_n_m)]
+    margins = [margin(x, limit.torque, table, ringing, scenario) for x in within if math.isfinite(x.amplitude_n_m)]
     margins.sort(key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
     gaps = _held(table, scenario)
@@ -206,12 +165,12 @@ def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judg
     second = judge(table, first.limit, scenario)
 
     def called(line: Line) -> Line:
-        return replace(line, line=f"wing_2 {line.line}")
+        return replace(line, line=f"{SECOND_DRIVE} {line.line}")
 
     theirs = (replace(m, line=called(m.line)) for m in second.margins)
     margins = sorted([*first.margins, *theirs], key=lambda m: m.factor)
     unknown = (*first.unknown, *map(called, second.unknown))
-    gaps = (*first.gaps, *(f"wing_2 {gap}" for gap in second.gaps))
+    gaps = (*first.gaps, *(f"{SECOND_DRIVE} {gap}" for gap in second.gaps))
     return replace(first, margins=tuple(margins), unknown=unknown, gaps=gaps)
 
 
@@ -223,7 +182,7 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     told += [_drawn(x, table) for x in table if x.status == DRIVEN and x.is_mode]
     return told + [
         f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
-        f" {_unsettled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
+        f" {when_settled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
         " record.start=steady."
         for x, start in starts
         if start > _SETTLED * largest
@@ -251,84 +210,7 @@ def _drawn(line: Line, table: LineTable) -> str:
         if math.isfinite(line.noise_mean_n_m)
         else ""
     )
-    return f"{line.line}: {_DRAWN};{alone} --seeds N runs others."
-
-
-def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> tuple[float, Verdict, str]:
-    """Amplitude that is judged, verdict and reason where many draws of the noise were run: their 95 % quantile."""
-    doubt = max(OWN_ERROR, own_error)
-    largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + doubt)
-    if seeds.mean_n_m > _LEFT * line.noise_mean_n_m:
-        return (
-            seeds.p95_n_m,
-            "not judged",
-            "more than noise gives it, as of the start's ringing; a longer record.settle",
-        )
-    if largest <= most:
-        return seeds.p95_n_m, "pass", ""
-    if seeds.p95_low_n_m * (1.0 - doubt) > most:
-        return seeds.p95_n_m, "fail", ""
-    high, needed = f"{1e3 * seeds.p95_high_n_m:.4g} mN m", f"more seeds than {seeds.draws}"
-    if math.isnan(seeds.p95_high_n_m):
-        high, needed = "an unknown amplitude", "59 seeds or more"
-    why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
-    if seeds.p95_high_n_m * (1.0 + doubt) <= most:
-        why = "hidden by its floor in some draws; a longer record.duration"
-    return seeds.p95_n_m, "not judged", why
-
-
-def _margin(line: Line, limit: Limit, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:
-    """The verdict on one line: pass or fail where its amplitude is known well enough, whatever the record was."""
-    amplitude, most = line.amplitude_n_m, limit.torque
-    spread = line.amplitude_uncertainty_n_m if math.isfinite(line.amplitude_uncertainty_n_m) else 0.0
-    seeds = table.over_seeds(line.line)
-    drawn = seeds.deviation_n_m if seeds else line.noise_doubt_n_m
-    spread = math.hypot(spread, drawn if math.isfinite(drawn) else 0.0)
-    doubt = 2.0 * spread + max(OWN_ERROR, table.own_error) * amplitude
-    verdict: Verdict
-    if line.status == FAINT:
-        amplitude = max(amplitude, line.hidden_n_m)
-        verdict, why = ("pass" if amplitude <= most else "not judged"), "hidden by its floor; a longer record.duration"
-    elif line.status in ("decaying", "growing"):
-        amplitude = line.starting(table.duration)
-        largest = max(amplitude, line.amplitude_n_m) + doubt
-        settled = line.status == "decaying" and largest <= most
-        verdict, why = ("pass" if settled else "not judged"), _unsettled(line, largest / most, scenario)
-    elif line.status != "ok":
-        verdict, why = ("pass" if _LIMITED * amplitude <= most else "not judged"), line.status
-    else:
-        rings = sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(table.duration) for x in ringing)
-        clear, stirred = abs(amplitude - most) - doubt, STIRS * min(rings, amplitude)
-        above: Verdict = "fail" if amplitude > most else "pass"
-        verdict, why = (above if clear >= stirred else "not judged"), "nearer to the limit than it is known"
-        if 0.0 < clear < stirred:
-            falling = [x for x in ringing if x.status != DRIVEN]
-            remedy = (
-                _unsettled(min(falling, key=lambda x: x.decay_per_s), stirred / clear, scenario)
-                if falling
-                else "--seeds N"
-            )
-            why = f"so near the limit that ringing may decide; {remedy}"
-    if line.status == DRIVEN:
-        verdict, why = "not judged", f"{_DRAWN}; --seeds N judges by its 95 % quantile"
-    steady = line.status in ("ok", FAINT) and seeds is not None and math.isfinite(seeds.p95_high_n_m)
-    if seeds is not None and (line.status == DRIVEN or steady):
-        amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
-    if verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
-        verdict = "not judged"
-        why = "may be an array mode that rings, which the record is too short to show; a longer record.settle"
-    factor = most / amplitude if amplitude > 0.0 else math.inf
-    return Margin(line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else "")
-
-
-def _unsettled(line: Line, too_large: float, scenario: Scenario | None) -> str:
-    """What to do about a tone that is ``too_large`` by this factor until it has decayed."""
-    if line.status == "growing":
-        return "it grows within the record"
-    longer = math.log(max(too_large, 1.0)) / line.decay_per_s
-    if scenario is None:
-        return f"not settled for another {rounded_up(longer)} s"
-    return f"not settled; settle >= {rounded_up(scenario.record.settle + longer)} s"
+    return f"{line.line}: {ONE_DRAW};{alone} --seeds N runs others."
 
 
 def _left(table: LineTable, limit: Limit) -> list[str]:
@@ -375,27 +257,6 @@ def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | Non
     return max(near) + 0.5 * f_d if near else None
 
 
-def may_have(line: Line) -> float:
-    """What a line without a figure of its own may have at most [N m]: what its floor hides, or BEYOND times the bin that it shares
-    with others, for there they may cancel in part."""
-    return line.hidden_n_m if line.hidden_n_m > 0.0 else BEYOND * line.bin_amplitude_n_m
-
-
 def _is_small(line: Line, limit: Limit) -> bool:
     """Whether a line that others hide is small all the same."""
     return line.status.startswith("not separable") and may_have(line) <= limit.torque
-
-
-def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
-    """Whether a line rings after the start and dies away, or may do so.
-
-    A mode whose decay the record is too short to show does, and what lies within its resolution, until it has died away by its
-    damping.
-    """
-    if line.of_clock or line.status == DRIVEN:
-        return False
-    if scenario is None or line.status != "ok":
-        return line.status != "ok"
-    near = SEPARATION / table.duration
-    modes = [m for m in coupled_modes(scenario) if m.name == line.line or abs(m.frequency - line.frequency_hz) < near]
-    return any(m.decay * calm_for(scenario) < CALM for m in modes)

@@ -8,12 +8,14 @@ from functools import cached_property
 from typing import Any
 
 from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import MEMBERS, lines
-from microvib.analysis.pointing import SECOND, HubLines, hub_lines
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import expect, whole_number
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, from_rest
 from microvib.solve.motion import Invariants, Motion
@@ -45,7 +47,7 @@ class RunResult:
     @property
     def drives(self) -> dict[str, RunResult]:
         """This result and that of the second wing's drive, by how texts call what is theirs."""
-        return {"": self} if self.second is None else {"": self, f" of {SECOND}": self.second}
+        return {"": self} if self.second is None else {"": self, f" of {SECOND_DRIVE}": self.second}
 
     @cached_property
     def hub(self) -> HubLines | None:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.analysis.hub_lines import lines_in, tones_of
 from microvib.analysis.lines import expected_in
-from microvib.analysis.pointing import HubLines, lines_in, tones_of
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
 from microvib.model.coupling import Coupled, craft_in, into_hub, short_way
 from microvib.model.scenario import Scenario

@@ -21,12 +21,11 @@ from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import package_versions, rows_csv
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import Line, LineTable, Rest, SeedLine
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
 
-SECOND = "wing_2"
-"""Key of ``summary.json`` under which a second wing's drive is, where it is driven."""
 SECOND_MOTION = "motion_wing_2.nc"
 """Motion of a second wing's drive that is driven."""
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
@@ -108,7 +107,7 @@ def summary(
 
 
 def numerics(invariants: Invariants, solver: dict[str, Any]) -> dict[str, Any]:
-    """What ``summary.json`` says of how one drive was solved; of the second wing's under SECOND."""
+    """What ``summary.json`` says of how one drive was solved; of the second wing's under SECOND_DRIVE."""
     return {"invariants": asdict(invariants), "solver": solver}
 
 
@@ -128,7 +127,7 @@ def read_run(folder: Path | str) -> Run:
         raise MicrovibError(f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected")
     with _expected(folder / "summary.json", "a summary of a run of this version") as path:
         said = json.loads(path.read_text(encoding="utf-8"))
-        first, second = _numerics(said), _numerics(said.get(SECOND, said))
+        first, second = _numerics(said), _numerics(said.get(SECOND_DRIVE, said))
         digest, versions, record = (said[key] for key in ("scenario_sha256", "versions", "record"))
         limit = _limit(said.get("limit"))
     written = folder / "scenario.yaml"

@@ -240,6 +240,7 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
             np.block([[X, apart], [apart.T, Y]]) for X, Y in ((hub_stiffness, second.K), (hub_damping, second.C))
         )
         root = np.hstack([root, np.zeros((6, len(second.M)))])
+    # Both hinges locked: hub and second wing (n), array (s).
     n, s = root.shape[1], P.shape[1]
     M_S = np.block(
         [
@@ -251,16 +252,19 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
     C = np.concatenate([np.zeros(n), array.D])
     K_S, C_S = np.diag(K), np.diag(C)
     K_S[:n, :n], C_S[:n, :n] = hub_stiffness, hub_damping
+    # Inertia forces on these coordinates by unit accelerations of output and rotor.
     in_output = np.concatenate([root.T @ (M @ a), P.T @ a])
     in_rotor = np.concatenate([rotor_inertia * (root.T @ a), np.zeros(s)])
     shapes, squares = _modes(M_S, K_S, free)
     damping, in_shafts = shapes.T @ C_S @ shapes, shapes.T @ np.column_stack([in_output, in_rotor])
+    # Modes that damping couples, as uncoupled ones that also feel the shafts' rates; what that adds is inertia of the shafts.
     y = decoupled(damping, squares, in_shafts)
     viscous, (H, R, V_l, V_m) = (y.g.T / y.k) @ y.g, np.vstack([y.a.T, y.g.T]).copy()
     # Free motions keep their momentum, M_ff x_f + (in_output theta_l + in_rotor theta_m)_f = 0.
     by_output, by_rotor = np.zeros(n + s), np.zeros(n + s)
     by_output[:free] = -np.linalg.solve(M_S[:free, :free], in_output[:free])
     by_rotor[:free] = -np.linalg.solve(M_S[:free, :free], in_rotor[:free])
+    # What is left of the output's inertia once all modes are taken out: what turns with it at the highest frequencies.
     whole = np.linalg.solve(M_S, np.column_stack([in_output, in_rotor]))
     J = float(a @ M @ a)
     left = J - float(in_output @ whole[:, 0])

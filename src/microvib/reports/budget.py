@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.analysis.limits import Verdict
+from microvib.analysis.margins import Verdict
 from microvib.io.tables import tables_csv, to_json
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study

@@ -145,6 +145,8 @@ def _fitted(
     modes, left_out = _largest(modes, spectrum)
     refused |= left_out
     searched = _is_searched(expected)
+    # The clock is found in rounds: with the unlisted lines and modes that the search at one ratio has found taken out, those of the
+    # clock tell a better ratio, at which the search may find others. A known clock needs one round.
     ratio = (estimate_clock_ratio(clock, spectrum) if searched else 1.0) if clock else None
     for _ in range(_ROUNDS):
         orders = Orders.of(expected, ratio)

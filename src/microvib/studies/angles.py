@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import lines
-from microvib.analysis.pointing import HubLines, hub_lines
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.model.coupling import craft_in

@@ -16,12 +16,13 @@ from functools import cached_property
 import numpy as np
 
 from microvib.analysis.lines import expected_in
-from microvib.analysis.pointing import SAME, SECOND, HubLines
+from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.turning import Moved, moved_by, shaft_torques
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import craft_in
 from microvib.model.driven import noise_bands
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, weight
 from microvib.solve.integration import Progress
 from microvib.studies.angles import MOST_ANGLES, AngleSweep, check_sweep, sweep_angles
@@ -346,7 +347,7 @@ def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
         for line in expected_in(drive.scenario, drive.scenario.record.sample_rate)
         if line.is_mode
     }
-    alone = [name.removeprefix(f"{SECOND} ") for name in one.names]
+    alone = [name.removeprefix(f"{SECOND_DRIVE} ") for name in one.names]
     return {
         f"other {f:.6g} Hz" if own.startswith("other_") else name: k
         for k, (name, own, f) in enumerate(zip(one.names, alone, one.frequency.tolist(), strict=True))

@@ -9,8 +9,8 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from microvib.analysis.limits import may_have
 from microvib.analysis.lines import steady
+from microvib.analysis.margins import may_have
 from microvib.analysis.start import still_held
 from microvib.errors import OptionError, SimulationError, expect, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.analysis.limits import OWN_ERROR
 from microvib.analysis.lines import expected_in, lines_of_samples
+from microvib.analysis.margins import OWN_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.lines import lines_among
+from microvib.analysis.seeds import seeds_of
 from microvib.errors import OutputError, SimulationError
 from microvib.io.modal_sources import load_design
 from microvib.io.scenario_file import load_scenario
@@ -145,9 +146,9 @@ def scenario_of(number: int, assumed: Assumed, found: Calibrated) -> Scenario:
 
 def amplitudes(scenario: Scenario, seeds: int = 1) -> np.ndarray:
     """Nearest-bin amplitudes of ``NAMES`` and the largest torque [N m], for each of ``seeds`` draws, (seeds, names + 1)."""
-    noise, rows = scenario.friction.torque_noise, []
-    for k in range(seeds if noise else 1):
-        one = scenario.with_({"friction.torque_noise.seed": noise.seed + k}) if noise else scenario
+    rows = []
+    for k in range(seeds if scenario.friction.torque_noise else 1):
+        one = scenario.with_(seeds_of(scenario, k))
         (torque,) = simulate_torques([one])
         if not isinstance(torque, Torque):
             raise torque
@@ -376,7 +377,8 @@ def kept_draws() -> list[dict[str, str]]:
 def held(rows: Rows, statement: int) -> tuple[float, float]:
     """Part of the draws, the central one apart, in which a statement holds on the means; and of their single records."""
     of = [row for row in rows if int(row["draw"]) > 0 and not row["refused"]]
-    return (
-        float(np.mean([float(row[f"holds_{statement}"]) for row in of])) if of else math.nan,
-        float(np.mean([float(row[f"single_{statement}"]) for row in of])) if of else math.nan,
+    on_means, single = (
+        float(np.mean([float(row[f"{what}_{statement}"]) for row in of])) if of else math.nan
+        for what in ("holds", "single")
     )
+    return on_means, single

@@ -14,11 +14,12 @@ from microvib.analysis.limits import Limit
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult, solve_run
 from microvib.errors import ScenarioError, expect, expect_path
-from microvib.io.runs import SECOND, SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
+from microvib.io.runs import SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.reports.densities import densities_csv
 from microvib.reports.document import Form
 from microvib.solve.integration import Progress
@@ -87,7 +88,7 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
     timings = {"simulate": result.solver["wall_s"], **timings}
     second = result.second
     told = summary(result.scenario, result.invariants, result.solver, result.table, **timings)
-    return told if second is None else told | {SECOND: numerics(second.invariants, second.solver)}
+    return told if second is None else told | {SECOND_DRIVE: numerics(second.invariants, second.solver)}
 
 
 def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None) -> dict[str, str]:

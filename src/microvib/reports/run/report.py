@@ -9,8 +9,9 @@ import numpy as np
 
 from microvib.analysis.accuracy import KEY
 from microvib.analysis.budget import budget
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import Judgement, Limit, judge
-from microvib.analysis.pointing import HubLines, hub_lines
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import lines_of_second
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.limits import BEYOND, OWN_ERROR, STIRS, may_ring
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
-from microvib.analysis.pointing import HubLines, hub_lines
+from microvib.analysis.margins import BEYOND, OWN_ERROR, STIRS, may_ring
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import CALM, calm_for, has_calmed, still_held
 from microvib.model.coupling import (

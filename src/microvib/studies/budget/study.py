@@ -9,14 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.analysis.limits import Verdict
-from microvib.analysis.pointing import SECOND, HubLines, together
+from microvib.analysis.hub_lines import together
+from microvib.analysis.margins import Verdict
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import Difference, differences, short_way_of
 from microvib.errors import MicrovibError, OptionError, expect, expect_list
 from microvib.io.scenario_file import load_scenario
 from microvib.model.coupling import craft_in, source_of
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
 from microvib.studies.budget.figures import Tones, figure
@@ -210,7 +212,7 @@ def _others(sources: str | Path | Sequence[OtherSource], scenario: Scenario) -> 
 
 def _second(name: str) -> str:
     """The drive of the second wing of the craft that is called ``name``."""
-    return f"{name} {SECOND}"
+    return f"{name} {SECOND_DRIVE}"
 
 
 def with_doubt(recorded: Contribution, compared: Sequence[Difference]) -> Contribution:

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from microvib.analysis.limits import Verdict
+from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
 from microvib.studies.budget.figures import (

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import judge
 from microvib.analysis.lines import lines as lines_of
 from microvib.analysis.lines import lines_of_samples, steady
-from microvib.analysis.pointing import hub_lines
 from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario

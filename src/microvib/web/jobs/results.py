@@ -12,9 +12,9 @@ from microvib.analysis.budget import Share, budget
 from microvib.analysis.pointing import HubLines
 from microvib.errors import MicrovibError
 from microvib.io.modal_sources import ModalSource, modal_source
-from microvib.io.runs import SECOND
 from microvib.model.array import Array
 from microvib.model.scenario import Scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.reports.angles import angles_table, angles_texts, bracketed, draw_angles, fallbacks
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_text
@@ -72,7 +72,7 @@ def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: Hu
 
 def _second(summed: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """What a summary says of the second wing's drive, where it is driven."""
-    return [(", second wing", summed[SECOND])] if SECOND in summed else []
+    return [(", second wing", summed[SECOND_DRIVE])] if SECOND_DRIVE in summed else []
 
 
 def _craft(hub: HubLines) -> dict[str, Any]:

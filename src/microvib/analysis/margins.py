@@ -1,0 +1,164 @@
+"""One line against a limit: how far its amplitude is known, and whether that is enough to pass or to fail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from microvib.analysis.start import CALM, calm_for, rounded_up
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
+from microvib.signals.line_fit import SEPARATION
+from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable, SeedLine
+
+Verdict = Literal["pass", "fail", "not judged"]
+OWN_ERROR = 1e-3
+"""Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table may know a larger one."""
+BEYOND = 10.0
+"""Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
+detent torque add there, and on bins that several lines share."""
+STIRS = 0.1
+"""Part of what rings in a record by which a line may change until that has died away: friction couples them."""
+_LIMITED = 3.0
+"""Factor on the amplitude of a line whose fit ended at a limit."""
+_LEFT = 1.5
+"""Times what noise alone gives a mode, above which its mean over draws holds something that decays."""
+ONE_DRAW = "driven by noise, one draw of many"
+
+
+@dataclass(frozen=True)
+class Margin:
+    """One line against the limit."""
+
+    line: Line
+    amplitude: float
+    """What is judged [N m]: the line's amplitude, where it decays that at the start of the record, where it was not found what it
+    may have at most."""
+    factor: float
+    """Limit over amplitude."""
+    verdict: Verdict
+    why: str = ""
+    """Why it is not judged, and what would have to change."""
+
+    @property
+    def decibel(self) -> float:
+        """The factor in dB."""
+        return 20.0 * math.log10(self.factor)
+
+    @property
+    def fails(self) -> bool:
+        """Whether the amplitude is certainly above the limit."""
+        return self.verdict == "fail"
+
+
+def margin(line: Line, most: float, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:
+    """The verdict on one line against a limit [N m]: pass or fail where it is known well enough, whatever the record was."""
+    seeds = table.over_seeds(line.line)
+    # Draws tell more than one record of what noise drives, and of a steady line once they bound its quantile from above.
+    steady = line.status in ("ok", FAINT) and seeds is not None and math.isfinite(seeds.p95_high_n_m)
+    if seeds is not None and (line.status == DRIVEN or steady):
+        amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
+    else:
+        amplitude, verdict, why = _of_record(line, most, table, ringing, scenario)
+    if verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
+        verdict = "not judged"
+        why = "may be an array mode that rings, which the record is too short to show; a longer record.settle"
+    factor = most / amplitude if amplitude > 0.0 else math.inf
+    return Margin(line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else "")
+
+
+def _of_record(
+    line: Line, most: float, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None
+) -> tuple[float, Verdict, str]:
+    """Amplitude that is judged, verdict and reason of one record alone.
+
+    What a line may be at most decides that it passes, whatever its status; only a line that neither decays nor is hidden can fail.
+    """
+    amplitude, doubt = line.amplitude_n_m, _doubt(line, table)
+    if line.status == DRIVEN:
+        return amplitude, "not judged", f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
+    if line.status == FAINT:
+        amplitude = max(amplitude, line.hidden_n_m)
+        return amplitude, "pass" if amplitude <= most else "not judged", "hidden by its floor; a longer record.duration"
+    if line.status in ("decaying", "growing"):
+        amplitude = line.starting(table.duration)
+        largest = max(amplitude, line.amplitude_n_m) + doubt
+        settled = line.status == "decaying" and largest <= most
+        return amplitude, "pass" if settled else "not judged", when_settled(line, largest / most, scenario)
+    if line.status != "ok":
+        return amplitude, "pass" if _LIMITED * amplitude <= most else "not judged", line.status
+    # Until what rings has died away friction may change this line by a part of it: the limit must be farther off than that, too.
+    rings = sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(table.duration) for x in ringing)
+    clear, stirred = abs(amplitude - most) - doubt, STIRS * min(rings, amplitude)
+    if clear >= stirred:
+        return amplitude, "fail" if amplitude > most else "pass", ""
+    if clear <= 0.0:
+        return amplitude, "not judged", "nearer to the limit than it is known"
+    falling = [x for x in ringing if x.status != DRIVEN]
+    slowest = min(falling, key=lambda x: x.decay_per_s, default=None)
+    remedy = "--seeds N" if slowest is None else when_settled(slowest, stirred / clear, scenario)
+    return amplitude, "not judged", f"so near the limit that ringing may decide; {remedy}"
+
+
+def _doubt(line: Line, table: LineTable) -> float:
+    """By how much an amplitude may be off [N m]: twice its spread over records and draws, and the integration's error."""
+    seeds = table.over_seeds(line.line)
+    drawn = seeds.deviation_n_m if seeds else line.noise_doubt_n_m
+    known = (x if math.isfinite(x) else 0.0 for x in (line.amplitude_uncertainty_n_m, drawn))
+    return 2.0 * math.hypot(*known) + max(OWN_ERROR, table.own_error) * line.amplitude_n_m
+
+
+def when_settled(line: Line, too_large: float, scenario: Scenario | None) -> str:
+    """What to do about a tone that is ``too_large`` by this factor until it has decayed."""
+    if line.status == "growing":
+        return "it grows within the record"
+    longer = math.log(max(too_large, 1.0)) / line.decay_per_s
+    if scenario is None:
+        return f"not settled for another {rounded_up(longer)} s"
+    return f"not settled; settle >= {rounded_up(scenario.record.settle + longer)} s"
+
+
+def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> tuple[float, Verdict, str]:
+    """Amplitude that is judged, verdict and reason where many draws of the noise were run: their 95 % quantile."""
+    doubt = max(OWN_ERROR, own_error)
+    largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + doubt)
+    if seeds.mean_n_m > _LEFT * line.noise_mean_n_m:
+        return (
+            seeds.p95_n_m,
+            "not judged",
+            "more than noise gives it, as of the start's ringing; a longer record.settle",
+        )
+    if largest <= most:
+        return seeds.p95_n_m, "pass", ""
+    if seeds.p95_low_n_m * (1.0 - doubt) > most:
+        return seeds.p95_n_m, "fail", ""
+    high, needed = f"{1e3 * seeds.p95_high_n_m:.4g} mN m", f"more seeds than {seeds.draws}"
+    if math.isnan(seeds.p95_high_n_m):
+        high, needed = "an unknown amplitude", "59 seeds or more"
+    why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
+    if seeds.p95_high_n_m * (1.0 + doubt) <= most:
+        why = "hidden by its floor in some draws; a longer record.duration"
+    return seeds.p95_n_m, "not judged", why
+
+
+def may_have(line: Line) -> float:
+    """What a line without a figure of its own may have at most [N m]: what its floor hides, or BEYOND times the bin that it shares
+    with others, for there they may cancel in part."""
+    return line.hidden_n_m if line.hidden_n_m > 0.0 else BEYOND * line.bin_amplitude_n_m
+
+
+def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
+    """Whether a line rings after the start and dies away, or may do so.
+
+    A mode whose decay the record is too short to show does, and what lies within its resolution, until it has died away by its
+    damping.
+    """
+    if line.of_clock or line.status == DRIVEN:
+        return False
+    if scenario is None or line.status != "ok":
+        return line.status != "ok"
+    near = SEPARATION / table.duration
+    modes = [m for m in coupled_modes(scenario) if m.name == line.line or abs(m.frequency - line.frequency_hz) < near]
+    return any(m.decay * calm_for(scenario) < CALM for m in modes)
