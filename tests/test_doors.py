@@ -123,7 +123,7 @@ def test_bands_as_text_and_as_ends():
 )
 def test_one_thing_is_not_taken_for_a_list(state_1, key, call):
     recording = mv.Recording({"Mz": np.zeros(64)}, Si(64.0), {"Mz": "N*m"})
-    with pytest.raises(mv.ObjectError, match=rf"^{key}: .* is no list; expected is one, such as \["):
+    with pytest.raises(mv.ObjectError, match=rf"^{key}: .* is not a list; one is expected, such as \["):
         call(state_1, recording)
 
 

@@ -302,7 +302,7 @@ def test_nobody_is_asked_through_a_pipe(tmp_path):
             ["--step-angle", "0.018 deg", "--ratio", "170"],
             "is 3.06 deg at the motor with ratio 170: 90 deg over a whole",
         ),
-        (["--gear", "size 14 ratio 100", "--ratio", "120"], "has another ratio than the one given apart, 120"),
+        (["--gear", "size 14 ratio 100", "--ratio", "120"], "has another ratio than the one given separately, 120"),
         (["--gear", "size 13"], "size 13 is not in the catalog"),
         (["--gear", "none", "--ratio", "5"], "--ratio: 5 is not allowed without a gear; 1 is expected, or none"),
         (
@@ -354,4 +354,4 @@ def test_the_command_that_comes_next_can_be_copied(tmp_path):
 
 def test_entries_of_a_data_sheet_want_to_be_called_so(tmp_path):
     done = microvib("new", "my.yaml", "--ratio", "100", cwd=tmp_path)
-    assert (done.exit_code, done.stderr) == (1, "Error: --ratio: is of a data sheet; it goes with --from-datasheet\n")
+    assert (done.exit_code, done.stderr) == (1, "Error: --ratio: belongs to a data sheet; it needs --from-datasheet\n")

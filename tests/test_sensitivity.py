@@ -124,7 +124,10 @@ def test_a_resonance_inside_a_range_is_seen():
     [
         ([(0.5, 1.5), (0.9, 1.1)], "a matters most"),
         ([(0.5, 1.5), (0.9, 1.85)], "a and b matter most"),
-        ([(0.5, 1.5), (0.5, 1.5), (0.5, 1.5)], "3 of 3 values move it as far: which matters most is not told"),
+        (
+            [(0.5, 1.5), (0.5, 1.5), (0.5, 1.5)],
+            "3 of 3 values move it as far: which of them matters most cannot be said",
+        ),
         ([(0.999, 1.0005), (1.0, 1.0)], "no value moves it beyond the error of a run"),
         ([(0.5, 1.5), (math.nan, 1.1)], "a matters most; somewhere in the range of b it is not known"),
     ],

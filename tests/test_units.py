@@ -60,7 +60,7 @@ def test_units_are_converted(text, unit, value):
         OptionError("limit", "must be positive", "-1 N*m", remedy="band"),
         SynchronismLost("lost", 1.5),
         ChannelError("channel 'x' is not in this motion"),
-        ObjectError("1 is of type int; expected is a scenario"),
+        ObjectError("1 is of type int; expected a scenario"),
     ],
     ids=lambda error: type(error).__name__,
 )

@@ -69,26 +69,26 @@ def expect(given: Any, kinds: type | tuple[type, ...], expected: str) -> None:
     """ObjectError where what was given is of none of the ``kinds``; ``expected`` says in words what is, and what makes it."""
     if not isinstance(given, kinds):
         what = "a name" if isinstance(given, (str, os.PathLike)) else f"of type {type(given).__name__}"
-        raise ObjectError(f"{shown(given)} is {what}; expected is {expected}")
+        raise ObjectError(f"{shown(given)} is {what}; expected {expected}")
 
 
 def expect_list(given: Any, key: str, example: str) -> None:
     """ObjectError where one thing, or text, stands in place of a list; ``example`` is one."""
     several = isinstance(given, (Sequence, Set, Iterator)) or hasattr(given, "tolist")
     if not several or isinstance(given, (str, bytes)):
-        raise ObjectError(f"{key}: {shown(given)} is no list; expected is one, such as {example}")
+        raise ObjectError(f"{key}: {shown(given)} is not a list; one is expected, such as {example}")
 
 
 def expect_path(given: Any) -> None:
-    """ObjectError where what was given is no name of a file or folder."""
+    """ObjectError where what was given is not the name of a file or folder."""
     if not isinstance(given, (str, os.PathLike)) or not os.fspath(given):
-        raise ObjectError(f"{shown(given)} is no name of a file or folder; expected is one, such as 'state-1'")
+        raise ObjectError(f"{shown(given)} is not the name of a file or folder; one is expected, such as 'state-1'")
 
 
 def expect_channel(name: Any) -> None:
-    """ObjectError where what was given is no name of a channel."""
+    """ObjectError where what was given is not the name of a channel."""
     if not isinstance(name, str):
-        raise ObjectError(f"{shown(name)} is no name of a channel; expected is one, such as 'T_d'")
+        raise ObjectError(f"{shown(name)} is not the name of a channel; one is expected, such as 'T_d'")
 
 
 def expect_mapping(given: Any, key: str, example: str) -> None:

@@ -52,7 +52,7 @@ class Accuracy:
 
     def __str__(self) -> str:
         line = f"lines within {100 * self.line:.2g} % ({self.name}), " if self.name else ""
-        sizes = f"{line}T_d within {100 * self.rms:.2g} % RMS, by a run with every step twice as fine"
+        sizes = f"{line}T_d within {100 * self.rms:.2g} % RMS, from a second run with every step twice as fine"
         if self.sensitive:
             return (
                 f"SENSITIVE: the motion depends on details below the tolerance ({sizes}, and the difference does not"

@@ -161,7 +161,7 @@ def _place(line: Line) -> tuple[float, float]:
 def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
     """The judgement of two drives on one craft, the second's lines called so."""
     if table is None:
-        return replace(first, gaps=(*first.gaps, "the second wing's drive, of which there are no lines here"))
+        return replace(first, gaps=(*first.gaps, "the second wing's drive, whose lines are not here"))
     second = judge(table, first.limit, scenario)
 
     def called(line: Line) -> Line:
@@ -182,7 +182,7 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     told += [_drawn(x, table) for x in table if x.status == DRIVEN and x.is_mode]
     return told + [
         f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
-        f" {when_settled(x, start / (_SETTLED * largest), scenario)} for a hundredth of the largest steady line, or"
+        f" {when_settled(x, start / (_SETTLED * largest), scenario)} to fall to a hundredth of the largest steady line, or"
         " record.start=steady."
         for x, start in starts
         if start > _SETTLED * largest

@@ -128,7 +128,7 @@ def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> t
         return (
             seeds.p95_n_m,
             "not judged",
-            "more than noise gives it, as of the start's ringing; a longer record.settle",
+            "more than the noise gives, as where the start still rings; a longer record.settle",
         )
     if largest <= most:
         return seeds.p95_n_m, "pass", ""

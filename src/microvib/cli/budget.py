@@ -14,23 +14,29 @@ from microvib.errors import OptionError
 @click.command()
 @click.argument("scenarios", metavar="SCENARIO...", nargs=-1, required=True)
 @click.option(
-    "--requirement", type=PATH, metavar="FILE", help="What is required: limits per window, curves over frequency."
+    "--requirement", type=PATH, metavar="FILE", help="Requirements: limits per window, curves over frequency."
 )
 @click.option(
-    "--sources", type=PATH, metavar="FILE", help="Wheels, lines and densities that move the line of sight besides."
+    "--sources", type=PATH, metavar="FILE", help="Other sources that move the line of sight: wheels, lines, densities."
 )
 @click.option(
     "--campaign", type=PATH, metavar="FOLDER", help="Merged campaign of SCENARIO: median, P95, P99 over its cases."
 )
-@click.option("--recording", metavar="FILE", help="Loads of the drive on a force table, in place of its run.")
+@click.option("--recording", metavar="FILE", help="The drive's loads recorded on a force table, in place of a run.")
 @click.option("--prepare", type=PATH, metavar="FILE", help="How to prepare the recording.")
 @click.option("--sum", "rule", default="rss", metavar="RULE", help="Lines of one frequency: rss, coherent or bound.")
-@click.option("--one-clock", is_flag=True, help="Several drives step together: their lines keep their phases.")
 @click.option(
-    "--short-way", is_flag=True, help="Blocked loads and apparent masses beside the coupled run, with the error."
+    "--one-clock", is_flag=True, help="All drives step from one clock: their lines keep their relative phases."
+)
+@click.option(
+    "--short-way",
+    is_flag=True,
+    help="Also go by blocked loads and apparent masses, and state the error against the coupled run.",
 )
 @click.option("--steady", is_flag=True, help="Start in the steady state (record.start=steady), without settling.")
-@click.option("--harmonics", default=8, type=click.IntRange(1, 200), help="Members of each family of lines.")
+@click.option(
+    "--harmonics", default=8, type=click.IntRange(1, 200), help="How many members of each family of lines to look for."
+)
 @set_option
 @target_options("Folder for tables, JSON and report [default: print only].")
 @simulates
@@ -39,7 +45,8 @@ def budget(
     prepare: Path | None, rule: str, one_clock: bool, short_way: bool, steady: bool, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Line of sight of a craft against requirements: SCENARIO is its drive; further ones are drives on the same craft."""
+    """Judge the line of sight of a craft against requirements. SCENARIO is the drive on its craft; further ones are other
+    drives on the same craft."""
     from microvib.io.recordings import read_prepared
     from microvib.reports.budget import budget_folder, budget_text
     from microvib.studies.budget.study import pointing_budget

@@ -63,8 +63,8 @@ def _opened(folder: Path) -> Campaign:
 
 
 _run_options = options(
-    click.option("--on", type=click.Choice(["local", "dask", "slurm"]), default="local", help="Where."),
-    click.option("--workers", type=click.IntRange(1, 4096), help="Processes, on Slurm jobs [default: all cores; on Slurm 8]."),
+    click.option("--on", type=click.Choice(["local", "dask", "slurm"]), default="local", help="Where the cases are computed."),
+    click.option("--workers", type=click.IntRange(1, 4096), help="Processes, or on Slurm jobs [default: all cores; 8 jobs]."),
     click.option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786."),
     click.option("--shard", metavar="K/N", help="Compute only every N-th chunk, from the K-th (0 to N-1) on."),
     click.option("--todo", type=PATH, hidden=True, help="Chunks that the shards share."),
@@ -97,9 +97,9 @@ def _compute(
     part = _shard(shard)
     listed = None if todo is None else [int(word) for word in todo.read_text(encoding="utf-8").split()]
     if scheduler is not None and on != "dask":
-        raise OptionError("scheduler", "goes with --on dask", scheduler)
+        raise OptionError("scheduler", "works only with --on dask", scheduler)
     if (directives or no_submit) and on != "slurm":
-        raise OptionError("sbatch" if directives else "no_submit", "goes with --on slurm")
+        raise OptionError("sbatch" if directives else "no_submit", "works only with --on slurm")
     if on == "slurm":
         from microvib.studies.campaign.slurm import submit
 

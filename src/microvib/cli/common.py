@@ -43,7 +43,7 @@ def options(*each: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 recording_options = options(
-    click.option("--channel", default="Mz", help="Channel of a recording with the drive-axis torque."),
+    click.option("--channel", default="Mz", help="Channel of a recording that holds the drive-axis torque."),
     click.option(
         "--prepare",
         type=PATH,

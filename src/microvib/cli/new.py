@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from microvib.io.gears import Entry
 
 _HYSTERESIS = (
-    "The gear's hysteresis stands in the file as a comment, under reducer: a maker's bound, which stiffens and damps."
+    "The gear's hysteresis is in the file as a comment, under reducer: a maker's bound, which would stiffen and damp."
 )
 
 
@@ -31,11 +31,13 @@ def _option(key: str) -> str:
 @click.option(
     "--from-datasheet",
     is_flag=True,
-    help="From a data sheet: by the options below or, without any, by questions on the terminal. What is missing is assumed.",
+    help="Start from a data sheet, given by the options below or, without any, asked for on the terminal."
+    " What it lacks is assumed.",
 )
 @options(*(click.option(_option(key), metavar=asked.metavar, help=f"{asked}.") for key, asked in QUESTIONS.items()))
 def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
-    """Write FILE, a commented scenario to start from. Never overwrites; --gear also goes without --from-datasheet."""
+    """Write FILE, a commented scenario to start from. An existing file is never overwritten. --gear also works
+    without --from-datasheet."""
     from microvib.io.new_scenario import new_text, sheet_text
     from microvib.io.writing import write_file
 
@@ -45,7 +47,7 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
     if not from_datasheet:
         stray = next((key for key in sheet if key != "gear"), None)
         if stray is not None:
-            raise OptionError(stray, "is of a data sheet; it goes with --from-datasheet")
+            raise OptionError(stray, "belongs to a data sheet; it needs --from-datasheet")
         write_file(file, new_text(**sheet))
         echo(f"Written: {file}. Edit it, then: microvib run {shlex.quote(str(file))}")
         if sheet:
@@ -53,7 +55,7 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
         return
     text, missing = sheet_text(sheet) if sheet else _asked()
     write_file(file, text)
-    echo("Assumed, as the data sheet does not say it:" if missing else "Nothing of the drive had to be assumed.")
+    echo("Assumed, since the data sheet does not say:" if missing else "Nothing of the drive had to be assumed.")
     for key, entry in missing.items():
         echo(f"  {key}: {entry.text} ({entry.source.removeprefix('assumed: ')})")
     echo(f"Friction, array and tracking are examples. Written: {file}. Now: microvib run {shlex.quote(str(file))}")
@@ -69,7 +71,7 @@ def _asked() -> tuple[str, dict[str, Entry]]:
         raise OptionError("from_datasheet", f"there is no terminal to ask on; give at least one of {known}")
     from microvib.io.new_scenario import sheet_text
 
-    echo("What does the data sheet say? Empty where it does not; a typical value is then assumed.")
+    echo("What does the data sheet say? Leave empty what it does not; a typical value is then assumed.")
     answers: dict[str, str] = {}
     for key in QUESTIONS:
         _ask(key, answers)

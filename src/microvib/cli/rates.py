@@ -19,12 +19,18 @@ WORTH_PROCESSES = 40
 @click.argument("scenario")
 @click.option("--from", "low", required=True, metavar="RATE", help="Lowest rate of the array, e.g. '0.01 deg/s'.")
 @click.option("--to", "high", required=True, metavar="RATE", help="Highest rate of the array.")
-@click.option("--count", default=200, type=click.IntRange(2, 10_000), help="Rates in the range.")
+@click.option("--count", default=200, type=click.IntRange(2, 10_000), help="Number of rates in the range.")
 @click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
 @click.option("--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m'.")
 @click.option("--band", metavar="LOW:HIGH", help="Consider only lines in this band, e.g. '0.5:5 Hz'.")
-@click.option("--keep-away", metavar="PART", help="Least distance of the rate from resonances, e.g. '5 percent' of it.")
-@click.option("--linear", is_flag=True, help="Linearised drive in closed form: instant, driving lines only.")
+@click.option(
+    "--keep-away",
+    metavar="PART",
+    help="Distance that the rate must keep from resonances, e.g. '5 percent' of the rate.",
+)
+@click.option(
+    "--linear", is_flag=True, help="Use the linearised drive in closed form: instant, but driving lines only."
+)
 @set_option
 @target_options("Folder for tables and pictures [default: print only].")
 def rates(

@@ -25,8 +25,12 @@ _KINDS = (".html", ".pdf")  # files of a report
 @set_option
 @click.option("-o", "--out", type=PATH, help="Folder for the results [default: the scenario's name].")
 @click.option("--overwrite", is_flag=True, help="Replace an existing run in the folder.")
-@click.option("--lines-only", is_flag=True, help="No motion and no report: memory stays bounded however long the run.")
-@click.option("--harmonics", default=8, type=click.IntRange(1, 200), help="Members of each family of lines.")
+@click.option(
+    "--lines-only", is_flag=True, help="Write no motion and no report: memory stays bounded however long the run is."
+)
+@click.option(
+    "--harmonics", default=8, type=click.IntRange(1, 200), help="How many members of each family of lines to look for."
+)
 @click.option(
     "--steady",
     is_flag=True,
@@ -40,12 +44,12 @@ _KINDS = (".html", ".pdf")  # files of a report
 @click.option(
     "--orbit",
     is_flag=True,
-    help="Lines and windows while the array turns once, in steady states; with --angles from the first of them to the last.",
+    help="Lines and windows over one turn of the array, from steady states; with --angles, from the first of them to the last.",
 )
 @click.option(
     "--seeds",
     type=click.IntRange(2, 100_000),
-    help="Run so many draws of the noise: mean, deviation, 95 % quantile of each line, by which a limit then judges.",
+    help="Run this many draws of the noise: mean, deviation and 95 % quantile of each line, to which a limit then applies.",
 )
 @limit_options
 @report_options
@@ -157,7 +161,7 @@ def schema() -> None:
 @report_options
 @click.option("--overwrite", is_flag=True, help="Replace an existing --output file.")
 def report(folder: Path, limit: str | None, band: str | None, output: Path | None, overwrite: bool, form: Form) -> None:
-    """Make the report of a run again from its FOLDER, with the run's limit and band, or with others.
+    """Make the report of a run again from its FOLDER, with the run's limit and band or with others.
 
     report.html of the folder is replaced, with --pdf report.pdf too. --limit none leaves the limit out.
     """

@@ -17,7 +17,7 @@ from microvib.cli.streams import echo
 @set_option
 @simulates
 def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None:
-    """Rank, line by line, which value of SCENARIO matters most, of those whose sources note a range.
+    """Rank, line by line, the values of SCENARIO whose sources note a range by how much they matter.
 
     Each goes to both ends of its range, and to extremes of the linearised drive in between, the others as they are;
     d ln/d ln is the sensitivity at the value itself.

@@ -56,7 +56,7 @@ def _value(text: str) -> Any:
 
 @click.command()
 @click.argument("source")
-@click.option("--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; of a table, all].")
+@click.option("--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; for a table, all].")
 @target_options(
     "Folder for table, pictures, report [default: the name].", lambda options: f"{Path(options['source']).stem}-modes"
 )
@@ -76,7 +76,7 @@ def modes(source: str, count: int | None, target: Target, **deck: str | None) ->
 
 @click.group()
 def sas() -> None:
-    """The solar array simulator: springs, arm and counterweights that stand for an array."""
+    """The solar array simulator: springs, arm and counterweights that stand in for an array on a test bench."""
 
 
 @sas.command("size")

@@ -30,12 +30,16 @@ from microvib.units import quantity
 @click.argument("source")
 @target_options("Folder for tables and report [default: print only].")
 @recording_options
-@click.option("--scenario", help="Drive of a recording, which gives the expected lines [default: none].")
-@click.option("--window", type=click.Choice(["rectangular", "hann", "flat-top"]), default="hann", help="Window.")
+@click.option("--scenario", help="Scenario of the drive that was recorded, for the lines to expect [default: none].")
 @click.option(
-    "--resolution", metavar="HZ", help="Bins of density and waterfall, such as '0.5 Hz' [default: 8 / record]."
+    "--window", type=click.Choice(["rectangular", "hann", "flat-top"]), default="hann", help="Window of the spectra."
 )
-@click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="RMS of a band, such as '0.5:5 Hz'.")
+@click.option(
+    "--resolution", metavar="HZ", help="Bin width of density and waterfall, such as '0.5 Hz' [default: 8 / record]."
+)
+@click.option(
+    "--band", "bands", multiple=True, metavar="LOW:HIGH", help="Also give the RMS in this band, such as '0.5:5 Hz'."
+)
 def analyse(
     source: str, channel: str, prepare: Path | None, scenario: str | None, window: Any, resolution: str | None,
     bands: tuple[str, ...], target: Target,
@@ -58,9 +62,10 @@ def analyse(
 @click.argument("b")
 @target_options("Folder for table and report [default: print only].")
 @recording_options
-@click.option("--scenario", help="Drive of the recordings, where neither A nor B is a scenario.")
+@click.option("--scenario", help="Scenario of the drive that was recorded, where neither A nor B is one.")
 def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, target: Target) -> None:
-    """Compare the lines of A and B: each a scenario, run folder, recording, table of lines, paper-test or paper-simulation."""
+    """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines, paper-test or
+    paper-simulation."""
     from microvib.io.sources import open_source
     from microvib.reports.comparison import comparison_folder, comparison_text
     from microvib.studies.compare import compare as run_comparison
@@ -108,24 +113,26 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     multiple=True,
     required=True,
     metavar="KEY[=LOW:HIGH]",
-    help="A parameter to identify, with its range; of a whole number each in its range is tried.",
+    help="A parameter to identify, with its range; of a whole number, every value in the range is tried.",
 )
 @set_option
 @target_options("Folder for fit, scenario and report [default: print only].")
 @recording_options
-@click.option("--band", "bands", multiple=True, metavar="LOW:HIGH", help="Lines to fit to, such as '0.5:200 Hz'.")
+@click.option(
+    "--band", "bands", multiple=True, metavar="LOW:HIGH", help="Fit only to lines in this band, such as '0.5:200 Hz'."
+)
 @click.option(
     "--share",
     multiple=True,
     metavar="KEY[,KEY]",
-    help="With several recordings: a fitted key that has one value in all, where others then have one in each [default: all].",
+    help="With several recordings: a fitted key with one value for all of them; any other then has a value in each [default: all].",
 )
 @click.option(
     "--select",
     multiple=True,
     metavar="EFFECT[,EFFECT]",
-    help="Effects that are taken in, and fitted, where the evidence asks for them, such as motor.detent_torque; or all."
-    " False alarms of detent torque, driver errors, bits and presliding are counted; of other effects it is a hint.",
+    help="Effects to add to the model, and fit, where the evidence asks for them, such as motor.detent_torque; or all."
+    " False alarms were counted for detent torque, driver errors, bits and presliding; take other effects as a hint.",
 )
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
 @click.option("--starts", default=96, type=click.IntRange(2, 100_000), help="Points of the global search.")
@@ -138,7 +145,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 @click.option(
     "--common-error",
     default="0 percent",
-    help="Error common to all amplitudes of a recording, its scale (standard deviation).",
+    help="Error of a recording's scale, common to all its amplitudes (standard deviation).",
 )
 @click.option(
     "--settle-error",
@@ -228,7 +235,7 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
 @target_options("Folder for table and report [default: print only].")
 @simulates
 def validate(target: Target) -> None:
-    """Check all claims of the paper against its simulation and its test."""
+    """Check the paper's claims, simulation and test against what the catalog's states give."""
     from microvib.reports.validation import validation_folder, validation_text
     from microvib.studies.validate import validate as run_validation
 
@@ -239,10 +246,12 @@ def validate(target: Target) -> None:
 
 @click.command()
 @click.argument("table", type=PATH)
-@click.option("--draws", default=40, type=click.IntRange(0, 100_000), help="How many draws of what is assumed.")
-@click.option("--seeds", default=24, type=click.IntRange(1, 1000), help="Draws of the noise in each, state by state.")
+@click.option("--draws", default=40, type=click.IntRange(0, 100_000), help="How many draws of the assumptions.")
+@click.option(
+    "--seeds", default=24, type=click.IntRange(1, 1000), help="Draws of the noise for each state in each of them."
+)
 def statements(table: Path, draws: int, seeds: int) -> None:
-    """Try the paper's statements on states 1 to 5 over what is assumed of its test.
+    """Test the paper's statements on states 1 to 5 over the range of what is assumed about its test.
 
     Each draw is calibrated to state 1 and kept as a row of TABLE, a CSV file; a table that is there is continued. About a minute
     a draw. `microvib validate` shows the table of the catalog, which is made so.

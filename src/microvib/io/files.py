@@ -25,7 +25,7 @@ def reading(path: Path, kind: type[MicrovibError]) -> Iterator[None]:
         except MicrovibError as error:
             raise kind(str(error), remedy=error.remedy) from None
         except MemoryError:
-            raise kind("needs more memory than there is; it is too large, or broken") from None
+            raise kind("needs more memory than is available; it is too large, or broken") from None
         except Exception as error:
             found = f"{type(error).__name__}: {str(error)[:300]}"
             raise kind(f"is broken or truncated, or not of its kind ({found})") from None

@@ -116,7 +116,7 @@ def find_gear(text: str, ratio: float | None = None) -> tuple[Gear, float]:
         raise OptionError("gear", f"{shown(text)} has no ratio; write 'size {gear.size} ratio 100'")
     if ratio is not None and own != ratio:
         raise OptionError(
-            "gear", f"{shown(text)} has another ratio than the one given apart, {ratio:g}; one is expected"
+            "gear", f"{shown(text)} has another ratio than the one given separately, {ratio:g}; give one ratio"
         )
     if not LOWEST <= own <= HIGHEST:
         raise OptionError(

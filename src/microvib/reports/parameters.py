@@ -141,7 +141,7 @@ def _wound_up(scenario: Scenario) -> list[tuple[str, str, str]]:
     """How far the drive is wound up before the output turns; nothing where no friction holds it."""
     angle, name = wind_up(scenario), "wind-up before the output turns"
     if math.isinf(angle):
-        return [(name, "none will do", "the motor is weaker than the friction")]
+        return [(name, "none is enough", "the motor is weaker than the friction")]
     after = f"after {angle / abs(scenario.rate):.3g} s" if scenario.rate else "on gear and electromagnetic spring"
     return [(name, f"{math.degrees(angle):.3g} deg", after)] if angle > 0.0 else []
 

@@ -11,7 +11,7 @@ from microvib.studies.validate import Check, SimulatedState, checks_csv
 
 _LEAD = (
     "Calibrated rows were fitted to the test's lines of state 1 and are not evidence. Assumed rows say what predictions rest on,"
-    " and from which range it was drawn. Predicted rows were not fitted to anything; they are told for the central assumptions,"
+    " and from which range it was drawn. Predicted rows were not fitted to anything; they are given for the central assumptions,"
     " with the part of the draws, and of single records, in which they hold, and with what the catalog's states give without these"
     " assumptions. Computed rows are arithmetic or numerics."
 )

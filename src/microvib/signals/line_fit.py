@@ -317,7 +317,7 @@ def _sort_out(
 def _too_near(line: ExpectedLine, near: ExpectedLine) -> str:
     """Why a line has no figures of its own, and what would help."""
     needed = SEPARATION / max(abs(near.frequency - line.frequency), 1e-12)
-    length = f"; a record of {needed:.3g} s could" if needed < 1e6 else ""
+    length = f"; a record of {needed:.3g} s could separate them" if needed < 1e6 else ""
     return f"{NOT_APART} {near.name}{length}"
 
 

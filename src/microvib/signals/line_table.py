@@ -29,8 +29,14 @@ _IN_PHASE = math.sqrt(0.5 / (1.0 - math.pi / 4.0))
 
 _ROW = "{} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}".format
 _SEED_ROW = "{:16s} {:>6} {:>12s} {:>12s} {:>12s}  {}".format
+
 _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
 """What the ends of a line's fields say of their units."""
+
+
+def _figure(value: float, form: str) -> str:
+    """A figure of a table that is printed; empty where there is none."""
+    return "" if math.isnan(value) else format(value, form)
 
 
 @dataclass(frozen=True)
@@ -272,8 +278,9 @@ class LineTable:
         unit = pretty(self.unit)
         yield "line", "expected Hz", "Hz", unit, "bin Hz", f"bin {unit}", "status"
         for x in shown:
-            figures = f"{x.amplitude_n_m:.4e}", f"{x.bin_frequency_hz:.4f}", f"{x.bin_amplitude_n_m:.4e}"
-            yield x.line, f"{x.expected_hz:.5f}", f"{x.frequency_hz:.5f}", *figures, x.status
+            hertz = _figure(x.expected_hz, ".5f"), _figure(x.frequency_hz, ".5f")
+            figures = _figure(x.amplitude_n_m, ".4e"), f"{x.bin_frequency_hz:.4f}", _figure(x.bin_amplitude_n_m, ".4e")
+            yield x.line, *hertz, *figures, x.status
 
     def _left_out(self, shown: Sequence[Line], where: str) -> str:
         left = len(self.lines) - len(shown)

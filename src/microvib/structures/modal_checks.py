@@ -95,7 +95,7 @@ def _shares(model: ModalModel) -> Iterator[str]:
     if low:
         yield (
             f"The {model.frequency.size} modes hold less than 90 % of the rigid-body mass in: {', '.join(low)}; more modes are"
-            " wanted where these directions matter."
+            " needed where these directions matter."
         )
     if share[model.axis] < 1e-6:
         yield f"No mode moves about the drive axis ({model.drive_axis}): is the drive axis right?"

@@ -80,7 +80,7 @@ class LineEffects:
         lost = [e.key for e in self.effects if e.lost]
         said = f"{' and '.join(most)} matter{'s' if len(most) == 1 else ''} most"
         if len(most) > 2:
-            said = f"{len(most)} of {len(spans)} values move it as far: which matters most is not told"
+            said = f"{len(most)} of {len(spans)} values move it as far: which of them matters most cannot be said"
         if max(spans) <= 2.0 * OWN_ERROR * self.amplitude:
             said = "no value moves it beyond the error of a run"
         return said + (f"; somewhere in the range of {', '.join(lost)} it is not known" if lost else "")

@@ -113,7 +113,7 @@ def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> tuple[Text | Table, 
         return ()
     text = (
         f"Over {found[0].draws} draws of the noise, this record's and those of the following seeds. The 95 % quantile is given with"
-        " what so many draws say of it, each bound with 95 % confidence; fewer than 59 do not bound it from above."
+        " what this many draws say about it, each bound with 95 % confidence; fewer than 59 do not bound it from above."
     )
     header = [
         "line",

@@ -274,9 +274,9 @@ def _decomposition(study: Study, d: int, rng: np.random.Generator) -> np.ndarray
 
     n = study.sampling.count
     if study.correlations:
-        raise ScenarioError("sampling.method: sobol-indices wants independent keys; leave out correlations")
+        raise ScenarioError("sampling.method: sobol-indices needs independent keys; leave out correlations")
     if n < 2 or n & (n - 1):
-        raise ScenarioError(f"sampling.count: {n} is not allowed; sobol-indices wants a power of 2, such as 128")
+        raise ScenarioError(f"sampling.count: {n} is not allowed; sobol-indices needs a power of 2, such as 128")
     both = _inside(qmc.Sobol(2 * d, rng=rng).random_base2(n.bit_length() - 1))
     A, B = both[:, :d], both[:, d:]
     mixed = [np.where(np.arange(d) == k, B, A) for k in range(d)]

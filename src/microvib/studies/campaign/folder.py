@@ -153,7 +153,7 @@ def open_campaign(folder: Path) -> Campaign:
         entries = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         stated, size, microvib = entries.pop("sha256"), entries["chunk_size"], str(entries["versions"]["microvib"])
         if not isinstance(size, int) or size < 1:
-            raise ValueError(f"chunk_size {size!r} is not a whole number from 1 on")
+            raise ValueError(f"chunk_size {size!r} is not a whole number of at least 1")
         design, manifest = _design(folder, entries), json.dumps(entries)
         identity = _identity(manifest, design)
         (folder / CHUNKS).mkdir(exist_ok=True)

@@ -39,7 +39,7 @@ class Run(Body):
     scenario: Spec
     name: Short | None = None
     steady: bool = False
-    seeds: Draws | None = Field(default=None, description="draws of the noise over which lines are told")
+    seeds: Draws | None = Field(default=None, description="draws of the noise over which lines are given")
 
 
 class AnalysisOf(Body):
