@@ -176,6 +176,15 @@ def test_model_that_is_held_elsewhere(tmp_path, frame, write_op2):
     refused(path, "grid 31 is held, too .1 grids beside 1001.")
 
 
+@pytest.mark.parametrize("shapes", [True, False])
+@pytest.mark.parametrize("route", [{}, {"factors": True}, {"mass": True}])
+def test_another_grid_than_the_one_that_is_held(tmp_path, frame, write_op2, route, shapes):
+    if shapes or "mass" not in route:
+        path = write_op2(tmp_path / "a.op2", frame(), shapes=shapes, **route)
+        with pytest.raises(ModalError, match=r"interface: grid 58 (moves in mode \d|is not held, but 1001)"):
+            read_modal_model(path, options(interface=58))
+
+
 def test_mass_matrix_of_another_model(tmp_path, frame, write_op2):
     deck = frame()
     path = write_op2(tmp_path / "a.op2", deck, count=4, extra={"MGG": np.diag(np.arange(1.0, 43.0))})

@@ -33,6 +33,7 @@ STILL = 1e-3  # relative; how much a clamped point may move in a mode (results c
 def read_op2(path: Path, options: Import) -> Deck:
     """Modes of an OP2 file of PARAM,POST,-1: from MEFFMASS(PLOT), from a mass matrix, or from the forces of constraint."""
     results = _read(path)
+    _check_clamped_there(results, options)
     if results.factors is not None:
         return _from_factors(results, options)
     if results.uset is None:
@@ -242,8 +243,6 @@ def _from_shapes(results: _Results, matrix: Any, options: Import) -> Deck:
     phi, R = _shapes(results), rigid_motion(results.uset)
     if matrix.shape != (R.shape[0], R.shape[0]):
         raise ModalError(f"mass matrix is {matrix.shape}, but the model has {R.shape[0]} degrees of freedom (G-set)")
-    if isinstance(options.interface, int):
-        _check_still(phi, results, options.interface)
     phi, own, off = normalised(phi, matrix)
     notes = [f"Participations are phi^T M R of the G-set; eigenvectors are orthogonal in M to {off:.1g}."]
     if np.abs(own - 1.0).max() > 1e-3:
@@ -287,18 +286,27 @@ def _shapes(results: _Results) -> np.ndarray:
     return values
 
 
-def _check_still(phi: np.ndarray, results: _Results, grid: int) -> None:
-    if grid not in results.grids:
+def _check_clamped_there(results: _Results, options: Import) -> None:
+    """The interface's grid, where it is one, is held, as far as shapes or forces of constraint tell."""
+    grid = options.interface
+    if not isinstance(grid, int) or grid not in results.grids:
         return  # said where the interface point is looked for
-    places = np.array(list(results.grids.values()))
-    here = np.flatnonzero(results.uset.index.get_level_values(0) == grid)
-    motion = np.abs(phi[here]) * np.repeat([1.0, max(np.ptp(places, axis=0).max(), 1e-30)], 3)[:, None]
-    moves = motion.max(axis=0) / np.abs(phi).max(axis=0)
-    if moves.max() > STILL:
-        k = int(moves.argmax())
+    told = [] if results.shapes is None else [k for k, (i, d) in enumerate(results.shapes.rows) if i == grid and d]
+    if results.shapes is not None and told:
+        phi, places = results.shapes.values, np.array(list(results.grids.values()))
+        turns = np.array([results.shapes.rows[k][1] > 3 for k in told])[:, None]
+        motion = np.abs(phi[told]) * np.where(turns, max(np.ptp(places, axis=0).max(), 1e-30), 1.0)
+        moves = motion.max(axis=0) / np.maximum(np.abs(phi).max(axis=0), 1e-300)
+        if moves.max() > STILL:
+            k = int(moves.argmax())
+            raise ModalError(
+                f"interface: grid {grid} moves in mode {k + 1} by {moves[k]:.2g} of the largest motion; modes with the"
+                " interface point clamped are expected"
+            )
+    elif results.forces is not None and grid not in (held := {i for i, _ in results.forces.rows}):
         raise ModalError(
-            f"interface: grid {grid} moves in mode {k + 1} by {moves[k]:.2g} of the largest motion; modes with the"
-            " interface point clamped are expected"
+            f"interface: grid {grid} is not held, but {', '.join(map(str, sorted(held)[:4]))}; the grid that is clamped is"
+            " expected, and where several are, coordinates"
         )
 
 
