@@ -30,8 +30,8 @@ code = Unit(__name__, "collocation.py")
 
 
 @code.inner(**FORCED)
-def _channels_at_nodes(level, x, p, t, w, out):
-    """All channels at the nodes, and what is sampled, by node."""
+def _channels_at_nodes(level, sampled, x, p, t, w, out):
+    """All channels at the nodes; where some of the step is ``sampled``, also the columns of a row, by node."""
     y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
     modes = rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS)
     for k in range(p.H.size):
@@ -58,6 +58,11 @@ def _channels_at_nodes(level, x, p, t, w, out):
         q,
         values,
     )
+    for j in range(4):
+        for k in range(N_POWERS):
+            w.flows[j, k] = w.values[POWERS + k, j]
+    if not sampled:
+        return
     if out.mix.shape[0] == 0:
         for k in range(w.values.shape[0]):
             for j in range(4):
@@ -69,9 +74,6 @@ def _channels_at_nodes(level, x, p, t, w, out):
         sums[CHANGE] = total
         for j in range(4):
             w.by_node[j, k] = w.sums[CHANGE, j]
-    for j in range(4):
-        for k in range(N_POWERS):
-            w.flows[j, k] = w.values[POWERS + k, j]
 
 
 @code.inner(**INLINE)
@@ -175,10 +177,11 @@ def _record(u, end, level, x, p, t, w, out):
     """
     clock, cursor = x.clock, out.cursor
     T, all_channels = t.longest * 0.5**level, out.rows.shape[1] > 2 or out.mix.shape[0] > 0
+    sampled = end > out.first and cursor[0] < out.rows.shape[0]
     if all_channels:
-        _channels_at_nodes(level, x, p, t, w, out)
+        _channels_at_nodes(level, sampled, x, p, t, w, out)
     now, stuck = clock[NOW], sticks(1, x.stick, p)
-    if end > out.first and cursor[0] < out.rows.shape[0]:
+    if sampled:
         u_a = max((out.first - now) / T, 0.0) if clock[WEIGHT] == 0.0 else 0.0
         boundary = out.first + (cursor[0] + cursor[1] + 1) * out.width
         if boundary <= end + 1e-6 * out.width:  # the last digits of two sums may differ
