@@ -19,7 +19,7 @@ from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
 from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import Decimator, half_length, sample_intervals, samples_into, top_frequency
+from microvib.solve.sampling import Decimator, sample_intervals, samples_into, top_frequency
 from microvib.solve.vector import whole_lanes
 
 Progress = Callable[[float, float], None]
@@ -159,19 +159,20 @@ class Simulation:
         mix = self._mix()
         columns = torque.shape[1] if self._torque_only else packed.columns if mix is None else whole_lanes(len(mix))
         decimator = Decimator(self._factor)
-        # One buffer for all chunks: fresh memory for each would cost as much as filling it. It is as long whatever is kept, since a
-        # step ends where a chunk does.
+        # As long whatever is kept, since a step ends where a chunk does.
         per_chunk = chunk_rows(columns if self._torque_only else packed.columns, math.ceil(self._chunk / width))
-        buffer = np.zeros((per_chunk, columns))
+        # Where rows are filtered as they are, they are written where the filter takes them.
+        selected = self._torque_only or (self._wanted is not None and mix is None) or columns != whole_lanes(columns)
+        buffer = np.zeros((per_chunk if selected else 0, columns))
         samples = samples_into(buffer[:0], first, width, mix)
         done = made = 0
         stuck = largest = 0.0
         lead = round((record.settle - first) / width)
         last = lead + self._factor * record.samples
         while made < record.samples:
-            count = min(per_chunk, intervals.rows - done)
+            count, missing = min(per_chunk, intervals.rows - done), 0 if done else intervals.missing
             if count > 0:
-                rows = buffer[:count]
+                rows = buffer[:count] if selected else decimator.room(missing + count, columns)[missing:]
                 samples = samples._replace(rows=rows)
                 samples.cursor[:] = 0, done
                 self._advance(first + (done + count) * width, end, samples)
@@ -182,15 +183,18 @@ class Simulation:
                         stuck + float(np.sum(output[max(lead - done, 0) : max(last - done, 0)])),
                         max(largest, float(np.max(np.abs(T_d)))),
                     )
-                    rows = np.ascontiguousarray(T_d)[:, None]
+                    rows = T_d[:, None]
                 elif self._wanted is not None and mix is None:  # before they are filtered, which takes its time
                     rows = self._picked(rows[:, : packed.channels], self._wanted)
-                if done == 0:
-                    rows = np.concatenate([np.repeat(rows[:1], intervals.missing, axis=0), rows])
+                room = decimator.room(missing + count, rows.shape[1])
+                if selected:
+                    room[missing:, : rows.shape[1]] = rows
+                room[:missing] = room[missing]
                 done += count
-            else:  # pad the filter's last block
-                rows = np.repeat(rows[-1:], 2 * half_length(self._factor) + self._factor, axis=0)
-            block = decimator.push(rows)[: record.samples - made]
+                block = decimator.filtered()
+            else:
+                block = decimator.end()
+            block = block[: record.samples - made]
             made += block.shape[0]
             if block.shape[0]:
                 yield {"T_d": block[:, 0]} if self._torque_only else self._name(block)

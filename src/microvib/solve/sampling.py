@@ -121,20 +121,33 @@ class Decimator:
     def __init__(self, factor: int = MIN_FACTOR) -> None:
         self._factor = factor
         self._taps = taps(factor)
-        self._rows, self._left = np.zeros((0, 0)), 0
+        self._rows, self._left, self._filled = np.zeros((0, 0)), 0, 0
 
-    def push(self, rows: np.ndarray) -> np.ndarray:
-        """Samples that ``rows`` (n, channels) complete; the first belongs to input row ``half_length(factor)``."""
-        count, channels = self._left + len(rows), rows.shape[1]
-        if len(self._rows) < count:  # kept: fresh memory for each block would cost as much as filtering it
-            left, self._rows = self._rows[: self._left], np.zeros((count, whole_lanes(channels)))
+    def room(self, count: int, channels: int) -> np.ndarray:
+        """Memory for the next ``count`` rows, as wide as ``channels`` need in whole lanes; ``filtered`` takes what is in it."""
+        self._filled = self._left + count
+        if len(self._rows) < self._filled:  # kept: fresh memory for each block would cost as much as filtering it
+            left, self._rows = self._rows[: self._left], np.zeros((self._filled, whole_lanes(channels)))
             self._rows[: self._left, : left.shape[1]] = left
-        here = self._rows[:count]
-        here[self._left :, :channels] = rows
-        out = np.empty((max((count - self._taps.size) // self._factor + 1, 0), here.shape[1]))
+        return self._rows[self._left : self._filled]
+
+    def filtered(self) -> np.ndarray:
+        """Samples that the rows in that memory complete; the first belongs to input row ``half_length(factor)``."""
+        here = self._rows[: self._filled]
+        out = np.empty((max((len(here) - self._taps.size) // self._factor + 1, 0), here.shape[1]))
         # Compiled, not a matrix product: threads of BLAS collapse where other processes keep the cores busy.
         filter_and_decimate(here, self._taps, self._factor, out)
         left = here[len(out) * self._factor :].copy()
         self._left = len(left)
         self._rows[: self._left] = left
-        return out[:, :channels]
+        return out
+
+    def push(self, rows: np.ndarray) -> np.ndarray:
+        """Samples that ``rows`` (n, channels) complete."""
+        self.room(*rows.shape)[:, : rows.shape[1]] = rows
+        return self.filtered()[:, : rows.shape[1]]
+
+    def end(self) -> np.ndarray:
+        """Samples that are completed if the last row goes on."""
+        last = self._rows[self._left - 1 : self._left]
+        return self.push(np.repeat(last, 2 * half_length(self._factor) + self._factor, axis=0))
