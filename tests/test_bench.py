@@ -11,11 +11,11 @@ from microvib.analysis.lines import lines_of_recording
 from microvib.io.named import bench_names
 from microvib.io.recordings import read_prepared, read_recording, write_recording
 from microvib.io.scenario_file import load_bench
+from microvib.model.rigid import COMPONENTS
 from microvib.signals.spectrum import tone_amplitude
 from microvib.studies.measure import measure as measure_scenario
 from microvib.testdata.bench import GRAVITY, Bench, Resonance, Rope, measure
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import COMPONENTS
 
 IDEAL = {"sample_rate": 1024.0, "duration": 8.0, "lead": 4.0}
 

@@ -9,8 +9,9 @@ import scipy.io
 
 from microvib.errors import OutputError
 from microvib.io.recordings import read_prepared, read_recording, write_recording
+from microvib.model.rigid import COMPONENTS
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, check
+from microvib.testdata.recording import Recording, RecordingError, check
 from microvib.testdata.time_axis import regular_rate
 
 RATE = 4096.0

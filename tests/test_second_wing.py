@@ -23,13 +23,14 @@ from microvib.model.coupling import short_way, source_of
 from microvib.model.craft import Craft, Rows
 from microvib.model.drive_matrices import coordinates
 from microvib.model.linear import coupled_modes, dynamic_stiffness
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import draw_craft
 from microvib.reports.parameters import derived
 from microvib.reports.run.folder import run_scenario
 from microvib.reports.run.text import run_text
 from microvib.signals.pointing import radial
-from microvib.solve.channels import INTERFACE, SECOND_LOADS
+from microvib.solve.channels import SECOND_LOADS
 from microvib.solve.on_craft import values_of
 from microvib.studies.angles import angles_in, sweep_angles
 from microvib.studies.budget.files import Requirement, Requirements
@@ -317,7 +318,7 @@ def test_each_channel_of_the_craft_is_its_own_row() -> None:
     motion, craft = mv.simulate(scenario).alone, scenario.craft
     assert craft is not None
     for names, rows in {
-        INTERFACE: craft.loads(),
+        COMPONENTS: craft.loads(),
         tuple(SECOND_LOADS): craft.second_loads(),
         ("los_x", "los_y"): craft.line_of_sight(),
         ("los_ax", "los_ay"): craft.line_of_sight(accelerations=True),

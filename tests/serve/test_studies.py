@@ -11,8 +11,15 @@ from scipy.io import savemat
 from support.server import SHORT, result, spec, wait
 
 import microvib as mv
+from microvib.io.formats import READERS
 from microvib.io.recordings import write_recording
 from microvib.testdata.recording import Recording
+from microvib.web.routes.new_jobs import RECORDINGS
+
+
+def test_the_page_takes_all_recordings_that_are_read():
+    """The server has a list of its own, since it loads no library that reads files."""
+    assert tuple(READERS) == RECORDINGS
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,12 @@ from microvib.model.coupling import MEANINGLESS
 from microvib.model.expected import ExpectedLine
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
+from microvib.model.rigid import COMPONENTS
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import crowded, lines_at_known_clock, tones_beside
 from microvib.signals.line_table import DRIVEN, Line, LineTable
-from microvib.solve.channels import INTERFACE, SECOND_LOADS
+from microvib.solve.channels import SECOND_LOADS
 from microvib.solve.motion import Motion
 from microvib.solve.on_craft import OF_STATES
 from microvib.solve.steady.state import SteadyState
@@ -52,7 +53,7 @@ def _lines_of_one(source: Motion | SteadyState, table: LineTable, los_only: bool
     )
     looks, two = craft.spacecraft.line_of_sight is not None, craft.second is not None and not los_only
     channels = (
-        *(() if los_only else INTERFACE),
+        *(() if los_only else COMPONENTS),
         *(SECOND_LOADS if two else ()),
         *(OF_STATES if looks else ()),
     )

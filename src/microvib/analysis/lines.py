@@ -20,6 +20,7 @@ from microvib.errors import expect, expect_channel, whole_number
 from microvib.model.driven import bin_noise, driven_lines, noise_density
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
@@ -28,7 +29,7 @@ from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, from_rest, method_of
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
 from microvib.solve.steady.state import SteadyState, find_steady
-from microvib.testdata.recording import COMPONENTS, Recording, RecordingError, check
+from microvib.testdata.recording import Recording, RecordingError, check
 from microvib.units import Si
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1

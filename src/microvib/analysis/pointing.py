@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from microvib.model.coupling import density_of_noise
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import (
@@ -21,7 +22,7 @@ from microvib.signals.pointing import (
     radial,
     transfer_in_window,
 )
-from microvib.solve.channels import INTERFACE, LOAD_COLUMNS, LOS_COLUMNS
+from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 
 CONFIDENCE = 0.997
 NOISE = "torque noise"
@@ -187,7 +188,7 @@ class HubLines:
         """Header and rows of ``loads.csv``; ``second`` those of the second wing's interface."""
         found = self.second if second else self.loads
         assert found is not None
-        header = ["line", "frequency_hz", *LOAD_COLUMNS, *(f"{name.lower()}_phase_rad" for name in INTERFACE)]
+        header = ["line", "frequency_hz", *LOAD_COLUMNS, *(f"{name.lower()}_phase_rad" for name in COMPONENTS)]
         return header, [
             [name, float(f), *np.abs(values).tolist(), *np.angle(values).tolist()]
             for name, f, values in zip(self.names, self.frequency, found, strict=True)

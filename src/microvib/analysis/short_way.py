@@ -11,8 +11,8 @@ from microvib.analysis.lines import expected_in
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
 from microvib.model.coupling import Coupled, craft_in, into_hub, short_way
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
-from microvib.solve.channels import INTERFACE
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.steady.state import SteadyState
@@ -33,7 +33,7 @@ def blocked_lines(source: Motion | SteadyState, on: Scenario, harmonics: int = 8
     """Lines of the six loads of a run on ground, in the hub axes of the scenario ``on`` a craft and at its array angle."""
     # What rings does so at other frequencies on a craft: the short way does not take it.
     expected = [line for line in expected_in(source.scenario, on.record.sample_rate, harmonics) if line.of_clock]
-    found = [lines_in(source, name, tuple(expected)) for name in INTERFACE]
+    found = [lines_in(source, name, tuple(expected)) for name in COMPONENTS]
     loads = np.array([tones_of(column) for column in found]).T.reshape(len(expected), 6)
     kept = np.any(np.isfinite(loads) & (loads != 0.0), axis=1)
     names = tuple(line.name for line, keep in zip(expected, kept, strict=True) if keep)

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from microvib.io.tables import dict_rows, finite
-from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
+from microvib.model.rigid import COMPONENTS
+from microvib.structures.modal import ModalError, ModalModel
 
-PARTICIPATIONS = tuple(f"participation_{d.lower()}" for d in DIRECTIONS)
-COUPLINGS = tuple(f"rigid_{a.lower()}_{b.lower()}" for k, a in enumerate(DIRECTIONS) for b in DIRECTIONS[k:])
+PARTICIPATIONS = tuple(f"participation_{d.lower()}" for d in COMPONENTS)
+COUPLINGS = tuple(f"rigid_{a.lower()}_{b.lower()}" for k, a in enumerate(COMPONENTS) for b in COMPONENTS[k:])
 """Upper triangle of the rigid-body mass matrix; the same in each row, so that every row stands alone."""
 COLUMNS = (
     "mode", "frequency_hz", "damping", "effective_inertia_kg_m2", "effective_fraction", "cumulative_fraction",

@@ -18,9 +18,10 @@ from microvib.io.named import read_text
 from microvib.io.tables import dict_rows
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
+from microvib.model.rigid import COMPONENTS
 from microvib.model.sentences import validated
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
+from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Stage
 from microvib.testdata.time_axis import snapped_rate
 from microvib.units import Given, quantity

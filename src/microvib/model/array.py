@@ -10,10 +10,9 @@ import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part, Six
-from microvib.model.rigid import RigidBody
+from microvib.model.rigid import COMPONENTS, RigidBody
 from microvib.units import Quantity
 
-_COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 SLACK = 1e-9  # relative; what rounding may make of sum H^2 = J
 TABLE = 1e-3  # relative; what rounding of printed tables and single precision may do to masses
 
@@ -121,7 +120,7 @@ class Array(Part):
             if off.max() > TABLE:
                 k = int(off.argmax())
                 yield (
-                    f"interface_inertia: {self.interface_inertia[k]:g} in {_COMPONENTS[k]} disagrees with rigid_body, which has"
+                    f"interface_inertia: {self.interface_inertia[k]:g} in {COMPONENTS[k]} disagrees with rigid_body, which has"
                     f" {M[k, axis]:g} there; leave it out, or correct one of them"
                 )
         P = self.interface

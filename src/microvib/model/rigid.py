@@ -17,6 +17,8 @@ Direction = tuple[float, float, float]
 _Element = Annotated[float, Quantity("kg*m^2", "tensor element of inertia")]
 Inertia = tuple[_Element, _Element, _Element, _Element, _Element, _Element]
 """xx, yy, zz, xy, xz, yz as tensor elements: I_xy = - integral of x y dm."""
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+"""The six components of a load, and the motions that go with them: along the axes of a frame, then about them."""
 ROUNDING = 1e-9
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from microvib.analysis.pointing import HubLines
 from microvib.model.array import Array
 from microvib.model.coupling import MEANINGLESS
-from microvib.model.rigid import about_center, tensor
+from microvib.model.rigid import COMPONENTS, about_center, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, SECOND, Interface, SecondWing, Spacecraft
 from microvib.reports.blocks import drawn
@@ -21,7 +21,7 @@ from microvib.reports.numbers import count, format_number, window_text
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
 from microvib.signals.pointing import METRICS, cumulative_rms, radial
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
-from microvib.solve.channels import INTERFACE, LOADS, SECOND_LOADS
+from microvib.solve.channels import LOADS, SECOND_LOADS
 from microvib.solve.motion import Motion
 from microvib.units import Si
 
@@ -235,7 +235,7 @@ def _loads_at(motion: Motion, hub: HubLines, loads: np.ndarray, names: tuple[str
     sizes = np.nan_to_num(np.abs(loads))
     share = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
     kept = sorted(np.argsort(-share, kind="stable")[:_MOST], key=lambda k: hub.frequency[k])
-    header = ["line", "frequency [Hz]", *(f"{name} [mN{' m' if name[0] == 'M' else ''}]" for name in INTERFACE)]
+    header = ["line", "frequency [Hz]", *(f"{name} [mN{' m' if name[0] == 'M' else ''}]" for name in COMPONENTS)]
     rows = [
         [hub.names[k], format_number(hub.frequency[k], 5), *(format_number(1e3 * v, 4) for v in np.abs(loads[k]))]
         for k in kept

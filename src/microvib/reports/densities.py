@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from microvib.io.tables import columns_csv
+from microvib.model.rigid import COMPONENTS
 from microvib.signals.pointing import cumulative_rms
 from microvib.signals.spectrum import power_spectral_density
-from microvib.solve.channels import INTERFACE
 from microvib.solve.motion import Motion
 
 POINTS = 20
@@ -38,7 +38,7 @@ def _channels(motion: Motion) -> Iterator[tuple[str, str, np.ndarray]]:
     """Name, unit and samples (n,): loads at the interface, the line of sight's accelerations, accelerations of points."""
     spacecraft = motion.scenario.spacecraft
     assert spacecraft is not None
-    for name in INTERFACE:
+    for name in COMPONENTS:
         yield name.lower(), "n" if name.startswith("F") else "n_m", motion[name]
     if spacecraft.line_of_sight is not None:
         yield from ((f"los_{axis}", "rad", motion[f"los_a{axis}"]) for axis in "xy")

@@ -12,6 +12,7 @@ import numpy as np
 from microvib.io.modal_sources import ModalSource, StructureDesign
 from microvib.io.modal_table import modes_csv
 from microvib.io.tables import read_table
+from microvib.model.rigid import COMPONENTS
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Contents, Document, Fact, Live, Section, Text, table
 from microvib.reports.moving import AZIMUTH, ELEVATION, MOST_NODES, faces_and_lines, markup, of_elements
@@ -20,7 +21,7 @@ from microvib.reports.parameters import parameter_table
 from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
 from microvib.structures.fem.structure import Structure
-from microvib.structures.modal import DIRECTIONS, ModalModel
+from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def mode_kinds(source: ModalSource) -> tuple[str, ...]:
         return kinds(source.design, source.modes)
     with np.errstate(invalid="ignore"):
         fraction = np.nan_to_num(source.model.fraction)
-    return tuple(DIRECTIONS[k] for k in np.argmax(fraction, axis=0))
+    return tuple(COMPONENTS[k] for k in np.argmax(fraction, axis=0))
 
 
 def enough_sentence(model: ModalModel) -> str:
@@ -232,10 +233,10 @@ def _spatial(model: ModalModel) -> list[Section]:
         for k, f in enumerate(model.frequency)
     ]
     mass = _without_noise(model.mass, float(np.abs(model.mass).max()))
-    rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(DIRECTIONS, mass, strict=True)]
+    rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(COMPONENTS, mass, strict=True)]
     text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulative after the slash."
-    effective = table(["mode", "f [Hz]", *(f"{d} [%]" for d in DIRECTIONS)], rows)
-    inertia = table(["row", *(f"{d} [1]" for d in DIRECTIONS)], rigid)
+    effective = table(["mode", "f [Hz]", *(f"{d} [%]" for d in COMPONENTS)], rows)
+    inertia = table(["row", *(f"{d} [1]" for d in COMPONENTS)], rigid)
     return [
         Section("Effective mass in six directions", (Text(text), effective)),
         Section("Rigid body at the interface", (Text("Mass matrix about the interface point, in kg and m."), inertia)),

@@ -17,11 +17,10 @@ from microvib.model.array import Array
 from microvib.model.coupling import craft_in
 from microvib.model.craft import hub_matrices
 from microvib.model.drive_matrices import coordinates
-from microvib.model.rigid import about_center, rigid_motions, tensor
+from microvib.model.rigid import COMPONENTS, about_center, rigid_motions, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface
 from microvib.structures.fem.structure import Beams, Shells, Structure
-from microvib.structures.modal import DIRECTIONS
 
 if TYPE_CHECKING:
     from microvib.structures.fem.modes import Modes
@@ -220,7 +219,7 @@ def array_modes(array: Array, kinds: Sequence[str] | None) -> dict[str, list[Any
     if kinds is None:  # the direction in which it takes part most
         diagonal = np.diag(mass)[:, None]
         fraction = np.divide(effective, diagonal, out=np.zeros_like(effective), where=diagonal > 0.0)
-        kinds = [DIRECTIONS[k] for k in np.argmax(fraction, axis=0)]
+        kinds = [COMPONENTS[k] for k in np.argmax(fraction, axis=0)]
     effective = np.where(effective > NOISE * np.diag(mass)[:, None], effective, 0.0)
     sizes = {
         f"{'' if k < 3 else 'about '}{'xyz'[k % 3]} [{'kg' if k < 3 else 'kg m²'}]": effective[k].tolist()

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from microvib.model.rigid import COMPONENTS
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -54,9 +56,10 @@ MODAL = {
     "eta": Channel("eta", "kg^0.5*m", "modal coordinates"),
     "eta_rate": Channel("eta_rate", "kg^0.5*m/s", "rates of the modal coordinates"),
 }
-INTERFACE = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 TIME = Channel("time", "s", "time from the start of the command")
-LOADS = {name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft") for name in INTERFACE}
+LOADS = {
+    name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft") for name in COMPONENTS
+}
 """Loads at the interface, of arrays with participation in six components."""
 LOAD_COLUMNS = tuple(f"{name.lower()}_{'n' if load.unit == 'N' else 'n_m'}" for name, load in LOADS.items())
 LOS_COLUMNS = ("los_x_rad", "los_y_rad")

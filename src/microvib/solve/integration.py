@@ -12,9 +12,10 @@ import numpy as np
 
 from microvib.errors import ChannelError, SimulationError, SynchronismLost, did_you_mean, error_context
 from microvib.model.record import PASSBAND
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
-from microvib.solve.channels import CHANNELS, INTERFACE, LINE_OF_SIGHT, MODAL
+from microvib.solve.channels import CHANNELS, LINE_OF_SIGHT, MODAL
 from microvib.solve.command import Command
 from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
 from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
@@ -125,7 +126,7 @@ class Simulation:
         unknown = [name for name in channels or () if name not in known]
         if isinstance(channels, str):
             raise ChannelError(f"channels: a list of names is expected, such as ('T_d',), not the text {channels!r}")
-        if unknown and unknown[0] in (*INTERFACE, *LINE_OF_SIGHT):
+        if unknown and unknown[0] in (*COMPONENTS, *LINE_OF_SIGHT):
             needed = OF_INTERFACE if scenario.craft is None else (*ACCELERATIONS, *ANGLES)
             raise ChannelError(f"channel '{unknown[0]}' is made of others; keep {', '.join(needed)}")
         if unknown:

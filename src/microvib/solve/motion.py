@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import ChannelError, expect_channel
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import INTERFACE as ROOT
-from microvib.model.spacecraft import SECOND
-from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN, LINE_OF_SIGHT, LOADS, SECOND_LOADS, TIME, Channel
+from microvib.model.spacecraft import INTERFACE, SECOND
+from microvib.solve.channels import CHANNELS, KNOWN, LINE_OF_SIGHT, LOADS, SECOND_LOADS, TIME, Channel
 from microvib.solve.command import Command
 from microvib.solve.on_craft import channel_on_craft, hub_motion, missing, values_of
 
@@ -93,7 +93,7 @@ class Motion:
         the array's, on a craft the hub's.
         """
         if self.beside is not None:
-            return np.column_stack([self[name] for name in INTERFACE])
+            return np.column_stack([self[name] for name in COMPONENTS])
         return interface_loads(self.channels, self.scenario)
 
     def hub(self, point: str = "interface", *, accelerations: bool = False) -> np.ndarray:
@@ -107,7 +107,7 @@ class Motion:
         if self.beside is None:
             return own
         named = {p.name for p in self.scenario.craft.spacecraft.hub.points}
-        there = point if point in named else {ROOT: SECOND, SECOND: ROOT}.get(point, point)
+        there = point if point in named else {INTERFACE: SECOND, SECOND: INTERFACE}.get(point, point)
         return own + self.beside.hub(there, accelerations=accelerations)
 
     def variables(self) -> Iterator[tuple[Channel, np.ndarray]]:
@@ -133,8 +133,8 @@ class Motion:
 
 
 _FROM_SECOND = {
-    **dict(zip(INTERFACE, SECOND_LOADS, strict=True)),
-    **dict(zip(SECOND_LOADS, INTERFACE, strict=True)),
+    **dict(zip(COMPONENTS, SECOND_LOADS, strict=True)),
+    **dict(zip(SECOND_LOADS, COMPONENTS, strict=True)),
     **{name: name for name in LINE_OF_SIGHT},
 }
 """What adds up of two wings: of each channel its name in the second's run, where the first is the second."""
@@ -162,8 +162,8 @@ def _on_firm_ground(
     name: str, channels: Mapping[str, np.ndarray], scenario: Scenario, time: np.ndarray | None
 ) -> np.ndarray | None:
     """A load at the interface, (n,); None where there is none of it."""
-    loads = interface_loads(channels, scenario) if name in INTERFACE else None
-    return None if loads is None else loads[:, INTERFACE.index(name)]
+    loads = interface_loads(channels, scenario) if name in COMPONENTS else None
+    return None if loads is None else loads[:, COMPONENTS.index(name)]
 
 
 def unit_of(name: str) -> str:
@@ -204,11 +204,11 @@ def series_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario,
 def _why(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario) -> str:
     if name in SECOND_LOADS and (scenario.craft is None or scenario.craft.second is None):
         return ", whose scenario has no spacecraft with a second_wing"
-    if scenario.craft is not None and name in (*INTERFACE, *SECOND_LOADS, *LINE_OF_SIGHT) and missing(channels, name):
+    if scenario.craft is not None and name in (*COMPONENTS, *SECOND_LOADS, *LINE_OF_SIGHT) and missing(channels, name):
         return f", of which {', '.join(missing(channels, name))} were not kept"
     if name in LINE_OF_SIGHT:
         return ", whose scenario has no spacecraft with a line_of_sight"
-    if name not in INTERFACE:
+    if name not in COMPONENTS:
         return ""
     if not set(OF_INTERFACE) <= set(channels):
         return f", of which {', '.join(OF_INTERFACE)} were not kept"
@@ -225,6 +225,6 @@ def _derived(channels: Mapping[str, np.ndarray], scenario: Scenario) -> Iterator
     """Names of what the kept channels tell of the spacecraft."""
     first, at = {key: values[:1] for key, values in channels.items()}, np.zeros(1)
     derived = _on_firm_ground if scenario.craft is None else channel_on_craft
-    for name in (*INTERFACE, *SECOND_LOADS, *LINE_OF_SIGHT):
+    for name in (*COMPONENTS, *SECOND_LOADS, *LINE_OF_SIGHT):
         if derived(name, first, scenario, at) is not None:
             yield name

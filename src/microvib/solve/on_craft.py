@@ -12,8 +12,9 @@ import numpy as np
 
 from microvib.errors import ChannelError
 from microvib.model.craft import Craft, Rows
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
-from microvib.solve.channels import INTERFACE, LINE_OF_SIGHT, SECOND_LOADS
+from microvib.solve.channels import LINE_OF_SIGHT, SECOND_LOADS
 from microvib.solve.command import Command
 
 ACCELERATIONS = ("eta", "eta_rate", "omega_l", "omega_m", "alpha_l", "alpha_m")
@@ -56,8 +57,8 @@ def channel_on_craft(
 
 
 def _rows_of(craft: Craft, name: str) -> Rows | None:
-    if name in INTERFACE:
-        rows, k = craft.loads(), INTERFACE.index(name)
+    if name in COMPONENTS:
+        rows, k = craft.loads(), COMPONENTS.index(name)
     elif name in SECOND_LOADS and craft.second is not None:
         rows, k = craft.second_loads(), list(SECOND_LOADS).index(name)
     elif name in LINE_OF_SIGHT and craft.spacecraft.line_of_sight is not None:

@@ -14,8 +14,6 @@ from microvib.model.sentences import validated
 
 RIGID = 1e-6
 """Relative size of what a rigid body's mass matrix cannot have, up to which it is rounding."""
-DIRECTIONS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-"""Order of the six components: forces along, then torques about the axes of the interface frame."""
 
 
 class ModalError(MicrovibError):

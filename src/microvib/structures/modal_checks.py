@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from microvib.model.array import SLACK, TABLE
-from microvib.structures.modal import DIRECTIONS, ModalError, ModalModel
+from microvib.model.rigid import COMPONENTS
+from microvib.structures.modal import ModalError, ModalModel
 
 RIGID = 1e-3  # Hz; below it no array is meant
 GAP = 100.0  # ratio of the seventh to the sixth frequency from which the six are a free body's
@@ -27,13 +28,13 @@ def check_deck(frequency: np.ndarray, mass: np.ndarray) -> None:
     diagonal = np.diag(mass)
     if np.any(diagonal < 0.0):
         k = int(np.argmin(diagonal))
-        raise ModalError(f"rigid-body mass in {DIRECTIONS[k]} is {diagonal[k]:.4g}; it must not be negative")
+        raise ModalError(f"rigid-body mass in {COMPONENTS[k]} is {diagonal[k]:.4g}; it must not be negative")
     size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     unit = mass / np.outer(size, size)
     if np.abs(unit - unit.T).max() > TABLE:
         i, j = np.unravel_index(int(np.abs(unit - unit.T).argmax()), (6, 6))
         raise ModalError(
-            f"rigid-body mass matrix is not symmetric: {DIRECTIONS[i]}-{DIRECTIONS[j]} is {mass[i, j]:.4g} one way"
+            f"rigid-body mass matrix is not symmetric: {COMPONENTS[i]}-{COMPONENTS[j]} is {mass[i, j]:.4g} one way"
             f" and {mass[j, i]:.4g} the other"
         )
     least = float(np.linalg.eigvalsh(unit + unit.T).min() / 2.0)
@@ -71,7 +72,7 @@ def check_mass(model: ModalModel) -> ModalModel:
     if over > TABLE:
         share = np.nan_to_num(model.fraction.sum(axis=1))
         k = int(share.argmax())
-        most = f", {100.0 * share[k]:.4g} % of it in {DIRECTIONS[k]}" if share[k] > 1.0 else ""
+        most = f", {100.0 * share[k]:.4g} % of it in {COMPONENTS[k]}" if share[k] > 1.0 else ""
         raise ModalError(
             f"the modes hold more than the mass of the rigid body{most}: mass, participation, reference point or"
             " normalisation do not belong together"
@@ -91,7 +92,7 @@ def with_findings(model: ModalModel, units: str) -> ModalModel:
 
 def _shares(model: ModalModel) -> Iterator[str]:
     share = model.fraction.sum(axis=1)
-    low = [f"{DIRECTIONS[k]} {100.0 * share[k]:.1f} %" for k in range(6) if share[k] < ENOUGH]
+    low = [f"{COMPONENTS[k]} {100.0 * share[k]:.1f} %" for k in range(6) if share[k] < ENOUGH]
     if low:
         yield (
             f"The {model.frequency.size} modes hold less than 90 % of the rigid-body mass in: {', '.join(low)}; more modes are"
@@ -99,7 +100,7 @@ def _shares(model: ModalModel) -> Iterator[str]:
         )
     if share[model.axis] < 1e-6:
         yield f"No mode moves about the drive axis ({model.drive_axis}): is the drive axis right?"
-    bare = [DIRECTIONS[k] for k in range(6) if model.spatial and not np.isfinite(share[k])]
+    bare = [COMPONENTS[k] for k in range(6) if model.spatial and not np.isfinite(share[k])]
     if bare:
         yield f"The model has no mass in {', '.join(bare)}: these directions are missing."
 

@@ -10,12 +10,13 @@ from microvib.analysis.lines import clock_notes, lines_of_recording, lines_of_sa
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
-from microvib.testdata.recording import COMPONENTS, Recording, check
+from microvib.testdata.recording import Recording, check
 from microvib.units import Band, Given, Si, band, pretty
 
 NO_DRIVE = "lines are not named, for no scenario was given that says which to expect"

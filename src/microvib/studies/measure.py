@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
 from microvib.testdata.bench import Bench
 from microvib.testdata.bench import measure as record
-from microvib.testdata.recording import COMPONENTS, Recording
+from microvib.testdata.recording import Recording
 
 _NEEDED = ("T_d", "theta_l", "alpha_l", "eta", "eta_rate")
 

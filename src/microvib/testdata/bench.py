@@ -15,7 +15,8 @@ import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part, Six
-from microvib.testdata.recording import COMPONENTS, Recording, RecordingError
+from microvib.model.rigid import COMPONENTS
+from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import Quantity
 
 OVERSAMPLING = 4  # rate of the analog stages over that of the converter

@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError, expect_mapping
+from microvib.model.rigid import COMPONENTS
 from microvib.testdata.channels import LOADS, as_load, in_yaml, per
 from microvib.units import Si, quantity
-
-COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-
 
 OUTLIER = 1e4  # size of a sample, over that of 99 % of them, from which it is taken for a broken number
 ALONE = 10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone

@@ -26,10 +26,10 @@ from microvib.model.coupling import (
 from microvib.model.driven import noise_bands
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable
-from microvib.solve.channels import INTERFACE
 from microvib.testdata.recording import Recording, fault
 
 SHORT_WAY_DOUBT = 0.03
@@ -226,10 +226,10 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
         for x in expected_in(scenario, recording.sample_rate, harmonics)
         if x.of_clock
     ]
-    missing = [channel for channel in INTERFACE if channel not in recording.channels]
+    missing = [channel for channel in COMPONENTS if channel not in recording.channels]
     loads, floors = np.zeros((len(expected), 6), dtype=complex), np.zeros((len(expected), 6))
-    faults = {channel: fault(recording, channel) for channel in INTERFACE if channel in recording.channels}
-    for k, channel in enumerate(INTERFACE):
+    faults = {channel: fault(recording, channel) for channel in COMPONENTS if channel in recording.channels}
+    for k, channel in enumerate(COMPONENTS):
         if channel in recording.channels:
             rows = lines_at_known_clock(recording[channel], recording.sample_rate, expected)
             loads[:, k] = [rows[x.name].amplitude_n_m * np.exp(1j * rows[x.name].phase_rad) for x in expected]

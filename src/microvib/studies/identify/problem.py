@@ -216,11 +216,12 @@ class Problem:
         keys: Sequence[FitKey] | None = None,
         evidence: Sequence[tuple[Evidence, Own]] | None = None,
         trust: Trust | None = None,
+        scenario: Scenario | None = None,
     ) -> Problem:
-        """The same with other keys, evidence or trust."""
+        """The same with other keys, evidence, trust or scenario."""
         evidence = self.evidence if evidence is None else evidence
         keys = self.keys if keys is None else keys
-        return Problem(self.scenario, evidence, keys, trust or self.trust, ledger=self.ledger)
+        return Problem(scenario or self.scenario, evidence, keys, trust or self.trust, ledger=self.ledger)
 
     def looser(self, factors: np.ndarray) -> Problem:
         """The same with each figure's standard deviation ``factors`` (figures,) times as large; ``tight`` are those of before."""

@@ -43,7 +43,7 @@ def each_tried(found: Findings, keys: Sequence[WholeKey]) -> tuple[tuple[Whole, 
 
 def _with(problem: Problem, numbers: Mapping[str, object]) -> Problem:
     scenario, tests = numbered(problem.scenario, problem.evidence, numbers)
-    return Problem(scenario, tests, problem.keys, problem.trust, ledger=problem.ledger)
+    return problem.again(evidence=tests, scenario=scenario)
 
 
 def _fitted_again(other: Problem, problem: Problem, best: Optimum) -> tuple[Problem, Optimum]:

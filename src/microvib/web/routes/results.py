@@ -15,9 +15,10 @@ from fastapi.responses import FileResponse, StreamingResponse
 
 from microvib.analysis.limits import Limit
 from microvib.errors import OptionError
+from microvib.model.rigid import COMPONENTS
 from microvib.signals.screen import extremes, outline
 from microvib.signals.spectrum import Window, amplitude_spectrum
-from microvib.solve.channels import CHANNELS, INTERFACE, KNOWN
+from microvib.solve.channels import CHANNELS, KNOWN
 from microvib.web.jobs.processes import ENDED, Job
 from microvib.web.jobs.store import Store
 from microvib.web.routes.common import At, Refused, ask, refusals
@@ -202,11 +203,11 @@ def _run(store: Store, id: str) -> tuple[Path, dict[str, Any]]:
 
 def _channel(folder: Path, name: str) -> np.ndarray:
     """Samples of a run's channel, (n,), mapped from its file."""
-    file = folder / ("loads.npy" if name in INTERFACE else f"{name}.npy")
-    if name not in (*INTERFACE, *CHANNELS) or not file.is_file():
+    file = folder / ("loads.npy" if name in COMPONENTS else f"{name}.npy")
+    if name not in (*COMPONENTS, *CHANNELS) or not file.is_file():
         raise Refused(404, f"this run has no channel '{name}'", "channel")
     x = np.load(file, mmap_mode="r")
-    return x[:, INTERFACE.index(name)] if name in INTERFACE else x
+    return x[:, COMPONENTS.index(name)] if name in COMPONENTS else x
 
 
 @routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
