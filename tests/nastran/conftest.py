@@ -342,10 +342,11 @@ def _matrix(A):
 
 
 def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions"), weight=True, free=True, per_page=10**6,
-        repeat=True, reference=None, grdpnt=0, scaled=1.0, letter="E", echo=True):  # fmt: skip
+        repeat=True, reference=None, grdpnt=0, scaled=1.0, letter="E", echo=True, maximum=False):  # fmt: skip
     """The printed result of MEFFMASS(ALL)=YES and PARAM,GRDPNT,0; ``reference`` is a grid id."""
     f, phi = frame.modes
     f, phi = f[:count], phi[:, :count]
+    generalised = 1.0 / np.abs(phi).max(axis=0) ** 2 if maximum else np.ones(f.size)
     R, M = frame.rigid, frame.matrices[1]
     if reference is not None:
         R = R @ frame.moved(reference)
@@ -385,7 +386,8 @@ def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions")
         ["                                              R E A L   E I G E N V A L U E S"],
         ["   MODE    EXTRACTION      EIGENVALUE            RADIANS             CYCLES            GENERALIZED         GENERALIZED",
          "    NO.       ORDER                                                                       MASS              STIFFNESS"],
-        [f"{k:9d}{k:10d}  {_e(x):>18}{_e(np.sqrt(x)):>20}{_e(y):>20}{_e(1.0):>20}{_e(x):>20}" for k, (x, y) in enumerate(zip(lam, f, strict=True), 1)],
+        [f"{k:9d}{k:10d}  {_e(x):>18}{_e(np.sqrt(x)):>20}{_e(y):>20}{_e(g):>20}{_e(g * x):>20}"
+         for k, (x, y, g) in enumerate(zip(lam, f, generalised, strict=True), 1)],
     )  # fmt: skip
     if free:
         _page(out, next(page))

@@ -216,7 +216,11 @@ def test_punch_that_breaks_off(tmp_path, frame, write_f06):
     lines.append(f"{INTERFACE:10d}{'G':>8}{1.0:18.6E}{2.0:18.6E}{3.0:18.6E}{1:8d}")
     (tmp_path / "a.pch").write_text("\n".join(lines))
     write_f06(tmp_path / "run.f06", frame(), count=2)
-    refused(tmp_path / "a.pch", "has 1 modes, but participations .3, 1.", options(interface=list(HOME), mass="run.f06"))
+    refused(
+        tmp_path / "a.pch",
+        "has 3 of the six forces of constraint of mode 1",
+        options(interface=list(HOME), mass="run.f06"),
+    )
     refused(tmp_path / "a.pch", "give the F06 of the run")
     refused(tmp_path / "a.pch", "forces of constraint are on grid 1001, not on 7", options(interface=7, mass="run.f06"))
     refused(tmp_path / "a.pch", "No such file", options(mass="none.f06"))

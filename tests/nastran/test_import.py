@@ -5,6 +5,7 @@ import pytest
 
 from microvib.io.nastran import read_modal_model
 from microvib.structures.deck import import_options
+from microvib.structures.modal import ModalError
 
 INTERFACE, HOME = 1001, (0.1, -0.2, 0.3)
 
@@ -176,9 +177,10 @@ def test_punched_craig_bampton(tmp_path, frame, craig_bampton):
     agree(read_modal_model(path, options("mm-t-s", interface=[0, 0, 0])), deck.about((0, 0, 0)), 1e-6)
 
 
-def spcf(path, deck, count):
+def spcf(path, deck, count, maximum=False):
     """SPCFORCES(PUNCH)=ALL of a run of modes."""
     f, phi = deck.modes
+    phi = phi / np.abs(phi).max(axis=0) if maximum else phi
     forces = deck.forces(phi, f)[deck.rows(INTERFACE)]
     out = []
     for k in range(count):
@@ -190,10 +192,34 @@ def spcf(path, deck, count):
     return path
 
 
+@pytest.mark.parametrize("maximum", [True, False])
 @pytest.mark.parametrize("grid", [True, False])
-def test_punched_forces_of_constraint(tmp_path, frame, write_f06, grid):
+def test_punched_forces_of_constraint(tmp_path, frame, write_f06, grid, maximum):
     deck = frame("mm-t-s")
-    path = spcf(tmp_path / "modes.pch", deck, 8)
-    write_f06(tmp_path / "run.f06", deck, count=8, grdpnt=INTERFACE if grid else 0)
+    path = spcf(tmp_path / "modes.pch", deck, 8, maximum)
+    write_f06(tmp_path / "run.f06", deck, count=10, grdpnt=INTERFACE if grid else 0, maximum=maximum)
     model = read_modal_model(path, options("mm-t-s", INTERFACE if grid else list(deck.at), mass="run.f06"))
     agree(model, deck.about(HOME), 5e-6)
+
+
+def test_punched_forces_that_are_not_those_of_the_listing(tmp_path, frame, write_f06):
+    deck = frame("mm-t-s")
+    write_f06(tmp_path / "run.f06", deck, count=8, grdpnt=INTERFACE)
+    lines = spcf(tmp_path / "modes.pch", deck, 8).read_text().splitlines()
+    other = [line.replace("MODE =     3", "MODE =     9") for line in lines]
+    for rows, told in (
+        (lines + lines, "forces of constraint of mode 1 twice"),
+        (lines[:18] + lines[27:], "lacks mode 3, which run.f06 has"),
+        (other, "lacks mode 3"),
+        (
+            [line.replace("MODE =     8", "MODE =    20") for line in lines],
+            "lacks mode 8|mode 20 is not that of run.f06",
+        ),
+        (
+            spcf(tmp_path / "b.pch", frame(), 8).read_text().replace("E+01  MODE", "E+02  MODE").splitlines(),
+            "is not that of run",
+        ),
+    ):
+        (tmp_path / "modes.pch").write_text("\n".join(rows) + "\n")
+        with pytest.raises(ModalError, match=told):
+            read_modal_model(tmp_path / "modes.pch", options("mm-t-s", INTERFACE, mass="run.f06"))

@@ -112,13 +112,18 @@ def read_listing(path: Path, options: Import) -> Deck:
 
 def listed_weight(path: Path) -> tuple[np.ndarray, int]:
     """Mass matrix of the grid point weight generator in a listing, and the grid to which it refers (0: the origin)."""
+    return _listed(path)[:2]
+
+
+def _listed(path: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
+    """``listed_weight``, and the table of eigenvalues where the listing has one."""
     with reading(path, ModalError):
         check_file(path)
         tables = _tables(path)
         weight = _weight(tables)
         if weight is None:
             raise ModalError("has no output of the grid point weight generator; add PARAM,GRDPNT,0 to the deck")
-    return weight, tables.weight_grid
+    return weight, tables.weight_grid, tables.last("eigenvalues")
 
 
 def _participation(tables: _Tables, eigenvalues: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, bool, str]:
@@ -263,15 +268,37 @@ def read_punched(path: Path, options: Import) -> Deck:
         raise ModalError("has no rigid-body mass; give the F06 of the run (mass: FILE.f06)")
     if isinstance(options.interface, int) and options.interface != points[0]:
         raise ModalError(f"interface: forces of constraint are on grid {points[0]}, not on {options.interface}")
+    weight, grid, listed = _listed(Path(options.mass))
     modes = sorted(forces)
-    values = np.array([forces[k].get(points[0], [0.0] * 6) for k in modes]).T
-    eigen = np.array([eigenvalue[k] for k in modes])
-    masses = Masses(None, options.interface, *listed_weight(Path(options.mass)))
-    mass, notes = rigid_mass(masses, {}, options.wtmass)
-    said = "Participations are forces of constraint over eigenvalues, modes taken as mass-normalised, in axes of the basic frame."
-    return Deck(
-        natural_frequency(eigen), -values / np.maximum(eigen, 1e-300), mass, options.interface, notes=(said, *notes)
-    )
+    rows = [forces[k].get(points[0], [0.0] * 6) for k in modes]
+    for k, row in zip(modes, rows, strict=True):
+        if len(row) > 6:
+            raise ModalError(f"has forces of constraint of mode {k} twice; those of one subcase are expected")
+        if len(row) < 6:
+            raise ModalError(f"has {len(row)} of the six forces of constraint of mode {k}; is it whole?")
+    values, eigen = np.array(rows).T, np.array([eigenvalue[k] for k in modes])
+    mass, notes = rigid_mass(Masses(None, options.interface, weight, grid), {}, options.wtmass)
+    size, how = np.ones(len(modes)), "modes taken as mass-normalised"
+    if listed is not None:
+        size, how = _generalised(modes, eigen, listed, Path(options.mass)), "with the generalised masses of the listing"
+    P = -values / (np.maximum(eigen, 1e-300) * np.sqrt(size))
+    said = f"Participations are forces of constraint over eigenvalues, {how}, in axes of the basic frame."
+    return Deck(natural_frequency(eigen), P, mass, options.interface, notes=(said, *notes))
+
+
+def _generalised(modes: list[int], eigen: np.ndarray, listed: np.ndarray, path: Path) -> np.ndarray:
+    """Generalised masses of punched modes in the table of eigenvalues of their listing; ModalError where it is of others."""
+    known = {int(row[0]): row for row in listed}
+    lost = next((k for k in known if k < modes[-1] and k not in modes), None)
+    if lost is not None:
+        raise ModalError(f"lacks mode {lost}, which {path.name} has; forces of constraint of all modes are expected")
+    for k, value in zip(modes, eigen, strict=True):
+        if k not in known or abs(known[k][2] - value) > 1e-4 * abs(value):
+            raise ModalError(f"mode {k} is not that of {path.name}; the listing of the same run is expected")
+    size = np.array([known[k][5] for k in modes])
+    if np.any(size <= 0.0):
+        raise ModalError(f"{path.name} has generalised masses that are not greater than 0: these are not natural modes")
+    return size
 
 
 def punched_vectors(path: Path, *titles: str) -> tuple[dict[int, float], dict[int, dict[int, list[float]]]]:
