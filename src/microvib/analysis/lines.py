@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.spectra import SAMPLED, samples_of
-from microvib.errors import expect, expect_channel, whole_number
+from microvib.errors import expect_channel, whole_number
 from microvib.model.driven import bin_noise, driven_lines, noise_density
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
 from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable
@@ -77,7 +77,7 @@ def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None 
     Where the motion does not repeat with the command, or not in one way only, the scenario is simulated in time instead, and
     ``fallback`` says why. Raises what ``simulate`` raises.
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     whole_number("harmonics", harmonics, *MEMBERS)
     state, why = find_steady(scenario, whole=False)  # of T_d, which is the first drive's
     source = state or torque_from_rest(scenario, progress)

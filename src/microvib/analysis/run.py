@@ -13,8 +13,8 @@ from microvib.analysis.lines import MEMBERS, lines
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
-from microvib.errors import expect, whole_number
-from microvib.model.scenario import Scenario
+from microvib.errors import whole_number
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, from_rest
@@ -75,7 +75,7 @@ def solve_run(
     With ``lines_only`` memory stays bounded however long the record. With ``seeds`` so many draws of the noise are run, and the
     table knows its lines over them; ``drawn`` counts them. Raises what ``simulate`` raises, OptionError for seeds without noise.
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     whole_number("harmonics", harmonics, *MEMBERS)
     if whole_number("seeds", seeds, 0, MOST_SEEDS):
         check_seeds(scenario, seeds)

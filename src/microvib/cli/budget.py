@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from microvib.cli.common import PATH, Target, load, preparation, set_option, simulates, target_options
+from microvib.cli.common import PATH, Target, harmonics_option, load, preparation, set_option, simulates, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 
@@ -34,9 +34,7 @@ from microvib.errors import OptionError
     help="Also go by blocked loads and apparent masses, and state the error against the coupled run.",
 )
 @click.option("--steady", is_flag=True, help="Start in the steady state (record.start=steady), without settling.")
-@click.option(
-    "--harmonics", default=8, type=click.IntRange(1, 200), help="How many members of each family of lines to look for."
-)
+@harmonics_option
 @set_option
 @target_options("Folder for tables, JSON and report [default: print only].")
 @simulates

@@ -29,6 +29,9 @@ set_option = click.option(
     metavar="KEY=VALUE",
     help="Change a dotted key, e.g. reducer.stiffness='9000 N*m/rad'.",
 )
+harmonics_option = click.option(
+    "--harmonics", default=8, type=click.IntRange(1, 200), help="How many members of each family of lines to look for."
+)
 
 
 def options(*each: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import PATH, Target, limit_options, load, report_options, set_option, simulates
+from microvib.cli.common import (
+    PATH,
+    Target,
+    harmonics_option,
+    limit_options,
+    load,
+    report_options,
+    set_option,
+    simulates,
+)
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 from microvib.errors import OptionError, OutputError
@@ -28,9 +37,7 @@ _KINDS = (".html", ".pdf")  # files of a report
 @click.option(
     "--lines-only", is_flag=True, help="Write no motion and no report: memory stays bounded however long the run is."
 )
-@click.option(
-    "--harmonics", default=8, type=click.IntRange(1, 200), help="How many members of each family of lines to look for."
-)
+@harmonics_option
 @click.option(
     "--steady",
     is_flag=True,

@@ -10,7 +10,7 @@ import numpy as np
 from microvib.errors import ScenarioError, shown
 from microvib.io.array_files import damping_ratio
 from microvib.io.files import check_file, reading
-from microvib.io.modal_sources import elements_of
+from microvib.io.modal_sources import DESCRIPTIONS, elements_of
 from microvib.io.named import hub_names, named_text
 from microvib.io.tables import finite, named_rows
 from microvib.io.yaml_text import parse_yaml
@@ -25,7 +25,6 @@ COLUMNS = ("mode", "frequency_hz", "point", "x_m", "y_m", "z_m", "tx", "ty", "tz
 DEFAULT_MODES = 30
 """Flexible modes taken of finite elements where their number is not given."""
 _FREE = (".op2", ".op4", ".pch")
-_DESCRIPTIONS = (".yaml", ".yml")
 _INTERFACE = (
     "damping",
     "count",
@@ -37,12 +36,12 @@ _INTERFACE = (
 def hub_from(group: dict[str, Any], folder: Path) -> Hub:
     """The hub that ``spacecraft.hub`` names as ``modes``, relative to ``folder``. Raises ScenarioError or ModalError."""
     name, ending = str(group["modes"]), Path(str(group["modes"])).suffix.lower()
-    described = name in hub_names() or ending in _DESCRIPTIONS
+    described = name in hub_names() or ending in DESCRIPTIONS
     clamped = "interface" in group and not described
     if not (described or clamped or ending in (".csv", *_FREE)):
         raise ScenarioError(
             f"spacecraft.hub.modes: {shown(name)} is not a source of a hub's modes; allowed are {', '.join(hub_names())}, a"
-            f" description of a craft ({', '.join(_DESCRIPTIONS)}), a table of free-free modes (.csv), results of Nastran"
+            f" description of a craft ({', '.join(DESCRIPTIONS)}), a table of free-free modes (.csv), results of Nastran"
             f" ({', '.join(_FREE)}), and with the key interface modes with the interface clamped, from what an array is read"
         )
     nastran = ending in _FREE and not clamped

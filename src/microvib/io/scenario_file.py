@@ -13,7 +13,7 @@ from microvib.io.array_files import ARRAY_ORIGINS, with_array
 from microvib.io.named import bench_names, catalog_names, catalog_text, named_text, read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, plain
-from microvib.model.scenario import Scenario, set_key
+from microvib.model.scenario import Scenario, expect_scenario, set_key
 from microvib.model.sentences import validated
 from microvib.testdata.bench import Bench
 
@@ -151,7 +151,7 @@ def dump_part(part: Part) -> str:
 
 def dump_scenario(scenario: Scenario) -> str:
     """YAML text of a scenario."""
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     return _dumped(scenario)
 
 

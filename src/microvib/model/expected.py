@@ -11,12 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from microvib.errors import expect
 from microvib.model.driver import Driver, Imperfections, electrical_turn
 from microvib.model.linear import coupled_modes
 from microvib.model.motor import Motor
 from microvib.model.reducer import KinematicError
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.units import Given, quantity
 
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "gear train", "sideband", "other"]
@@ -68,7 +67,7 @@ def expected_lines(
     ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
     simulation, whose clock is known, a per cent for a test.
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     highest = quantity("highest", highest, "Hz")
     modes = [
         replace(line, low=line.low * (1.0 - mode_tolerance), high=line.high * (1.0 + mode_tolerance))

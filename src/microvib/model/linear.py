@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from microvib.errors import expect
 from microvib.model.array import Array
 from microvib.model.craft import craft_of, load_of
 from microvib.model.drive_matrices import drive_matrices
@@ -21,7 +20,7 @@ from microvib.model.friction import Friction
 from microvib.model.mode_names import mode_names
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import Spacecraft
 
 MANY = 300  # modes above which the damped eigenproblem, whose work grows with the third power, is not solved as a whole
@@ -144,7 +143,7 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
     of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     s = scenario
     return _coupled_modes(s.motor, s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage")
 

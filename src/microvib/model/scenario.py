@@ -19,7 +19,7 @@ from microvib.model.part import Part, entries, plain
 from microvib.model.record import Record, Solver
 from microvib.model.reducer import Reducer
 from microvib.model.sentences import validated
-from microvib.model.spacecraft import DRIVE, Spacecraft
+from microvib.model.spacecraft import DRIVE, HELD, Spacecraft
 from microvib.model.tracking import Tracking
 from microvib.units import Given, Quantity, quantity
 
@@ -206,8 +206,7 @@ class Scenario(Part):
         craft = self.spacecraft
         if craft is None or craft.second_wing is None or craft.second_wing.drive == "held":
             return self
-        held = {"drive": "held", "stagger": 0.0, "clock_ratio": 1.0, "tracking": None}
-        wing = craft.second_wing.model_copy(update=held)
+        wing = craft.second_wing.model_copy(update=HELD)
         return self.model_copy(update={"spacecraft": craft.model_copy(update={"second_wing": wing})})
 
     def at_angle(self, angle: Given) -> Scenario:
@@ -326,6 +325,11 @@ class Scenario(Part):
             if text is not None:
                 return text
         return self.source
+
+
+def expect_scenario(given: Any) -> None:
+    """ObjectError where what was given is no scenario, such as its name."""
+    expect(given, Scenario, "a scenario (mv.load_scenario)")
 
 
 def set_key(data: Any, key: str, value: Any) -> None:

@@ -33,6 +33,8 @@ SECOND_DRIVE = "wing_2"
 """What the drive of a second wing is called, in names of lines and of files."""
 DRIVE = ("motor", "driver", "reducer", "friction", "array")
 """Groups of a scenario that are a drive and its array."""
+HELD: dict[str, Any] = {"drive": "held", "stagger": 0.0, "clock_ratio": 1.0, "tracking": None}
+"""What makes a second wing one that holds."""
 
 
 class HubPoint(Part):
@@ -301,8 +303,7 @@ class Spacecraft(Part):
         wing = self.second_wing
         if wing is None:
             raise ValueError("this craft has no second wing")
-        plain = {"drive": "held", "stagger": 0.0, "clock_ratio": 1.0, "tracking": None}
-        held = wing.model_copy(update={**first, **plain, "interface": self.interface, "array_angle": self.array_angle})
+        held = wing.model_copy(update={**first, **HELD, "interface": self.interface, "array_angle": self.array_angle})
         los = self.line_of_sight and self.line_of_sight.renamed(
             {a: b for a, b in ((INTERFACE, SECOND), (SECOND, INTERFACE)) if a not in {p.name for p in self.hub.points}}
         )

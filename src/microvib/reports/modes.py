@@ -22,6 +22,7 @@ from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
 from microvib.structures.fem.structure import Structure
 from microvib.structures.modal import ModalModel
+from microvib.structures.modal_checks import ENOUGH
 from microvib.structures.simulator_design import SimulatorDesign
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
     from microvib.structures.fem.modes import Modes
 
-ENOUGH = 0.9
-"""Cumulative fraction of effective inertia that practice asks for (paper, section 3.1)."""
 RATES = {"cruise": 0.06, "fast slew": 1.0}  # deg/s
 _MAX_DRAWN = 12
 

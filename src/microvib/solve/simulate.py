@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from microvib.errors import expect, expect_channel, expect_list
-from microvib.model.scenario import Scenario
+from microvib.errors import expect_channel, expect_list
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.solve.integration import Progress, from_rest
 from microvib.solve.motion import Motion
 
@@ -23,7 +23,7 @@ def simulate(
     at rest; ``solver["steady"]`` says which. Raises SynchronismLost where the motor no longer follows, SimulationError where
     the solution does not stay finite.
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     if channels is not None and not isinstance(channels, str):
         expect_list(channels, "channels", "['T_d', 'theta_l']")
         channels = tuple(channels)

@@ -13,7 +13,7 @@ from microvib.structures.modal import ModalError, ModalModel
 
 RIGID = 1e-3  # Hz; below it no array is meant
 GAP = 100.0  # ratio of the seventh to the sixth frequency from which the six are a free body's
-ENOUGH = 0.9  # share of the rigid-body mass that the modes should hold (the 90 % rule)
+ENOUGH = 0.9  # share of the rigid-body mass that the modes should hold (the 90 % rule; paper, section 3.1)
 MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (0.01, 100.0)
 """Plausible masses of arrays [kg], highest frequency of use [Hz], and radii of gyration [m]."""
 

@@ -11,9 +11,9 @@ from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import lines
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
-from microvib.errors import MicrovibError, OptionError, expect
+from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import craft_in
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.pointing import Metric, radial
 from microvib.solve.integration import Progress
 from microvib.solve.steady.state import find_steady
@@ -64,7 +64,7 @@ def sweep_angles(
     The angle is constant in each run: an array that turns by it in minutes stays there for many periods of every line. Raises
     MicrovibError and what ``simulate`` raises.
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     check_sweep(scenario)
     turns = [quantity("angles", angle, "rad", example="deg") for angle in angles]
 

@@ -12,9 +12,9 @@ import numpy as np
 from microvib.analysis.lines import steady
 from microvib.analysis.margins import may_have
 from microvib.analysis.start import still_held
-from microvib.errors import OptionError, SimulationError, expect, expect_list, whole_number
+from microvib.errors import OptionError, SimulationError, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.line_table import FAINT
 from microvib.solve.integration import Progress
 from microvib.studies.workers import all_cores
@@ -193,7 +193,7 @@ def plan_rates(
     many processes as there are ``workers``, which start in a second and want a script to guard its main part
     (``if __name__ == "__main__":``).
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     expect_list(rates, "rates", "['0.06 deg/s']")
     expect_list(() if microsteps is None else microsteps, "microsteps", "[16, 32]")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]

@@ -14,10 +14,10 @@ from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import Difference, differences, short_way_of
-from microvib.errors import MicrovibError, OptionError, expect, expect_list
+from microvib.errors import MicrovibError, OptionError, expect_list
 from microvib.io.scenario_file import load_scenario
 from microvib.model.coupling import craft_in, source_of
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
@@ -175,7 +175,7 @@ def _drives(
     whole: list[Scenario] = []
     for k, one in enumerate(each, 1):
         scenario = load_scenario(one) if isinstance(one, str) else one
-        expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+        expect_scenario(scenario)
         name = names[k - 1] if names else Path(one).stem if isinstance(one, str) else f"drive {k}"
         name = f"{name} {k}" if any(name == drive.name for drive in found) else name
         if steady:

@@ -11,7 +11,7 @@ import numpy as np
 from microvib.errors import MicrovibError, OptionError, expect, expect_list
 from microvib.io.recordings import Prepared
 from microvib.io.tables import PaperLines
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of
 from microvib.studies.identify import verdict, whole
@@ -119,7 +119,7 @@ def identify(
     A range that the user did not state is widened until the best lies inside. Where the fit does not explain the evidence
     and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
     """
-    expect(scenario, Scenario, "a scenario (mv.load_scenario)")
+    expect_scenario(scenario)
     for name, given, example in (
         ("evidence", evidence, "[recording]"),
         ("keys", keys, "['reducer.stiffness']"),
