@@ -35,7 +35,7 @@ def measure(scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progre
     else:
         loads = np.zeros((6, motion.time.size))
         loads[COMPONENTS.index("M" + axis)] = motion["T_d"]
-        notes.append(f"loads but M{axis} are not in the scenario: its array has no interface participation")
+        notes.append(f"loads other than M{axis} are not in the scenario: its array has no interface participation")
     recording = record(bench, loads, motion["theta_l"], axis, seed)
     for note in notes:
         recording = recording.noted(note)

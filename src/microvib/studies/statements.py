@@ -265,7 +265,7 @@ def _statements() -> Iterator[Statement]:
         for first, second in ((1, 4), (4, 5)):
             item = f"{line} grows with inertia: state {second} over state {first} [1]"
             yield Statement(item, "text to Figure 12", "greater than 1", _ratio(line, first, second), _grows)
-    for when, state in (("in the record", 1), ("from switch-on", 0)):
+    for when, state in (("in the record", 1), ("from power-on", 0)):
         item = f"largest disturbance torque {when} [N m]"
         yield Statement(item, "text to Figure 9", "within a factor of 2", _peak(state), _like_the_peak)
     item = "line at the full-step rate, 3.313 Hz, which the paper does not list, over the mode's [1]"
@@ -283,7 +283,7 @@ class Outcome:
     assumed: Assumed
     calibrated: Calibrated
     records: dict[int, np.ndarray]
-    """Amplitudes of each state, (seeds, names + 1); 0: state 1 from switch-on, its largest torque alone is told."""
+    """Amplitudes of each state, (seeds, names + 1); 0: state 1 from power-on, its largest torque alone is told."""
 
     @property
     def means(self) -> dict[int, np.ndarray]:

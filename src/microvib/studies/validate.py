@@ -138,7 +138,7 @@ def validate(progress: Callable[[str], None] | None = None) -> tuple[list[Check]
     tell("state 1 with steps half as long")
     first = states[1].motion.scenario
     finer = _state(first.with_({"solver.refinement": 2 * first.solver.refinement}))
-    tell("state 1 from switch-on")
+    tell("state 1 from power-on")
     whole = {"record.settle": 0.0, "record.duration": first.record.settle + first.record.duration}
     start = float(np.abs(simulate(first.with_si(whole), channels=("T_d",))["T_d"]).max())
     kept = kept_draws()
