@@ -24,6 +24,17 @@ def expect(name: str, frequency: float, kind: str = "drive", width: float = 0.0)
     return ExpectedLine(name, kind, frequency, frequency - width, frequency + width, "made")
 
 
+def test_lines_of_the_same_figures_are_equal_also_where_some_are_not_known():
+    table = estimate_lines(0.04 * np.cos(2 * np.pi * 53.0 * T), RATE, [expect("drive_1", 53.0)])
+    line = table["drive_1"]
+    one, other = (replace(line, background_n_m=float("nan")) for _ in range(2))
+    assert one == other
+    assert hash(one) == hash(other)
+    assert replace(table, lines=(one,)) == replace(table, lines=(other,))
+    assert one != replace(line, amplitude_n_m=0.05)
+    assert one != "drive_1"
+
+
 @settings(max_examples=25, deadline=None)
 @given(offset=st.floats(-0.5, 0.5), phase=st.floats(-3.1, 3.1), seed=st.integers(0, 2**31))
 def test_amplitude_wherever_the_tone_falls_between_bins_at_40_db(offset, phase, seed):

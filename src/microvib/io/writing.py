@@ -65,9 +65,13 @@ def write_file(path: Path, content: str | bytes | Writer, overwrite: bool = Fals
 def real_path(path: Path) -> Path:
     """Where a path leads; OutputError where its links lead nowhere."""
     try:
-        return path.resolve()
-    except (OSError, RuntimeError):  # RuntimeError: links in a circle, until Python 3.13
-        raise OutputError(f"{path}: leads nowhere: its links go round in a circle") from None
+        resolved = path.resolve()
+        circle = resolved.is_symlink() or any(folder.is_symlink() for folder in resolved.parents)
+    except (OSError, RuntimeError):  # Python before 3.13 says so itself
+        circle = True
+    if circle:
+        raise OutputError(f"{path}: leads nowhere: its links go round in a circle")
+    return resolved
 
 
 @contextmanager

@@ -39,6 +39,13 @@ def _figure(value: float, form: str) -> str:
     return "" if math.isnan(value) else format(value, form)
 
 
+def _same(one: Line | LineTable, other: Line | LineTable) -> bool:
+    """Whether two have the same figures, those that are not known (NaN) among them: a dataclass calls these different, or, before
+    Python 3.13, different where they are not one object."""
+    pairs = ((getattr(one, each.name), getattr(other, each.name)) for each in fields(one) if each.compare)
+    return all(a == b or (a != a and b != b) for a, b in pairs)
+
+
 @dataclass(frozen=True)
 class Line(OfKind):
     """One line of a torque; amplitudes in N m, 0-to-peak."""
@@ -83,6 +90,12 @@ class Line(OfKind):
     def place_hz(self) -> float:
         """Where it is: its frequency, or where that was not found the expected one."""
         return self.frequency_hz if math.isfinite(self.frequency_hz) else self.expected_hz
+
+    def __eq__(self, other: object) -> bool:
+        return _same(self, other) if isinstance(other, Line) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.line, self.kind))
 
     @property
     def hidden_n_m(self) -> float:
@@ -172,6 +185,12 @@ class LineTable:
     """Part of every amplitude that the record itself is known to be off, as by its integration."""
     seeds: tuple[SeedLine, ...] = field(default=(), compare=False)
     """The lines over many draws of the noise, of which this table is the first; empty where none were run."""
+
+    def __eq__(self, other: object) -> bool:
+        return _same(self, other) if isinstance(other, LineTable) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.lines)
 
     @property
     def duration(self) -> float:
