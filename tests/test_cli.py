@@ -290,6 +290,15 @@ def test_a_wrong_source_of_modes(tmp_path, source, words):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("option", [("--damping", "2 percent"), ("--drive-axis", "y", "--units", "SI")])
+def test_options_of_an_import_are_refused_where_nothing_is_imported(tmp_path, option):
+    done = microvib("modes", "reference-array", *option, cwd=tmp_path)
+    assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith(
+        "Error: reference-array: needs no options; units, interface, axis and damping are for .op2"
+    )
+
+
 def test_a_steady_run_starts_in_its_steady_state(tmp_path):
     (tmp_path / "drive.yaml").write_text(mv.dump_scenario(baseline()))
     done = microvib("run", "drive.yaml", *SHORT, "--steady", "--out", "steady", cwd=tmp_path)

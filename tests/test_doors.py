@@ -107,6 +107,8 @@ def test_si_says_so_in_its_name(state_1):
 
 def test_bands_as_text_and_as_ends():
     assert Limit.of("1 N*m", "0.5:5 Hz") == Limit.of("1 N*m", ("0.5 Hz", "5 Hz")) == Limit("1 N*m", "500 mHz", Si(5.0))
+    with pytest.raises(mv.MicrovibError, match=r"^band: '0\.5' needs a unit, such as '0\.5 Hz'$"):
+        Limit.of("1 N*m", "0.5:5")
 
 
 @pytest.mark.parametrize(

@@ -228,7 +228,7 @@ def band(given: Band) -> tuple[Si, Si]:
     if not colon:
         raise OptionError("band", f"{given!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
     if isinstance(given, str) and not any(c.isalpha() for c in str(low)):
-        low = f"{low} {str(high).strip().lstrip('+-.0123456789eE ')}"
+        low = f"{low} {str(high).strip().lstrip('+-.0123456789eE ')}".strip()
     first, last = quantity("band", low, "Hz"), quantity("band", high, "Hz")
     if not 0.0 <= first < last:
         raise OptionError("band", f"{given!r} is not a range; the first bound must be at least 0 and below the second")

@@ -34,12 +34,14 @@ modal_options = options(
 
 
 def import_from(source: Path, given: Mapping[str, str | None]) -> Import | None:
-    """Options of an import from those of a command; None if none is given. ModalError names what is wrong."""
+    """Options of an import from those of a command; None if none is given. A ModalError or ScenarioError names what is wrong."""
+    from microvib.io.modal_sources import expect_results
     from microvib.structures.deck import import_options
 
     data = {key: _value(text) for key, text in given.items() if text is not None}
     if not data:
         return None
+    expect_results(str(source))
     if given.get("mass"):
         data["mass"] = str(Path(str(given["mass"])).absolute())  # the user's folder, not the deck's
     return import_options(data, str(source))

@@ -46,10 +46,8 @@ def modal_source(
     are meant. Raises a sentence where there is none.
     """
     ending = Path(source).suffix.lower()
-    if options is not None and ending not in RESULTS:
-        raise ScenarioError(
-            f"{source}: needs no options; units, interface, axis and damping go with {', '.join(RESULTS)}"
-        )
+    if options is not None:
+        expect_results(source)
     if source in reference_names() or ending in DESCRIPTIONS:
         return _from_design(load_design(source, folder), source, DEFAULT_MODES if count is None else count)
     if ending in (*TABLES, *RESULTS):
@@ -62,6 +60,14 @@ def modal_source(
         f" simulator ({', '.join(DESCRIPTIONS)}), a table of modes ({', '.join(TABLES)})"
         f" and results of Nastran or Ansys ({', '.join(RESULTS)})"
     )
+
+
+def expect_results(source: str) -> None:
+    """ScenarioError where options of an import are given for what is not the results of a finite-element program."""
+    if Path(source).suffix.lower() not in RESULTS:
+        raise ScenarioError(
+            f"{source}: needs no options; units, interface, axis and damping are for {', '.join(RESULTS)}"
+        )
 
 
 def load_design(source: str, folder: Path = Path()) -> StructureDesign:
