@@ -1,7 +1,8 @@
 """Machine code that another process makes, while this one imports, reads and makes that of other units.
 
 LLVM takes one core and seconds for the largest unit, which is most of a first run. Nothing depends on that process: where there
-is none, or it fails, or takes too long, code is made here when it is needed, as ever. It ends with this one at the latest.
+is none, or it fails, or takes too long, code is made here when it is needed, as ever. It ends with this one at the latest; where
+this one is killed, seconds later, when its code is made.
 """
 
 from __future__ import annotations
