@@ -51,11 +51,17 @@ class Held:
             route.fulfill(response=answer)
 
 
-def delay(page: Any, milliseconds: int) -> None:
-    """Each request takes so much longer."""
+def delay(page: Any, milliseconds: int, bytes_per_second: int = -1) -> Any:
+    """Each request takes so much longer, and what comes is no faster; the session in which that can be changed."""
     network = page.context.new_cdp_session(page)
-    conditions = {"latency": milliseconds, "downloadThroughput": -1, "uploadThroughput": -1, "offline": False}
+    conditions = {
+        "latency": milliseconds,
+        "downloadThroughput": bytes_per_second,
+        "uploadThroughput": -1,
+        "offline": False,
+    }
     network.send("Network.emulateNetworkConditions", conditions)
+    return network
 
 
 def test_an_answer_from_before_a_start_says_nothing_of_it(visit: Callable[..., Any]) -> None:
@@ -90,6 +96,31 @@ def test_run_change_run_again_and_cancel_over_a_slow_line(visit: Callable[..., A
     )
     page.reload()
     page.locator(".chip.done").nth(1).wait_for(timeout=60_000)
+
+
+def test_a_long_answer_over_a_slow_line_is_waited_for(visit: Callable[..., Any]) -> None:
+    """It takes longer than the server may be silent, and is heard of all the while."""
+    page = visit(QUICK)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    network = delay(page, 0, 850)
+    page.click("#go")
+    page.locator(".chip.done").wait_for(timeout=90_000)
+    assert sum(url.endswith("/result") for url in asked) == 1
+    network.detach()
+
+
+def test_nothing_is_run_before_there_is_a_scenario(browser: Any, address: str) -> None:
+    page = browser.new_page()
+    held = Held(page, "**/api/scenario", "POST")
+    page.goto(address)
+    held.wait()
+    assert page.locator("#go").is_disabled()
+    assert page.locator("#form").inner_text() == "Loading …"
+    held.release()
+    page.wait_for_selector("html[data-ready]")
+    assert page.locator("#go").is_enabled()
+    page.close()
 
 
 def test_run_takes_the_form_as_it_was_at_the_click(visit: Callable[..., Any]) -> None:

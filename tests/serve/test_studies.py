@@ -129,6 +129,14 @@ def test_recordings_that_are_none(client, store, name, content, status, words):
     assert sorted(store.root.iterdir()) == before
 
 
+def test_long_results_are_packed_and_files_are_not(client, finished):
+    long, short = (client.get(f"/api/{path}") for path in (f"jobs/{finished}/result", "jobs?ids="))
+    assert long.headers["content-encoding"] == "gzip"
+    assert len(long.content) > 10_000
+    assert "content-encoding" not in short.headers
+    assert "content-encoding" not in client.get(f"/api/runs/{finished}/files/motion.nc").headers
+
+
 def test_a_rate_plan_and_its_bad_options(client):
     asked = {"scenario": spec(), "from": "0.02 deg/s", "to": "0.2 deg/s", "count": 5, "linear": True}
     found = result(client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"])

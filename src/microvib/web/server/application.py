@@ -10,7 +10,9 @@ from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
 from starlette.exceptions import HTTPException
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 
 from microvib import __version__
 from microvib.errors import MicrovibError
@@ -40,9 +42,18 @@ def create_app(store: Store, access: Access) -> Guard:
         api.include_router(part.routes)
     app.include_router(api)
     _add_page(app)
+    app.add_middleware(_Packed, minimum_size=10_000, compresslevel=4)
     for kind in (Refused, MicrovibError, RequestValidationError, HTTPException, Exception):
         app.add_exception_handler(kind, _say)
     return Guard(app, access, store.limits)
+
+
+class _Packed(GZipMiddleware):
+    """Packs long tables of numbers, which lose most of their length: a rate map has two megabytes. Files go as they are."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        packs = scope["type"] == "http" and scope["path"].endswith(("/result", "/series", "/spectrum"))
+        await (super().__call__ if packs else self.app)(scope, receive, send)
 
 
 def _add_page(app: FastAPI) -> None:

@@ -42,14 +42,43 @@ async function request(path, options = {}) {
   return parsed(text);
 }
 
-async function fetched(path, options) {
+async function fetched(path, { limited, signal, ...options }) {
+  const waiting = limited ? patience() : { signal, heard: () => {} };
   try {
-    const answer = await fetch(path, { ...options, headers: { ...options.headers, "X-Microvib-Key": key() } });
-    return { answer, text: await answer.text() };
+    const headers = { ...options.headers, "X-Microvib-Key": key() };
+    const answer = await fetch(path, { ...options, headers, signal: waiting.signal });
+    return { answer, text: await whole(answer, waiting.heard) };
   } catch (error) {
-    if (options.signal?.aborted && options.signal.reason?.name !== "TimeoutError") throw error; // nobody wants it any more
+    if (signal?.aborted) throw error; // nobody wants it any more
     hearNothing();
     throw new Silent(NO_ANSWER);
+  } finally {
+    waiting.end?.();
+  }
+}
+
+/** A signal that ends what has not been heard of for some time; a long answer over a slow line is heard of all the while. */
+function patience() {
+  const control = new AbortController();
+  let timer = null;
+  const end = () => clearTimeout(timer);
+  const heard = () => {
+    end();
+    timer = setTimeout(() => control.abort(), ANSWER_WITHIN);
+  };
+  heard();
+  return { signal: control.signal, heard, end };
+}
+
+async function whole(answer, heard) {
+  if (!answer.body) return answer.text();
+  const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+  let text = "";
+  for (;;) {
+    heard();
+    const { value, done } = await reader.read();
+    if (done) return text;
+    text += value;
   }
 }
 
@@ -85,7 +114,7 @@ async function hearNothing() {
 }
 
 /** Ask whether the server is there; listeners hear what has changed. */
-export const knock = () => get("/api/jobs", { ids: "" }, { signal: AbortSignal.timeout(ANSWER_WITHIN) }).catch(() => null);
+export const knock = () => get("/api/jobs", { ids: "" }, { limited: true }).catch(() => null);
 
 export const get = (path, query = {}, options = {}) => {
   const given = Object.entries(query).filter(([, value]) => value !== undefined && value !== null);
@@ -97,7 +126,7 @@ export const get = (path, query = {}, options = {}) => {
 export async function getSurely(path, query = {}) {
   for (;;) {
     try {
-      return await get(path, query, { signal: AbortSignal.timeout(ANSWER_WITHIN) });
+      return await get(path, query, { limited: true });
     } catch (error) {
       if (error instanceof Refused && error.status < 500 && error.status !== TOO_MUCH) throw error;
     }

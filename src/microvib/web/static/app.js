@@ -177,6 +177,10 @@ document.addEventListener("click", (event) => {
     menu.open = menu.contains(event.target) && !event.target.closest("a");
 });
 openTab(tabs.find((tab) => tab.id === kept("tab")) ?? tabs[0]);
-await scenario.restore();
+try {
+  await scenario.restore();
+} finally {
+  for (const button of [$("#go"), $("#five")]) button.disabled = false; // until now there was nothing to run
+}
 runs.restore();
 document.documentElement.dataset.ready = "";
