@@ -562,3 +562,17 @@ def test_friction_with_memory_and_over_the_angle_may_be_fitted_where_the_scenari
     assert [key.range for key in found] == [
         pytest.approx((math.log(v / 4), math.log(v * 4))) for v in (9000.0, 3e-4, 0.01)
     ]
+
+
+def test_a_table_is_evidence_of_the_lines_that_a_simulation_has():
+    """Members beyond the eighth count; lines that nobody expects, which tables number by size, do not."""
+    scenario = mv.load_scenario("state-1", {"record.settle": "40 s", "record.duration": "8 s"})
+    table = mv.lines(mv.steady(scenario), harmonics=12)
+    stray = replace(table["drive_10"], line="other_1", kind="other")
+    evidence = evidence_of(replace(table, lines=(*table, stray)), scenario)
+    lines = [o.line for o in evidence.observations]
+    assert {"drive_9", "drive_12"} < set(lines)
+    problem = Problem(scenario, [(evidence, {})], [parse_key(scenario, "reducer.stiffness")], Trust(0.004))
+    (r,) = problem.residuals([problem.start])
+    off = dict(zip(lines, np.abs(r), strict=False))
+    assert max(off.values()) < 5.0, off

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -85,6 +86,11 @@ class Evidence:
     channel: str = ""
     """Its channel."""
 
+    @property
+    def harmonics(self) -> int:
+        """Members of each family of lines that a simulation must have, for those that are observed to be among them."""
+        return _members(name for o in self.observations for name in (o.line, o.against))
+
     def of_channel(self, channel: str, scenario: Scenario) -> Evidence:
         """What another channel tells of the same lines."""
         assert self.prepared is not None
@@ -93,6 +99,14 @@ class Evidence:
         lines = {o.line for o in self.observations}
         kept = tuple(o for o in other.observations if o.line in lines and (not o.against or o.against in lines))
         return replace(other, observations=kept)
+
+
+_MEMBER = re.compile(r"(?:drive|full_step|electrical)_(\d+)")
+
+
+def _members(names: Iterable[str]) -> int:
+    """The highest order in lines' names, at least the usual eight."""
+    return max([8, *(int(found[1]) for name in names if (found := _MEMBER.match(name)))])
 
 
 PARTS = {2: "second", 3: "third"}
@@ -125,7 +139,7 @@ def chosen(
     each = [scenario] * len(evidence) if isinstance(scenario, Scenario) else scenario
     kept = []
     for one, its in zip(evidence, each, strict=True):
-        at = {line.name: line.frequency for line in expected_lines(its, Si(math.inf))} | {
+        at = {line.name: line.frequency for line in expected_lines(its, Si(math.inf), one.harmonics)} | {
             "": ends[0][0] if ends else 0.0
         }
         at |= {o.line: o.bin_hz for o in one.observations if o.bins}
@@ -352,10 +366,13 @@ def paper_evidence(scenario: Scenario) -> Evidence:
 
 
 def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
-    """Amplitudes, or else those of nearest bins, of lines that stand out; without uncertainties one per cent is taken."""
+    """Amplitudes, or else those of nearest bins, of lines that stand out and are expected of the scenario, so that a simulation has
+    them; without uncertainties one per cent is taken."""
     found = []
     ratio = None
-    for line in (x for x in table if x.seen or not x.status):
+    expected = expected_lines(scenario, Si(math.inf), _members(line.line for line in table))
+    known = {line.name for line in expected}
+    for line in (x for x in table if x.line in known and (x.seen or not x.status)):
         form, value = "amplitude", line.amplitude_n_m
         if math.isnan(value):
             form, value = "nearest_bin", line.bin_amplitude_n_m

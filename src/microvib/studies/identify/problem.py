@@ -88,7 +88,9 @@ def shortened(test: Scenario, evidence: Evidence) -> Scenario:
     if not test.driving_frequency:
         return test
     observed = {o.line for o in evidence.observations}
-    at = sorted({0.0} | {x.frequency for x in expected_lines(test, Si(math.inf)) if x.name in observed})
+    at = sorted(
+        {0.0} | {x.frequency for x in expected_lines(test, Si(math.inf), evidence.harmonics) if x.name in observed}
+    )
     gap = min((b - a for a, b in pairwise(at)), default=0.0)
     enough = min(RESOLVED / gap, evidence.duration) if gap else evidence.duration
     period = test.driver.beats * test.driver.microsteps / test.driving_frequency
@@ -107,7 +109,7 @@ def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int
     for (k, test, evidence), torque in zip(cases, torques, strict=True):
         if isinstance(torque, Torque):
             asked = {name for o in evidence.observations for name in (o.line, o.against) if name}
-            table = lines_among(torque.T_d, torque.sample_rate, test, asked)
+            table = lines_among(torque.T_d, torque.sample_rate, test, asked, evidence.harmonics)
             found.append((k, Simulated(table, torque.T_d, torque.sample_rate)))
     return found
 
