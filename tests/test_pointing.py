@@ -174,7 +174,7 @@ def test_levels_in_a_window_against_draws(metric: p.Metric) -> None:
     line = (x @ tau)[:, None] / (tau @ tau) * tau
     after = sum(A[k] * np.sinc(f[k] * T) * np.cos(2.0 * np.pi * f[k] * T + phase[:, [k]]) for k in range(3))
     found = {"rpe": x - mean, "smear": line, "jitter": x - mean - line, "mpe": mean, "pde": after - mean}[metric]
-    rows = p.in_window(metric, f, A, T)
+    rows = np.abs(p.in_window(metric, f, A, T))
     assert np.mean(0.5 * np.sum(rows**2, axis=1)) == pytest.approx(
         np.sum(p.mean_square_of_lines(metric, f, A, T)), rel=2e-3
     )

@@ -240,24 +240,12 @@ def in_window(
     apart: float | None = None,
     instants: np.ndarray = MIDDLES,
 ) -> np.ndarray:
-    """Amplitudes [rad] that lines (k,) have in a window, 0-to-peak over their phases, (n, k): rows for ``level`` and ``bound``.
+    """Complex amplitudes [rad] that lines (k,), 0-to-peak, have in a window, (n, k): rows for ``level`` and ``bound``.
 
     What moves about the mean or the fitted line is not the same throughout a window: rows are ``instants`` in it, from 0 in its
-    middle to 1 at its end. MIDDLES have equal shares of the time, as ``level`` takes them; EVERYWHERE is for ``bound``.
+    middle to 1 at its end, and from -1 for lines that keep their phases, which tell both halves apart. MIDDLES have equal shares
+    of the time, as ``level`` takes them; EVERYWHERE is for ``bound``.
     """
-    return np.abs(moved_in_window(metric, frequency, amplitude, window, apart, instants))
-
-
-def moved_in_window(
-    metric: Metric,
-    frequency: np.ndarray,
-    amplitude: np.ndarray,
-    window: float,
-    apart: float | None = None,
-    instants: np.ndarray = MIDDLES,
-) -> np.ndarray:
-    """As ``in_window``, complex, of complex amplitudes; ``instants`` from -1 to 1, since lines that keep their phases tell both
-    halves of a window apart."""
     A, f = np.asarray(amplitude), np.asarray(frequency, dtype=float)
     u = np.pi * f * window
     if metric not in ("rpe", "smear", "jitter"):

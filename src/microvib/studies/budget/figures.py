@@ -17,7 +17,6 @@ from microvib.signals.pointing import (
     level,
     mean_square_of_density,
     mean_square_of_lines,
-    moved_in_window,
     weight,
 )
 from microvib.studies.budget.files import Requirement
@@ -87,8 +86,8 @@ def figure(
         halves = np.r_[-MIDDLES[::-1], MIDDLES] if np.any(of != ALONE) else MIDDLES
         each = []
         for k, s in zip(axes, squares, strict=True):
-            rows = in_window(r.metric, f, A[:, k], window, r.apart, halves).astype(complex)
-            rows *= np.exp(1j * np.angle(moved_in_window(r.metric, at, tones[:, k], window, r.apart, halves)))
+            rows = np.abs(in_window(r.metric, f, A[:, k], window, r.apart, halves)).astype(complex)
+            rows *= np.exp(1j * np.angle(in_window(r.metric, at, tones[:, k], window, r.apart, halves)))
             each.append(level(rows, math.sqrt(s), part, frequency=at, clock=of[:, k]))
     return max(each) if surely else math.hypot(*each)
 

@@ -199,7 +199,7 @@ def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.n
     starts, window = np.cumsum([0, *(len(one.names) for one in alternatives[:-1])]), r.window or r.apart or 1.0
     squares = mean_square_of_lines(r.metric, f, A, window, r.apart).sum(axis=1)
     crests = [
-        np.add.reduceat(in_window(r.metric, f, column, window, r.apart, EVERYWHERE), starts, axis=1).max(axis=0)
+        np.add.reduceat(np.abs(in_window(r.metric, f, column, window, r.apart, EVERYWHERE)), starts, axis=1).max(axis=0)
         for column in A.T
     ]
     return np.sqrt(np.add.reduceat(squares, starts)), np.sqrt(np.sum(np.square(crests), axis=0))
