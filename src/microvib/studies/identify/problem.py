@@ -35,16 +35,9 @@ ROBUST = 5.0
 """Standard deviations from which a residual counts in proportion, not by its square: a start far off still shows the way."""
 SIZES = ("amplitude", "nearest_bin", "level")
 """Forms of figures in N m."""
-_AMISS = {
-    "amplitude": 5.0,
-    "nearest_bin": 5.0,
-    "level": 5.0,
-    "phase": math.pi,
-    "branch": math.pi,
-    "turn": math.pi,
-    "frequency": 1.0,
-    "decay": 5.0,
-}
+_AMISS = (
+    dict.fromkeys((*SIZES, "decay"), 5.0) | dict.fromkeys(("phase", "branch", "turn"), math.pi) | {"frequency": 1.0}
+)
 """Difference of a figure that a simulation does not have: as large as those of the worst that do."""
 RESOLVED = 10.0
 """Length of a short record in periods of the least difference between observed lines."""
@@ -214,12 +207,9 @@ class Problem:
         self.ledger = ledger or Ledger(progress or (lambda *_: None))
 
     def again(
-        self,
-        keys: Sequence[FitKey] | None = None,
-        evidence: Sequence[tuple[Evidence, Own]] | None = None,
-        trust: Trust | None = None,
-        scenario: Scenario | None = None,
-    ) -> Problem:
+        self, keys: Sequence[FitKey] | None = None, evidence: Sequence[tuple[Evidence, Own]] | None = None,
+        trust: Trust | None = None, scenario: Scenario | None = None,
+    ) -> Problem:  # fmt: skip
         """The same with other keys, evidence, trust or scenario."""
         evidence = self.evidence if evidence is None else evidence
         keys = self.keys if keys is None else keys
