@@ -1,4 +1,4 @@
-"""The site builds without a warning, needs no network, finds what is searched for; `microvib docs` opens it."""
+"""The site builds without a warning, needs no network, finds what is searched for; pages name what exists; `microvib docs` opens it."""
 
 import re
 import subprocess
@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+import microvib as mv
 from microvib.cli import docs as site
 from microvib.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 EXECUTED = ("tutorial", "howto/rate", "theory/array", "theory/lines", "validation-table", "reference/scenario")
 PAGES = sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)
+EVERY_PAGE = ["README.md", "CONTRIBUTING.md", "benchmarks/README.md", *PAGES]
 # what a browser loads by itself: scripts, styles, pictures, frames, fonts; not the links that a reader may follow
 LOADED = re.compile(
     r"""(?:<(?:script|img|iframe|source|video|audio|embed)\b[^>]*\bsrc=|<link\b[^>]*\bhref=|url\(|@import\s|\bfetch\()\s*["']?((?:https?:)?//[^"'\s)]+)"""
@@ -55,12 +57,33 @@ def test_what_a_browser_loads_is_told_from_what_a_reader_follows():
     assert LOADED.findall('<a href="https://pypi.org/project/pyfe3d/"> <script src="_static/x.js">') == []
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *PAGES])
+@pytest.mark.parametrize("page", EVERY_PAGE)
 def test_links_between_the_repository_s_files_lead_somewhere(page):
     file = ROOT / page
     links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", file.read_text("utf-8"))
     missing = [link for link in links if "://" not in link and not (file.parent / link).exists()]
     assert missing == []
+
+
+@pytest.mark.parametrize("page", EVERY_PAGE)
+def test_what_a_page_names_exists(page):
+    """Scripts and tests with their options, files of the sources, Python names."""
+    text = (ROOT / page).read_text("utf-8")
+    commands = [span.split() for span in re.findall(r"`((?:pytest|python) [^`]+)`", text)]
+    run = [(word, words) for words in commands for word in words if word.endswith(".py")]
+    files = {*re.findall(r"`([a-z_/]+/[a-z_]+\.py)`", text), *(word for word, _ in run)}
+    assert [f for f in sorted(files) if not any((ROOT / top / f).exists() for top in ("", "src/microvib"))] == []
+    options = {(f, w.split("=")[0]) for f, words in run for w in words if w.startswith("--")}
+    assert [(f, option) for f, option in sorted(options) if f'"{option}"' not in (ROOT / f).read_text("utf-8")] == []
+    assert [name for name in re.findall(r"\bmv\.(\w+)", text) if not hasattr(mv, name)] == []
+
+
+@pytest.mark.parametrize("page", EVERY_PAGE)
+def test_tests_that_a_page_picks_by_a_word_are_there(page):
+    text = (ROOT / page).read_text("utf-8")
+    for file, words in re.findall(r'`pytest (\S+\.py) -k "?([^"`]+?)"?(?: -m "")?`', text):
+        names = re.findall(r"^def (test_\w+)", (ROOT / file).read_text("utf-8"), re.M)
+        assert [word for word in words.split(" or ") if not any(word in name for name in names)] == [], file
 
 
 def docs(*arguments: str):
