@@ -27,7 +27,7 @@ class Record(Part):
     )
 
     rotor_offset: Annotated[
-        float, Quantity("", "angle of the rotor off its first command when currents come on, in full steps")
+        float, Quantity("", "angle of the rotor from its first command when the currents come on, in full steps")
     ] = 0.0
 
     def _misfits(self) -> Iterator[str]:

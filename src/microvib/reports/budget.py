@@ -28,7 +28,7 @@ MOST_REASONS = 4
 RANKED = 8
 """Lines that a ranking shows."""
 _RULES = {
-    "rss": "as mean squares, the mean over phases that are not known",
+    "rss": "as mean squares, averaged over unknown phases",
     "coherent": "with their phases",
     "bound": "with the worst phases",
 }
@@ -124,7 +124,7 @@ def _decision(budget: Budget) -> str:
 
 def _counted(budget: Budget) -> str:
     if not budget.judged:
-        return "nothing is required, so that nothing is judged"
+        return "no requirement was given, so nothing is judged"
     verdicts: dict[Verdict, int] = {v: sum(one.verdict == v for one in budget.judged) for v in _WORDS}
     said = ", ".join(f"{n} {v}" for v, n in verdicts.items() if n)
     return f"{said}, of {count(len(budget.judged), 'requirement')}"
@@ -245,7 +245,7 @@ def _requirements(budget: Budget) -> Table:
         *(["median [1]", "P95 [1]", "P99 [1]"] if spread else []),
     ]
     rows = [[*_cells(one)[: len(head)], _WORDS[one.verdict]] for one in budget.judged]
-    caption = "At most: with the worst phases, what still rings, and what was not looked at." + (
+    caption = "At most: with the worst phases, all that still rings, and allowances for what was not examined." + (
         " Percentiles over a campaign." if spread else ""
     )
     return table([*head, "verdict"], rows, caption, marks)
@@ -270,7 +270,7 @@ def _sources(budget: Budget) -> Table:
     rows = [
         [c.source, c.how, str(len(c.names)), "; ".join(gap.why for gap in c.gaps[:6])] for c in budget.contributions
     ]
-    return table(["source", "how it was found", "lines [1]", "what is not known of it"], rows)
+    return table(["source", "how it was found", "lines [1]", "what is not known about it"], rows)
 
 
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")

@@ -24,24 +24,25 @@ from microvib.units import pretty
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-CALIBRATED = "Calibrated, not predicted: these figures were fitted to."
+CALIBRATED = "Calibrated, not predicted: the parameters were fitted to these figures."
 _HOW_TO_READ = (
-    "Intervals have 95 % confidence, from the profile of the cost where its curvature alone misleads, and widened by the scatter"
-    " that the fit leaves. They hold for the model as it is: whatever was not fitted is taken as exact (see what the estimates"
-    " depend on)."
+    "Intervals have 95 % confidence. They come from the profile of the cost where its curvature alone would mislead, and are"
+    " widened by the scatter that the fit leaves. They hold for the model as it is: whatever was not fitted is taken as exact"
+    " (see what the estimates depend on)."
     " A parameter counts as identifiable if the model explains the data, the standard error is below 20 %, the best value lies"
     " inside its range and no other explains the data as well."
 )
 _SENSITIVITY = "Relative change of a figure for a relative change of a parameter."
 _LEANING = (
     "Relative change of an estimate for a relative change of a parameter that was not fitted, to first order: 2 means that"
-    " 1 % moves it by 2 %. An error of such a parameter is in no interval."
+    " 1 % moves it by 2 %. No interval includes an error of such a parameter."
 )
 _SELECTION = (
-    "Candidates, each beside all that the evidence asks for: by how much chi-square is lower with it than without, and what it must"
-    " exceed, so that evidence without any of them would ask for one in five of a hundred cases. Of bits each whole number is a"
-    " candidate; of what scatters, as friction with memory does, the scatter counts against it. False alarms of detent torque,"
-    " driver errors, bits and friction with memory were counted; take other effects as a hint."
+    "Each candidate, together with all effects that the evidence asks for: by how much it lowers chi-square, and the threshold that"
+    " this must exceed, set so that evidence without any of the effects would ask for one in five of a hundred cases. Each number"
+    " of bits is a candidate of its own. Where figures scatter, as with friction with memory, the scatter counts against the"
+    " candidate. False alarms were counted for detent torque, driver errors, bits and friction with memory; take other effects"
+    " as a hint."
 )
 _MAX_OFF, _MAX_LEANING, _MAX_PICTURES = 12, 8, 6
 OUTSTANDING = 8.0
@@ -236,7 +237,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             for e, _ in fit.after
         ],
         "cost": fit.cost, "observations": fit.observations, "simulations": fit.simulations, "seed": fit.seed,
-        "interrupted": fit.interrupted, "status": "calibrated: these lines were fitted to", "versions": package_versions(),
+        "interrupted": fit.interrupted, "status": "calibrated: fitted to these lines", "versions": package_versions(),
     }  # fmt: skip
 
 

@@ -306,7 +306,7 @@ def _worst(s: Summary) -> list[Block]:
     """The cases with the largest lines and what is varied in them, a column each; the worst cases of every line."""
     found = s.worst[ANY][:WORST]
     if not found:
-        return [Text("No case is done.")]
+        return [Text("No case has been computed yet.")]
     design = s.results.campaign.design
     labels = [design.labels(case) for case, _ in found]
     which = {case: line for line, cases in reversed(s.worst.items()) if line != ANY for case in cases}
