@@ -165,7 +165,7 @@ def test_a_server_that_was_started_again_says_so(chromium: Any) -> None:
         run(page)
     api.expect(page.locator("#server")).to_contain_text("does not answer", timeout=20_000)
     with served(int(re.findall(r":(\d+)/", address)[0])) as address:
-        api.expect(page.locator("#server")).to_contain_text("was started again", timeout=20_000)
+        api.expect(page.locator("#server")).to_contain_text("was restarted", timeout=20_000)
         page.locator(".chip.gone").wait_for()
         other = page.context.new_page()
         other.goto(address)  # lets the browser in

@@ -130,8 +130,8 @@ function makeNotice() {
   const place = $("#server");
   const words = {
     silent: "The server does not answer. Is microvib serve still running? The page asks again every second.",
-    restarted: "The server was started again. What it had computed and read before is gone; the scenarios of your runs are still here.",
-    shut: "This browser is not let in: open the address that microvib serve printed last, then come back to this tab.",
+    restarted: "The server was restarted. What it had computed and read before is gone; the scenarios of your runs are still here.",
+    shut: "This browser has no access: open the address that microvib serve printed last, then come back to this tab.",
   };
   const told = new Set();
   const close = h("button", { type: "button", onclick: () => show(told.clear()) }, "Close");

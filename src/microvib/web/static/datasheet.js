@@ -29,10 +29,10 @@ export async function makeSheet(tab) {
       h("button", { type: "button", onclick: empty }, "Empty all"),
     ),
   );
-  const why = "Of the scenario on the left, each value whose source notes a range goes through it, the others as they are.";
+  const why = "Each value of the scenario on the left whose source notes a range is moved through that range, with the others unchanged.";
   tab.append(
     card("What the data sheet says", "Leave empty what it does not say.", form, rest),
-    card("What is assumed", "Typical values with their ranges, no measurements; friction, array and tracking are examples.", assumed),
+    card("What is assumed", "Typical values with their ranges, not measurements; friction, array and tracking are examples.", assumed),
     card("Which assumed value matters most", why, h("button", { type: "button", onclick: rank }, "Rank"), place, ranking),
   );
   keepFields("sheet", Object.fromEntries([...rows].map(([key, { input }]) => [key, input])));
@@ -47,7 +47,7 @@ const card = (title, words, ...content) =>
 
 function entry({ key, meaning, example, unit, range, choices }) {
   const id = `sheet-${key}`;
-  const facts = [range && `${range}.`, unit && `Unit: ${unit}, or one like it.`].filter(Boolean).join(" ");
+  const facts = [range && `${range}.`, unit && `Unit: ${unit}, or a compatible one.`].filter(Boolean).join(" ");
   const common = { id, name: key, title: facts, "aria-describedby": `${id}-error` };
   const input = choices
     ? h("select", common, ["", ...choices].map((choice) => h("option", { value: choice }, choice || "not stated")))
@@ -149,6 +149,6 @@ function effects(line) {
       { key: "sensitivity", title: "d ln/d ln", show: slope },
     ],
     rows,
-    { caption: `Values by what they do to ${line.line}` },
+    { caption: `Values by their effect on ${line.line}` },
   );
 }

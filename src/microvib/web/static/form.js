@@ -170,7 +170,7 @@ function makeRow(key) {
     field.meaning.length > LONG ? `${field.meaning}. ` : "",
     h("code", {}, key),
     field.range ? ` ${field.range}.` : "",
-    field.unit ? ` Unit: ${field.unit}, or one like it.` : "",
+    field.unit ? ` Unit: ${field.unit}, or a compatible one.` : "",
     parts.length ? ` Written as ${field.items ? "a list of " : ""}{${parts.map((item) => `${item.key}: …`).join(", ")}}.` : "",
     " ",
     source,

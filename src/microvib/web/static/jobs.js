@@ -6,7 +6,7 @@ import { getSurely, onServer, pause } from "./api.js";
 
 const ENDED = ["done", "failed", "cancelled"];
 const PAUSE = 100;
-const GONE = { state: "gone", error: "The server has this computation no more: it was started again, or gave it up for newer ones." };
+const GONE = { state: "gone", error: "The server no longer has this computation: it was restarted, or dropped it to make room for newer ones." };
 
 const followed = new Map();
 let asking = false;

@@ -44,7 +44,7 @@ export async function update() {
   bar.hidden = !run?.result;
   if (run?.state !== "done" || !query().limit) {
     asking.forget();
-    return say(null, run?.state === "done" ? "Give a limit, and its verdict stands here and in the report." : "");
+    return say(null, run?.state === "done" ? "Enter a limit: its verdict then appears here and in the report." : "");
   }
   try {
     await asking(

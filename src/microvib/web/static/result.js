@@ -59,7 +59,7 @@ export function tablesOf(run) {
     ...overSeeds(result),
     section(
       "Lines",
-      `Amplitudes are 0-to-peak; a decaying line is quoted with its mean over the record. ± is how well the line of this record is known; what the model is worth: ${result.standing}.`,
+      `Amplitudes are 0-to-peak; a decaying line is quoted with its mean over the record. ± is how well the line of this record is known; how far to trust the model: ${result.standing}.`,
       lines,
     ),
     section("Torque budget", "", budget),

@@ -104,7 +104,7 @@ function failure(run) {
   const ends = {
     failed: `failed: ${run.error}`,
     cancelled: run.unwanted ? "was cancelled." : "was cancelled, by another tab or because the server ended.",
-    gone: "is not on the server any more: it was started again, or gave the run up for newer ones.",
+    gone: "is no longer on the server, which was restarted or dropped the run to make room for newer ones.",
   };
   if (!ends[run.state]) return [];
   const again = () => runs.again(run).catch((error) => announce(error.message, { error: true }));

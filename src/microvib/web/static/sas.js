@@ -63,7 +63,7 @@ function show({ table: settings, tolerance, text, drawing }) {
   const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
   const parts = [
     card("Settings", plain(settings, "Settings of the simulator")),
-    tolerance && card("What a small error of setting does", plain(tolerance, "Tolerances")),
+    tolerance && card("Effect of a small setting error", plain(tolerance, "Tolerances")),
     drawing && card("Drawing", h("img", { src: drawing, alt: "Drawing of the simulator set to its target" })),
     card("In words", h("pre", {}, text)),
   ];
