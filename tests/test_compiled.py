@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
@@ -116,6 +117,13 @@ def test_every_unit_that_is_kept_is_looked_at():
 def test_what_is_kept_is_of_these_sources(name):
     stamps = UNITS[name].file.read_bytes().partition(b"\n")[0].decode().split()
     assert UNITS[name].fits(*stamps), f"python -m microvib.compiled {name}"
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_what_is_kept_names_no_file_of_the_machine_that_made_it(name):
+    text = str(llvm.parse_bitcode(lzma.decompress(UNITS[name].file.read_bytes().partition(b"\n")[2])))
+    for folder in (sys.prefix, Path(np.__file__).parents[1], Path(mv.__file__).parents[1], "site-packages"):
+        assert str(folder) not in text
 
 
 def imported_files(path):

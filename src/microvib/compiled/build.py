@@ -7,6 +7,7 @@ need of it, to get memory, to count and to give it back, is added here.
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -189,9 +190,15 @@ def _add_delivery(module: Any, free: Any) -> None:
     builder.ret_void()
 
 
+_PICKLED = re.compile(
+    r'^(@"?\.const\.(?:pickledata|sha1|picklebuf)[^=]*= .*?constant \[\d+ x i8\]) c"[^"]*"', re.MULTILINE
+)
+"""Exceptions that numba keeps with the paths of this machine's files; no compiled code of ours raises one."""
+
+
 def _alone(text: str, entries: set[str]) -> bytes:
     """A module with nothing but what entries need, and nothing of this machine."""
-    module = llvm.parse_assembly(text)
+    module = llvm.parse_assembly(_PICKLED.sub(r"\1 zeroinitializer", text))
     for symbol in (*module.functions, *module.global_variables):
         if not symbol.is_declaration and symbol.name not in entries:
             symbol.linkage = "internal"
