@@ -378,7 +378,37 @@ def test_sources_of_what_is_no_longer_there_are_dropped(state_1):
     )
     every = state_1.with_sources(dict.fromkeys((*keys, *wrong), "made"))
     assert tuple(every.sources) == keys
-    assert tuple(every.with_({"array.modes": [], "array.rigid_inertia": None}).sources) == (*keys[:2], keys[4])
+    fewer = every.with_({"array.modes": [], "array.rigid_inertia": None})
+    changed = dict.fromkeys(("array.modes", "array.rigid_inertia"), "set by the user")
+    assert fewer.sources == {"array": "made", keys[4]: "made", **changed}
+
+
+def test_a_value_that_was_changed_has_no_longer_the_source_of_the_one_before():
+    """At every door alike; what was not changed keeps its own."""
+    published = load_scenario("state-1")
+    assert published.source_of("reducer.stiffness").startswith("identified")
+    changes = {"reducer.stiffness": "9000 N*m/rad"}
+    for one in (
+        published.with_(changes),
+        load_scenario("state-1", changes),
+        published.with_si({"reducer.stiffness": 9000.0}),
+    ):
+        assert one.source_of("reducer.stiffness") == "set by the user"
+        assert one.source_of("reducer.damping") == published.source_of("reducer.damping")
+    other = published.with_(
+        friction={
+            "coulomb": "0.03 N*m",
+            "breakaway": "0.05 N*m",
+            "stribeck_rate": "0.003 deg/s",
+            "viscous": "0.02 N*m*s/rad",
+        }
+    )
+    assert other.source_of("friction.coulomb") == "set by the user"
+    assert published.with_(title="mine").sources == published.sources
+    bare = load_scenario(
+        Path(__file__).parents[1] / "examples" / "spacecraft.yaml", changes
+    )  # a file that says one source for all
+    assert bare.sources == {"reducer.stiffness": "set by the user"}
 
 
 @pytest.mark.parametrize("name", [*mv.catalog_names(), "new"])

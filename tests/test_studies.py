@@ -502,7 +502,7 @@ def test_candidates_are_switched_on_and_off(start):
     assert on.motor.detent_torque == start.motor.detent_torque
     off = switched(on, list(EFFECTS), [])
     assert off.motor.detent_torque == 0.0
-    assert off.with_si({"motor.detent_torque": start.motor.detent_torque}) == start
+    assert off.with_si({"motor.detent_torque": start.motor.detent_torque}).with_sources(start.sources) == start
     assert switched(off, list(EFFECTS), ["motor.detent_torque"]).motor.detent_torque > 0.0
     assert effects_of(["all"]) == list(EFFECTS)
     with pytest.raises(

@@ -13,7 +13,7 @@ from microvib.io.array_files import ARRAY_ORIGINS, with_array
 from microvib.io.named import bench_names, catalog_names, catalog_text, named_text, read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, plain
-from microvib.model.scenario import Scenario, expect_scenario, set_key
+from microvib.model.scenario import BY_USER, Scenario, expect_scenario, set_key
 from microvib.model.sentences import validated
 from microvib.testdata.bench import Bench
 
@@ -57,13 +57,14 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
     if other and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
     after = validated(Scenario, {**data, "sources": data.get("sources") if "sources" in changes else {}}, origin=name)
-    if before is None or "sources" in changes:
+    if "sources" in changes:
         return after
-    kept = {key: text for key, text in before.sources.items() if not (other and key.split(".")[0] == "array")}
+    told = {} if before is None else before.sources
+    kept = {key: text for key, text in told.items() if not (other and key.split(".")[0] == "array")}
     own = {"array": data["sources"]["array"]} if other else {}
     # A value that was changed no longer comes from the file's source.
     set_here = [key for key in changes if key.split(".")[0] not in ("source", "sources", "title")]
-    return after.with_sources(kept | dict.fromkeys(set_here, "set by the user") | own)
+    return after.with_sources(kept | dict.fromkeys(set_here, BY_USER) | own)
 
 
 def load_bench(source: str | Path) -> Bench:

@@ -24,6 +24,8 @@ from microvib.model.tracking import Tracking
 from microvib.units import Given, Quantity, quantity
 
 _WORDS = ("title", "source", "sources")  # fields that hold no parameters
+BY_USER = "set by the user"
+"""Source of a value that was changed: it no longer comes from where the scenario's does."""
 
 
 class Scenario(Part):
@@ -267,6 +269,9 @@ class Scenario(Part):
             if isinstance(data.get(group), Part):  # what is not changed has been validated
                 data[group] = plain(data[group])
             set_key(data, key, plain(value))
+            if group not in _WORDS and group in data:  # what was said of the value before is not said of this one
+                kept = {k: text for k, text in data["sources"].items() if k != key and not k.startswith(f"{key}.")}
+                data["sources"] = {**kept, key: BY_USER}
         return validated(Scenario, {**data, "sources": {}}, si=si).with_sources(data["sources"])
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:

@@ -17,7 +17,7 @@ import numpy as np
 from microvib.analysis.lines import lines
 from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import PAPER_LINES, read_table, rows_csv
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import BY_USER, Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -70,8 +70,10 @@ def paper_state(scenario: Scenario) -> int | None:
 
 def comparison_worth(scenario: Scenario) -> str:
     """What a comparison with the test is worth: whether parameters were identified from it, are assumed, or changed since."""
-    texts = {scenario.source_of(key) for key, _, _ in scenario.entries()}
-    if any(text == "set by the user" for text in texts):
+    texts = {
+        scenario.source_of(key) for key, _, _ in scenario.entries() if key.split(".")[0] not in ("record", "solver")
+    }
+    if BY_USER in texts:
         return "some parameters were changed by the user: neither calibrated nor a prediction of the catalog's drive"
     if any(text.startswith("identified from the test's lines") for text in texts):
         return "calibrated, not predicted: parameters were identified from these very figures"
