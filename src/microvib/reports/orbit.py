@@ -51,11 +51,11 @@ def _windows(orbit: Orbit) -> tuple[list[str], list[list[str]]]:
 
 def _how(orbit: Orbit) -> list[str]:
     """Runs, halvings and the turning, in sentences."""
-    rounds = "; ".join(f"{h.tried} between {h.angles}: {100 * h.error:.2g} %" for h in orbit.halvings)
+    rounds = ", then ".join(f"{100 * h.error:.2g} % at {h.tried} angles between {h.angles}" for h in orbit.halvings)
     return [
         f"{len(orbit.runs.angles)} angles run, {len(orbit.time)} evaluated.",
-        f"Steps halved, and largest error half way over the rms of the orbit: {rounds}.",
-        f"While the mode that rings longest falls to 1/e the array turns by {math.degrees(orbit.turned_in_decay):.2g} deg.",
+        f"Largest error of interpolation, over the rms of the orbit: {rounds}.",
+        f"While the mode that rings longest falls to 1/e, the array turns by {math.degrees(orbit.turned_in_decay):.2g} deg.",
     ]
 
 
