@@ -10,13 +10,14 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from microvib.errors import MicrovibError
 from microvib.solve.integration import Progress
+from microvib.studies.interrupts import any_done, held
 
 POLL = 5.0
 """Seconds between two looks at the workers."""
@@ -50,10 +51,11 @@ class Backend(Protocol):
 def local(workers: int | None = None) -> Iterator[Backend]:
     """Processes on this machine, one per core by default."""
     pool = _Local(workers or os.cpu_count() or 1)
-    try:
-        yield pool
-    finally:
-        pool.close()
+    with held():
+        try:
+            yield pool
+        finally:
+            pool.close()
 
 
 class _Local:
@@ -155,11 +157,12 @@ def all_cores(progress: Progress | None = None, workers: int | None = None) -> I
     process was ended, because memory was short or it hung.
     """
     if workers in (None, 1):
-        pool = ThreadPoolExecutor(workers or os.cpu_count() or 1)
-        try:
-            yield _calls(pool, progress, lambda: None)
-        finally:
-            pool.shutdown(cancel_futures=True)
+        with held():
+            pool = ThreadPoolExecutor(workers or os.cpu_count() or 1)
+            try:
+                yield _calls(pool, progress, lambda: None)
+            finally:
+                pool.shutdown(cancel_futures=True)
         return
     with local(workers) as backend:
         yield _calls(backend.executor(), progress, backend.watch)
@@ -178,7 +181,7 @@ def _calls(pool: Executor, progress: Progress | None, watch: Callable[[], None])
             for done, future in enumerate(
                 futures, before + 1
             ):  # one by one: to wait for all takes the square of their number
-                while not wait([future], timeout=POLL).done:
+                while not any_done([future]):
                     watch()
                 watch()
                 future.result()  # an error ends all

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future
 
 from microvib.errors import MicrovibError
-from microvib.studies import workers
 from microvib.studies.campaign.cases import Work, compute_bytes
 from microvib.studies.campaign.folder import Campaign
+from microvib.studies.interrupts import any_done
 from microvib.studies.workers import Backend
 
 STRIKES = 3
@@ -56,7 +56,7 @@ class _Coordinator:
             while self._waiting and len(running) < 2 * self._backend.workers:  # one in reserve for every worker
                 chunk = self._waiting.popleft()
                 running[self._submit(self._campaign.work(chunk))] = chunk
-            for future in wait(running, timeout=workers.POLL, return_when=FIRST_COMPLETED).done:
+            for future in any_done(running):
                 self._collect(future, running.pop(future))
             self._backend.watch()
         for chunk in self._suspects:
@@ -110,7 +110,7 @@ class _Coordinator:
     def _alone(self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()) -> bytes | None:
         """A chunk, or some cases of it, computed with nothing else under way; None where the worker dies or fails."""
         future = self._submit(self._campaign.work(chunk, cases, deadly))
-        while not wait([future], timeout=workers.POLL).done:
+        while not any_done([future]):
             self._backend.watch()
         try:
             return future.result()

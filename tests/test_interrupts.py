@@ -1,0 +1,113 @@
+"""Ctrl-C where threads or processes work: it ends what goes on, at once, and never leaves a lock taken."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from microvib.studies.interrupts import any_done, held, look, result
+from microvib.studies.workers import all_cores
+
+posix = pytest.mark.skipif(os.name != "posix", reason="interrupts of one's own program are sent as signals")
+
+INTERRUPTED_OFTEN = """
+import random, signal
+from microvib.studies.workers import all_cores
+
+def quick(k):
+    return k
+
+random.seed(1)
+ended = 0
+for trial in range(150):
+    try:
+        with all_cores() as calls:
+            signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-3, 2e-2))
+            calls(quick, [(k,) for k in range(3000)])
+    except KeyboardInterrupt:
+        ended += 1
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+print(ended)
+"""
+
+
+@posix
+def test_work_that_is_interrupted_at_any_instant_ends():
+    """An interrupt within the library's futures left a lock taken in a few of a hundred trials, and nothing ended any more."""
+    program = (
+        "import signal\nsignal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))"
+        + INTERRUPTED_OFTEN
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 50
+
+
+@posix
+def test_an_interrupt_is_held_until_it_is_looked_for():
+    with held(), held():
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            look()
+        look()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@posix
+def test_an_interrupt_after_the_last_look_is_not_lost():
+    with pytest.raises(KeyboardInterrupt), held():
+        signal.raise_signal(signal.SIGINT)
+
+
+@posix
+def test_the_third_interrupt_in_a_row_is_not_held_back():
+    """Whatever hangs, who presses Ctrl-C again and again is heard."""
+    sent = []
+
+    def press():
+        for _ in range(5):
+            sent.append(True)
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt), held():
+        press()
+    assert len(sent) == 3
+
+
+def test_other_handlers_and_other_threads_are_left_alone():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with held():
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    seen = []
+
+    def elsewhere():
+        with held():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert seen == [before]
+
+
+def test_results_and_errors_come_back():
+    with all_cores() as calls:
+        assert calls(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
+        with pytest.raises(ZeroDivisionError):
+            calls(divmod, [(1, 0)])
+
+
+def test_waiting_goes_on_until_there_is_something():
+    from concurrent.futures import Future
+
+    future = Future()
+    assert any_done([future]) == set()
+    threading.Timer(0.05, future.set_result, (3,)).start()
+    assert result(future) == 3
