@@ -5,10 +5,11 @@ An interrupt inside the standard library's futures may leave one of their locks 
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -38,6 +39,17 @@ def held() -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     look()
+
+
+@contextmanager
+def threads(count: int | None = None) -> Iterator[ThreadPoolExecutor]:
+    """So many threads, one per core by default; an interrupt waits for what is under way and not for what has not begun."""
+    with held():
+        pool = ThreadPoolExecutor(count or os.cpu_count() or 1)
+        try:
+            yield pool
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _note(number: int, frame: Any) -> None:

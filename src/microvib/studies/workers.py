@@ -10,14 +10,14 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from microvib.errors import MicrovibError
 from microvib.solve.integration import Progress
-from microvib.studies.interrupts import any_done, held
+from microvib.studies.interrupts import any_done, held, threads
 
 POLL = 5.0
 """Seconds between two looks at the workers."""
@@ -157,12 +157,8 @@ def all_cores(progress: Progress | None = None, workers: int | None = None) -> I
     process was ended, because memory was short or it hung.
     """
     if workers in (None, 1):
-        with held():
-            pool = ThreadPoolExecutor(workers or os.cpu_count() or 1)
-            try:
-                yield _calls(pool, progress, lambda: None)
-            finally:
-                pool.shutdown(cancel_futures=True)
+        with threads(workers) as pool:
+            yield _calls(pool, progress, lambda: None)
         return
     with local(workers) as backend:
         yield _calls(backend.executor(), progress, backend.watch)

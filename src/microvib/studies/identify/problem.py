@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
@@ -24,7 +22,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
 from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
-from microvib.studies.interrupts import held, result
+from microvib.studies.interrupts import result, threads
 from microvib.units import Si
 
 Item = TypeVar("Item")
@@ -235,17 +233,16 @@ class Problem:
 
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
         """The work on each item, as many at a time as there are cores. An interrupt also ends work that is under way."""
-        with held():
-            pool = ThreadPoolExecutor(os.cpu_count() or 1)
-            try:
-                return [result(future) for future in [pool.submit(work, item) for item in items]]
-            except KeyboardInterrupt:
-                self.ledger.stopped = True
-                raise
-            finally:
-                pool.shutdown(cancel_futures=True)
-                if current_thread() is main_thread():
-                    self.ledger.stopped = False
+        try:
+            with threads() as pool:
+                try:
+                    return [result(future) for future in [pool.submit(work, item) for item in items]]
+                except KeyboardInterrupt:
+                    self.ledger.stopped = True
+                    raise
+        finally:
+            if current_thread() is main_thread():
+                self.ledger.stopped = False
 
     def widened(self) -> Problem | None:
         """With ranges of ours that reach further both ways; None where all are stated."""
