@@ -143,6 +143,16 @@ def test_a_unit_names_every_file_that_it_is_made_from(name):
         assert source.parent != UNITS[name].file.parent or not missing, f"{source.name} imports from {missing}"
 
 
+def said_by(script, folder, timeout):
+    """What a program prints that runs in a folder, and keeps its machine code there."""
+    environment = os.environ | dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(folder))
+    command = [sys.executable, "-c", script]
+    run = subprocess.run(
+        command, env=environment, cwd=folder, capture_output=True, text=True, check=True, timeout=timeout
+    )
+    return run.stdout
+
+
 def test_a_first_run_needs_no_compiler_and_leaves_the_largest_unit_to_another_process(tmp_path):
     script = """
 import sys
@@ -155,17 +165,8 @@ main(["run", "state-1", *settings], standalone_mode=False)
 from microvib.solve import propagate
 print("numba" in sys.modules, "llvmlite" in sys.modules, len(made), propagate.code._kept() in made)
 """
-    environment = os.environ | dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(tmp_path))
-    run = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=300,
-    )
-    assert run.stdout.splitlines()[-1].split() == ["False", "True", "5", "False"]
+    said = said_by(script, tmp_path, timeout=300)
+    assert said.splitlines()[-1].split() == ["False", "True", "5", "False"]
 
 
 @pytest.fixture
@@ -253,18 +254,9 @@ ahead.cores, codegen.__file__ = lambda: 2, "slow.py"
 small_unit.code.begin()
 print(*[making.process.pid for making in ahead._begun.values()])
 """
-    environment = os.environ | dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(tmp_path))
-    run = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
+    said = said_by(script, tmp_path, timeout=60)
     with pytest.raises(ProcessLookupError):
-        os.kill(int(run.stdout), 0)
+        os.kill(int(said), 0)
 
 
 def test_code_that_is_kept_is_used_and_edits_are_not_missed(small, cache):
