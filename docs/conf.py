@@ -45,6 +45,7 @@ html_show_search_summary = False  # would fetch the pages, which a browser forbi
 html_theme_options = {"navigation_with_keys": True}
 
 math_renderer = html_math_renderer = "mathml"
+smartquotes = False  # examples are pasted, from prose and help texts, too
 numfig = math_numfig = True
 highlight_language = "none"
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
