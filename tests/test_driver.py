@@ -8,7 +8,7 @@ from support.scenarios import NO_FRICTION, baseline, recorded
 
 import microvib as mv
 from microvib.errors import OptionError
-from microvib.model.driver import electrical_turn
+from microvib.model.driver import electrical_turn, quantized
 from microvib.model.expected import angle_errors, expected_lines
 from microvib.model.linear import linear_lines
 from microvib.reports.identification import fit_json, fit_text
@@ -72,6 +72,37 @@ def test_rounded_references_have_the_angle_errors_of_an_independent_computation(
     assert abs(amplitude(found, 4)) == pytest.approx(fourth, rel=0.05)
     assert found.std() == pytest.approx(rms, rel=0.05)
     assert {x.order % 4 for x in angle_errors(driver_with(dac_bits=bits)) if x.amplitude > 1e-8} == {0}
+
+
+@pytest.mark.parametrize("phases", [2, 3, 5])
+@pytest.mark.parametrize("n", [1, 2, 3, 6, 8, 10, 16, 25, 48, 64, 100, 256])
+def test_a_perfect_drive_stays_symmetric_when_its_references_are_rounded(phases, n):
+    """Currents of a full step later are those of this one, turned, and mirrored they are themselves, at any number of bits."""
+    steps = {2: 4, 3: 6, 5: 10}[phases]
+    for bits in range(4, 15):
+        driver = driver_with(dac_bits=bits).model_copy(update={"beats": steps, "microsteps": n})
+        A, B = electrical_turn(driver, 0.6, phases).T
+        vector = A + 1j * B
+        turned = vector * np.exp(2j * math.pi / steps)
+        np.testing.assert_allclose(np.roll(vector, -n), turned, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(np.roll(vector[::-1], 1), vector.conj(), rtol=0.0, atol=1e-12)
+        assert {x.order % steps for x in angle_errors(driver, phases) if x.amplitude > 1e-8} <= {0}
+
+
+def test_a_half_step_of_the_rounding_goes_away_from_zero_whatever_its_noise():
+    levels = 127
+    half = np.array([0.5, 0.5 + 1e-16, 0.5 - 2e-16, 1.5 / levels])
+    for x in (half, half * (1.0 + 3e-16), half * (1.0 - 3e-16)):
+        assert np.array_equal(levels * quantized(x, levels), [64.0, 64.0, 64.0, 2.0])
+        assert np.array_equal(quantized(-x, levels), -quantized(x, levels))
+    assert levels * quantized(np.array([0.5 - 1e-9]), levels) == pytest.approx([63.0])
+
+
+def test_a_dead_band_at_half_the_current_treats_three_phases_alike():
+    driver = driver_with(dead_band=0.5).model_copy(update={"beats": 6, "microsteps": 16})
+    A, B = electrical_turn(driver, 1.0, 3).T
+    turned = (A + 1j * B) * np.exp(1j * math.pi / 3)
+    np.testing.assert_allclose(np.roll(A + 1j * B, -16), turned, rtol=0.0, atol=1e-12)
 
 
 def test_an_ideal_driver_is_as_before():

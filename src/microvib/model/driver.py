@@ -15,9 +15,8 @@ from microvib.model.part import Part
 from microvib.units import Quantity
 
 MAX_TABLE = 16_384  # rows of a table of currents, at most
-
-
 _USUAL = (1e-5, 0.05)  # errors of a driver, over its current
+_NOISE = 1e-14  # error of a computed reference over the current, by floating point
 
 
 class Imperfections(Part):
@@ -215,13 +214,24 @@ def electrical_turn(driver: Driver, current: float, phases: int = 2) -> np.ndarr
     turn = np.outer(along, led[:, 0]) + np.outer(across, led[:, 1])
     turn[:, 1] *= 1.0 + errors.gain_b
     turn[:, :2] += errors.offset_a, errors.offset_b
-    turn[np.abs(turn) < errors.dead_band] = 0.0
+    turn[np.abs(turn) < errors.dead_band - _NOISE] = 0.0
     if errors.dac_bits is not None:
-        levels = 2 ** (errors.dac_bits - 1) - 1
-        turn = np.rint(turn * levels) / levels
+        turn = quantized(turn, 2 ** (errors.dac_bits - 1) - 1)
     turn = current * (2.0 / phases) * (turn @ place)
     turn.flags.writeable = False
     return turn
+
+
+def quantized(references: np.ndarray, levels: int) -> np.ndarray:
+    """Round references over I, of any shape, to whole multiples of 1/``levels``, a half step away from zero.
+
+    A reference within the noise of floating point of a half step is taken for it: references that are equal but for their sign, or
+    by a symmetry of the phases, stay so.
+    """
+    steps = np.abs(references) * levels
+    halves = np.rint(2.0 * steps)
+    steps = np.where(np.abs(2.0 * steps - halves) <= 2.0 * _NOISE * levels, 0.5 * halves, steps)
+    return np.asarray(np.copysign(np.floor(steps + 0.5), references) / levels)
 
 
 def _places(phases: int) -> list[tuple[float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from itertools import pairwise
 
@@ -12,6 +13,7 @@ from microvib.model.scenario import Scenario
 
 FASTEST = 5_000_000
 """Microsteps per second, at most."""
+_NOISE = 1e-14  # error of a count of microsteps over the count, by floating point
 
 
 class Command:
@@ -84,6 +86,8 @@ class Command:
         rate_a = self._rates[leg] + slope * dt_a
         from_count = self._counts[leg] + dt_a * (self._rates[leg] + 0.5 * slope * dt_a)
         to_count = self._counts[leg] + dt_b * (self._rates[leg] + 0.5 * slope * dt_b)
+        # A microstep due at a or b comes once, whichever side of it the noise of floating point puts the count.
+        from_count, to_count = _without_noise(from_count), _without_noise(to_count)
         if abs(to_count - from_count) > FASTEST * max(b - a, 1.0):
             raise SimulationError(
                 f"tracking: the command asks for {abs(to_count - from_count) / (b - a):.3g} microsteps per second at t = {a:.4g} s;"
@@ -102,3 +106,9 @@ class Command:
             dt = np.where(rise == 0.0, 0.0, 2.0 * rise / (rate_a + np.copysign(root, to_count - from_count)))
         # A crossing just before b may round to b, which belongs to the next interval: it stays in this one.
         return np.array([np.clip(a + dt, a, np.nextafter(b, a)), after, root])
+
+
+def _without_noise(count: float) -> float:
+    """A count of microsteps; an odd half where it is within the noise of floating point of one."""
+    half = math.floor(count) + 0.5
+    return half if abs(count - half) <= _NOISE * (1.0 + abs(count)) else count
