@@ -58,8 +58,14 @@ def test_a_microstep_due_where_the_rate_changes_comes_once(state_1, chunks):
     for k in range(1, 200):
         rate = 0.001 * (1.0 + 0.0137 * k)
         hold = (k + 0.5) / abs(per_second * rate / 0.001)
-        legs = [{"rate": rate, "ramp": 2.0 * hold, "hold": 0.0}, {"rate": 0.7 * rate, "ramp": 0.1, "hold": hold}, {"rate": 0.0}]
+        legs = [
+            {"rate": rate, "ramp": 2.0 * hold, "hold": 0.0},
+            {"rate": 0.7 * rate, "ramp": 0.1, "hold": hold},
+            {"rate": 0.0},
+        ]
         command = Command(state_1.with_si(tracking={"profile": legs}))
         edges = np.linspace(0.0, 3.0 * hold, chunks + 1)
-        counts = np.concatenate([[0.0], *(command.microsteps(a, b)[1][:, 2] for a, b in pairwise(edges))]) * 64 / (2 * np.pi)
+        counts = (
+            np.concatenate([[0.0], *(command.microsteps(a, b)[1][:, 2] for a, b in pairwise(edges))]) * 64 / (2 * np.pi)
+        )
         assert np.abs(np.diff(counts)) == pytest.approx(1.0)
