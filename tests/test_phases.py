@@ -80,6 +80,7 @@ class Phases:
         x[0] += errors.offset_a
         x[1] += errors.offset_b
         if errors.dac_bits:
+            x = np.round(x, 12)  # a half of the current is one
             x = np.rint(x * (2 ** (errors.dac_bits - 1) - 1)) / (2 ** (errors.dac_bits - 1) - 1)
         return self.s.motor.current * x
 
