@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.compiled import ahead, codegen, machine
+from microvib import compiled
+from microvib.compiled import ahead, codegen, machine, sources
 from microvib.signals import tone_fit, tone_kernel
 from microvib.solve import decimate, kernel, propagate, propagators, rodas4
 
@@ -74,9 +75,11 @@ def cache(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def small(tmp_path):
-    """A function that imports the small unit, with changes to its text."""
+def small(tmp_path, monkeypatch):
+    """A function that imports the small unit, with changes to its text, as in a checkout."""
     path = tmp_path / "small_unit.py"
+    monkeypatch.setattr(sources, "editable", lambda: True)
+    monkeypatch.setattr(compiled, "_said", set())
 
     def imported(old="", new=""):
         path.write_text(SMALL.replace(old, new), encoding="utf-8")
@@ -115,8 +118,35 @@ def test_every_unit_that_is_kept_is_looked_at():
 
 @pytest.mark.parametrize("name", UNITS)
 def test_what_is_kept_is_of_these_sources(name):
+    """Of this very text and of this meaning, on every Python: where only the meaning fits, each start parses all sources."""
     stamps = UNITS[name].file.read_bytes().partition(b"\n")[0].decode().split()
-    assert UNITS[name].fits(*stamps), f"python -m microvib.compiled {name}"
+    assert stamps == list(UNITS[name].stamps()), f"python -m microvib.compiled {name}"
+
+
+def test_digests_of_meaning_do_not_depend_on_the_interpreter(tmp_path):
+    """Python 3.12 unparses strings with fields otherwise than 3.11, and 3.13 dumps trees otherwise than 3.12."""
+    text = '''
+def f(x: float, *more, key=1e-3) -> str:
+    """Say."""
+    for k in []:
+        pass
+    return f"{x!r:>{10}} {'a'} {x + -1j}" "and" f'{more[0]["b"]}' + b"\\0".hex() * None
+class C(NamedTuple):
+    """Hold."""
+'''
+    file = tmp_path / "text.py"
+    found = []
+    for old, new in (
+        ("", ""),
+        ("pass\n", "pass  # nothing\n\n"),
+        ("Say.", "Tell."),
+        ("1e-3", "0.001"),
+        ("1e-3", "2e-3"),
+    ):
+        file.write_text(text.replace(old, new), encoding="utf-8")
+        found.append(sources.of_meaning([file]))
+    assert found[:4] == ["fd1dbedeb8ef8dfb0527b9e7728893148f0a4c45f4db53dc359cd1e91282b6f2"] * 4
+    assert found[4] != found[0]
 
 
 @pytest.mark.parametrize("name", UNITS)
@@ -273,6 +303,41 @@ def test_code_that_is_kept_is_used_and_edits_are_not_missed(small, cache):
     edited = small("x * x", "x * x * x")
     assert results(edited)[0] == expected()[0] + 4.0
     assert sorted(path.suffix for path in cache.iterdir()) == [".llvm", ".o", ".o"]
+
+
+def test_an_installed_package_takes_what_is_kept_without_a_look_at_sources(small, cache, monkeypatch, capsys):
+    keep_beside(small())
+    edited = small("x * x", "x * x * x")
+    monkeypatch.setattr(sources, "editable", lambda: False)
+    monkeypatch.setattr(sources, "_text", lambda file: pytest.fail(f"{file} is read"))
+    assert results(edited)[0] == expected()[0]
+    assert capsys.readouterr().err == ""
+
+
+def test_a_package_is_edited_in_a_checkout_alone(tmp_path, monkeypatch):
+    for folder, project, editable in (("src", True, True), ("src", False, False), ("site-packages", True, False)):
+        (tmp_path / folder / "microvib").mkdir(parents=True, exist_ok=True)
+        (tmp_path / "pyproject.toml").unlink(missing_ok=True)
+        if project:
+            (tmp_path / "pyproject.toml").touch()
+        monkeypatch.setattr(sources, "PACKAGE", tmp_path / folder / "microvib")
+        assert sources.editable() == editable
+
+
+def test_refused_code_is_said_once_with_what_to_do(small, cache, monkeypatch, capsys):
+    keep_beside(small())
+    assert capsys.readouterr().err == ""
+    for _ in range(2):
+        results(small("x * x", "x * x * x"))
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("Note: small_unit.llvm was compiled from other sources")
+    assert "run `python -m microvib.compiled`" in line
+    monkeypatch.setattr(sources, "editable", lambda: False)
+    small().code.file.write_bytes(b"- -\n" + lzma.compress(b"of another LLVM"))
+    assert results(small())[0] == expected()[0]
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "small_unit.llvm cannot be used (" in line
+    assert "installing microvib again" in line
 
 
 def test_code_that_cannot_be_read_or_linked_is_compiled_on_the_spot(small, cache, monkeypatch):

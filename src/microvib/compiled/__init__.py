@@ -12,17 +12,15 @@ imports no numba:
     @code.entry(**OPTIONS)                # for Python to call, with the types that it says
     def norm(x: Vector) -> float: ...
 
-Kept code carries a digest of its sources. Where that is another one, because somebody edits them, or where this LLVM cannot
-read it, numba compiles as ever, and what it makes goes the same way, by the user's cache (``microvib.compiled.machine``).
-``python -m microvib.compiled`` makes anew what is kept.
+Kept code carries digests of its sources. Where those are others, because somebody edits them in a checkout, or where this LLVM
+cannot read it, numba compiles as ever, which is said, and what it makes goes the same way, by the user's cache
+(``microvib.compiled.machine``). ``python -m microvib.compiled`` makes anew what is kept.
 """
 
 from __future__ import annotations
 
-import ast
-import hashlib
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, partial
 from importlib import import_module
@@ -31,6 +29,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
+from microvib.compiled import sources as digests
 from microvib.compiled.layout import Complexes, CountMatrix, Counts, Cube, Matrix, Signature, Vector
 
 __all__ = ["Complexes", "CountMatrix", "Counts", "Cube", "Matrix", "Unit", "Vector"]
@@ -133,8 +132,9 @@ class Unit:
                     from microvib.compiled import machine
 
                     return machine.load(self.module, code(), [*self.entries, "deliver"])
-                except Exception:
-                    continue
+                except Exception as error:
+                    if code == self._kept:
+                        _say_refused(self.file, error)
             return {}
 
     def begin(self, *meanwhile: Unit) -> None:
@@ -146,10 +146,10 @@ class Unit:
             machine.begin(self.module, self._kept(), [partial(getattr, unit, "addresses") for unit in meanwhile])
 
     def _kept(self) -> bytes:
-        """The code beside the module, compressed, if it is of these sources, or these are not there to be edited."""
+        """The code beside the module, compressed; in a checkout, if it is of these sources."""
         stamps, _, content = self.file.read_bytes().partition(b"\n")
-        if all(path.exists() for path in self.sources) and not self.fits(*stamps.decode().split()):
-            raise ValueError(f"{self.file.name} was made from other sources")
+        if digests.editable() and not self.fits(*stamps.decode().split()):
+            raise EditedSourcesError
         return content
 
     def _made(self) -> bytes:
@@ -168,24 +168,36 @@ class Unit:
 
     def stamps(self) -> tuple[str, str]:
         """Digest of the sources, and of what they mean: without comments, docstrings and layout."""
-        texts = self._texts()
-        return _digest(texts), _digest(_meaning(text) for text in texts)
+        return digests.of_text(self.sources), digests.of_meaning(self.sources)
 
     def fits(self, text: str, meaning: str) -> bool:
         """Whether digests are those of the sources; their meaning takes a tenth of a second, and is asked for last."""
-        return _digest(self._texts()) == text or self.stamps()[1] == meaning
-
-    def _texts(self) -> list[str]:
-        return [path.read_text(encoding="utf-8") for path in self.sources]
+        return digests.of_text(self.sources) == text or digests.of_meaning(self.sources) == meaning
 
 
-def _digest(texts: Iterable[str]) -> str:
-    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+class EditedSourcesError(ValueError):
+    """Kept code was made from other sources than those that are there."""
 
 
-def _meaning(text: str) -> str:
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node) is not None:
-            node.body = [*node.body[1:], ast.Pass()]
-    return ast.unparse(tree)
+_said: set[type[Exception]] = set()
+
+
+def _say_refused(file: Path, error: Exception) -> None:
+    """A note on standard error that kept code is not used: one for each reason, and none from worker processes."""
+    from multiprocessing import parent_process
+
+    if type(error) in _said or parent_process() is not None:
+        return
+    _said.add(type(error))
+    if isinstance(error, EditedSourcesError):
+        text = (
+            f"{file.name} was compiled from other sources than those in {file.parent}, so that numba compiles them, for minutes "
+            "after each edit; when the edit is done, run `python -m microvib.compiled` to renew what is kept"
+        )
+    else:
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        text = (
+            f"the compiled code in {file} cannot be used ({reason}), so that numba compiles it, for minutes the first time; "
+            "installing microvib again with the present llvmlite and numba may help"
+        )
+    print(f"Note: {text}.", file=sys.stderr, flush=True)
