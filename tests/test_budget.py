@@ -614,7 +614,7 @@ def test_a_range_of_speeds_counts_with_its_worst() -> None:
 def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     full = whole.FullCraft(bandwidth=0.2)
     scenario = scenario_of(full)
-    (tmp_path / "l.csv").write_text("line,frequency_hz,mx_n_m,mx_n_m_phase_rad,mx_phase_rad\npump,40,0.001,0,0.5\n")
+    (tmp_path / "l.csv").write_text("line,frequency_hz,mx_n_m,mx_phase_rad\npump,40,0.001,0.5\n")
     (tmp_path / "s.csv").write_text("frequency_hz,mx_n2_m2_hz\n30,1e-8\n50,1e-8\n")
     (tmp_path / "p.csv").write_text("line,frequency_hz,los_x_rad,los_y_rad\nfan,40,1e-7,\n")
     at = {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
@@ -691,6 +691,48 @@ def test_the_recording_of_a_force_table_goes_the_short_way() -> None:
     alone = pointing_budget(scenario, r, recording=part).judged[0]
     assert alone.verdict == "not judged"
     assert any("Fx, Fy, Fz, Mx, My not recorded" in why for why in alone.why)
+
+
+@pytest.mark.parametrize(
+    ("names", "factor", "says"),
+    [
+        (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1e-3, "labelled as mN"),
+        (("Mz",), 1e-3, "labelled as mN"),
+        (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1e3, "taken for N"),
+        (("Mx", "My", "Mz"), 8.8507, "lbf*in taken for N*m"),
+        (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 30.0, "check units"),
+        (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1.5, ""),
+    ],
+)
+def test_a_recording_of_another_size_than_the_scenario_decides_nothing(
+    names: tuple[str, ...], factor: float, says: str
+) -> None:
+    scenario = scenario_of(
+        whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1),
+        **{"record.settle": Si(10.0), "record.duration": Si(4.0)},
+    )
+    ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
+    every = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+    loads = {n: np.array(ground[n]) * (factor if n in names else 1.0) for n in every}
+    recording = Recording(loads, 1024.0, {n: "N" if n[0] == "F" else "N*m" for n in every}, "table")
+    band = {"axis": "x", "lowest": "5 Hz", "highest": "300 Hz"}
+    r = Requirements(requirements=[{**band, "limit": limit} for limit in ("1 mrad", "1e-6 nrad")])
+    high, low = pointing_budget(scenario, r, recording=recording).judged
+    assert (high.verdict, low.verdict) == (("not judged", "not judged") if says else ("pass", "fail"))
+    if says:
+        assert any(says in why for why in high.why)
+
+
+def test_an_axis_without_rows_of_the_line_of_sight_is_not_judged() -> None:
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.1), **{"record.settle": Si(1.0), "record.duration": Si(2.0)})
+    los = {"rows": [{"axis": "x", "point": "center", "by": [0, 0, 0, 1, 0, 0]}], "windows": [Si(0.01)]}
+    scenario = scenario.with_si({"spacecraft.line_of_sight": los, "record.start": "steady"})
+    r = Requirements(
+        requirements=[{"axis": axis, "limit": "1 mrad", "highest": "100 Hz"} for axis in ("x", "y", "radial")]
+    )
+    found = pointing_budget(scenario, r).judged
+    assert [one.verdict for one in found] == ["pass", "not judged", "not judged"]
+    assert "rows has no sensitivity of y" in found[1].why[0]
 
 
 @pytest.mark.parametrize(("lowest", "highest"), [(15.0, 18.0), (12.0, 15.0), (1.0, 500.0)])
@@ -794,6 +836,10 @@ def test_the_example_as_a_command(tmp_path: Path) -> None:
         ("requirements: [{windows: 1 s, limit: 1 urad}]", "requirements.0.windows: unknown key; did you mean requirements.0.window"),
         ("requirements: [{limit: 1 urad, percentile: 95 percent, statistic: level}]", "percentile"),
         ("requirements: [{limit: 1 urad, lowest: 5 Hz, highest: 1 Hz}]", "highest"),
+        ("requirements: [{limit: 1 urad, statistic: level, confidence: 0.997 percent}]", "perhaps 99.7 percent was meant"),
+        ("requirements: [{limit: 1 urad, statistic: level, confidence: 99.7}]", "perhaps 99.7 percent was meant"),
+        ("requirements: [{limit: 1 urad, percentile: 0.95 percent}]", "perhaps 95 percent was meant"),
+        ("requirements: [{curve: [{frequency: 1 Hz, amplitude: 1 urad, unit: a}]}]", "curve.0.unit"),
         ("requirements: [{curve: [{frequency: 1 Hz, amplitude: 1 urad}]}]", "curve: two points or more"),
     ],
 )  # fmt: skip
@@ -831,6 +877,53 @@ def test_wrong_sources_are_a_sentence(tmp_path: Path, text: str, says: str) -> N
     with pytest.raises(mv.MicrovibError) as caught:
         _ = [of_other(one, scenario, tmp_path) for one in read_file(tmp_path / "s.yaml", Sources).sources]
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "head", "says"),
+    [
+        ("lines", "frequency_hz,fx_n,my_nm", "column 'my_nm' is not known; did you mean my_n_m?"),
+        ("lines", "frequency_hz,los_x_rad,los_y_urad", "column 'los_y_urad' is not known; did you mean los_y_rad?"),
+        ("lines", "frequency_hz,fx_n,fx_n_phase_rad", "did you mean fx_phase_rad?"),
+        ("lines", "frequency_hz,fx_n,los_x_rad", "has both loads (fx_n) and what they do to the line of sight (los_x_rad)"),
+        ("density", "frequency_hz,my_n2_m2_hz,mx_nm2_hz", "did you mean mx_n2_m2_hz?"),
+        ("density", "frequency_hz,fx_n2_hz,los_x_rad2_hz", "has both loads"),
+    ],
+)  # fmt: skip
+def test_a_column_that_would_count_as_nothing_is_refused(tmp_path: Path, key: str, head: str, says: str) -> None:
+    (tmp_path / "l.csv").write_text(f"{head}\n1,2,3\n2,2,3\n")
+    with pytest.raises(mv.MicrovibError) as caught:
+        of_other(
+            OtherSource(**{"name": "p", "point": "center", key: "l.csv"}), scenario_of(whole.FullCraft()), tmp_path
+        )
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(("key", "end"), [("lines", ""), ("density", "2_hz")])
+def test_an_axis_about_which_a_table_says_nothing_is_not_judged(tmp_path: Path, key: str, end: str) -> None:
+    (tmp_path / "l.csv").write_text(f"frequency_hz,los_x_rad{end}\n10,1e-14\n20,1e-14\n")
+    one = of_other(OtherSource(**{"name": "p", key: "l.csv"}), scenario_of(whole.FullCraft()), tmp_path)
+    for statistic in ("rms", "level", "bound"):
+        for band in ({}, {"lowest": "12 Hz", "highest": "15 Hz"}):
+            each = {
+                axis: judged(requirement(axis=axis, statistic=statistic, **band), [one], "rss")
+                for axis in ("x", "y", "radial")
+            }
+            assert {axis: x.verdict for axis, x in each.items()} == {
+                "x": "pass",
+                "y": "not judged",
+                "radial": "not judged",
+            }
+            assert "nothing is known of the line of sight about y" in each["y"].why[0]
+
+
+def test_a_table_of_a_budget_keeps_what_is_not_settled(tmp_path: Path) -> None:
+    (tmp_path / "l.csv").write_text(
+        "source,line,frequency_hz,los_x_rad,los_y_rad,settled\na,b,5,1e-5,0,False\na,c,7,1e-7,0,True\n"
+    )
+    one = of_other(OtherSource(name="p", lines="l.csv"), scenario_of(whole.FullCraft()), tmp_path)
+    assert one.settled.tolist() == [False, True]
+    assert judged(requirement(), [one], "rss").verdict == "not judged"
 
 
 def test_drives_of_another_craft_are_refused() -> None:

@@ -7,8 +7,10 @@ from support.commands import microvib
 
 from microvib.errors import MicrovibError
 from microvib.io.current_table import read_current_table
+from microvib.io.hub_sources import COLUMNS as HUB_COLUMNS
 from microvib.io.hub_sources import read_hub_table
 from microvib.io.modal_table import read_modes
+from microvib.io.recordings import load_preparation
 from microvib.io.row_table import read_row_table
 from microvib.io.tables import plain_lines, read_lines
 from microvib.studies.sizing import read_states
@@ -64,3 +66,40 @@ def test_what_is_no_table_is_one_sentence(tmp_path, read):
     for name, said in refused.items():
         with pytest.raises(MicrovibError, match=f"{name}.csv: .*{said}"):
             read(tmp_path / f"{name}.csv")
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "says"),
+    [
+        (read_modes, "frequency_hz,effective_inertia_kg_m2,inertia_kg_m2,damping_percent\n1,2,3,0.5\n", "damping_percent"),
+        (read_modes, "frequency_hz,effective_inertia_kg_m2,inertia_kg_m2,Damping\n1,2,3,0.05,9\n", "row 2: has 5 cells"),
+        (read_lines, "line,frequency_hz,amplitude_nm\ndrive_1,1,2\n", "amplitude_nm' is not known; did you mean amplitude_n_m?"),
+        (read_lines, "line,amplitude_n_m,amplitude_n_m\ndrive_1,1,2\n", "'amplitude_n_m' is there twice"),
+        (read_states, "mode_frequency_hz,inertia_kg_m2,states\n1,2,3\n", "did you mean state?"),
+        (read_hub_table, f"{','.join(HUB_COLUMNS)},dampings\n{'1,' * 13}\n", "did you mean damping?"),
+        (lambda path: load_preparation(path.with_suffix(".yaml")), "frequency_hz,magnitude,phase_rad\n1,2,3\n", "did you mean phase_deg?"),
+    ],
+)  # fmt: skip
+def test_a_column_that_is_not_read_is_refused(tmp_path, read, text, says):
+    """It would count as nothing, or as its default."""
+    (tmp_path / "t.csv").write_text(text)
+    (tmp_path / "t.yaml").write_text("response: [{kind: table, file: t.csv}]")
+    with pytest.raises(MicrovibError) as caught:
+        read(tmp_path / "t.csv")
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_names_of_columns_may_have_capitals_and_blanks_and_spreadsheets_leave_empty_ones(tmp_path):
+    (tmp_path / "t.csv").write_text("Mode_Frequency_Hz , INERTIA_kg_m2,comment,,\n1.5,8,of the test,,\n")
+    (state,) = read_states(tmp_path / "t.csv")
+    assert (state.frequency, state.inertia) == (1.5, 8.0)
+
+
+def test_units_in_names_of_two_columns_count(tmp_path):
+    path = tmp_path / "loop.csv"
+    path.write_text("angle_mrad,torque_mnm\n1,20\n")
+    assert read_row_table(path, ("angle", "rad"), ("torque", "N*m")) == [[pytest.approx(1e-3), pytest.approx(0.02)]]
+    path.write_text("torque_nm,angle_mrad\n20,1\n")
+    with pytest.raises(MicrovibError, match="column 'torque_nm' has the wrong dimension"):
+        read_row_table(path, ("angle", "rad"), ("torque", "N*m"))

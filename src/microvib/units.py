@@ -279,10 +279,21 @@ class Quantity:
         number = self._number(value, bool(info.context and info.context.get("si")))
         if not math.isfinite(number):
             raise self._error(value, f"is not finite; allowed is {self.allowed}")
-        too_low = (self.gt is not None and number <= self.gt) or (self.ge is not None and number < self.ge)
-        if too_low or (self.le is not None and number > self.le):
-            raise self._error(value, f"is not allowed; it must be {self.allowed}")
+        if not self._allows(number):
+            raise self._error(value, f"is not allowed; it must be {self.allowed}{self._other_form(value, number)}")
         return number
+
+    def _allows(self, number: float) -> bool:
+        too_low = (self.gt is not None and number <= self.gt) or (self.ge is not None and number < self.ge)
+        return not too_low and (self.le is None or number <= self.le)
+
+    def _other_form(self, value: Any, number: float) -> str:
+        """What to write where a part was taken for a percentage, or the other way round; empty where that explains nothing."""
+        if self.display != "percent":
+            return ""
+        as_percent = isinstance(value, str) and plain_unit(value.lstrip("+-.0123456789eE ")) == "percent"
+        meant = 100.0 * number if as_percent else 0.01 * number
+        return f"; perhaps {100.0 * meant:.6g} percent was meant" if self._allows(meant) else ""
 
     def _number(self, value: Any, in_si: bool) -> float:
         if isinstance(value, str):

@@ -127,7 +127,7 @@ def _count(group: dict[str, Any]) -> int | None:
 
 def read_hub_table(path: Path) -> FreeModes:
     """Free-free modes from a CSV file: a row for each mode and point, the six rigid modes among them; SI, mass-normalised."""
-    rows = named_rows(path, COLUMNS, "a hub's modes", ModalError)
+    rows = named_rows(path, COLUMNS, "a hub's modes", ModalError, also=("damping",))
     names = tuple(dict.fromkeys(row["point"].strip() for row in rows))
     labels = list(dict.fromkeys(row["mode"].strip() for row in rows))
     frequency, xi = np.full(len(labels), np.nan), np.full(len(labels), 0.01)

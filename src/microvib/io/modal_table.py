@@ -47,7 +47,7 @@ def read_modes(path: Path | str) -> ModalModel:
     table gives none.
     """
     path = Path(path)
-    rows = dict_rows(path, ModalError)
+    rows = dict_rows(path, (*COLUMNS, "participation"), ModalError)
     if not rows or "frequency_hz" not in rows[0]:
         raise ModalError(
             f"{path}: is not a table of modes; a header with frequency_hz and a row for each mode is expected"

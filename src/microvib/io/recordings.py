@@ -72,7 +72,7 @@ def _with_table(stage: Stage, folder: Path) -> Stage:
     """A stage with the rows of its table; ScenarioError says which row is wrong."""
     path = folder / str(stage.file)
     rows = []
-    for number, row in enumerate(dict_rows(path, ScenarioError), 2):
+    for number, row in enumerate(dict_rows(path, [name for name, _ in _RESPONSE_COLUMNS], ScenarioError), 2):
         try:
             values = tuple(float(row.get(name) or default) for name, default in _RESPONSE_COLUMNS)
         except ValueError:

@@ -34,9 +34,15 @@ def read_row_table(path: Path, *columns: tuple[str, str]) -> list[list[float]]:
     ]
 
 
+_ENDINGS = {
+    "hz": "Hz", "khz": "kHz", "rad": "rad", "mrad": "mrad", "deg": "deg", "n_m": "N*m", "nm": "N*m", "mn_m": "mN*m", "mnm": "mN*m",
+}  # fmt: skip
+"""Units as the ends of names say them, such as that of ``frequency_khz``."""
+
+
 def _factor(where: str, name: str, unit: str) -> float:
     """What the unit that a column names is in ``unit``; 1 where it names none."""
-    given = named_unit(name)[1]
+    given = named_unit(name)[1] or _ENDINGS.get(name.strip().lower().partition("_")[2], "")
     try:
         return convert(f"1 {given}", unit) if given else 1.0
     except ValueError as error:

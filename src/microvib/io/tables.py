@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, did_you_mean, shown
 from microvib.io.files import check_file, reading
 from microvib.signals.line_table import Line, LineTable
 
@@ -100,21 +100,76 @@ def csv_rows(path: Path, kind: type[MicrovibError]) -> list[list[str]]:
         return list(csv.reader(lines))
 
 
-def dict_rows(path: Path, kind: type[MicrovibError] = MicrovibError) -> list[dict[str, str]]:
-    """The same by the names in its first row."""
+def dict_rows(
+    path: Path, known: Iterable[str], kind: type[MicrovibError] = MicrovibError, *, what: str = "",
+    needed: Sequence[str] = (), ignored: str = "(?!)",
+) -> list[dict[str, str]]:  # fmt: skip
+    """Rows of a CSV file by the names in its first line.
+
+    A column that is not read would count as nothing, so that every column must be a ``known`` one.
+
+    Parameters
+    ----------
+    known : iterable of str
+        Names of columns that are read; ``comment`` is always allowed. Capitals and blanks about a name do not matter.
+    kind : type
+        Error that is raised.
+    what : str
+        What is in its rows, in words for the sentence.
+    needed : sequence of str
+        Columns without which, and without a row, it is none.
+    ignored : str
+        Regular expression of further columns that may be there and are not read.
+
+    Raises
+    ------
+    MicrovibError
+        Of this ``kind``, where the file cannot be read, a column is not known or there twice, or a row has more
+        cells than there are columns.
+    """
+    names = {name.lower(): name for name in (*known, "comment")}
     with _table_at(path, kind) as lines:
-        return list(csv.DictReader(lines))
+        head, *rows = list(csv.reader(lines)) or [[]]
+        columns = [names.get(name.strip().lower(), name.strip()) for name in head]
+        rows = [row for row in rows if row]
+        while columns and not columns[-1] and not any("".join(row[len(columns) - 1 :]).strip() for row in rows):
+            columns.pop()  # spreadsheets leave empty columns behind
+        _check_columns(path, columns if rows else [], names, kind, what, needed, ignored)
+        for k, row in enumerate(rows, 2):
+            if any(cell.strip() for cell in row[len(columns) :]):
+                raise kind(f"{path}, row {k}: has {len(row)} cells, and the first line names {len(columns)} columns")
+    return [dict(zip(columns, [*row, *[""] * len(columns)], strict=False)) for row in rows]
 
 
-def named_rows(path: Path, columns: Sequence[str], what: str, kind: type[MicrovibError]) -> list[dict[str, str]]:
-    """Rows of a CSV file with these columns; an error of this ``kind`` where it is none."""
-    rows = dict_rows(path, kind)
-    missing = [name for name in columns if not rows or name not in rows[0]]
-    if missing:
-        raise kind(
-            f"{path}: is not a table of {what}: a header with {', '.join(columns)} is expected; {missing[0]} is missing"
-        )
-    return rows
+def _check_columns(
+    path: Path, columns: Sequence[str], names: Mapping[str, str], kind: type[MicrovibError], what: str, needed: Sequence[str],
+    ignored: str,
+) -> None:  # fmt: skip
+    """Refuse a table that lacks ``needed`` columns, or has others than those with these ``names``, or one twice."""
+    for name in needed:
+        if name not in columns:
+            raise kind(
+                f"{path}: is not a table of {what}: a header with {', '.join(needed)} is expected; {name} is missing"
+            )
+    for name in columns:
+        if name not in names.values() and not re.fullmatch(ignored, name):
+            none = f"is not a table of {what}: " if what else ""
+            raise kind(f"{path}: {none}column {shown(name)} is not known; {_proposal(name, names.values())}")
+        if columns.count(name) > 1:
+            raise kind(f"{path}: column '{name}' is there twice; leave one of them out")
+
+
+def _proposal(name: str, known: Iterable[str]) -> str:
+    """What to do about a column that is not known."""
+    names = [each for each in known if each != "comment"]
+    return f"{did_you_mean(name, names)}allowed are {', '.join(names)}, and comment for remarks"
+
+
+def named_rows(
+    path: Path, columns: Sequence[str], what: str, kind: type[MicrovibError], *, also: Sequence[str] = ()
+) -> list[dict[str, str]]:
+    """Rows of a CSV file with these columns, and perhaps those of ``also``; an error of this ``kind`` where it is none."""
+    return dict_rows(path, (*columns, *also), kind, what=what, needed=columns)
 
 
 def finite(where: str, text: str | None, kind: type[MicrovibError] = MicrovibError) -> float:
@@ -179,10 +234,10 @@ def is_line_table(path: Path) -> bool:
 def read_lines(path: Path) -> LineTable:
     """Frequencies, amplitudes and status of a table of lines by name, empty or nan where they are; nothing else is read.
 
-    MicrovibError names the row where one is not a number, or not finite.
+    MicrovibError names a column that is not known, and the row where one is not a number, or not finite.
     """
-    rows = enumerate(dict_rows(path), 2)
-    return _table([(row.get("line") or "", _figures(f"{path}, row {k}", row)) for k, row in rows])
+    rows = dict_rows(path, [field.name for field in fields(Line)], what="lines")
+    return _table([(row.get("line") or "", _figures(f"{path}, row {k}", row)) for k, row in enumerate(rows, 2)])
 
 
 def paper_lines(column: Literal["test", "simulation"]) -> PaperLines:

@@ -55,7 +55,9 @@ class HubMode(Part):
     """One flexible free-free mode of the hub alone, mass-normalised."""
 
     frequency: Annotated[float, Quantity("Hz", "natural frequency of the free hub", "Omega/2pi", gt=0)]
-    damping: Annotated[float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent")]
+    damping: Annotated[
+        float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent", usual=(1e-4, 0.15))
+    ]
     shapes: tuple[Six, ...] = Field(
         max_length=10_000,
         description="at each of hub.points: displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] about hub axes",

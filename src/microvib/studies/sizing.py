@@ -68,7 +68,7 @@ def parse_state(text: str, name: str) -> TargetState:
 
 def read_states(path: Path) -> list[TargetState]:
     """States from a table with the columns ``mode_frequency_hz`` and ``inertia_kg_m2``, and ``state`` for their names."""
-    rows = dict_rows(path, ScenarioError)
+    rows = dict_rows(path, (*_COLUMNS, "state"), ScenarioError)
     if not 1 <= len(rows) <= _MAX_STATES or not rows[0].keys() >= _COLUMNS.keys():
         expected = f"the columns {' and '.join(_COLUMNS)} and 1 to {_MAX_STATES} rows"
         raise ScenarioError(f"{path}: is not a table of states; expected {expected}")

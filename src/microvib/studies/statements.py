@@ -341,7 +341,7 @@ def extend(path: Path, draws: int, seeds: int, progress: Callable[[int], None] |
     """Rows of the table ``path``: the central assumptions and ``draws`` others; what it lacks is computed and added, row by row."""
     from microvib.io.writing import write_file
 
-    rows = dict_rows(path, OutputError) if path.is_file() else []
+    rows = dict_rows(path, _COLUMNS, OutputError, ignored=".*") if path.is_file() else []
     if rows and list(rows[0]) != _COLUMNS:
         raise OutputError(f"{path}: is not a table of draws of this version; nothing was written; choose another file")
     if progress:

@@ -47,11 +47,11 @@ class Requirement(Part):
         default="rms",
         description="rms; level, within which the error is for a part confidence of the time; bound, all lines at their crests",
     )
-    confidence: Annotated[float, Quantity("", "part of the time", gt=0, display="percent", le=0.999999)] = 0.997
+    confidence: Annotated[float, Quantity("", "part of the time", ge=0.5, display="percent", le=0.999999)] = 0.997
     percentile: (
         Annotated[
             float,
-            Quantity("", "part of a campaign's cases that must comply; without it the nominal case is judged", gt=0,
+            Quantity("", "part of a campaign's cases that must comply; without it the nominal case is judged", ge=0.5,
                      display="percent", le=0.9999),
         ]
         | None

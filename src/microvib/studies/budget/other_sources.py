@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from microvib.errors import MicrovibError, error_context
+from microvib.errors import MicrovibError, error_context, shown
 from microvib.io.tables import dict_rows, finite
 from microvib.model.coupling import about_modes, craft_in, receiver_of, transfer_from
 from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
+from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
-from microvib.studies.budget.files import OtherSource, Wheel
-from microvib.studies.budget.sources import Contribution, Gap, below, open_gap
+from microvib.studies.budget.files import AXES, OtherSource, Wheel
+from microvib.studies.budget.sources import Contribution, Gap, below, open_gap, unseen_axes
 
 SPEEDS = 101
 """Speeds that are tried of a wheel with a range of them, besides those at which it meets a mode."""
 _BANDWIDTH = np.array([-0.5, 0.0, 0.5])
 _LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
 _LOS_DENSITIES = ("los_x_rad2_hz", "los_y_rad2_hz")
+_PHASES = (*(f"{name.split('_')[0]}_phase_rad" for name in LOAD_COLUMNS), "los_x_phase_rad", "los_y_phase_rad")
+_METRIC_COLUMNS = rf"({'|'.join(METRICS)})_[0-9.e+-]+(s|ms|us)_[xy]_rad"
+"""Rms in windows, which ``pointing.csv`` of a run has beside the amplitudes that it follows from."""
 
 
 def of_other(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
@@ -92,15 +97,23 @@ def in_any_phase(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return most, np.array([less, 0.0 * less])
 
 
-def _table(path: Path, what: str, *choices: tuple[str, ...]) -> tuple[list[dict[str, str]], tuple[str, ...]]:
-    """Rows of a CSV file, and which of the ``choices`` of columns it has."""
-    rows = dict_rows(path)
+def _table(
+    path: Path, what: str, choices: Sequence[tuple[str, ...]], also: Sequence[str] = (), ignored: str = "(?!)"
+) -> tuple[list[dict[str, str]], tuple[str, ...]]:
+    """Rows of a CSV file, and which of the ``choices`` of columns it has; ``also`` are columns that may be there beside."""
+    rows = dict_rows(path, ("frequency_hz", *(name for c in choices for name in c), *also), what=what, ignored=ignored)
     head = rows[0] if rows else {}
-    chosen = next((c for c in choices if any(name in head for name in c)), None)
-    if chosen is None or "frequency_hz" not in head:
+    chosen = [c for c in choices if any(name in head for name in c)]
+    if not chosen or "frequency_hz" not in head:
         either = " or ".join(", ".join(c) for c in choices)
         raise MicrovibError(f"{path}: is not a table of {what}: columns frequency_hz and {either} are expected")
-    return rows, chosen
+    if len(chosen) > 1:
+        loads, angles = (next(name for name in c if name in head) for c in chosen)
+        raise MicrovibError(
+            f"{path}: has both loads ({loads}) and what they do to the line of sight ({angles}), of which only one counts;"
+            " make a source of either, or leave one out"
+        )
+    return rows, chosen[0]
 
 
 def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> np.ndarray:
@@ -114,11 +127,11 @@ def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> 
 
 def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
     path = folder / str(source.lines)
-    rows, chosen = _table(path, "lines", LOS_COLUMNS, LOAD_COLUMNS)
+    rows, chosen = _table(
+        path, "lines", (LOAD_COLUMNS, LOS_COLUMNS), ("line", "source", "settled", *_PHASES), _METRIC_COLUMNS
+    )
     f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
-    stems = [name.removesuffix("_rad").removesuffix("_n").removesuffix("_n_m") for name in chosen]
-    stems = [stem.removesuffix("_n") for stem in stems]
-    of_phases = tuple(f"{stem}_phase_rad" for stem in stems)
+    of_phases = tuple(name for name, what in zip(_PHASES, (*LOAD_COLUMNS, *LOS_COLUMNS), strict=True) if what in chosen)
     phases = _columns(path, rows, of_phases)
     phases[:, [name not in rows[0] for name in of_phases]] = np.nan
     phased = ~np.any(np.isnan(phases) & (np.nan_to_num(sizes) != 0.0), axis=1)
@@ -137,30 +150,61 @@ def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribu
         doubt = np.where(phased[:, None], 0.0, unsure)
     names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
     gaps = tuple(open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k])) for k in np.flatnonzero(lost))
-    gaps += below(bool(np.isnan(tones[~lost]).any()))
-    how = f"lines of {path.name}" + ("" if chosen == LOS_COLUMNS else ", loads on the hub")
+    gaps += below(bool(np.isnan(tones[~lost]).any())) + _axes_left_out(rows, chosen)
+    rings = None
+    if "settled" in rows[0]:  # as a budget's own lines.csv says it
+        rings = np.array([not _truth(f"{path}, row {k}", row["settled"]) for k, row in enumerate(rows, 2)])
+    how = f"lines of {path.name}{_loads_left_out(rows, chosen)}"
     return Contribution(
         source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, doubt=np.nan_to_num(doubt),
-        phased=bool(np.all(phased)),
+        phased=bool(np.all(phased)), rings=rings,
     )  # fmt: skip
+
+
+def _truth(where: str, text: str) -> bool:
+    if text.strip().lower() not in ("true", "false"):
+        raise MicrovibError(f"{where}: settled is {shown(text)}; True or False is expected")
+    return text.strip().lower() == "true"
+
+
+def _axes_left_out(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]) -> tuple[Gap, ...]:
+    """The gap of an axis of the line of sight about which a table says nothing."""
+    missing = [axis for axis in AXES[:2] if not any(f"los_{axis}_" in name for name in rows[0])]
+    return unseen_axes(missing, "a column of it is missing") if chosen[0].startswith("los_") else ()
+
+
+def _loads_left_out(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]) -> str:
+    """What is said of a table of loads: which are there, if not all."""
+    if chosen[0].startswith("los_"):
+        return ""
+    given = [name for name in chosen if name in rows[0]]
+    return ", loads on the hub" + ("" if len(given) == len(chosen) else f" ({', '.join(given)}; the others count as 0)")
 
 
 def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
     path = folder / str(source.density)
-    rows, chosen = _table(path, "densities", _LOS_DENSITIES, _LOAD_DENSITIES)
+    rows, chosen = _table(path, "densities", (_LOAD_DENSITIES, _LOS_DENSITIES))
     f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
     if f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0 or np.any(~(S >= 0.0)):
         raise MicrovibError(
             f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or more"
         )
-    gaps: tuple[Gap, ...] = ()
+    gaps = _axes_left_out(rows, chosen)
     if chosen == _LOAD_DENSITIES:
         f, S = _finer(f, S, about_modes(scenario))
         by = transfer_from(scenario, np.maximum(f, 1e-6), _place(source, scenario))
         gaps = below(bool(np.isnan(by).any()))
         S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
     none = np.zeros((0, 2), dtype=complex)
-    return Contribution(source.name, f"density of {path.name}", (), np.zeros(0), none, density=(f, S), gaps=gaps)
+    return Contribution(
+        source.name,
+        f"density of {path.name}{_loads_left_out(rows, chosen)}",
+        (),
+        np.zeros(0),
+        none,
+        density=(f, S),
+        gaps=gaps,
+    )
 
 
 _FINER = 2e-3

@@ -64,10 +64,21 @@ class Gap:
         )
         return replace(self, frequency=np.clip(self.frequency[near], low, high), most=self.most[near])
 
+    def about(self, axes: Sequence[int]) -> Gap:
+        """What it may hide about ``axes`` of the line of sight, 0 and 1."""
+        return replace(self, most=np.where(np.isin([0, 1], axes), self.most, 0.0))
+
 
 def open_gap(why: str, low: float = 0.0, high: float = math.inf) -> Gap:
     """A gap in which nothing bounds what there may be."""
     return Gap(why, low, high, np.array([low]), np.full((1, 2), math.inf))
+
+
+def unseen_axes(axes: Sequence[str], why: str) -> tuple[Gap, ...]:
+    """The gap of ``axes`` of the line of sight, ``x`` and ``y``, about which nothing is known."""
+    most = np.array([[math.inf if axis in axes else 0.0 for axis in "xy"]])
+    said = f"nothing is known of the line of sight about {' and '.join(axes)}: {why}"
+    return (Gap(said, 0.0, math.inf, np.zeros(1), most),) if axes else ()
 
 
 @dataclass(frozen=True)
@@ -100,6 +111,8 @@ class Contribution:
     """Their frequencies [Hz], (cases, k), where cases do not all have the nominal ones."""
     cases_lack: str = ""
     """What the campaign does not say of its cases, in words; no percentile is judged then."""
+    recorded: tuple[np.ndarray, np.ndarray] | None = None
+    """Amplitudes of the recorded loads of its lines on ground that does not move, and floors, array's axes, (k, 6) [N, N m]."""
     alternatives: tuple[Contribution, ...] = ()
     """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most counts."""
 
@@ -266,7 +279,10 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     how = f"clock lines of the recording {recording.title}, the short way"
     # Its lines keep their phases to each other, not to those of a run, which starts at another instant.
     clock = f"{name}, recorded"
-    return Contribution(name, how, names, f[kept], los[kept], clock, gaps=tuple(gaps), doubt=doubt, scenario=scenario)
+    recorded = np.abs(np.nan_to_num(loads[kept])), np.nan_to_num(floors[kept])
+    return Contribution(
+        name, how, names, f[kept], los[kept], clock, gaps=tuple(gaps), doubt=doubt, scenario=scenario, recorded=recorded
+    )  # fmt: skip
 
 
 def _relative(line: object) -> float:

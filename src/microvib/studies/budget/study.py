@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,10 +14,12 @@ from microvib.analysis.hub_lines import together
 from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
-from microvib.analysis.short_way import Difference, differences, short_way_of
+from microvib.analysis.short_way import BlockedLines, Difference, differences, short_way_of
 from microvib.errors import MicrovibError, OptionError, expect_list
 from microvib.io.scenario_file import load_scenario
-from microvib.model.coupling import craft_in, source_of
+from microvib.model.coupling import craft_in, into_hub, source_of
+from microvib.model.coupling import short_way as short_way_of_loads
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric
@@ -24,7 +27,7 @@ from microvib.solve.integration import Progress
 from microvib.studies.budget.figures import Tones, figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import of_other
-from microvib.studies.budget.sources import Contribution, of_recording, of_run
+from microvib.studies.budget.sources import Contribution, Gap, of_recording, of_run, open_gap, unseen_axes
 from microvib.studies.budget.sums import Judged, Rule, costliest, judged, merged
 from microvib.studies.campaign.folder import open_campaign
 from microvib.studies.campaign.results import DONE, Results, open_results
@@ -136,11 +139,12 @@ def pointing_budget(
         replace(one, clock="drives" if one_clock else drive.clock) for (one, _), drive in zip(runs, drives, strict=True)
     ]
     if measured is not None:
-        found[0] = with_doubt(measured, compared)
+        found[0] = with_size_checked(with_doubt(measured, compared), by_short_way[0])
     if ensemble is not None:
         if two:
             found[:2] = [both_wings(whole, found[0], found[1], *(lines for _, lines in runs[:2]))]
         found[0] = with_campaign(found[0], ensemble)
+    found[0] = replace(found[0], gaps=(*found[0].gaps, *_unseen(first.scenario)))
     found += beside
     return Budget(
         first.scenario,
@@ -221,6 +225,67 @@ def with_doubt(recorded: Contribution, compared: Sequence[Difference]) -> Contri
     most = max(missed.values(), default=0.0)
     each = np.array([missed.get(name, most) for name in recorded.names])
     return replace(recorded, doubt=recorded.doubt + np.tile(each[:, None], 2))
+
+
+_UNLIKE = 4.0
+"""Factor between a recording's loads and the scenario's own from which one of them is wrong; assumed. Friction, gains and the array
+seldom change the loads of all lines together by more."""
+_FACTORS = {
+    1e-6: "a unit or scale of micro too much",
+    1e-3: "N or N*m labelled as mN or mN*m",
+    1.0 / 9.80665: "kgf taken for N",
+    1.0 / 4.4482: "lbf taken for N",
+    1.0 / 8.8507: "N*m labelled as lbf*in",
+    4.4482: "N labelled as lbf",
+    8.8507: "lbf*in taken for N*m",
+    9.80665: "N labelled as kgf",
+    1e3: "mN or mN*m taken for N or N*m",
+    1e6: "uN or uN*m taken for N or N*m",
+}
+"""What a recording's loads are of the scenario's where a unit is wrong, and which."""
+
+
+def with_size_checked(recorded: Contribution, own: BlockedLines) -> Contribution:
+    """Lines of a recording, of which nothing is known where its loads are of another size than the scenario's ``own``.
+
+    Channels are compared one by one over the lines that both have, those of which more than a tenth of the line of sight's motion
+    may come. A wrong unit or scale makes a verdict of any kind wrong, so that nothing bounds these lines then, above or below.
+    """
+    scenario, lines = recorded.scenario, recorded.recorded
+    both = [(k, own.names.index(name)) for k, name in enumerate(recorded.names) if name in own.names]
+    if scenario is None or lines is None or not both:
+        return recorded
+    mine, theirs = np.array(both).T
+    turn, f = into_hub(scenario), recorded.frequency[mine]
+    each = np.array([short_way_of_loads(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T])
+    by_load = np.linalg.norm(np.nan_to_num(each), axis=2).T  # (k, 6), of the line of sight by one of each load
+    amplitude, floor = (x[mine] for x in lines)
+    wanted = np.abs(own.loads[theirs] @ turn)
+    large, small, size = (
+        np.linalg.norm(by_load * x, axis=0) for x in (np.maximum(amplitude - floor, 0.0), amplitude + floor, wanted)
+    )
+    counts = np.maximum(large, size) > 0.1 * np.max([large, size])
+    unlike = counts & ((large > _UNLIKE * size) | (_UNLIKE * small < size))
+    if not unlike.any():
+        return recorded
+    ratio = np.linalg.norm(by_load * amplitude, axis=0) / np.maximum(size, 1e-300)
+    told = ", ".join(f"{COMPONENTS[k]} {ratio[k]:.3g}" for k in np.flatnonzero(unlike))
+    whole = float(np.exp(np.mean(np.log(np.maximum(ratio[unlike], 1e-300)))))
+    near = min(_FACTORS, key=lambda factor: abs(math.log(factor / whole)))
+    explains = abs(math.log(near / whole)) < math.log(2.0)
+    cause = f"a factor of {near:.4g} would explain it, {_FACTORS[near]}" if explains else "check units, rate and array"
+    why = f"its lines in {told} times those of the scenario's own run ({cause})"
+    doubt = recorded.doubts + np.array([1.0, 0.0])[:, None, None]
+    return replace(recorded, gaps=(*recorded.gaps, open_gap(why)), doubt=np.minimum(doubt, [[[1.0]], [[math.inf]]]))
+
+
+def _unseen(scenario: Scenario) -> tuple[Gap, ...]:
+    """The gap of an axis of the line of sight to which no motion of the hub is assigned."""
+    los = craft_in(scenario).spacecraft.line_of_sight
+    assert los is not None
+    seen = {row.axis for row in los.rows or () if any(row.by)}
+    missing = [] if los.rows is None else [axis for axis in "xy" if axis not in seen]
+    return unseen_axes(missing, f"spacecraft.line_of_sight.rows has no sensitivity of {' and '.join(missing)}")
 
 
 def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *tables: HubLines) -> Contribution:

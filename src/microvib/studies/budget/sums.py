@@ -212,8 +212,12 @@ def _with_gaps(
     highest, found = math.inf if r.highest is None else r.highest, []
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
         gaps = (*one.gaps, *crossings(r, source, contributions), *beats(r, one, chosen[k:]))
-        there = (gap.inside(r.lowest, highest) for gap in gaps if gap.high >= r.lowest and gap.low <= highest)
-        found.append(replace(one, gaps=tuple(there)))
+        there = (
+            gap.inside(r.lowest, highest).about(AXES[r.axis])
+            for gap in gaps
+            if gap.high >= r.lowest and gap.low <= highest
+        )
+        found.append(replace(one, gaps=tuple(gap for gap in there if gap.most.any())))
     return found
 
 
