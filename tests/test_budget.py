@@ -15,6 +15,7 @@ from support.craft_scenarios import scenario_of
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
+from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.coupling import transfer_from
 from microvib.model.linear import coupled_modes
@@ -201,7 +202,7 @@ def test_a_wheel_that_passes_a_narrow_mode_is_judged_at_its_resonance() -> None:
 
     def at(**speeds: object) -> Contribution:
         return of_other(
-            OtherSource(name="w", wheel={**wheel, **speeds}, position=["0 m", "0.1 m", "0 m"]), craft, Path()
+            OtherSource(name="w", wheel={**wheel, **speeds}, position=["0 m", "0.1 m", "0 m"]), craft, NO_FILES
         )
 
     peaks = []
@@ -219,7 +220,9 @@ def test_a_density_of_loads_is_resolved_at_a_narrow_mode(tmp_path: Path) -> None
     craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 1e-4)))
     (tmp_path / "s.csv").write_text("frequency_hz,mx_n2_m2_hz\n0.3,1e-8\n50,1e-8\n")
     at = [0.2, -0.3, 0.1]
-    noise = of_other(OtherSource(name="n", density="s.csv", position=[f"{x} m" for x in at]), craft, tmp_path)
+    noise = of_other(
+        OtherSource(name="n", density="s.csv", position=[f"{x} m" for x in at]), craft, FileAccess(tmp_path)
+    )
     near = [m.frequency * (1.0 + m.damping * np.linspace(-200.0, 200.0, 8001)) for m in coupled_modes(craft)]
     f = np.unique(np.concatenate([np.geomspace(0.3, 50.0, 20_000), *near]))
     f = f[(f >= 0.3) & (f <= 50.0)]
@@ -508,7 +511,7 @@ def test_a_wheel_moves_the_whole_system() -> None:
         "axis": [0, 0, 1],
         "harmonics": [{"order": 1.0, "radial_force": "1e-6 N*s^2/rad^2"}],
     }
-    found = of_other(OtherSource(name="w", wheel=wheel, position=[f"{x} m" for x in place]), scenario, Path())
+    found = of_other(OtherSource(name="w", wheel=wheel, position=[f"{x} m" for x in place]), scenario, NO_FILES)
     force = 1e-6 * (2.0 * np.pi * f) ** 2
     K, C = full.powered()
     s, seen = 2j * np.pi * f, []
@@ -528,7 +531,7 @@ def test_force_and_torque_of_one_order_are_one_line_in_the_worst_phase() -> None
 
     def wheel(*harmonics: dict[str, object]) -> Contribution:
         given = {"speed": "1500 rpm", "axis": [0, 0, 1], "harmonics": list(harmonics)}
-        return of_other(OtherSource(name="w", wheel=given, **at), scenario, Path())
+        return of_other(OtherSource(name="w", wheel=given, **at), scenario, NO_FILES)
 
     force, torque = {"radial_force": "1e-6 N*s^2/rad^2"}, {"radial_torque": "1e-7 N*m*s^2/rad^2"}
     parts = [wheel({"order": 1.0, **part}) for part in (force, torque)]
@@ -573,13 +576,14 @@ def test_loads_without_phases_do_not_cancel(tmp_path: Path) -> None:
     )
     (tmp_path / "unknown.csv").write_text(f"{head}\n{row}\n")
     known, unknown = (
-        of_other(OtherSource(name="p", lines=f"{name}.csv", **at), scenario, tmp_path) for name in ("known", "unknown")
+        of_other(OtherSource(name="p", lines=f"{name}.csv", **at), scenario, FileAccess(tmp_path))
+        for name in ("known", "unknown")
     )
     assert np.abs(known.los).max() < 1e-9 * np.abs(unknown.los).max()
     tones = merged([unknown], "rss")
     assert np.all(tones.least < 1e-9 * tones.most)
     with pytest.raises(mv.MicrovibError, match=r"p: clock: .* lacks some of fx_phase_rad"):
-        of_other(OtherSource(name="p", lines="unknown.csv", clock="one", **at), scenario, tmp_path)
+        of_other(OtherSource(name="p", lines="unknown.csv", clock="one", **at), scenario, FileAccess(tmp_path))
 
 
 def test_what_can_be_refused_is_refused_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -603,7 +607,7 @@ def test_a_range_of_speeds_counts_with_its_worst() -> None:
         "axis": [0, 1, 0],
         "harmonics": [{"order": 1.0, "axial_torque": "1e-6 N*m*s^2/rad^2"}],
     }
-    one = of_other(OtherSource(name="w", wheel=wheel, position=["0 m"] * 3), scenario, Path())
+    one = of_other(OtherSource(name="w", wheel=wheel, position=["0 m"] * 3), scenario, NO_FILES)
     assert len(one.alternatives) > 50
     for keys in ({}, {"metric": "rpe", "window": "10 ms"}, {"statistic": "bound", "metric": "rpe", "window": "0.2 s"}):
         r = requirement(**keys)
@@ -618,17 +622,17 @@ def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     (tmp_path / "s.csv").write_text("frequency_hz,mx_n2_m2_hz\n30,1e-8\n50,1e-8\n")
     (tmp_path / "p.csv").write_text("line,frequency_hz,los_x_rad,los_y_rad\nfan,40,1e-7,\n")
     at = {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
-    lines = of_other(OtherSource(name="pump", lines="l.csv", **at), scenario, tmp_path)
+    lines = of_other(OtherSource(name="pump", lines="l.csv", **at), scenario, FileAccess(tmp_path))
     K, C = full.powered()
     s, on = 2j * np.pi * 40.0, np.zeros(full.n)
     on[3] = 1e-3
     angle = np.linalg.solve(s**2 * full.M + s * C + K, on)[3:5] * np.exp(0.5j)
     assert lines.los[0] == pytest.approx(angle, rel=1e-9)
-    noise = of_other(OtherSource(name="n", density="s.csv", **at), scenario, tmp_path)
+    noise = of_other(OtherSource(name="n", density="s.csv", **at), scenario, FileAccess(tmp_path))
     assert noise.density is not None
     k = int(np.argmin(np.abs(noise.density[0] - 40.0)))
     assert noise.density[1][k, 0] == pytest.approx(1e-8 * np.abs(angle[0] / 1e-3) ** 2, rel=0.02)
-    empty = of_other(OtherSource(name="fan", lines="p.csv"), scenario, tmp_path)
+    empty = of_other(OtherSource(name="fan", lines="p.csv"), scenario, FileAccess(tmp_path))
     assert judged(requirement(), [empty], "rss").verdict == "not judged"  # a cell that is empty is not zero
 
 
@@ -875,7 +879,7 @@ def test_wrong_sources_are_a_sentence(tmp_path: Path, text: str, says: str) -> N
     (tmp_path / "s.yaml").write_text(f"sources: [{text}]")
     scenario = scenario_of(whole.FullCraft())
     with pytest.raises(mv.MicrovibError) as caught:
-        _ = [of_other(one, scenario, tmp_path) for one in read_file(tmp_path / "s.yaml", Sources).sources]
+        _ = [of_other(one, scenario, FileAccess(tmp_path)) for one in read_file(tmp_path / "s.yaml", Sources).sources]
     assert says in str(caught.value)
 
 

@@ -8,6 +8,7 @@ import pytest
 from support.scenarios import changed
 
 from microvib.errors import MicrovibError, ScenarioError
+from microvib.io.file_access import FileAccess
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.named import catalog_names
 from microvib.io.scenario_file import dump_scenario, load_scenario
@@ -163,7 +164,7 @@ def test_a_description_with_a_mistake(tmp_path, design, key, value, words):
 
     (tmp_path / "a.yaml").write_text(json.dumps(data))
     with pytest.raises(ScenarioError, match=r"a\.yaml") as error:
-        load_design("a.yaml", tmp_path)
+        load_design("a.yaml", FileAccess(tmp_path))
     assert words.replace("\\", "") in str(error.value)
 
 
@@ -270,7 +271,7 @@ def test_the_source_of_a_table(tmp_path):
 
     model = modal_source("reference-array", 4).model
     (tmp_path / "m.csv").write_text(modes_csv(model))
-    back = modal_source("m.csv", 2, tmp_path).model
+    back = modal_source("m.csv", 2, FileAccess(tmp_path)).model
     assert back.frequency.size == 2
     assert back.drive_axis == "x"
     np.testing.assert_allclose(back.participation, model.first(2).participation, atol=1e-9)

@@ -9,6 +9,7 @@ import pytest
 
 import microvib as mv
 from microvib.errors import MicrovibError
+from microvib.io.file_access import FileAccess
 from microvib.io.hub_sources import hub_from
 from microvib.io.named import catalog_text
 from microvib.io.yaml_text import parse_yaml
@@ -33,7 +34,7 @@ def described(**changes):
 
 
 def test_mass_properties_are_those_of_the_parts():
-    design, hub = described(), hub_from({"modes": NAME, "count": 4}, Path())
+    design, hub = described(), hub_from({"modes": NAME, "count": 4})
     a, b, c = design.bus.size
     panel = design.bus.panel.areal_mass
     parts = [(panel * b * c, (x, 0, 0), (0, b, c)) for x in (-a / 2, 0, a / 2)]
@@ -99,7 +100,9 @@ def test_a_finer_mesh_changes_little():
 def test_a_file_of_ones_own_and_what_is_refused(tmp_path):
     text = catalog_text(f"hubs/{NAME}")
     (tmp_path / "mine.yaml").write_text(text.replace("payload_mass: 75 kg", "payload_mass: 90 kg"))
-    mine, ours = (hub_from({"modes": name, "count": 1, "damping": 0.01}, tmp_path) for name in ("mine.yaml", NAME))
+    mine, ours = (
+        hub_from({"modes": name, "count": 1, "damping": 0.01}, FileAccess(tmp_path)) for name in ("mine.yaml", NAME)
+    )
     assert mine.mass == pytest.approx(ours.mass + 15.0)
     assert mine.modes[0].damping == 0.01
     for before, after, says in (
@@ -116,10 +119,10 @@ def test_a_file_of_ones_own_and_what_is_refused(tmp_path):
         assert before in text
         (tmp_path / "bad.yaml").write_text(text.replace(before, after))
         with pytest.raises(MicrovibError) as caught:
-            hub_from({"modes": "bad.yaml"}, tmp_path)
+            hub_from({"modes": "bad.yaml"}, FileAccess(tmp_path))
         assert says in str(caught.value)
     with pytest.raises(mv.ScenarioError, match=r"missing\.yaml: there is no such file"):
-        hub_from({"modes": "missing.yaml"}, tmp_path)
+        hub_from({"modes": "missing.yaml"}, FileAccess(tmp_path))
 
 
 def test_position_may_be_a_point_of_the_hub(tmp_path):

@@ -12,6 +12,7 @@ from support.scenarios import changed
 
 from microvib.cli.main import main
 from microvib.errors import MicrovibError, OptionError, ScenarioError
+from microvib.io.file_access import WORKING_FOLDER
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.scenario_file import dump_part, load_scenario
 from microvib.io.tables import read_table
@@ -178,7 +179,7 @@ def test_a_description_with_a_missing_group_is_a_sentence(tmp_path):
     path = tmp_path / "half.yaml"
     path.write_text("arm: 0.2 m\nframe: {half_length: 1 m}\n")
     with pytest.raises(ScenarioError, match="spring: missing"):
-        load_design(str(path))
+        load_design(str(path), WORKING_FOLDER)
 
 
 def test_a_scenario_takes_the_simulator():
@@ -296,7 +297,7 @@ def test_options_as_sentences(tmp_path):
 def test_a_description_reads_back(sizing, tmp_path):
     path = tmp_path / "simulator.yaml"
     path.write_text(dump_part(sizing.target.design))
-    assert load_design(str(path)) == sizing.target.design
+    assert load_design(str(path), WORKING_FOLDER) == sizing.target.design
 
 
 def test_the_drawing_has_its_dimensions(sizing):
@@ -324,7 +325,7 @@ def test_sas_size_writes_a_source_of_modes(tmp_path):
     data = json.loads((out / "sas.json").read_text())
     assert data["settings"][5]["elements_inertia_kg_m2"] == pytest.approx(22.99, rel=0.01)
     assert "—" not in (out / "report.html").read_text()
-    model = modal_source(str(out / "simulator.yaml"), 3).model
+    model = modal_source(str(out / "simulator.yaml"), 3, WORKING_FOLDER).model
     assert model.frequency[0] == pytest.approx(1.19, rel=0.01)
     again = CliRunner().invoke(main, ["sas", "size", "--inertia", "8.18", "--frequency", "1.19", "--out", str(out)])
     assert again.exit_code == 1

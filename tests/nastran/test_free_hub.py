@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import block_diag
 
 import microvib as mv
+from microvib.io.file_access import FileAccess
 from microvib.io.hub_sources import hub_from
 from microvib.io.modal_table import modes_csv
 from microvib.io.scenario_file import scenario_of
@@ -19,7 +20,7 @@ GRIDS = {"root": 1001, "payload": 20, "tip": 58}
 
 def hub_of(path, units="SI", points=GRIDS):
     given = {"spacecraft": {"hub": {"modes": path.name, "units": units, "points": points, "damping": "0.5 percent"}}}
-    found = with_spacecraft(given, path.parent, "craft", scenario_of)["spacecraft"]["hub"]
+    found = with_spacecraft(given, FileAccess(path.parent), "craft", scenario_of)["spacecraft"]["hub"]
     return json.loads(json.dumps(found))
 
 
@@ -188,7 +189,7 @@ def craig_bampton_of(body):
 def test_every_source_has_the_receptances_of_the_frame(frame, tmp_path, source, units):
     body = frame(units=units, free=True, local=source in (full_op4, punched))
     name, within = source(tmp_path, body)
-    hub = hub_from({"modes": name, "units": units, "points": GRIDS, "damping": 0.0}, tmp_path)
+    hub = hub_from({"modes": name, "units": units, "points": GRIDS, "damping": 0.0}, FileAccess(tmp_path))
     for f in (0.5, 9.0, 60.0):
         wanted = receptance_in(frame(free=True), GRIDS.values(), f)
         size = np.sqrt(np.abs(np.diag(wanted)))
@@ -201,13 +202,20 @@ def test_modes_with_the_interface_clamped(frame, write_op2, tmp_path):
     """Craig-Bampton with one point: what an array is read from, freed at its interface."""
     body = frame(units="mm-t-s", local=True)
     write_op2(tmp_path / "clamped.op2", body, mass=True)
-    hub = hub_from({"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "damping": "0 percent"}, tmp_path)
+    hub = hub_from(
+        {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "damping": "0 percent"}, FileAccess(tmp_path)
+    )
     for f in (0.5, 9.0, 60.0):
         wanted = receptance_in(frame(free=True), [1001], f)
         size = np.sqrt(np.abs(np.diag(wanted)))
         assert np.abs(receptance_of(hub, ["root"], f) - wanted).max() < 2e-4 * size.max() ** 2
     assert (
-        len(hub_from({"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "count": 3}, tmp_path).modes) == 3
+        len(
+            hub_from(
+                {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "count": 3}, FileAccess(tmp_path)
+            ).modes
+        )
+        == 3
     )
 
 
@@ -217,7 +225,7 @@ def test_a_clamped_table_with_the_damping_of_its_modes(tmp_path):
         np.array([4.0]), np.array([0.02]), np.eye(6)[:, 5:] * 3.0, np.diag([5.0, 5.0, 5.0, 8.0, 9.0, 12.0])
     )
     (tmp_path / "one.csv").write_text(modes_csv(model))
-    hub = hub_from({"modes": "one.csv", "interface": "yes"}, tmp_path)
+    hub = hub_from({"modes": "one.csv", "interface": "yes"}, FileAccess(tmp_path))
     ratio = 1.0 / (1.0 - 3.0**2 / 12.0)
     assert [mode.frequency for mode in hub.modes] == pytest.approx([4.0 * ratio**0.5])
     assert [mode.damping for mode in hub.modes] == pytest.approx([0.02 * ratio**0.5])
@@ -229,23 +237,23 @@ def test_what_is_no_source_is_said(frame, tmp_path):
     (tmp_path / "hub.bdf").unlink()
     given = {"modes": "hub.op4", "units": "SI", "points": GRIDS}
     with pytest.raises(ModalError, match=r"hub\.op4: does not say where its grids are"):
-        hub_from(given, tmp_path)
+        hub_from(given, FileAccess(tmp_path))
     reduced_op4(tmp_path, body)
     with pytest.raises(ModalError, match="points: grid 7 is not in the model, which has 3 grids"):
-        hub_from({**given, "points": {"root": 7}}, tmp_path)
+        hub_from({**given, "points": {"root": 7}}, FileAccess(tmp_path))
     (tmp_path / "hub.asm").unlink()
     (tmp_path / "hub.pch").unlink()
     with pytest.raises(ModalError, match="has no geometry"):
-        hub_from(given, tmp_path)
+        hub_from(given, FileAccess(tmp_path))
     (tmp_path / "empty.pch").write_text("$TITLE\n")
     with pytest.raises(ModalError, match="neither DMIG entries"):
-        hub_from({**given, "modes": "empty.pch"}, tmp_path)
+        hub_from({**given, "modes": "empty.pch"}, FileAccess(tmp_path))
     punched(tmp_path, body)
     lines = (tmp_path / "hub.pch").read_text().splitlines()
     kept = [line for line in lines if not line.startswith("        20")]
     (tmp_path / "hub.pch").write_text("\n".join(kept))
     with pytest.raises(ModalError, match="points: the motion of grid 20 is not in the file"):
-        hub_from({**given, "modes": "hub.pch"}, tmp_path)
+        hub_from({**given, "modes": "hub.pch"}, FileAccess(tmp_path))
     for key, value, says in (
         ("count", -1, r"spacecraft\.hub\.count: -1 is not allowed"),
         ("damping", 2, r"spacecraft\.hub\.damping: 2 is not allowed"),
@@ -253,4 +261,4 @@ def test_what_is_no_source_is_said(frame, tmp_path):
         ("modes", "hub.txt", r"spacecraft\.hub\.modes: 'hub\.txt' is not a source"),
     ):
         with pytest.raises(mv.ScenarioError, match=says):
-            hub_from({**given, key: value}, tmp_path)
+            hub_from({**given, key: value}, FileAccess(tmp_path))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -123,6 +124,57 @@ def test_no_path_of_a_craft_is_opened(client, group, key, path):
         assert error["key"] == f"spacecraft.{group}.{key}"
         assert "the page opens no files" in error["error"]
         assert client.post("/api/runs", json={"scenario": asked}).status_code == 422
+
+
+@pytest.mark.parametrize(
+    "wing",
+    [
+        "{scenario: NAME}",
+        "{array: {from: NAME}}",
+        "{array: {fem: NAME}}",
+        "{interface: {position: NAME}, scenario: NAME}",
+        "{driver: {table: NAME}}",
+    ],
+)
+def test_no_file_of_a_second_wing_is_opened(client, tmp_path, wing):
+    """Neither its keys nor its figures come back, and nothing else of the machine, from whatever takes a scenario."""
+    private = tmp_path / "private.yaml"
+    private.write_text(catalog_text("state-1").replace("0.6 A", "0.4711 A") + "hidden_key: 1\n")
+    value = f"{{second_wing: {wing.replace('NAME', str(private))}}}"
+    for asked in (
+        {"base": "state-1", "changes": {"spacecraft": value}},
+        {"base": "state-1", "changes": {"spacecraft.second_wing": wing.replace("NAME", str(private))}},
+        {"text": catalog_text("state-1") + f"spacecraft: {value}\n"},
+    ):
+        answer = client.post("/api/scenario", json=asked)
+        assert answer.json()["errors"]
+        assert answer.json()["yaml"] is None
+        assert "hidden_key" not in answer.text
+        assert "4711" not in answer.text
+        for route, more in (
+            ("runs", {}),
+            ("rates", {"from": "0.01 deg/s", "to": "0.1 deg/s"}),
+            ("angles", {"angles": "0:90:30"}),
+            ("shapes", {}),
+            ("sensitivity", {}),
+        ):
+            refused = client.post(f"/api/{route}", json={"scenario": asked, **more})
+            assert refused.status_code == 422
+            assert "hidden_key" not in refused.text
+        assert client.post("/api/sas", json={"from_scenario": asked}).status_code == 422
+
+
+def test_a_second_wing_of_the_catalog_needs_no_file(client):
+    craft = (Path(__file__).parents[2] / "examples" / "spacecraft.yaml").read_text()
+    data = parse_yaml(craft, "craft")
+    wing = {
+        "scenario": "state-1",
+        "array": {"fem": "reference-array", "modes": 2},
+        "interface": data["spacecraft"]["interface"],
+    }
+    answer = client.post("/api/scenario", json={"text": craft, "changes": {"spacecraft.second_wing": json.dumps(wing)}})
+    assert answer.json()["errors"] == []
+    assert answer.json()["sources"]["motor.current"]
 
 
 def test_modes_of_a_hub_count(client):

@@ -69,10 +69,11 @@ def modes(source: str, count: int | None, target: Target, **deck: str | None) ->
 
     A scenario takes them as `array: {from: modes.csv}`, or directly as `array: {fem: reference-array, modes: 10}`.
     """
+    from microvib.io.file_access import WORKING_FOLDER
     from microvib.io.modal_sources import modal_source
     from microvib.reports.modes import modes_folder, table_text
 
-    found = modal_source(source, count, options=import_from(Path(source), deck))
+    found = modal_source(source, count, WORKING_FOLDER, import_from(Path(source), deck))
     target.deliver(table_text(found), modes_folder, found)
 
 
@@ -96,8 +97,9 @@ def sas_size(target: Target, **options: Any) -> None:
 
     The folder's simulator.yaml is a source of modes: `microvib modes sas/simulator.yaml`, or `array: {fem: sas/simulator.yaml}`.
     """
+    from microvib.io.file_access import WORKING_FOLDER
     from microvib.reports.sas import sizing_folder, sizing_text
     from microvib.studies.sizing import sized
 
-    result = sized(**options)
+    result = sized(**options, files=WORKING_FOLDER)
     target.deliver(sizing_text(result), sizing_folder, result)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.errors import ScenarioError, error_context, shown
+from microvib.io.file_access import FileAccess
+from microvib.io.named import reference_names
 from microvib.model.part import plain
 from microvib.units import convert
 
@@ -20,17 +22,17 @@ ARRAY_ORIGINS = ("from", "fem")
 """Keys of ``array`` that name where its modes come from, instead of the modes themselves: a table, a description."""
 
 
-def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
+def with_array(data: dict[str, Any], files: FileAccess, origin: str) -> dict[str, Any]:
     """Scenario data with ``array: {from: FILE}`` or ``array: {fem: DESCRIPTION}`` replaced by the modes of that source.
 
-    Files are relative to ``folder``. ``modes: N`` keeps the first N modes, ``damping`` replaces their damping ratios; beside
-    results of a finite-element program stand the keys of ``Import``. Raises ScenarioError or ModalError.
+    Names are those of ``files`` or of the catalog. ``modes: N`` keeps the first N modes, ``damping`` replaces their damping
+    ratios; beside results of a finite-element program stand the keys of ``Import``. Raises ScenarioError or ModalError.
     """
     group = data.get("array")
     if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
         return data
     with error_context(origin):
-        model, source = _modes_of(group, folder)
+        model, source = _modes_of(group, files)
         given = data.get("sources") or {}
         if not isinstance(given, dict):
             raise ScenarioError(f"sources: {given!r} is not allowed; keys are expected here: text to text")
@@ -40,21 +42,21 @@ def with_array(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any
     return {**data, "array": plain(model.array(), text=True), "sources": sources}
 
 
-def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
+def _modes_of(group: dict[str, Any], files: FileAccess) -> tuple[ModalModel, str]:
     """Modal model that ``array.from`` or ``array.fem`` names, and what to say of its source."""
     from microvib.io.modal_sources import DEFAULT_MODES, DESCRIPTIONS, TABLES, modal_source
     from microvib.io.modal_table import MAX_MODES
 
     key, *others = [key for key in group if key in ARRAY_ORIGINS]
-    if not isinstance(group[key], str) or "\0" in group[key]:
-        raise ScenarioError(f"array.{key}: {shown(group[key])} is not allowed; the name of a file is expected")
-    name = str(group[key])
+    files, name = files.under(f"array.{key}"), group[key]
+    if name not in reference_names():
+        files.path(name, reference_names())
     if key == "from" and not others and Path(name).suffix.lower() not in (*TABLES, *DESCRIPTIONS):
         from microvib.io.nastran import read_modal_model
         from microvib.structures.deck import import_options
 
         said = {option: value for option, value in group.items() if option not in ARRAY_ORIGINS}
-        return read_modal_model(folder / name, import_options(said, "array")), name
+        return read_modal_model(files.path(name), import_options(said, "array")), name
     unknown = [*others, *(key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping"))]
     if unknown:
         raise ScenarioError(
@@ -62,10 +64,10 @@ def _modes_of(group: dict[str, Any], folder: Path) -> tuple[ModalModel, str]:
             " (how many) and damping"
         )
     if key == "from":
-        model = modal_source(name, folder=folder).model
+        model = modal_source(name, files=files).model
         return _damped(model.first(_count(group, model.frequency.size)), group), name
     count = _count({"modes": DEFAULT_MODES, **group}, MAX_MODES)
-    model = modal_source(name, max(count, 1), folder).model
+    model = modal_source(name, max(count, 1), files).model
     return _damped(model.first(count), group), f"finite elements of {name}, {count} modes"
 
 

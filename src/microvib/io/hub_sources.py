@@ -9,6 +9,7 @@ import numpy as np
 
 from microvib.errors import ScenarioError, shown
 from microvib.io.array_files import damping_ratio
+from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.files import check_file, reading
 from microvib.io.modal_sources import DESCRIPTIONS, elements_of
 from microvib.io.named import hub_names, named_text
@@ -33,9 +34,15 @@ _INTERFACE = (
 """Keys beside ``hub.modes`` where they are modes with the interface clamped."""
 
 
-def hub_from(group: dict[str, Any], folder: Path) -> Hub:
-    """The hub that ``spacecraft.hub`` names as ``modes``, relative to ``folder``. Raises ScenarioError or ModalError."""
+def hub_from(group: dict[str, Any], files: FileAccess = NO_FILES) -> Hub:
+    """The hub that ``spacecraft.hub`` names as ``modes``: one of the ``files``, or of the catalog.
+
+    Raises ScenarioError or ModalError.
+    """
+    files = files.under("spacecraft.hub.modes")
     name, ending = str(group["modes"]), Path(str(group["modes"])).suffix.lower()
+    if name not in hub_names():
+        files.path(name, hub_names())
     described = name in hub_names() or ending in DESCRIPTIONS
     clamped = "interface" in group and not described
     if not (described or clamped or ending in (".csv", *_FREE)):
@@ -54,9 +61,9 @@ def hub_from(group: dict[str, Any], folder: Path) -> Hub:
         )
     damping, count = _damping(group), _count(group)
     if described:
-        return hub_of(_described(name, folder, DEFAULT_MODES if count is None else count), damping, count)
+        return hub_of(_described(name, files, DEFAULT_MODES if count is None else count), damping, count)
     points = _points(group) if nastran else {}
-    path = folder / name
+    path = files.path(name, hub_names())
     if clamped:
         return hub_of(_clamped(path, group), damping, count)
     with reading(path, ModalError):
@@ -64,8 +71,8 @@ def hub_from(group: dict[str, Any], folder: Path) -> Hub:
         return hub_of(_nastran(path, points, str(group["units"])) if nastran else read_hub_table(path), damping, count)
 
 
-def _described(name: str, folder: Path, count: int) -> FreeModes:
-    text = named_text(name, folder, kind="description of a craft", published=hub_names(), within="hubs/")
+def _described(name: str, files: FileAccess, count: int) -> FreeModes:
+    text = named_text(name, files, kind="description of a craft", published=hub_names(), within="hubs/")
     design = validated(HubDesign, parse_yaml(text, name), origin=name)
     with elements_of(name):
         from microvib.structures.fem.hub_mesh import free_modes

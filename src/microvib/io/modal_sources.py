@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from microvib.errors import ScenarioError
+from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.named import named_text, reference_names
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validated
@@ -38,9 +39,9 @@ class ModalSource:
 
 
 def modal_source(
-    source: str, count: int | None = None, folder: Path = Path(), options: Import | None = None
+    source: str, count: int | None = None, files: FileAccess = NO_FILES, options: Import | None = None
 ) -> ModalSource:
-    """Modal model of ``source``: a catalog name, or a file relative to ``folder`` whose ending says what it is.
+    """Modal model of ``source``: a catalog name, or one of the ``files``, whose ending says what it is.
 
     ``count`` is how many modes are needed; of a table without it, all. ``options`` say how results of a finite-element program
     are meant. Raises a sentence where there is none.
@@ -49,11 +50,11 @@ def modal_source(
     if options is not None:
         expect_results(source)
     if source in reference_names() or ending in DESCRIPTIONS:
-        return _from_design(load_design(source, folder), source, DEFAULT_MODES if count is None else count)
+        return _from_design(load_design(source, files), source, DEFAULT_MODES if count is None else count)
     if ending in (*TABLES, *RESULTS):
         from microvib.io.nastran import read_modal_model
 
-        model = read_modal_model(folder / source, options)
+        model = read_modal_model(files.path(source, reference_names()), options)
         return ModalSource(source, model if count is None else model.first(count))
     raise ScenarioError(
         f"{source}: is not a source of modes; allowed are {', '.join(reference_names())}, a description of an array or a"
@@ -70,9 +71,9 @@ def expect_results(source: str) -> None:
         )
 
 
-def load_design(source: str, folder: Path = Path()) -> StructureDesign:
-    """Description of an array or a simulator (what has a frame) from the catalog or a YAML file; ScenarioError if it is not one."""
-    data = parse_yaml(named_text(source, folder, kind="structure", published=reference_names()), source)
+def load_design(source: str, files: FileAccess = NO_FILES) -> StructureDesign:
+    """Description of an array or a simulator (what has a frame): one of the ``files``, or of the catalog. Raises ScenarioError."""
+    data = parse_yaml(named_text(source, files, kind="structure", published=reference_names()), source)
     kind: type[StructureDesign] = SimulatorDesign if isinstance(data, dict) and "frame" in data else ArrayDesign
     return validated(kind, data, origin=source)
 

@@ -6,6 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from microvib.errors import ScenarioError
+from microvib.io.file_access import FileAccess
 
 LARGEST_FILE = 1_000_000  # bytes of the largest scenario file that is read
 
@@ -45,15 +46,15 @@ def bench_names() -> tuple[str, ...]:
 
 def named_text(
     name: str,
-    folder: Path = Path(),
+    files: FileAccess,
     *,
     kind: str = "scenario",
     published: tuple[str, ...] | None = None,
     within: str = "",
 ) -> str:
-    """Text of what a user named: a ``published`` name of the catalog, ``within`` a folder of it, or a file in ``folder``."""
+    """Text of what a user named: a ``published`` name of the catalog, ``within`` a folder of it, or one of the ``files``."""
     names = catalog_names() if published is None else published
-    return catalog_text(f"{within}{name}") if name in names else read_text(folder / name, kind, names)
+    return catalog_text(f"{within}{name}") if name in names else read_text(files.path(name, names), kind, names)
 
 
 def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | None = None) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.errors import OutputError, ScenarioError, expect
+from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.files import check_file, library, reading
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
@@ -63,14 +64,15 @@ def load_preparation(path: Path | str) -> Preparation:
     data = parse_yaml(read_text(path, "preparation", ()), str(path))
     preparation = validated(Preparation, data if data is not None else {}, origin=str(path))
     tables = [stage for stage in preparation.response if stage.file is not None]
-    chain = tuple(_with_table(stage, path.parent) if stage in tables else stage for stage in preparation.response)
-    background = None if preparation.background is None else str(path.parent / preparation.background)
+    files = WORKING_FOLDER.beside(str(path))
+    chain = tuple(_with_table(stage, files) if stage in tables else stage for stage in preparation.response)
+    background = None if preparation.background is None else str(files.under("background").path(preparation.background))
     return preparation.model_copy(update={"response": chain, "background": background})
 
 
-def _with_table(stage: Stage, folder: Path) -> Stage:
+def _with_table(stage: Stage, files: FileAccess) -> Stage:
     """A stage with the rows of its table; ScenarioError says which row is wrong."""
-    path = folder / str(stage.file)
+    path = files.under("response.file").path(stage.file)
     rows = []
     for number, row in enumerate(dict_rows(path, [name for name, _ in _RESPONSE_COLUMNS], ScenarioError), 2):
         try:

@@ -8,8 +8,9 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from microvib.errors import ScenarioError, error_context, expect, shown
+from microvib.errors import ScenarioError, error_context, expect
 from microvib.io.array_files import ARRAY_ORIGINS, with_array
+from microvib.io.file_access import NO_FILES, WORKING_FOLDER, FileAccess
 from microvib.io.named import bench_names, catalog_names, catalog_text, named_text, read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, plain
@@ -28,8 +29,8 @@ def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> 
     expect(changes, (dict, type(None)), "keys with their values, such as {'tracking.rate': '0.05 deg/s'}")
     name = str(source)
     if name in catalog_names():
-        return scenario_of(copy.deepcopy(_catalog_data(name)), name, changes)
-    return scenario_of(parse_yaml(read_text(Path(name)), name), name, changes, Path(name).parent)
+        return scenario_of(copy.deepcopy(_catalog_data(name)), name, changes, WORKING_FOLDER)
+    return scenario_of(parse_yaml(read_text(Path(name)), name), name, changes, WORKING_FOLDER.beside(name))
 
 
 @cache
@@ -38,13 +39,13 @@ def _catalog_data(name: str) -> Any:
     return parse_yaml(catalog_text(name), name)
 
 
-def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, folder: Path = Path()) -> Scenario:
+def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, files: FileAccess = NO_FILES) -> Scenario:
     """A scenario from the data of a scenario file called ``name``, as ``load_scenario`` makes it; ``data`` is changed.
 
-    Files that ``array`` and ``TABLES`` name are found relative to ``folder``.
+    What it names is taken from ``files``, what ``changes`` name from the working folder, unless no files may be opened.
     """
     if isinstance(data, dict):
-        data = with_files(data, folder, name)
+        data = with_files(data, files, name)
     if not changes or not isinstance(data, dict):
         return validated(Scenario, data, origin=name)
     before = validated(Scenario, data, origin=name) if "sources" in data else None
@@ -53,7 +54,7 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
         data["array"] = {}  # another array, not a changed one
     for key, value in changes.items():
         set_key(data, key, plain(value))  # a copy, for later keys may change what is inside
-    data = with_files(data, Path(), name)
+    data = with_files(data, files.in_working_folder(), name)
     if other and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
     after = validated(Scenario, {**data, "sources": data.get("sources") if "sources" in changes else {}}, origin=name)
@@ -70,22 +71,20 @@ def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, fol
 def load_bench(source: str | Path) -> Bench:
     """A virtual test bench from a catalog name or a YAML file; ScenarioError with one sentence per problem."""
     name = str(source)
-    text = named_text(name, kind="bench", published=bench_names(), within="benches/")
+    text = named_text(name, WORKING_FOLDER, kind="bench", published=bench_names(), within="benches/")
     return validated(Bench, parse_yaml(text, name), origin=name)
 
 
-def with_files(data: dict[str, Any], folder: Path, origin: str) -> dict[str, Any]:
+def with_files(data: dict[str, Any], files: FileAccess, origin: str) -> dict[str, Any]:
     """Scenario data with what files hold in place of their names: ``with_array``, ``with_spacecraft``, and ``TABLES``."""
-    data = with_array(data, folder, origin)
+    data = with_array(data, files, origin)
     if isinstance(data.get("spacecraft"), dict):
         from microvib.io.spacecraft_files import with_spacecraft
 
-        data = with_spacecraft(data, folder, origin, scenario_of)
+        data = with_spacecraft(data, files, origin, scenario_of)
     for key, name in named_tables(data).items():
         with error_context(origin):
-            if "\0" in name:
-                raise ScenarioError(f"{key}: {shown(name)} is not allowed; the name of a file is expected")
-            data = _with_table(data, key, folder / name)
+            data = _with_table(data, key, files.under(key).path(name))
         given = data.get("sources")
         sources = {key: name, **given} if isinstance(given, dict) else given or {key: name}
         data = {**data, "sources": sources}

@@ -8,6 +8,7 @@ from typing import Any
 
 from microvib.errors import ScenarioError, error_context, shown
 from microvib.io.array_files import with_array
+from microvib.io.file_access import FileAccess
 from microvib.io.hub_sources import COLUMNS, hub_from
 from microvib.io.named import catalog_names, hub_names, named_text
 from microvib.io.tables import finite, named_rows
@@ -22,31 +23,35 @@ LOS_COLUMNS = ("axis", "point", *SHAPE)
 
 
 Load = Callable[..., Scenario]
-"""Makes a scenario of data, a name and the ``folder`` of its files (``scenario_file.scenario_of``)."""
+"""Makes a scenario of data, a name and its ``files`` (``scenario_file.scenario_of``)."""
 
 
-def with_spacecraft(data: dict[str, Any], folder: Path, origin: str, load: Load) -> dict[str, Any]:
+def with_spacecraft(data: dict[str, Any], files: FileAccess, origin: str, load: Load) -> dict[str, Any]:
     """Scenario data with what they stand for in place of the names of ``spacecraft``: of ``hub.modes`` a file or a description,
     of ``line_of_sight.rows`` a file, of an ``interface.position`` a point of the hub, of ``second_wing.scenario`` another drive.
 
-    Files are relative to ``folder``; another drive is what ``load`` makes of its file. Raises ScenarioError or ModalError.
+    Names are those of ``files`` or of the catalog; another drive is what ``load`` makes of its file. Raises ScenarioError or
+    ModalError.
     """
     group, sources = dict(data["spacecraft"]), {}
     hub, los, second = (group.get(key) for key in ("hub", "line_of_sight", "second_wing"))
     with error_context(origin):
         if isinstance(hub, dict) and isinstance(hub.get("modes"), str):
-            group["hub"] = plain(hub_from(hub, folder), text=True)
+            group["hub"] = plain(hub_from(hub, files), text=True)
             name = hub["modes"]
             known = name in hub_names()
             sources["spacecraft.hub"] = f"assumed: finite elements of {name}" if known else f"free-free modes of {name}"
         if isinstance(los, dict) and isinstance(los.get("rows"), str):
-            group["line_of_sight"] = {**los, "rows": _rows(folder / los["rows"])}
+            group["line_of_sight"] = {
+                **los,
+                "rows": _rows(files.under("spacecraft.line_of_sight.rows").path(los["rows"])),
+            }
             sources["spacecraft.line_of_sight"] = str(los["rows"])
         if isinstance(second, dict):
             name = second.get("scenario")
             if name is not None:
                 sources["spacecraft.second_wing"] = str(name)
-            group["second_wing"] = _placed(_with_drive(second, folder, load), group.get("hub"), "second_wing.")
+            group["second_wing"] = _placed(_with_drive(second, files, load), group.get("hub"), "second_wing.")
         group = _placed(group, group.get("hub"))
     data = {**data, "spacecraft": group}
     if not sources:
@@ -55,9 +60,9 @@ def with_spacecraft(data: dict[str, Any], folder: Path, origin: str, load: Load)
     return {**data, "sources": {**(given if isinstance(given, dict) else {}), **sources}}
 
 
-def _with_drive(wing: dict[str, Any], folder: Path, load: Load) -> dict[str, Any]:
+def _with_drive(wing: dict[str, Any], files: FileAccess, load: Load) -> dict[str, Any]:
     """A second wing with drive and array of the scenario that it names, but for the groups that it gives itself."""
-    given = dict(with_array(wing, folder, "spacecraft.second_wing"))
+    given = dict(with_array(wing, files, "spacecraft.second_wing"))
     given.pop("sources", None)
     name = given.pop("scenario", None)
     if name is None:
@@ -66,10 +71,11 @@ def _with_drive(wing: dict[str, Any], folder: Path, load: Load) -> dict[str, Any
         raise ScenarioError(
             f"spacecraft.second_wing.scenario: {shown(name)} is not allowed; a scenario file is expected, or a catalog name"
         )
-    data = parse_yaml(named_text(name, folder), name)
+    files = files.under("spacecraft.second_wing.scenario")
+    data = parse_yaml(named_text(name, files), name)
     if isinstance(data, dict):
         data.pop("spacecraft", None)  # whose second wing may be this one's file
-    other = load(data, name, folder=folder if name in catalog_names() else (folder / name).parent)
+    other = load(data, name, files=files if name in catalog_names() else files.beside(name))
     return {**{key: plain(getattr(other, key), text=True) for key in DRIVE}, **given}
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from microvib.errors import MicrovibError, OptionError, ScenarioError
+from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.tables import dict_rows
 from microvib.structures.modal import ModalModel
@@ -34,6 +35,7 @@ class Sized:
 def sized(
     *, inertia: str | None = None, frequency: str | None = None, array: str | None = None, states: Sequence[str] = (),
     file: Path | None = None, amplitude: str = "2 deg", rate: str = "0.06 deg/s", design: str = "reference-sas",
+    files: FileAccess = NO_FILES,
 ) -> Sized:  # fmt: skip
     """A simulator for an inertia and a frequency, or for an array (a source of modes), set for further states: ``F:J`` each, or a
     table; without any those of the paper. MicrovibError where these do not go together or are out of reach."""
@@ -43,7 +45,7 @@ def sized(
         raise OptionError("state", "cannot be combined with a table of states; give one of them")
     model = None
     if array is not None:
-        model = modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY).model
+        model = modal_source(array, None if array.endswith(".csv") else _MODES_OF_ARRAY, files).model
         target = state_of_array(model, array)
     else:
         J = _positive("inertia", str(inertia), "kg*m^2")
@@ -52,7 +54,7 @@ def sized(
     further = given or (read_states(file) if file is not None else paper_states())
     angle = math.radians(quantity("amplitude", amplitude, "deg", positive=True))
     turning = math.radians(quantity("rate", rate, "deg/s", positive=True))
-    simulator = load_design(design)
+    simulator = load_design(design, files)
     if not isinstance(simulator, SimulatorDesign):
         raise ScenarioError(f"{design}: describes an array; a simulator is expected, such as reference-sas")
     return Sized(size(target, further, simulator, angle), turning, model)

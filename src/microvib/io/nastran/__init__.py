@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from microvib.io.file_access import FileAccess
 from microvib.io.files import check_file, reading
 from microvib.io.modal_table import read_modes
 from microvib.io.nastran.craig_bampton import read_dmig, read_op4
@@ -44,5 +45,5 @@ def read_modal_model(path: Path | str, options: Import | None = None) -> ModalMo
                 "does not say its units, interface point and drive axis; give units, interface, drive_axis"
             )
         if options.mass is not None:
-            options = options.model_copy(update={"mass": str(path.parent / options.mass)})
+            options = options.model_copy(update={"mass": str(FileAccess(path.parent).under("mass").path(options.mass))})
         return modal_model(reader(path, options), options, str(path))

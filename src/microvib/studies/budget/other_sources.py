@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.errors import MicrovibError, error_context, shown
+from microvib.io.file_access import FileAccess
 from microvib.io.tables import dict_rows, finite
 from microvib.model.coupling import about_modes, craft_in, receiver_of, transfer_from
 from microvib.model.rigid import motion_of
@@ -29,12 +30,12 @@ _METRIC_COLUMNS = rf"({'|'.join(METRICS)})_[0-9.e+-]+(s|ms|us)_[xy]_rad"
 """Rms in windows, which ``pointing.csv`` of a run has beside the amplitudes that it follows from."""
 
 
-def of_other(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
-    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; files are relative to ``folder``."""
+def of_other(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
+    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; its tables are taken from ``files``."""
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
             return _of_wheel(source, source.wheel, scenario)
-        return _of_lines(source, scenario, folder) if source.lines else _of_density(source, scenario, folder)
+        return _of_lines(source, scenario, files) if source.lines else _of_density(source, scenario, files)
 
 
 def _place(source: OtherSource, scenario: Scenario) -> np.ndarray:
@@ -125,8 +126,8 @@ def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> 
         )  # fmt: skip
 
 
-def _of_lines(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
-    path = folder / str(source.lines)
+def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
+    path = files.under("lines").path(source.lines)
     rows, chosen = _table(
         path, "lines", (LOAD_COLUMNS, LOS_COLUMNS), ("line", "source", "settled", *_PHASES), _METRIC_COLUMNS
     )
@@ -181,8 +182,8 @@ def _loads_left_out(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]) ->
     return ", loads on the hub" + ("" if len(given) == len(chosen) else f" ({', '.join(given)}; the others count as 0)")
 
 
-def _of_density(source: OtherSource, scenario: Scenario, folder: Path) -> Contribution:
-    path = folder / str(source.density)
+def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
+    path = files.under("density").path(source.density)
     rows, chosen = _table(path, "densities", (_LOAD_DENSITIES, _LOS_DENSITIES))
     f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
     if f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0 or np.any(~(S >= 0.0)):

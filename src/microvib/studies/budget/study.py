@@ -16,6 +16,7 @@ from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import BlockedLines, Difference, differences, short_way_of
 from microvib.errors import MicrovibError, OptionError, expect_list
+from microvib.io.file_access import WORKING_FOLDER
 from microvib.io.scenario_file import load_scenario
 from microvib.model.coupling import craft_in, into_hub, source_of
 from microvib.model.coupling import short_way as short_way_of_loads
@@ -209,9 +210,9 @@ def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> Non
 def _others(sources: str | Path | Sequence[OtherSource], scenario: Scenario) -> list[Contribution]:
     """What moves the line of sight besides: of a file, whose own files are relative to it, or of a list."""
     if not isinstance(sources, str | Path):
-        return [of_other(source, scenario, Path()) for source in sources]
+        return [of_other(source, scenario, WORKING_FOLDER) for source in sources]
     path = Path(sources)
-    return [of_other(source, scenario, path.parent) for source in read_file(path, Sources).sources]
+    return [of_other(source, scenario, WORKING_FOLDER.beside(str(path))) for source in read_file(path, Sources).sources]
 
 
 def _second(name: str) -> str:

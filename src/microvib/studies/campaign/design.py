@@ -13,6 +13,7 @@ import numpy as np
 from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
 from microvib.errors import OptionError, ScenarioError, error_context
+from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.named import read_text
 from microvib.io.scenario_file import load_scenario
 from microvib.io.yaml_text import parse_yaml
@@ -140,7 +141,7 @@ def _hashable(value: Any) -> Any:
 def read_design(file: Path) -> Design:
     """Design of a study file; ScenarioError with one sentence per problem."""
     data = parse_yaml(read_text(file, "study", ()), str(file))
-    return design(validated(Study, data, origin=str(file)), file.parent, str(file))
+    return design(validated(Study, data, origin=str(file)), WORKING_FOLDER.beside(str(file)), str(file))
 
 
 def limit_of(study: Study) -> Limit | None:
@@ -151,18 +152,20 @@ def limit_of(study: Study) -> Limit | None:
         raise ScenarioError(str(error)) from None
 
 
-def design(study: Study, folder: Path = Path(), origin: str = "study") -> Design:
-    """Draw the cases of a study; its scenario file is relative to ``folder``. Every level and the ends of every distribution are
-    tried, one by one, so that what cannot be computed is known now."""
-    file = folder / study.scenario
+def design(study: Study, files: FileAccess = WORKING_FOLDER, origin: str = "study") -> Design:
+    """Draw the cases of a study; its scenario, and arrays that vary, are names of the catalog or of ``files``.
+
+    Every level and the ends of every distribution are tried, one by one, so that what cannot be computed is known now.
+    """
+    file = files.under("scenario").path(study.scenario)
     base = load_scenario(str(file) if file.is_file() else study.scenario, dict(study.set))
     with error_context(origin):
-        return _drawn(study, base, folder)
+        return _drawn(study, base, files)
 
 
-def _drawn(study: Study, base: Scenario, folder: Path) -> Design:
+def _drawn(study: Study, base: Scenario, files: FileAccess) -> Design:
     limit_of(study)
-    parts = [_variation(base, key, spec, folder) for key, spec in study.vary.items()]
+    parts = [_variation(base, key, spec, files) for key, spec in study.vary.items()]
     levels = tuple(x for x in parts if isinstance(x, Levels))
     uncertain = tuple(x for x in parts if isinstance(x, Uncertain))
     each = study.sampling.noise == "each"
@@ -190,7 +193,7 @@ def _drawn(study: Study, base: Scenario, folder: Path) -> Design:
     return Design(study, base, tuple(combinations) or ({},), levels, uncertain, _sample(study, uncertain))
 
 
-def _variation(base: Scenario, key: str, spec: Any, folder: Path) -> Levels | Uncertain:
+def _variation(base: Scenario, key: str, spec: Any, files: FileAccess) -> Levels | Uncertain:
     if key not in ARRAY:
         return variation(base, key, spec)
     if not isinstance(spec, list) or not spec:
@@ -200,7 +203,7 @@ def _variation(base: Scenario, key: str, spec: Any, folder: Path) -> Levels | Un
     arrays = []
     for name in spec:
         data = plain(base, text=True) | {"array": {key.split(".")[1]: str(name)}}
-        arrays.append(with_array(data, folder, f"vary.{key}")["array"])
+        arrays.append(with_array(data, files, f"vary.{key}")["array"])
     return Levels("array", tuple(arrays), tuple(str(name) for name in spec))
 
 

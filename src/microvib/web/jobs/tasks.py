@@ -18,8 +18,9 @@ from microvib.analysis.run import lines_of_second, solve_run
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
-from microvib.io.scenario_file import load_scenario
+from microvib.io.scenario_file import scenario_of
 from microvib.io.tables import to_json
+from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
 from microvib.reports.identification import values_text
@@ -155,8 +156,9 @@ def analysis(folder: str, recording: Upload, scenario: Scenario, channel: str, t
 
 def comparison(folder: str, recording: Upload, run: str, run_title: str, channel: str, tell: Tell) -> None:
     """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that the recording shows."""
+    scenario = scenario_of(parse_yaml(Path(run).read_text(encoding="utf-8"), run_title), run_title)
     found = compare(
-        Prepared(_read(*recording)), load_scenario(run), names=(recording[1], run_title), channel=channel,
+        Prepared(_read(*recording)), scenario, names=(recording[1], run_title), channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
     _write(folder, results.comparison_result(*found))

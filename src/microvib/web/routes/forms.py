@@ -12,11 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from pydantic.fields import FieldInfo
 
 from microvib.errors import MicrovibError, ScenarioError
-from microvib.io.array_files import ARRAY_ORIGINS
 from microvib.io.data_sheet import DataSheet
+from microvib.io.file_access import FileAccess
 from microvib.io.named import catalog_names, catalog_text, hub_names, reference_names
 from microvib.io.questions import QUESTIONS
-from microvib.io.scenario_file import dump_scenario, named_tables, parse_value, scenario_of
+from microvib.io.scenario_file import dump_scenario, parse_value, scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.fields import nested, part_in, whole_numbers
 from microvib.model.scenario import Scenario, set_key
@@ -37,6 +37,8 @@ MAX_MODES = 100
 LONG = 2000
 """Characters of changes, and 20 for each, from which a worker reads them: here they would take a tenth of a second."""
 NAME = "scenario"  # what a scenario of the page is called in messages, if anything
+FILES = FileAccess(None, "the page opens no files")
+"""Permission to open files that a request has: none, whichever key names them; names of the catalog need no permission."""
 
 
 class Spec(BaseModel):
@@ -178,64 +180,26 @@ def array_structure(spec: Spec) -> str | None:
     return named if named in reference_names() else None
 
 
-def names_elements(spec: Spec) -> bool:
-    """Whether the scenario takes array or hub from finite elements, which takes a while; ScenarioError where it names a file."""
-    data, changes = _data(spec), _changes(spec)
-    groups = [data.get("array") if isinstance(data, dict) else None, changes.get("array")]
-    named = [group for group in groups if isinstance(group, dict)]
-    named.append({key.removeprefix("array."): value for key, value in changes.items() if key.startswith("array.")})
-    for key in named_tables(_told(spec)):
-        raise ScenarioError(f"{key}: the page opens no files; write the table itself in the scenario")
-    found = [(key, group[key]) for group in named for key in ARRAY_ORIGINS if key in group]
-    for key, value in found:
-        if key != "fem" or value not in reference_names():
-            raise ScenarioError(
-                f"array.{key}: the page opens no files; allowed is array.fem with {', '.join(reference_names())}; run"
-                " `microvib modes` with your file and paste the modes that it gives"
-            )
-    return bool(found) | _names_hub([data, *(_as_part(key, value) for key, value in changes.items())])
-
-
-def _names_hub(parts: list[Any]) -> bool:
-    """Whether one of these parts of a scenario takes its hub from finite elements; ScenarioError where it names a file."""
-    crafts = [
-        part["spacecraft"] for part in parts if isinstance(part, dict) and isinstance(part.get("spacecraft"), dict)
-    ]
-    named = []
-    for group, key in (("hub", "modes"), ("line_of_sight", "rows")):
-        inside = [craft[group] for craft in crafts if isinstance(craft.get(group), dict)]
-        allowed = hub_names() if key == "modes" else ()
-        for name in (one[key] for one in inside if isinstance(one.get(key), str)):
-            if name not in allowed:
-                raise ScenarioError(
-                    f"spacecraft.{group}.{key}: the page opens no files; write what is in it into the scenario"
-                    + (f", or {', '.join(allowed)}" if allowed else "")
-                )
-            named.append(name)
-    return bool(named)
-
-
-def _as_part(key: str, value: Any) -> Any:
-    """What a change of a dotted ``key`` says, as a part of a scenario."""
-    for name in reversed(key.split(".")):
-        value = {name: value}
-    return value
+def _texts(data: Any) -> Iterator[str]:
+    """Every text among the values of some data."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, (dict, list)):
+        for item in data.values() if isinstance(data, dict) else data:
+            yield from _texts(item)
 
 
 def slow(spec: Spec) -> bool:
-    """Whether the scenario may take long to read, so that a worker should do it: a text, many changes, finite elements."""
+    """Whether the scenario may take long to read, so that a worker should do it: a text, many changes, names of the catalog."""
     if spec.text is not None or sum(20 + len(value) for value in spec.changes.values()) > LONG:
         return True
-    try:
-        return names_elements(spec)
-    except MicrovibError:  # told soon
-        return False
+    named = {*reference_names(), *hub_names(), *catalog_names()}
+    return not named.isdisjoint(_texts(list(_changes(spec).values())))
 
 
 def scenario(spec: Spec) -> Scenario:
     """The scenario that is meant; ScenarioError says what is wrong."""
-    names_elements(spec)
-    loaded = scenario_of(_data(spec), spec.name, _changes(spec))
+    loaded = scenario_of(_data(spec), spec.name, _changes(spec), FILES)
     n, hub = len(loaded.array.modes), 0 if loaded.spacecraft is None else len(loaded.spacecraft.hub.modes)
     if n + hub > MAX_MODES:
         where = (

@@ -1,0 +1,74 @@
+"""The one door to files that are named in a scenario, a study, or any other file of a user.
+
+Whoever reads such data is given a ``FileAccess`` and gets paths from it alone. A request of the page has ``NO_FILES``: whichever
+key of its data names a file, nothing is opened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from microvib.errors import ScenarioError, shown
+
+
+@dataclass(frozen=True)
+class FileAccess:
+    """Permission to open the files that are named in data."""
+
+    folder: Path | None = None
+    """Folder to which names are relative; None where no file may be opened."""
+    refusal: str = "no files are opened here"
+    """Reason given where no file may be opened."""
+    key: str = ""
+    """Key that names the file, for messages."""
+
+    def under(self, key: str) -> FileAccess:
+        """The same permission for what stands at a ``key``."""
+        return replace(self, key=key)
+
+    def path(self, name: Any, allowed: Sequence[str] = ()) -> Path:
+        """Path of the file called ``name``.
+
+        Parameters
+        ----------
+        name : Any
+            Value that stands in the data.
+        allowed : sequence of str
+            Names of the catalog that the key takes as well, for the message.
+
+        Returns
+        -------
+        Path
+            Relative to the folder; the file need not exist.
+
+        Raises
+        ------
+        ScenarioError
+            Where files may not be opened, or ``name`` is no file name.
+        """
+        where = f"{self.key}: " if self.key else ""
+        if not isinstance(name, str) or not name or "\0" in name:
+            raise ScenarioError(f"{where}{shown(name)} is not allowed; the name of a file is expected")
+        if self.folder is None:
+            choice = f", or take {', '.join(allowed)}" if allowed else ""
+            raise ScenarioError(
+                f"{where}{shown(name)} names a file, and {self.refusal}; write what it holds into the scenario{choice}"
+            )
+        return self.folder / name
+
+    def beside(self, name: Any) -> FileAccess:
+        """Permission for what the file called ``name`` names in turn, relative to that file's folder."""
+        return replace(self, folder=self.path(name).parent)
+
+    def in_working_folder(self) -> FileAccess:
+        """Permission for names that are typed rather than written in a file, relative to the working folder."""
+        return self if self.folder is None else replace(self, folder=Path())
+
+
+NO_FILES = FileAccess()
+"""Permission to open none: the default of everything that reads data."""
+WORKING_FOLDER = FileAccess(Path())
+"""Permission for names that a user types on a command line or in a script."""

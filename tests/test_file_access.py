@@ -1,0 +1,194 @@
+"""Files that are named in data: opened for a command, never for a request of the page, whichever key names them."""
+
+from __future__ import annotations
+
+import copy
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import microvib as mv
+from microvib.errors import MicrovibError
+from microvib.io.file_access import NO_FILES, FileAccess
+from microvib.io.named import catalog_text
+from microvib.io.scenario_file import scenario_of
+from microvib.io.yaml_text import parse_yaml
+from microvib.model.fields import part_in
+from microvib.model.scenario import Scenario, set_key
+from microvib.web.routes import forms
+
+CRAFT = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
+SECRET = "PRIVATE-FIGURE-4711"
+ENDINGS = (".yaml", ".csv", ".op2", ".h5")
+WORDS = (
+    "from",
+    "fem",
+    "scenario",
+    "modes",
+    "rows",
+    "table",
+    "loop",
+    "file",
+    "mass",
+    "hub",
+    "array",
+    "lines",
+    "include",
+)
+"""Keys that name files somewhere in the project's data, and some that might one day."""
+
+_watched: list[str] = []
+_watching: list[Path] = []
+
+
+def _hook(event: str, arguments: tuple[Any, ...]) -> None:
+    if _watching and event in ("open", "os.listdir", "os.scandir"):
+        name = arguments[0]
+        if isinstance(name, (str, bytes, os.PathLike)) and str(_watching[-1]) in os.path.realpath(os.fsdecode(name)):
+            _watched.append(f"{event} {os.fsdecode(name)}")
+
+
+sys.addaudithook(_hook)
+
+
+@pytest.fixture
+def secrets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder of private files, watched: whoever opens or looks at one of them is written down."""
+    for ending in ENDINGS:
+        (tmp_path / f"private{ending}").write_text(f"{SECRET}: 1\n")
+    real = os.stat
+
+    def stat(path: Any, *args: Any, **more: Any) -> os.stat_result:
+        if isinstance(path, (str, os.PathLike)) and str(tmp_path) in os.path.abspath(path):
+            _watched.append(f"stat {path}")
+        return real(path, *args, **more)
+
+    monkeypatch.setattr(os, "stat", stat)
+    _watched.clear()
+    _watching.append(tmp_path)
+    yield tmp_path
+    _watching.pop()
+
+
+def places(part: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every key of a part at every depth, with the part that it holds, if any; of lists the first item."""
+    for name, field in part.model_fields.items():
+        inner = part_in(field.annotation)
+        yield f"{prefix}{name}", inner
+        if inner is not None:
+            yield from places(inner, f"{prefix}{name}.{'0.' if 'tuple' in str(field.annotation) else ''}")
+
+
+def craft_data() -> dict[str, Any]:
+    """Data of a craft with a second wing, whose files are read already."""
+    data = parse_yaml(mv.dump_scenario(mv.load_scenario(CRAFT)), "craft")
+    other = parse_yaml(catalog_text("state-1"), "state-1")
+    wing = {key: other[key] for key in ("motor", "driver", "reducer", "array", "friction")}
+    data["spacecraft"]["second_wing"] = {"interface": data["spacecraft"]["interface"], **wing}
+    return data
+
+
+def hostile(folder: Path, part: Any) -> Iterator[Any]:
+    yield from (str(folder / f"private{ending}") for ending in ENDINGS)
+    yield [str(folder / "private.csv")]
+    for word in (*WORDS, *(() if part is None else part.model_fields)):
+        yield {word: str(folder / f"private{'.yaml' if word in ('fem', 'scenario') else '.csv'}")}
+
+
+def attacked(data: dict[str, Any], key: str, value: Any) -> dict[str, Any] | None:
+    """The data with a value at a key; beside what stands there, too, where that is a group; None where there is no such place."""
+    changed = copy.deepcopy(data)
+    try:
+        set_key(changed, key, value)
+    except MicrovibError:
+        return None
+    return changed
+
+
+def said(data: dict[str, Any]) -> str:
+    """What is answered to the page: the scenario or the error."""
+    try:
+        return str(scenario_of(data, "scenario", None, forms.FILES))
+    except MicrovibError as error:
+        return str(error)
+
+
+def test_no_key_at_any_depth_opens_a_file(secrets: Path) -> None:
+    data, tried = craft_data(), 0
+    for key, part in places(Scenario):
+        for value in hostile(secrets, part):
+            changed = attacked(data, key, value)
+            if changed is None:
+                continue
+            tried += 1
+            assert SECRET not in said(changed)
+            assert _watched == [], f"{key}: {value}"
+    assert tried > 2000
+
+
+def test_no_change_of_a_key_opens_a_file(secrets: Path) -> None:
+    """As the form sends them: dotted keys with texts, those that the schema does not know among them."""
+    own = [
+        f"{group}.{word}"
+        for group in ("array", "spacecraft", "spacecraft.hub", "spacecraft.second_wing")
+        for word in WORDS
+    ]
+    keys = [
+        *own,
+        *(key for key, _ in places(Scenario)),
+        "spacecraft.second_wing.array.from",
+        "spacecraft.second_wing.array.fem",
+    ]
+    for key in keys:
+        name = str(secrets / "private.yaml")
+        for value in (name, f"{{scenario: {name}, array: {{fem: {name}}}}}", f"{{second_wing: {{scenario: {name}}}}}"):
+            view = forms.view_of(forms.Spec(base="state-1", changes={key: value}))
+            assert SECRET not in str(view), (key, value)
+            assert _watched == [], (key, value)
+
+
+NAMED = {
+    "array.from": "{array: {from: NAME}}",
+    "array.fem": "{array: {fem: NAME}}",
+    "driver.table": "{driver: {table: NAME}}",
+    "spacecraft.hub.modes": "{spacecraft: {hub: {modes: NAME}}}",
+    "spacecraft.line_of_sight.rows": "{spacecraft: {line_of_sight: {rows: NAME}}}",
+    "spacecraft.second_wing.scenario": "{spacecraft: {second_wing: {scenario: NAME}}}",
+    "spacecraft.second_wing: array.from": "{spacecraft: {second_wing: {array: {from: NAME}}}}",
+    "spacecraft.second_wing: array.fem": "{spacecraft: {second_wing: {array: {fem: NAME}}}}",
+}
+
+
+@pytest.mark.parametrize("key", NAMED)
+def test_what_a_command_opens_is_refused_where_no_files_are_opened(secrets: Path, key: str) -> None:
+    """The same data twice: the watch sees the file where it may be opened, so that it would see it elsewhere."""
+
+    def given() -> dict[str, Any]:
+        data = parse_yaml(catalog_text("state-1"), "state-1")
+        return {**data, **parse_yaml(NAMED[key].replace("NAME", str(secrets / "private.csv")), "x")}
+
+    with pytest.raises(
+        MicrovibError, match=rf"{key}: .*names a file, and no files are opened here; write what it holds"
+    ):
+        scenario_of(given(), "x", None, NO_FILES)
+    assert _watched == []
+    with pytest.raises(MicrovibError):
+        scenario_of(given(), "x", None, FileAccess(secrets))
+    assert _watched
+
+
+@pytest.mark.parametrize("name", ["", "a\0b", 7, None, ["a.csv"]])
+def test_what_is_no_name_is_said(name: Any) -> None:
+    with pytest.raises(MicrovibError, match=r"^key: .* is not allowed; the name of a file is expected$"):
+        FileAccess(Path()).under("key").path(name)
+
+
+def test_names_are_relative_to_the_file_in_which_they_stand() -> None:
+    files = FileAccess(Path("a")).beside("b/c.yaml")
+    assert files.path("d.csv") == Path("a/b/d.csv")
+    assert files.in_working_folder().path("d.csv") == Path("d.csv")
+    assert NO_FILES.in_working_folder() == NO_FILES
