@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.io.measured import Column, Hints, recording_of
+from microvib.io.measured import Column, Hints, recording_of, stated_rates
 from microvib.io.timestamps import in_seconds
 from microvib.testdata.channels import in_yaml, is_unit, named_unit
 from microvib.testdata.recording import Recording, RecordingError
@@ -28,6 +28,11 @@ _RATE = re.compile(
     rf"(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\W*(?:{_HERTZ})?\W*",
     re.IGNORECASE,
 )
+_SAID = re.compile(
+    r"\W*([A-Za-z_]\w*(?:[ /_-]\w+){0,5})\s*(?:[\[(]([^\])]{0,20})[\])])?[\s\"]*[:=;,\t][\s\"]*"
+    r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^;,\"]{0,30})[\W]*"
+)
+"""A line on top such as ``Sampling interval [ms]: 0.25``: name, unit, number, unit."""
 _THOUSANDS = re.compile(r"\d{1,3}([.,])\d{3}")
 
 
@@ -65,8 +70,9 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
         notes.append("the last row has no end of line and may be cut off: it was left out")
     elif last is not None:
         notes.append("the last row has no end of line")
-    rates = _rates(top, form.decimal if any(form.decimal in line for line in body) else "")
-    columns = [Column(name, data[:, k], units[k], rates) for k, name in enumerate(names)]
+    said = _said(top, form.decimal if any(form.decimal in line for line in body) else "")
+    rates = _rates(top, form.decimal if any(form.decimal in line for line in body) else "") or stated_rates(said)
+    columns = [Column(name, data[:, k], units[k], rates, scales=said) for k, name in enumerate(names)]
     if not headed and hints.time is None and not rates and hints.sample_rate is None:
         raise RecordingError(
             f"has no header; its columns are called {names[0]} to {names[-1]}; add to the preparation file what"
@@ -204,6 +210,17 @@ def _doubtful(texts: Sequence[str]) -> bool:
             f"is truncated; its last number, {whole[-1]!r}, has fewer digits than the others and no end of line"
         )
     return not any(decimals)
+
+
+def _said(top: Sequence[str], decimal: str) -> dict[str, str]:
+    """Numbers that the lines on top give a name, each with its unit, where their mark is known to be the decimal one."""
+    found = {}
+    for line in top:
+        said = _SAID.fullmatch(line.strip())
+        if said is None or (_THOUSANDS.fullmatch(said[3]) and said[3].lstrip("+-0123456789")[:1] != decimal):
+            continue
+        found[said[1].strip()] = f"{said[3].replace(',', '.')} {said[4].strip(' []()') or said[2] or ''}".strip()
+    return found
 
 
 def _rates(top: Sequence[str], decimal: str) -> dict[str, float]:

@@ -16,7 +16,7 @@ from microvib.io.delimited import read_delimited
 from microvib.io.files import library
 from microvib.io.hdf5 import MAX_BYTES, Dataset, open_hdf5
 from microvib.io.matlab import read_matlab
-from microvib.io.measured import Column, Hints, recording_of, stated_rates
+from microvib.io.measured import Axis, Column, Hints, recording_of, stated_rates
 from microvib.io.structs import columns_of
 from microvib.testdata.channels import is_time
 from microvib.testdata.recording import Recording, RecordingError
@@ -61,12 +61,13 @@ def _column_58(s: dict[str, Any], k: int) -> Column:
     x = x[:samples]
     unit = _label(s, "ordinate")
     even = int(s.get("abscissa_spacing", 1)) == 1
+    along = _label(s, "abscissa")
     if even:
-        t = float(s.get("abscissa_min", 0.0)) + float(s["abscissa_inc"]) * np.arange(x.size)
-    else:
-        t = np.asarray(s["x"], dtype=float)[:samples]
-    time = Column("abscissa", t, _label(s, "abscissa"))
-    return Column(name, x.astype(float), unit, time=time, start=float(t[0]) if even else None)
+        axis = Axis("abscissa", float(s["abscissa_inc"]), float(s.get("abscissa_min", 0.0)), along)
+        return Column(name, x.astype(float), unit, axis=axis)
+    return Column(
+        name, x.astype(float), unit, time=Column("abscissa", np.asarray(s["x"], dtype=float)[:samples], along)
+    )
 
 
 def _label(s: dict[str, Any], axis: str) -> str:
@@ -88,9 +89,9 @@ def _read_netcdf(path: Path, hints: Hints) -> Recording:
         variables = {k: x for k, x in numeric.items() if _NO_VARIABLE not in str(x.attribute("NAME"))}
         said = {k: root.attribute(k) for k in ("fs", "sample_rate", "sample_rate_hz", "sampling_frequency")}
         said |= {k: float(x.numbers().ravel()[0]) for k, x in variables.items() if x.shape in ((), (1,))}
-        rates = stated_rates({k: v for k, v in said.items() if isinstance(v, float)})
+        rates = stated_rates({k: v for k, v in said.items() if v is not None})
         columns = [
-            Column(k, _decoded(x), str(x.attribute("units") or ""), rates)
+            Column(k, _decoded(x), str(x.attribute("units") or ""), rates, scales=_not_of_the_convention(x))
             for k, x in variables.items()
             if len(x.shape) == 1 and x.shape[0] > 1
         ]
@@ -100,6 +101,18 @@ def _read_netcdf(path: Path, hints: Hints) -> Recording:
             replace(c, name="Mz", unit="N*m") if c.name == "T_d" else c for c in columns if c.name in ("T_d", "time")
         ]
     return recording_of(columns, hints, mixed=True)
+
+
+def _not_of_the_convention(x: Dataset) -> dict[str, Any]:
+    """Attributes of a variable that the conventions of netCDF do not mean, such as a converter's sensitivity."""
+    if any(isinstance(x.attribute(name), float) for name in ("scale_factor", "add_offset")):
+        return {}
+    known = ("NAME", "CLASS", "units", "_FillValue", "missing_value", "long_name", "standard_name")
+    return {
+        name: x.attribute(name)
+        for name in x.attributes()
+        if name not in known and not name.startswith(("valid_", "actual_"))
+    }
 
 
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
@@ -128,7 +141,19 @@ def _read_tdms(path: Path, hints: Hints) -> Recording:
             raise RecordingError("is broken or truncated; it says that it has more values than it can hold")
         numeric = [c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"]
         names = [c.name for c in numeric]
-        return recording_of([_tdms_column(c, names.count(c.name) > 1) for c in numeric if len(c)], hints)
+        began = {c.path: c.properties.get("wf_start_time") for c in numeric if len(c)}
+        times = [np.datetime64(t, "us") for t in began.values() if t is not None]
+        first = min(times, default=None)
+        columns = []
+        for c in numeric:
+            if len(c):
+                clock = (
+                    0.0
+                    if began[c.path] is None
+                    else (np.datetime64(began[c.path], "us") - first) / np.timedelta64(1, "s")
+                )
+                columns.append(replace(_tdms_column(c, names.count(c.name) > 1), clock=float(clock)))
+        return recording_of(columns, hints)
 
 
 @contextmanager
@@ -154,13 +179,18 @@ def _tdms_column(channel: Any, grouped: bool) -> Column:
     given = {k: str(v).strip() for k, v in channel.properties.items() if k.lower() in _TDMS_UNITS and str(v).strip()}
     if len(set(given.values())) > 1:
         raise RecordingError(f"channel {name} has two units: {', '.join(f'{v} by {k}' for k, v in given.items())}")
-    rates = {}
-    if "wf_increment" in channel.properties and not is_time(channel.name):
-        step = float(channel.properties["wf_increment"])
-        rates["wf_increment"] = 1.0 / step if step else np.inf
-    start = channel.properties.get("wf_start_offset")
+    said = {k: v for k, v in channel.properties.items() if isinstance(v, (str, int, float, np.number))}
+    axis = None
+    if "wf_increment" in said and not is_time(channel.name):
+        x = {k.lower(): str(v).strip() for k, v in said.items()}
+        offset = said.get("wf_start_offset")
+        start = None if offset is None else float(offset)
+        unit = x.get("wf_xunit_string", "")
+        axis = Axis("wf_increment", float(said["wf_increment"]), start, unit, x.get("wf_xname", ""))
+    rates = stated_rates({k: v for k, v in said.items() if not k.startswith("wf_")})
+    scales = {k: v for k, v in said.items() if not k.startswith(("wf_", "NI_"))}
     values = np.asarray(channel[:], dtype=float)
-    return Column(name, values, next(iter(given.values()), ""), rates, start=None if start is None else float(start))
+    return Column(name, values, next(iter(given.values()), ""), rates, axis=axis, scales=scales)
 
 
 _TDMS_UNITS = ("unit_string", "unit", "units", "ni_unitdescription", "engineering_units")

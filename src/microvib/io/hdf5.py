@@ -81,6 +81,15 @@ class _Object:
         """File and object, for messages."""
         return f"{self.file.title}: {self.name or '/'}"
 
+    def attributes(self) -> list[str]:
+        """Names of its attributes that hold a text or a number."""
+        names = [h5py.h5a.open(self.id, index=k).name for k in range(min(h5py.h5a.get_num_attrs(self.id), MAX_OBJECTS))]
+        return [
+            name.decode("utf-8", "replace")
+            for name in names
+            if self.attribute(name.decode("utf-8", "replace")) is not None
+        ]
+
     def attribute(self, name: str) -> str | float | None:
         """A text or a number of the object; None if there is none, or where it is a list or anything else."""
         key = name.encode()

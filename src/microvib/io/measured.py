@@ -6,10 +6,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from microvib.testdata.channels import in_yaml, is_time, named_unit
+from microvib.model.rigid import COMPONENTS
+from microvib.testdata.channels import COUNTS, in_yaml, is_time, is_unit, named_unit, seconds_per, what_is_measured_in
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.time_axis import agrees, regular_rate, snapped_rate
 from microvib.units import convert
@@ -23,9 +25,27 @@ _RATES = re.compile(
     r"fs|f_?s(am(p|ple))?|s(ample|ampling)?_?(rate|freq|frequency)(_?hz)?|sfreq|srate|abtast(rate|frequenz)",
     re.IGNORECASE,
 )
-_STEPS = re.compile(
-    r"dt|d_t|delta_?t|t_?s|ts(ample)?|(x_?)?(increment|delta)|(sample|sampling|time)_?(interval|step|time|period)", re.IGNORECASE
-)  # fmt: skip
+STEPS = re.compile(
+    r"dt|d_?x|d_t|delta_?[tx]|t_?s|ts(ample)?|(x_?)?(inc(rement)?|delta)|(sample|sampling|time)_?(interval|step|time|period)",
+    re.IGNORECASE,
+)
+"""Names of the step of an axis."""
+_NAMED_UNIT = re.compile(r"(.+?)_(k?hz|[munµ]?s|sec|msec|usec)", re.IGNORECASE)
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_SPECTRAL = re.compile(
+    r"(?-i:f)|f_?axis|freq\w*|frequen\w*|fr[eé]quence\w*|frequenz\w*|k?hz|orders?|ordnung(en)?", re.IGNORECASE
+)
+"""Names of what spectra are given over."""
+_SCALE = re.compile(
+    r"sensi|lsb|resolu|aufl(oe|ö)s|factor|faktor|calib|kalib|convers|scal(e|ing)|skal|gain|slope|steigung|offset|multip"
+)
+_SCALE_STARTS = re.compile(
+    r"sens|res|fact|conv|cal|kal|scl|amp(l|s?_?per)|verst|mult|bias|zero|quant|coef|koef|poly|empf|full|fs[rv]|range|span|bits?\b"
+    r"|volts?per|(eu|units?|n|nm)per|vrange"
+)
+"""What is in, or begins, the names of what turns a converter's counts into a unit."""
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüé]+|\d+")
+_NOT_SCALED = re.compile(r"[01](\.0*)?")
 
 
 @dataclass(frozen=True)
@@ -35,6 +55,19 @@ class Hints:
     sample_rate: float | None = None  # [Hz]
     time: str | None = None  # name of the time axis
     units: Mapping[str, str] = field(default_factory=dict)
+    sensitivity: Mapping[str, str] = field(default_factory=dict)
+    channels: frozenset[str] = frozenset()  # names of the channels that are wanted; empty: all
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Even axis of a channel as its file gives it: step and first value in its unit, and what runs along it."""
+
+    name: str  # under which the preparation gives its unit
+    step: float
+    start: float | None = None
+    unit: str = ""
+    quantity: str = ""  # as the file calls it: Time, Frequency
 
 
 @dataclass(frozen=True)
@@ -46,70 +79,258 @@ class Column:
     unit: str = ""
     rates: Mapping[str, float] = field(default_factory=dict)  # sample rates [Hz], each by who says so
     time: Column | None = None
-    start: float | None = None  # time of the first sample [s], where the file says that and no time axis
+    axis: Axis | None = None
+    clock: float | None = None  # time [s] of the file's clock to which the time axis is relative, where it says that
+    scales: Mapping[str, Any] = field(default_factory=dict)
+    """What stands beside the samples and may be the scale of a converter's counts: numbers and texts by name."""
+    field: str = ""  # where the samples are in the file, if that is not the name
+    unfit: str = ""  # why it is no time history, where it is none
 
 
-def stated_rates(scalars: Mapping[str, float]) -> dict[str, float]:
-    """Sample rates [Hz] among named numbers: ``fs``, ``SampleRate`` and the like, or a time step ``dt`` [s]."""
+def stated_rates(fields: Mapping[str, Any]) -> dict[str, float]:
+    """Sample rates [Hz] among named numbers or texts: ``fs``, ``SampleRate`` and the like, or a time step ``dt``.
+
+    Without a unit, in the name as in ``fs_kHz`` or in the text as in ``50 kHz``, they are in Hz and s.
+    """
     found = {}
-    for name, value in scalars.items():
-        word = name.rsplit(".", 1)[-1]
-        if _RATES.fullmatch(word):
-            found[name] = value
-        elif _STEPS.fullmatch(word):
-            found[name] = 1.0 / value if value else math.inf
+    for name, given in fields.items():
+        word, unit = name.rsplit(".", 1)[-1], ""
+        named = _NAMED_UNIT.fullmatch(word)
+        if named and not (_RATES.fullmatch(word) or STEPS.fullmatch(word)):
+            word, unit = named[1], named[2]
+        rate, step = _RATES.fullmatch(re.sub(r"[ -]", "_", word)), STEPS.fullmatch(re.sub(r"[ -]", "_", word))
+        if not rate and not step:
+            continue
+        value = _scalar(given, unit or "", "Hz" if rate else "s")
+        if value is not None:
+            found[name] = value if rate else (1.0 / value if value else math.inf)
     return found
+
+
+def _scalar(given: Any, unit: str, wanted: str) -> float | None:
+    """A number or a text such as ``50 kHz``, without a unit in ``unit`` or else in the ``wanted`` one; None if it is neither."""
+    if isinstance(given, str):
+        found = _QUANTITY.fullmatch(given.replace(",", ".") if given.count(",") == 1 and "." not in given else given)
+        if found is None:
+            return None
+        number, unit = float(found[1]), found[2] or unit
+    else:
+        number = float(given)
+    if not unit:
+        return number
+    unit = re.sub(
+        r"(?i)^(k?)hz$", lambda m: m[1].lower() + "Hz", re.sub(r"(?i)^([kM]?)S(a(mples)?)?/s(ec)?$", r"\1Hz", unit)
+    )
+    if wanted == "s":
+        size = seconds_per(unit)
+        return None if size is None else number * size
+    try:
+        return number * convert(f"1 {unit}", wanted)
+    except ValueError:
+        return None
 
 
 def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] = (), mixed: bool = False) -> Recording:
     """Recording of the columns of one rate and length, the longest; RecordingError for what is missing or contradictory.
 
-    Columns of another rate are left out, and named in a note. ``mixed`` says that the file may hold vectors that are not channels.
+    Columns of another rate, spectra and counts of a converter are left out, and named in a note. ``mixed`` says that the file may
+    hold vectors that are not channels.
     """
-    said = list(notes)
+    said, columns = list(notes), list(columns)
     rated: list[tuple[Column, float]] = []
     known: dict[tuple[object, ...], float] = {}
-    named = _with_time(list(columns), hints)
-    if not named:
-        raise RecordingError("has no channels")
-    sampled = [c for c in named if c.rates or c.time is not None]
+    named = _fit(_with_time(_with_units(columns, hints), hints), hints, said)
+    sampled = [c for c in named if c.rates or c.time is not None or c.axis is not None]
     if mixed and sampled and hints.sample_rate is None:
-        bare = (c for c in named if not c.rates and c.time is None)
+        bare = (c for c in named if not any(c is s for s in sampled))
         said += [f"left out, without a sample rate: {c.name} ({c.values.size})" for c in bare]
         named = sampled
     for column in named:
-        key = (id(column.time), *column.rates.items())
+        key = (id(column.time), column.axis and replace(column.axis, start=None), *column.rates.items())
         if key not in known:
             known[key] = _rate(column, hints, said)
         rated.append((column, known[key]))
-    size, rate = max((column.values.size, rate) for column, rate in rated)
-    kept = [column for column, own in rated if own == rate and column.values.size == size]
-    if not mixed and any(own == rate and column.values.size != size for column, own in rated):
-        sizes = {column.name: column.values.size for column, own in rated if own == rate}
+    rate = max((column.values.size, rate) for column, rate in rated)[1]
+    pairs = _aligned([column for column, own in rated if own == rate], rate, hints, said)
+    size = max(column.values.size for _, column in pairs)
+    alike = [column for _, column in pairs if column.values.size == size]
+    sizes = {column.name: column.values.size for _, column in pairs}
+    if not mixed and len(alike) < len(pairs):
         raise RecordingError(f"its channels differ in length: {sizes}")
-    _check_alike(rated, kept, rate, said)
-    axes = {id(c.time): c.time for c in kept if c.start is None and c.time is not None}
-    starts = [c.start for c in kept if c.start is not None]
-    starts += [float(axis.values[0]) * _seconds(axis, hints) for axis in axes.values()]
-    if starts and max(starts) - min(starts) > 0.01 / rate:
-        raise RecordingError(
-            f"its channels start at different times, {min(starts):g} to {max(starts):g} s; they must be cut to one time"
-        )
-    for column in kept:
+    used = [whole for whole, column in pairs if column.values.size == size]
+    _check_alike(alike, [column for column, _ in rated if not any(column is u for u in used)], rate, said)
+    for column in alike:
         bad = int(np.count_nonzero(~np.isfinite(column.values)))
         if bad:
             said.append(f"channel {column.name}: {bad} of {size} samples are not numbers")
-    units = {c.name: c.unit.strip().strip("[]").strip() for c in kept}
-    return Recording({c.name: c.values for c in kept}, rate, units, notes=tuple(dict.fromkeys(n for n in said if n)))
+    units = {c.name: c.unit.strip().strip("[]").strip() for c in alike}
+    axes = {axis.name for c in named for axis in (c.time, c.axis) if axis is not None}
+    axes |= {c.name for c in columns if c.name not in units}
+    told = tuple(dict.fromkeys(note for note in said if note))
+    return Recording({c.name: c.values for c in alike}, rate, units, notes=told, axes=frozenset(axes))
 
 
-def _check_alike(rated: list[tuple[Column, float]], kept: list[Column], rate: float, said: list[str]) -> None:
+def _with_units(columns: list[Column], hints: Hints) -> list[Column]:
+    """The columns, with the units that their names hold; ``Mz_mNm`` becomes Mz unless the preparation, or the file, knows that."""
+    names = [column.name for column in columns]
+    meant = {*hints.units, *hints.sensitivity, *hints.channels, *filter(None, [hints.time])}
+    found = []
+    for column in columns:
+        name, unit = named_unit(column.name)
+        if column.unit or not is_unit(unit) or is_time(column.name):
+            found.append(column)
+            continue
+        shorter = name if name not in names and column.name not in meant and name in COMPONENTS else column.name
+        found.append(replace(column, name=shorter, unit=unit))
+    return found
+
+
+def _fit(columns: list[Column], hints: Hints, said: list[str]) -> list[Column]:
+    """Columns that are time histories in a unit; the others are left out with a note. RecordingError where none is one."""
+    if not columns:
+        raise RecordingError("has no channels")
+    kept: list[Column] = []
+    reasons: list[str] = []
+    for column in columns:
+        reason = column.unfit or _over_another_axis(column, hints) or _in_counts(column, hints)
+        if reason:
+            reasons.append(reason)
+        elif column.scales and column.name in hints.sensitivity and _whole(column.values):
+            kept.append(replace(column, unit="counts"))
+        else:
+            kept.append(column)
+    longest = max(column.values.size for column in columns)
+    if not any(2 * column.values.size > longest for column in kept):  # what is left are lists of something else
+        raise RecordingError(reasons[0] if reasons else "has no channels", remedy="prepare")
+    said += [f"left out: {reason}" for reason in reasons]
+    return kept
+
+
+def _over_another_axis(column: Column, hints: Hints) -> str:
+    """What the axis of a column is that is not time, and what to do; empty where it is time.
+
+    Every axis passes here, whichever format it is from.
+    """
+    axis = column.time or column.axis
+    if axis is None:
+        return ""
+    unit = _unit(axis, hints)
+    quantity = axis.quantity if isinstance(axis, Axis) else ""
+    if unit:
+        if seconds_per(unit) is not None:
+            return ""
+        if _is_index(unit):
+            asks = f"its time axis {axis.name} counts samples ('{unit}'); add the rate to the preparation file"
+            return "" if hints.sample_rate is not None else f"{asks}, such as sample_rate: 4096 Hz"
+        found = what_is_measured_in(unit)
+        what = f", {found}: this is not a time history" if found else ""
+        name = in_yaml(axis.name)
+        return (
+            f"its time axis {axis.name} is in '{unit}', which is not a unit of time{what} (channel {column.name}); export the"
+            f" time history, or add the right unit to the preparation file, such as units: {{{name}: s}}"
+        )
+    if quantity and axis.name not in hints.units and _SPECTRAL.fullmatch(quantity.split()[0]):
+        return (
+            f"channel {column.name} is not a time history: its axis is called '{quantity}'; export the time history, or, if the"
+            f" axis is time, add its unit to the preparation file, such as units: {{{in_yaml(axis.name)}: s}}"
+        )
+    return ""
+
+
+def _is_index(unit: str) -> bool:
+    return unit.lower() in ("samples", "sample", "points", "pts", "index", "#", "-", "1")
+
+
+def _in_counts(column: Column, hints: Hints) -> str:
+    """What says that samples are counts of a converter, and what to do; empty where nothing does, or they are scaled later."""
+    scale = _scale_beside(column)
+    if scale is None or column.unit.strip("[] ").lower() in COUNTS or not _whole(column.values):
+        return ""
+    given = hints.units.get(column.name, "")
+    if column.name in hints.sensitivity or re.match(r"\s*[+-]?[\d.]", given) or given.lower() in COUNTS:
+        return ""
+    name, value = scale
+    shown = f"{value:.6g}" if isinstance(value, float) else str(value)[:40]
+    key, load = in_yaml(column.name), "N" if column.name.startswith("F") else "N*m"
+    return (
+        f"{column.field or column.name} has whole numbers beside {name}: counts of a converter, which nothing scales here"
+        f" ({shown}); add to the preparation file what one count stands for, such as units: {{{key}: 0.0001 {load}}}, or save the"
+        f" channel in its unit; units: {{{key}: 1 {load}}} if it is in whole {load}"
+    )
+
+
+def names_scale(name: str) -> bool:
+    """Whether a number of this name may be what turns a converter's counts into a unit."""
+    words = [word.lower() for word in _WORDS.findall(name.rsplit(".", 1)[-1])]
+    whole = "".join(words)
+    return bool(_SCALE.search(whole)) or any(_SCALE_STARTS.match(word) for word in (*words, whole))
+
+
+def _scale_beside(column: Column) -> tuple[str, Any] | None:
+    """First of what stands beside the samples that may be their scale."""
+    for name, value in column.scales.items():
+        if not names_scale(name):
+            continue
+        if isinstance(value, str):
+            if re.search(r"\d", value) and not _NOT_SCALED.fullmatch(value.strip()):
+                return name, value
+            continue
+        numbers = np.ravel(np.asarray(value))
+        if numbers.size and numbers.dtype.kind in "fiu" and np.any((numbers != 0) & (numbers != 1)):
+            return name, float(numbers[np.flatnonzero((numbers != 0) & (numbers != 1))[0]])
+    return None
+
+
+def _whole(values: np.ndarray) -> bool:
+    """Whether all samples are whole numbers, and not all the same."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and np.all(finite == np.rint(finite)) and np.ptp(finite) > 0)
+
+
+def _aligned(columns: list[Column], rate: float, hints: Hints, said: list[str]) -> list[tuple[Column, Column]]:
+    """Columns, each with its part from the latest of their starts on; RecordingError where they differ by parts of a sample."""
+    starts = [_start(column, hints) for column in columns]
+    longest = max(column.values.size for column in columns)
+    meant = [c.name in hints.channels for c in columns]
+    if not any(meant):
+        meant = [2 * c.values.size > longest for c in columns]
+    chosen = [(c, at) for c, at, own in zip(columns, starts, meant, strict=True) if own and at is not None]
+    known = [at for _, at in chosen]
+    if not known or max(known) - min(known) <= 0.01 / rate:
+        return [(c, c) for c in columns]
+    first, last = min(known), max(known)
+    late = [(last - at) * rate for at in known]
+    size = min(c.values.size - round(k) for (c, _), k in zip(chosen, late, strict=True))
+    if size < 8 or any(abs(k - round(k)) > 0.01 for k in late):
+        names = ", ".join(f"{c.name} at {at:.6g} s" for c, at in chosen[:6])
+        raise RecordingError(
+            f"its channels start at different times, {first:g} to {last:g} s, and not by whole samples within the record; they must"
+            f" be cut to one time. Or name in the preparation file those that start together, such as channels: {{Mz:"
+            f" {in_yaml(chosen[-1][0].name)}}}; there are {names}",
+            remedy="prepare",
+        )
+    said.append(
+        f"channels start at different times, {first:g} to {last:g} s; all are taken from the latest start on, {size} samples"
+    )
+    cut = [round(k) for k in late]
+    return [(c, replace(c, values=c.values[k : k + size])) for (c, _), k in zip(chosen, cut, strict=True)]
+
+
+def _start(column: Column, hints: Hints) -> float | None:
+    """Time [s] of the first sample, as far as the file says it."""
+    axis = column.time or column.axis
+    first = axis.start if isinstance(axis, Axis) else None if axis is None else float(axis.values[0])
+    if first is None or axis is None:
+        return column.clock
+    return (column.clock or 0.0) + first * _seconds(axis, hints)
+
+
+def _check_alike(kept: list[Column], others: list[Column], rate: float, said: list[str]) -> None:
     """RecordingError for a name that is there twice; columns of another rate or length are named as left out."""
     names = [column.name for column in kept]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RecordingError(f"channel {twice} occurs twice; give the two different names")
-    others = [column for column, own in rated if not any(column is k for k in kept)]
     if others:
         listed = ", ".join(f"{c.name} ({c.values.size})" for c in others[:8]) + (" ..." if len(others) > 8 else "")
         said.append(f"left out, not of {kept[0].values.size} samples at {rate:g} Hz: {listed}")
@@ -120,9 +341,13 @@ def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
     if hints.time is not None and hints.time not in [c.name for c in columns]:
         raise RecordingError(f"time: there is no column '{hints.time}'; there are {', '.join(c.name for c in columns)}")
     axes = [c for c in columns if (c.name == hints.time if hints.time is not None else is_time(c.name))]
+    if not axes and hints.time is None:  # one whose unit alone says it, such as X_Value [s]
+        axes = [c for c in columns if _runs_in_time(c)][:1]
+    timed = {axis.values.size for axis in axes}
+    spectral = [c for c in columns if c.values.size not in timed and _runs_over_spectra(c)]
     found = []
     for column in columns:
-        if any(column is axis for axis in axes):
+        if any(column is axis for axis in (*axes, *spectral)):
             continue
         fitting = [a for a in axes if a.values.size == column.values.size]
         rates = dict(column.rates)
@@ -130,8 +355,38 @@ def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
             rates |= _rate_of_axis(axis, hints, [])
         if column.time is None and fitting:
             column = replace(column, time=fitting[0], rates=rates)
+        over = next((a for a in spectral if a.values.size == column.values.size), None)
+        if column.time is None and column.axis is None and over is not None:
+            column = replace(column, unfit=_spectrum(column, over))
         found.append(column)
     return found
+
+
+def _runs_in_time(column: Column) -> bool:
+    """Whether a column is in a unit of time and rises throughout."""
+    unit = column.unit or named_unit(column.name)[1]
+    rises = column.values.size > 1 and bool(np.all(np.diff(column.values) > 0.0))
+    return rises and bool(unit) and seconds_per(unit) is not None and column.time is None and column.axis is None
+
+
+def _runs_over_spectra(column: Column) -> bool:
+    """Whether a column is the axis of spectra: frequencies or orders in even steps, as no measurement has them."""
+    x = column.values
+    if column.time is not None or column.axis is not None:
+        return False
+    unit = column.unit or named_unit(column.name)[1]
+    named = bool(_SPECTRAL.fullmatch(named_unit(column.name.rsplit(".", 1)[-1])[0].split(" ")[0].split("_")[0] or "-"))
+    if not (named or what_is_measured_in(unit).startswith("a frequency")) or x.size < 8 or not np.all(np.isfinite(x)):
+        return False
+    steps = np.diff(x)
+    return bool(np.all(steps > 0.0) and np.ptp(steps) < 0.05 * float(np.median(steps)))
+
+
+def _spectrum(column: Column, over: Column) -> str:
+    return (
+        f"channel {column.name} is not a time history but given over {over.name}, which rises evenly as the axis of a spectrum"
+        f" does; export the time history, or, if {over.name} is a channel, take it out of the file"
+    )
 
 
 def _rate(column: Column, hints: Hints, said: list[str]) -> float:
@@ -140,8 +395,10 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
     for name, value in stated.items():
         if not 0.0 < value < math.inf:
             raise RecordingError(f"{name} gives a sample rate of {value:g} Hz; it must be greater than 0 Hz and finite")
-    if column.time is not None:
+    if column.time is not None and not _is_index(_unit(column.time, hints)):
         stated |= _rate_of_axis(column.time, hints, said)
+    if column.axis is not None:
+        stated |= _rate_of_step(column.axis, hints, said)
     given = hints.sample_rate
     if not stated and given is None:
         raise RecordingError(
@@ -172,7 +429,8 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
         )
     rate, note = snapped_rate(values[0])
     if not PLAUSIBLE[0] <= rate <= PLAUSIBLE[1]:
-        axis = "time" if column.time is None else in_yaml(column.time.name)
+        runs = column.time or column.axis
+        axis = "time" if runs is None else in_yaml(runs.name)
         raise RecordingError(
             f"has a sample rate of {listed}; {PLAUSIBLE[0]:g} Hz to {1e-6 * PLAUSIBLE[1]:g} MHz is expected. Add the right rate to"
             f" the preparation file, such as sample_rate: 4096 Hz, or the unit of the time axis, such as units: {{{axis}: ms}}",
@@ -199,19 +457,26 @@ def _rate_of_axis(time: Column, hints: Hints, said: list[str]) -> dict[str, floa
     return {f"the time axis {time.name}": rate}
 
 
-def _unit(time: Column, hints: Hints) -> str:
-    own = time.unit or named_unit(time.name.rsplit(".", 1)[-1])[1]  # as time_ms
-    return hints.units.get(time.name, own).strip().strip("[]()").split(" since ")[0].strip()
-
-
-def _seconds(time: Column, hints: Hints) -> float:
-    """Seconds in the unit of a time axis."""
-    unit = _unit(time, hints)
-    try:
-        return convert(f"1 {unit}", "s") if unit else 1.0
-    except ValueError:
+def _rate_of_step(axis: Axis, hints: Hints, said: list[str]) -> dict[str, float]:
+    if _is_index(_unit(axis, hints)):
+        return {}
+    if not _unit(axis, hints):
+        said.append(f"{axis.name} has no unit and is read in seconds")
+    step = axis.step * _seconds(axis, hints)
+    if step and not 0.0 < 1.0 / step < math.inf:
         raise RecordingError(
-            f"its time axis {time.name} is in '{unit}', which is not a unit of time; add the right one to the"
-            f" preparation file, such as units: {{{in_yaml(time.name)}: s}}",
-            remedy="prepare",
-        ) from None
+            f"{axis.name} gives a sample rate of {1.0 / step:g} Hz; it must be greater than 0 Hz and finite"
+        )
+    if not step:
+        raise RecordingError(f"{axis.name} gives a sample rate of inf Hz; it must be greater than 0 Hz and finite")
+    return {axis.name: 1.0 / step}
+
+
+def _unit(axis: Column | Axis, hints: Hints) -> str:
+    own = axis.unit or named_unit(axis.name.rsplit(".", 1)[-1])[1]  # as time_ms
+    return hints.units.get(axis.name, own).strip().strip("[]()").split(" since ")[0].strip()
+
+
+def _seconds(axis: Column | Axis, hints: Hints) -> float:
+    """Seconds in the unit of a time axis."""
+    return seconds_per(_unit(axis, hints)) or 1.0

@@ -94,7 +94,8 @@ def read_prepared(path: Path | str, preparation: Preparation | None = None) -> P
     """A recording, and its background, after the steps of ``preparation``; RecordingError says what does not go."""
     if preparation is None:
         return Prepared(read_recording(path))
-    hints = Hints(preparation.sample_rate, preparation.time, preparation.units)
+    wanted = frozenset(name.lstrip("-") for name in preparation.channels.values())
+    hints = Hints(preparation.sample_rate, preparation.time, preparation.units, preparation.sensitivity, wanted)
     recording = preparation.apply(_read(Path(path), hints))
     if preparation.background is None:
         return Prepared(recording)

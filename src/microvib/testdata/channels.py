@@ -10,8 +10,25 @@ from microvib.units import convert
 LOADS = ("N", "N*m")  # units of what is analysed: forces and torques
 COUNTS = ("counts", "count", "lsb", "digit", "digits", "bit", "bits", "eu")  # units of a converter that nobody scaled
 _OTHERS = ("s", "V", "C", "m/s^2", "degC", "m", "rad", "A", "Hz", "Pa", "K")  # units of what else recordings hold
+_TIME_UNITS = {
+    **dict.fromkeys(
+        ("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden", "seconde", "secondes"), "s"
+    ),
+    **dict.fromkeys(("ms", "msec", "msecs", "msek", "millisec", "millisecond", "milliseconds", "millisekunden"), "ms"),
+    **dict.fromkeys(
+        ("us", "usec", "µs", "µsec", "μs", "μsec", "microsec", "microsecond", "microseconds", "mikrosekunden"), "us"
+    ),
+    **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), "ns"),
+    **dict.fromkeys(("min", "mins", "minute", "minutes", "minuten"), "min"),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours", "stunde", "stunden", "std"), "h"),
+    **dict.fromkeys(("d", "day", "days", "tag", "tage"), "day"),
+}
+"""Units of time, in lower case, as people and programs write them."""
 _TIME = re.compile(r"(time|zeit|temps|tiempo|tempo|abscissa|t)([ _-]?(axis|achse|vector|stamp))?", re.IGNORECASE)
 _ENDING = re.compile(r"(.*\w)[ _]((?:[munµ]?s|sec|min|h))", re.IGNORECASE)
+_LOAD_ENDING = re.compile(
+    r"(.*?[A-Za-z0-9])[ _]([kmunµM]?N[*·._-]?(?:mm|cm|m)|(?:lbf|ozf|kgf)[*·._-]?(?:in|ft|m)|kN|(?<=^F.[ _])m?N)"
+)
 _BEHIND = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))")
 _BELOW = re.compile(r"(.*[^\s/])\s*/\s*([A-Za-zµΩ°%][^/]*)")
 
@@ -20,6 +37,28 @@ def is_time(name: str) -> bool:
     """Whether a column of this name is a time axis."""
     ending = _ENDING.fullmatch(name.strip())
     return bool(_TIME.fullmatch(ending[1] if ending else name.strip()))
+
+
+def seconds_per(unit: str) -> float | None:
+    """Seconds in a unit of time as files write it (``s``, ``msec``, ``Sekunden``, ``MS`` of older programs); None if it is none."""
+    plain = unit.strip().strip("[]()").rstrip(".")
+    plain = _TIME_UNITS.get(plain.lower(), plain)
+    try:
+        return convert(f"1 {plain}", "s")
+    except ValueError:
+        return None
+
+
+def what_is_measured_in(unit: str) -> str:
+    """Words for what a unit of an axis other than time measures; empty where it is not known."""
+    plain = unit.strip().strip("[]()")
+    plain = {"hz": "Hz", "khz": "kHz", "u/min": "rpm", "1/min": "rpm", "r/min": "rpm", "rev/min": "rpm"}.get(
+        plain.lower(), plain
+    )
+    if plain.lower() in ("order", "orders", "ordnung", "ord", "ev"):
+        return "an order of the speed"
+    kinds = (("Hz", "a frequency"), ("rad/s", "a speed of rotation"), ("rad", "an angle"), ("m", "a length"))
+    return next((words for known, words in kinds if _goes(f"1 {plain}", known)), "") if plain else ""
 
 
 def named_unit(header: str) -> tuple[str, str]:
@@ -32,7 +71,10 @@ def named_unit(header: str) -> tuple[str, str]:
     if below and is_unit(below[2]):
         return below[1].strip(), below[2].strip()
     ending = _ENDING.fullmatch(header)
-    return (header, ending[2]) if ending and is_time(header) else (header, "")
+    if ending and is_time(header):
+        return header, ending[2]
+    load = _LOAD_ENDING.fullmatch(header)
+    return (load[1], load[2].replace("_", "*")) if load and as_load(f"1 {load[2].replace('_', '*')}") else (header, "")
 
 
 def is_unit(text: str) -> bool:

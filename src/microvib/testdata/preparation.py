@@ -78,7 +78,7 @@ def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
     """Channels in other units than their file says, or by how many units a count stands for; that of its time axis was minded."""
     channels, units = dict(recording.channels), dict(recording.units)
     for name, text in given.items():
-        if name not in channels and is_time(name):
+        if name not in channels and (is_time(name) or name in recording.axes):
             continue
         values = recording[name]
         if re.match(r"\s*[+-]?[\d.]", text) is None:

@@ -43,6 +43,8 @@ class Recording:
     """What was wrong with the samples of channels before they were changed, which hides it; None while they are as read."""
     alone: Mapping[str, str] | None = None
     """Which samples of channels stood alone before they were changed, likewise."""
+    axes: frozenset[str] = frozenset()
+    """Names of what the file holds beside the channels: time axes, and channels that were left out."""
 
     def __post_init__(self) -> None:
         expect_mapping(self.channels, "channels", "{'Mz': samples}")
