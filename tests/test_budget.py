@@ -898,7 +898,9 @@ def test_a_column_that_would_count_as_nothing_is_refused(tmp_path: Path, key: st
     (tmp_path / "l.csv").write_text(f"{head}\n1,2,3\n2,2,3\n")
     with pytest.raises(mv.MicrovibError) as caught:
         of_other(
-            OtherSource(**{"name": "p", "point": "center", key: "l.csv"}), scenario_of(whole.FullCraft()), tmp_path
+            OtherSource(**{"name": "p", "point": "center", key: "l.csv"}),
+            scenario_of(whole.FullCraft()),
+            FileAccess(tmp_path),
         )
     assert says in str(caught.value)
 
@@ -906,7 +908,7 @@ def test_a_column_that_would_count_as_nothing_is_refused(tmp_path: Path, key: st
 @pytest.mark.parametrize(("key", "end"), [("lines", ""), ("density", "2_hz")])
 def test_an_axis_about_which_a_table_says_nothing_is_not_judged(tmp_path: Path, key: str, end: str) -> None:
     (tmp_path / "l.csv").write_text(f"frequency_hz,los_x_rad{end}\n10,1e-14\n20,1e-14\n")
-    one = of_other(OtherSource(**{"name": "p", key: "l.csv"}), scenario_of(whole.FullCraft()), tmp_path)
+    one = of_other(OtherSource(**{"name": "p", key: "l.csv"}), scenario_of(whole.FullCraft()), FileAccess(tmp_path))
     for statistic in ("rms", "level", "bound"):
         for band in ({}, {"lowest": "12 Hz", "highest": "15 Hz"}):
             each = {
@@ -925,7 +927,7 @@ def test_a_table_of_a_budget_keeps_what_is_not_settled(tmp_path: Path) -> None:
     (tmp_path / "l.csv").write_text(
         "source,line,frequency_hz,los_x_rad,los_y_rad,settled\na,b,5,1e-5,0,False\na,c,7,1e-7,0,True\n"
     )
-    one = of_other(OtherSource(name="p", lines="l.csv"), scenario_of(whole.FullCraft()), tmp_path)
+    one = of_other(OtherSource(name="p", lines="l.csv"), scenario_of(whole.FullCraft()), FileAccess(tmp_path))
     assert one.settled.tolist() == [False, True]
     assert judged(requirement(), [one], "rss").verdict == "not judged"
 
