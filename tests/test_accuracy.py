@@ -23,6 +23,29 @@ OFF, WANDERS, REMEMBERS = 13, 186, 18
 and whose record shows what happened while it settled."""
 
 
+def basin():
+    """A slow drive of three phases with backlash, whose motion has several forms."""
+    friction = {"viscous": 0.00384, "coulomb": 0.00204, "breakaway": 0.00223, "stribeck_rate": 0.00426}
+    drive = {"rotor_teeth": 50, "phases": 3, "current": 1.0, "torque_constant": 0.42, "detent_torque": 0.0041}
+    windings = {"winding_resistance": 11.7, "winding_inductance": 0.0119, "rotor_inertia": 4.3e-5}
+    gear = {"ratio": 50.0, "wave_generator_inertia": 5e-6, "stiffness": 22800.0, "damping": 3.92, "backlash": 7.6e-5}
+    return mv.load_scenario("state-1").with_si(
+        {
+            "sources": {},
+            "motor": {**drive, **windings, "friction": friction},
+            "driver": {"beats": 6, "microsteps": 32, "proportional_gain": 93.6, "integral_gain": 2955.0},
+            "reducer": gear,
+            "friction": {"coulomb": 1.13e-4, "breakaway": 2.68e-4, "stribeck_rate": 7.6e-5, "viscous": 0.0457},
+            "array": {
+                "inertia": 1.95,
+                "modes": [{"frequency": 0.326, "damping": 0.0032, "effective_inertia": 1.72}],
+            },
+            "tracking": {"rate": 6.4e-4},
+            "record": {"settle": 1.5, "duration": 4.0, "sample_rate": 2048.0},
+        }
+    )
+
+
 def coarse(k):
     return random_scenario(k).with_si({"solver.accuracy": 0.03})
 
@@ -96,6 +119,33 @@ def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
     nudged = replace(motion.beginning, state=motion.beginning.state * (1.0 + 1e-9))
     there, back = (again(scenario, b, 1, 10.0) for b in (motion.beginning, nudged))
     assert np.std((there - back)[-4096:]) > 100.0 * np.std((there - back)[:256])
+
+
+def test_lines_that_agree_do_not_hide_that_a_finer_run_is_another_motion(off, monkeypatch):
+    """The other motion is the mirror image of the first: its lines are as large, and T_d differs by twice its RMS."""
+    motion, table, _ = off
+    mirrored = 2.0 * motion["T_d"].mean() - motion["T_d"]
+    monkeypatch.setattr("microvib.analysis.accuracy.again", lambda *given: mirrored)
+    estimate = accuracy(motion, table)
+    assert estimate.line < 1e-9
+    assert estimate.rms == pytest.approx(2.0)
+    assert estimate.sensitive
+    for factor in (0.3, 2.0):
+        line = max(table, key=lambda x: np.nan_to_num(x.amplitude_n_m))
+        limit = limit_of(factor * line.amplitude_n_m, line.frequency_hz - 0.01, line.frequency_hz + 0.01)
+        assert judge(noted(table, estimate), limit).of(line).verdict == "not judged"
+
+
+def test_a_drive_whose_motion_has_several_forms_is_sensitive():
+    """With a refinement of 1 and 2 drive_1 is the same to 0.1 %, with 4 a quarter of it, and T_d differs by more than its RMS."""
+    motion = mv.simulate(basin(), channels=("T_d",))
+    table = mv.lines(motion)
+    estimate = accuracy(motion, table)
+    assert estimate.sensitive
+    assert estimate.rms > 0.5
+    line = table["drive_1"]
+    limit = limit_of(0.7 * line.amplitude_n_m, line.frequency_hz - 0.1, line.frequency_hz + 0.1)
+    assert judge(noted(table, estimate), limit).of(line).verdict == "not judged"
 
 
 def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):

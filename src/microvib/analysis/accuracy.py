@@ -15,6 +15,9 @@ from microvib.solve.motion import Motion
 
 BOUND = 5e-3
 """Relative change of a line above which finer steps are advised."""
+SAME_MOTION = 0.01
+"""RMS of the difference of T_d, over the RMS of T_d, above which two runs are not taken for one motion, whatever their lines: what
+lines show then is chance, and a run twice as fine again must tell."""
 LEAST = 0.01
 """Fraction of the largest line above which a line counts."""
 MAX_REFINEMENT = 64
@@ -22,8 +25,13 @@ MAX_REFINEMENT = 64
 SENSITIVE = 0.1
 """Part of an amplitude that is taken for the doubt of a motion which depends on details below the tolerance. What two runs differ
 by is not a bound: in random sets it was 0.05 to 24 % (benchmarks/README.md)."""
+SPREAD = 1.5
+"""Factor on the difference of T_d for the doubt of a line: that of single lines between two runs is small by chance at times."""
 KEY = "error_estimate"
 """Of a solver's account."""
+_APART = 0.5
+"""RMS of the difference of T_d, over the RMS of T_d, above which a run twice as fine is another motion: that a third is like one of
+the two does not make it certain."""
 _CONVERGES = 0.25
 """What twice finer steps leave of a difference at most; with order 4 a sixteenth is expected."""
 
@@ -41,22 +49,23 @@ class Accuracy:
     sensitive: bool
     """Whether differences do not fall with the steps: the motion depends on details below the tolerance."""
     refinement: int
-    """``solver.refinement`` with which lines are within BOUND: the run's own where they are, or where no step would help."""
+    """``solver.refinement`` with which lines are within BOUND and T_d within SAME_MOTION: the run's own where they are, or where
+    no step would help."""
     advised: bool
     """Whether that is another than the run's own."""
 
     @property
     def doubt(self) -> float:
         """Relative error of an amplitude from the integration."""
-        return max(self.line, SENSITIVE) if self.sensitive else self.line
+        return max(self.line, SPREAD * self.rms, SENSITIVE if self.sensitive else 0.0)
 
     def __str__(self) -> str:
         line = f"lines within {100 * self.line:.2g} % ({self.name}), " if self.name else ""
         sizes = f"{line}T_d within {100 * self.rms:.2g} % RMS, from a second run with every step twice as fine"
         if self.sensitive:
             return (
-                f"SENSITIVE: the motion depends on details below the tolerance ({sizes}, and the difference does not"
-                " fall with finer steps); its lines are those of one of many such motions, which finer steps make no more certain"
+                f"SENSITIVE: the motion depends on details below the tolerance ({sizes}, and the difference is not one that finer"
+                " steps make small); its lines are those of one of many such motions, which finer steps make no more certain"
             )
         if self.advised:
             return f"NOT fine enough: {sizes}; set solver.refinement={self.refinement}"
@@ -66,9 +75,10 @@ class Accuracy:
 def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     """How far T_d of ``motion`` and the ``table`` of its lines are off by the integration.
 
-    It is run again from its beginning with every step twice as fine and, where that leaves a doubt, four times as fine: all of it,
-    because what a motion remembers of rare events while it settles may show in lines that a short stretch cannot part. None for a
-    motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer step.
+    It is run again from its beginning with every step twice as fine and, where that leaves a doubt about lines or about T_d itself,
+    four times as fine: all of it, because what a motion remembers of rare events while it settles may show in lines that a short
+    stretch cannot part. None for a motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer
+    step.
     """
     expect(motion, Motion, "a motion (mv.simulate)")
     expect(table, LineTable, "a table of lines (mv.lines)")
@@ -82,14 +92,15 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
         twice = again(scenario, beginning, 2, duration)
         first = _difference(motion["T_d"], twice, counted, rate)
         found = Accuracy(first.rms, first.line, first.name, False, own, False)
-        if first.line <= BOUND:
+        if first.is_fine:
             return found
         second = _difference(twice, again(scenario, beginning, 4, duration), counted, rate)
     except SimulationError:  # a finer run that stops where this one went on
         return Accuracy(1.0, 1.0, counted[0].line if counted else "", True, own, False)
-    if second.rms > _CONVERGES * first.rms:
-        return replace(found, sensitive=True)
-    return replace(found, refinement=(2 if second.line <= BOUND else 4) * own, advised=True)
+    if first.rms > _APART or second.rms > _CONVERGES * first.rms:
+        worst = max(first, second, key=lambda one: one.line)
+        return replace(found, rms=max(first.rms, second.rms), line=worst.line, name=worst.name, sensitive=True)
+    return replace(found, refinement=(2 if second.is_fine else 4) * own, advised=True)
 
 
 def noted(table: LineTable, found: Accuracy | None) -> LineTable:
@@ -119,6 +130,11 @@ class _Difference(NamedTuple):
     rms: float
     line: float
     name: str
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether two runs are one motion, with the same lines."""
+        return self.line <= BOUND and self.rms <= SAME_MOTION
 
 
 def _difference(T_d: np.ndarray, finer: np.ndarray, counted: list[Line], sample_rate: float) -> _Difference:
