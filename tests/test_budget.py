@@ -5,6 +5,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from microvib.studies.budget.sums import judged, merged
 from microvib.studies.campaign.cases import compute_bytes
 from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
-from microvib.studies.campaign.results import merge
+from microvib.studies.campaign.results import DONE, merge
 from microvib.testdata.recording import Recording
 from microvib.units import Si
 
@@ -483,6 +484,52 @@ def test_cases_of_other_rates_count_at_their_own_frequencies() -> None:
     one = source("a", (5.0, 1.0, 0.0), cases=np.full((1000, 1, 2), URAD), cases_frequency=f)
     found = judged(requirement(axis="x", metric="mpe", window="1 s", percentile="95 percent"), [one], "rss")
     assert found.value == pytest.approx(URAD * math.sqrt(0.5 * float(weight("mpe", 0.5, 1.0))))
+
+
+class _Cases:
+    """Merged results of 100 cases of drive_1, in a fifth of which an unlisted line is ten times as large."""
+
+    lines = ("drive_1", "other_1")
+    state = np.full(100, DONE)
+
+    def __init__(self, status: str = "ok") -> None:
+        self.campaign = SimpleNamespace(design=SimpleNamespace(
+            samples=np.zeros((100, 1)), cases=100, uncertain=(1,),
+            study=SimpleNamespace(sampling=SimpleNamespace(method="random", count=100)),
+        ))  # fmt: skip
+        self._there, self._status = np.arange(100) % 5 == 3, status
+
+    def of(self, line: str, figure: str = "amplitude") -> np.ndarray:
+        whole = {
+            "frequency": {"drive_1": 5.0, "other_1": 2.0 + 0.01 * np.arange(100)}[line],
+            "los_x": URAD,
+            "los_y": 0.0,
+        }
+        values = np.full(100, 1.0) * whole[figure]
+        if line == "other_1":
+            values = np.where(self._there, (1.0 if figure == "frequency" else 10.0) * values, np.nan)
+        return values
+
+    def status(self, line: str) -> np.ndarray:
+        return np.where(self._there | (line == "drive_1"), self._status, "").astype(object)
+
+
+def test_a_percentile_counts_lines_that_only_some_cases_have() -> None:
+    """In a fifth of the cases an unlisted line is there: P95 has it, the median not; each at its own frequency."""
+    one = with_campaign(replace(source("a", (5.0, 1.0, 0.0)), names=("drive_1",)), _Cases())
+    assert one.cases_lack == ""
+    assert sorted(set(one.cases_frequency[:, -1].tolist()))[0] == pytest.approx(2.03)
+    found = judged(requirement(axis="x", percentile="95 percent", limit="5 urad"), [one], "rss")
+    assert found.value == pytest.approx(URAD * math.sqrt(0.5 * 101.0))
+    assert found.verdict == "fail"
+    median = judged(requirement(axis="x", percentile="50 percent", limit="5 urad"), [one], "rss")
+    assert median.value == pytest.approx(URAD * math.sqrt(0.5))
+
+
+def test_a_percentile_is_not_judged_where_unlisted_lines_of_cases_die_away() -> None:
+    one = with_campaign(replace(source("a", (5.0, 1.0, 0.0)), names=("drive_1",)), _Cases("decaying"))
+    assert one.cases_lack.startswith("an unlisted line rings or is driven by noise in 20 cases")
+    assert judged(requirement(axis="x", percentile="95 percent", limit="5 urad"), [one], "rss").verdict == "not judged"
 
 
 def test_a_campaign_that_lacks_cases_has_no_percentile() -> None:

@@ -20,6 +20,21 @@ from microvib.units import Given, quantity
 
 Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "gear train", "sideband", "other"]
 
+UNLISTED = "other_"
+"""Beginning of the names of lines that were found and not expected; within a record they are numbered by size, so that one name
+means another line in another record."""
+
+
+def is_unlisted(name: str) -> bool:
+    """Whether a line was found where none was expected, by its name, that of a second wing's drive among them."""
+    return any(part.startswith(UNLISTED) for part in name.split())
+
+
+def is_sideband(name: str) -> bool:
+    """Whether a line is an expected side line of a driving line, by its name."""
+    return "_plus_" in name or "_minus_" in name
+
+
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from statistics import median
 
+from microvib.model.expected import is_sideband, is_unlisted
 from microvib.reports.blocks import overlaid, study
 from microvib.reports.document import Block, Contents, Document, Fact, Mark, Section, Table, Text, pairs, table
 from microvib.reports.numbers import brief, count, format_number, milli, percent
@@ -62,7 +63,7 @@ def worth_a_row(rows: Sequence[Row]) -> list[Row]:
         return max((v for v in values if math.isfinite(v)), default=0.0)
 
     def least(row: Row) -> float:
-        return 0.02 if any(mark in row.line for mark in ("_plus_", "_minus_", "other_")) else 1e-3
+        return 0.02 if (is_sideband(row.line) or is_unlisted(row.line)) else 1e-3
 
     top = max((size(row) for row in rows), default=0.0)
     return [row for row in rows if size(row) >= least(row) * top]

@@ -15,6 +15,7 @@ from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
 from microvib.io.tables import PaperLines, rows_csv
+from microvib.model.expected import is_unlisted
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress
@@ -167,11 +168,11 @@ def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | No
 
 def _with_names_of(a: Side, b: Side) -> Side:
     """``b`` with its unexpected lines named as those of ``a`` at the same frequency; each side numbers them by size."""
-    known = {name: x for name, x in a.lines.items() if name.startswith("other_")}
+    known = {name: x for name, x in a.lines.items() if is_unlisted(name)}
     lines: dict[str, Figures] = {}
     for name, x in b.lines.items():
         same = next((k for k, one in known.items() if _at_one_frequency(one, x)), None)
-        lines[(same or f"{name}_of_b") if name.startswith("other_") else name] = x
+        lines[(same or f"{name}_of_b") if is_unlisted(name) else name] = x
     return replace(b, lines=lines)
 
 

@@ -21,6 +21,7 @@ from microvib.analysis.turning import Moved, moved_by, shaft_torques
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import craft_in
 from microvib.model.driven import noise_bands
+from microvib.model.expected import is_unlisted
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, weight
@@ -349,9 +350,9 @@ def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
     }
     alone = [name.removeprefix(f"{SECOND_DRIVE} ") for name in one.names]
     return {
-        f"other {f:.6g} Hz" if own.startswith("other_") else name: k
+        f"other {f:.6g} Hz" if is_unlisted(own) else name: k
         for k, (name, own, f) in enumerate(zip(one.names, alone, one.frequency.tolist(), strict=True))
-        if own not in rings and not (fallback and own.startswith("other_"))
+        if own not in rings and not (fallback and is_unlisted(own))
     }  # fmt: skip
 
 

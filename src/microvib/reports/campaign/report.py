@@ -13,6 +13,7 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
+from microvib.model.expected import is_sideband
 from microvib.model.scenario import Scenario
 from microvib.reports.blocks import drawn, study
 from microvib.reports.campaign import figures
@@ -85,8 +86,7 @@ def shown(s: Summary) -> list[LineStatistics]:
     hundredth of the largest."""
     rows = statistics.governing(s.rows)
     top = rows[0].largest
-    return [r for r in rows if r.line in (ANY, *s.lines) or ("_plus_" not in r.line and "_minus_" not in r.line
-            and r.largest > 0.01 * top)]  # fmt: skip
+    return [r for r in rows if r.line in (ANY, *s.lines) or (not is_sideband(r.line) and r.largest > 0.01 * top)]
 
 
 def hertz(r: LineStatistics) -> str:

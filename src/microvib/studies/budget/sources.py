@@ -106,9 +106,10 @@ class Contribution:
     """Whether its lines have phases; those that have none keep none to each other, whatever is asked for."""
     scenario: Scenario | None = None
     cases: np.ndarray | None = None
-    """Amplitudes of its lines over the cases of a campaign, (cases, k, 2)."""
+    """Amplitudes of its lines over the cases of a campaign, (cases, j, 2): the first k are those above, the others of lines that
+    only cases have."""
     cases_frequency: np.ndarray | None = None
-    """Their frequencies [Hz], (cases, k), where cases do not all have the nominal ones."""
+    """Their frequencies [Hz], (cases, j), where cases do not all have the nominal ones."""
     cases_lack: str = ""
     """What the campaign does not say of its cases, in words; no percentile is judged then."""
     recorded: tuple[np.ndarray, np.ndarray] | None = None

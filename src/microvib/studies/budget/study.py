@@ -12,7 +12,7 @@ import numpy as np
 
 from microvib.analysis.hub_lines import together
 from microvib.analysis.margins import Verdict
-from microvib.analysis.pointing import HubLines
+from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import BlockedLines, Difference, differences, short_way_of
 from microvib.errors import MicrovibError, OptionError, expect_list
@@ -20,6 +20,7 @@ from microvib.io.file_access import WORKING_FOLDER
 from microvib.io.scenario_file import load_scenario
 from microvib.model.coupling import craft_in, into_hub, source_of
 from microvib.model.coupling import short_way as short_way_of_loads
+from microvib.model.expected import is_unlisted
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
@@ -340,22 +341,59 @@ def ensemble_of(scenario: Scenario, folder: Path) -> Results:
 
 
 def with_campaign(drive: Contribution, results: Results) -> Contribution:
-    """A drive with the amplitudes of its lines over the independent cases of a campaign."""
+    """A drive with the amplitudes of all its lines over the independent cases of a campaign.
+
+    Lines that were found and not expected are numbered by size in each case: they are the drive's where frequencies agree, and
+    lines of their own beside them where not.
+    """
     counted = independent(results.campaign.design)
     drawn = counted & (results.state == DONE)
-    names = [name for name in results.lines if not name.startswith("other_")]
-    known = {name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T for name in names}
-    none, n = np.full((int(drawn.sum()), 2), np.nan), int(drawn.sum())
-    f = np.array([results.of(x, "frequency")[drawn] if x in known else np.full(n, np.nan) for x in drive.names]).T
-    f = np.where(np.isfinite(f), f, drive.frequency)
-    cases = np.array([known.get(name, none) for name in drive.names]).transpose(1, 0, 2)
-    size = np.hypot(*np.abs(drive.los).T)
-    large = drive.settled & (size > FAINT_LINE * size.max())
-    missing = [n for k, n in enumerate(drive.names) if large[k] and np.isnan(cases[:, k]).any()]
-    more = [n for n in names if n not in drive.names and np.nanmax(known[n], initial=0.0) > FAINT_LINE * size.max()]
+    n, width = int(drawn.sum()), len(drive.names)
+    listed = [name for name in drive.names if not is_unlisted(name) and name in results.lines]
+    others = [name for name in results.lines if name not in listed]
+    los = {name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T for name in results.lines}
+    f = {name: results.of(name, "frequency")[drawn] for name in results.lines}
+    found = np.full((n, width + len(others), 2), np.nan)
+    at = np.full((n, width + len(others)), np.nan)
+    for k, name in enumerate((*drive.names, *others)):
+        if k >= width or name in listed:
+            found[:, k], at[:, k] = los[name], f[name]
+    for k in (k for k, name in enumerate(drive.names) if is_unlisted(name)):
+        for j in (j for j, name in enumerate(others, width) if is_unlisted(name)):
+            same = np.abs(at[:, j] - drive.frequency[k]) <= SAME * drive.frequency[k]
+            found[same, k], found[same, j] = found[same, j], np.nan
+    kept = np.append(np.ones(width, dtype=bool), np.nan_to_num(found[:, width:]).any(axis=(0, 2)))
+    nominal = np.append(drive.frequency, [_usual(x) for x in at[:, width:].T])
+    at = np.where(np.isfinite(at), at, nominal)[:, kept]
     lack = [f"{int(np.sum(counted & ~drawn))} cases have no result"] if np.any(counted & ~drawn) else []
-    lack += [f"{', '.join((missing + more)[:3])} is not in all cases"] if missing or more else []
-    return replace(drive, cases=np.nan_to_num(cases), cases_frequency=f, cases_lack="; ".join(lack))
+    lack += _lack_of_lines(drive, los, results, drawn)
+    return replace(drive, cases=np.nan_to_num(found[:, kept]), cases_frequency=at, cases_lack="; ".join(lack))
+
+
+def _lack_of_lines(
+    drive: Contribution, los: dict[str, np.ndarray], results: Results, drawn: np.ndarray
+) -> Iterator[str]:
+    """Which lines of the line of sight, ``los`` (cases, 2) [rad] each, the ``drawn`` cases do not tell; a sentence each."""
+    size = np.hypot(*np.abs(drive.los).T)
+    least = FAINT_LINE * size.max()
+    large = [name for k, name in enumerate(drive.names) if drive.settled[k] and size[k] > least]
+    large += [name for name in los if name not in drive.names and np.nanmax(los[name], initial=0.0) > least]
+    missing = [x for x in large if not is_unlisted(x) and (x not in los or np.isnan(los[x]).any())]
+    if missing:
+        yield f"{', '.join(missing[:3])} is not in all cases"
+    ringing = np.zeros(int(drawn.sum()), dtype=bool)
+    for name in filter(is_unlisted, los):
+        lasts = np.isin(results.status(name)[drawn], ("ok", ""))
+        ringing |= ~lasts & (np.nan_to_num(los[name]).max(axis=1) > least)
+    if ringing.any():
+        remedy = "a longer record.settle, or solve: steady"
+        yield f"an unlisted line rings or is driven by noise in {int(ringing.sum())} cases ({remedy})"
+
+
+def _usual(frequency: np.ndarray) -> float:
+    """Median of a line's frequencies (cases,) [Hz], for cases that do not have it; any where none has."""
+    known = frequency[np.isfinite(frequency)]
+    return float(np.median(known)) if known.size else 1.0
 
 
 def _windows(scenario: Scenario, contributions: Sequence[Contribution], rule: Rule) -> Iterator[Window]:

@@ -336,11 +336,13 @@ def _values(
     k, drawn = next(((k, one) for k, one in enumerate(chosen) if one.cases is not None), (0, None))
     if drawn is None or drawn.cases is None or r.statistic == "level":
         return None
-    phases, found = np.exp(1j * np.angle(drawn.los)), []
+    more = drawn.cases.shape[1] - len(drawn.names)
+    phases, found = np.vstack([np.exp(1j * np.angle(drawn.los)), np.ones((more, 2))]), []
+    own = replace(drawn, rings=np.append(~drawn.settled, np.zeros(more, dtype=bool)), doubt=0.0)
     at = [drawn.frequency] * len(drawn.cases) if drawn.cases_frequency is None else drawn.cases_frequency
     for f, case in zip(at, drawn.cases, strict=True):
-        own = replace(drawn, frequency=f, los=case * phases)
-        tones = merged([*chosen[:k], own, *chosen[k + 1 :]], rule, doubtful=False)
+        one = replace(own, frequency=f, los=case * phases)
+        tones = merged([*chosen[:k], one, *chosen[k + 1 :]], rule, doubtful=False)
         found.append(figure(r, tones.frequency, tones.value, densities))
     return np.array(found)
 

@@ -138,7 +138,7 @@ class _Result:
     note: str = ""
     T_d: np.ndarray | None = None
     los: dict[str, np.ndarray] | None = None
-    """Amplitudes of both angles of the line of sight [rad], (2,), by line."""
+    """Amplitudes of both angles of the line of sight [rad] and frequency [Hz], (3,), by line."""
 
 
 DEADLY = _Result(
@@ -278,7 +278,7 @@ def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
     table = lines_of(source, harmonics=harmonics)
     stuck = float(np.mean(source["stuck_output"])) if state is None else state.stuck_output
     on_hub = hub_lines(source, table, los_only=True)
-    los = dict(zip(on_hub.names, on_hub.amplitude, strict=True))
+    los = dict(zip(on_hub.names, np.column_stack([on_hub.amplitude, on_hub.frequency]), strict=True))
     second = None if source.beside is None else lines_of(source.beside, harmonics=harmonics)
     return replace(_result(work.study, scenario, table, source["T_d"], stuck, fallback, second), los=los)
 
@@ -319,8 +319,9 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
         for k, name in enumerate(LINE_OF_SIGHT):
             figures[name] = np.full((len(results), len(names)), math.nan)
             for i, result in enumerate(results):
-                for line, angles in (result.los or {}).items():
-                    figures[name][i, column[line]] = angles[k]
+                for line, found_there in (result.los or {}).items():
+                    figures[name][i, column[line]] = found_there[k]
+        _of_the_second_wing(figures["frequency"], results, column)
     return Chunk(
         label=label, lines=tuple(names), figures=figures, status=status, statuses=statuses,
         scalars={name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)},
@@ -328,6 +329,14 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
         reasons=tuple(r.reason for r in results), notes=tuple(r.note for r in results),
         histories={k: r.T_d for k, r in enumerate(results) if r.T_d is not None},
     )  # fmt: skip
+
+
+def _of_the_second_wing(frequency: np.ndarray, results: Sequence[_Result], column: dict[str, int]) -> None:
+    """Fill in frequencies (cases, lines) [Hz] of lines of the line of sight that are no lines of the first drive's torque."""
+    for i, result in enumerate(results):
+        for line, (_, _, f) in (result.los or {}).items():
+            if math.isnan(frequency[i, column[line]]):
+                frequency[i, column[line]] = f
 
 
 def _brief(status: str) -> str:

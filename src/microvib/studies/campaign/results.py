@@ -203,6 +203,17 @@ class Results:
         """One figure of one line over all cases, (cases,); nan where a case has no such line."""
         return self._read(figure, self.lines.index(line))
 
+    def status(self, line: str) -> np.ndarray:
+        """Status of one line in each case, texts (cases,); empty where a case has no such line."""
+        numbers = self._read("status", self.lines.index(line)).astype(int)
+        return np.array([*self._statuses, ""], dtype=object)[numbers]
+
+    @cached_property
+    def _statuses(self) -> list[str]:
+        with open_hdf5(self.path) as root:
+            meanings = str(root.dataset("status").attribute("flag_meanings"))
+        return [text.partition(": ")[2] for text in meanings.split("; ")]
+
     def _read(self, name: str, column: int | None = None) -> np.ndarray:
         with open_hdf5(self.path) as root:
             return root.dataset(name).numbers(column)

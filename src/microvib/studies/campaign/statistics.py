@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.limits import Limit
+from microvib.model.expected import is_sideband, is_unlisted
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, Results
@@ -118,7 +119,7 @@ def line_statistics(results: Results, limit: float | None, band: tuple[float, fl
     counted = independent(results.campaign.design)
     points = results.campaign.design.samples.shape[0]
     levels = levels_of(results)
-    names = [ANY, *(name for name in results.lines if not name.startswith("other_"))]
+    names = [ANY, *(name for name in results.lines if not is_unlisted(name))]
     rows: list[list[LineStatistics]] = [[] for _ in levels]
     judged = None if limit is None else case_verdicts(results, limit, band)
     for line in names:
@@ -253,5 +254,5 @@ def main_lines(rows: Sequence[LineStatistics]) -> list[str]:
     """Lines worth a picture: the six largest; sidebands only where they are as large as a fifth of the largest."""
     singles = [row for row in governing(rows) if row.line != ANY]
     top = max((row.largest for row in singles), default=0.0)
-    worth = [r for r in singles if r.largest >= (0.2 if "_plus_" in r.line or "_minus_" in r.line else 1e-2) * top]
+    worth = [r for r in singles if r.largest >= (0.2 if is_sideband(r.line) else 1e-2) * top]
     return [row.line for row in worth[:6]]
