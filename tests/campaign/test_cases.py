@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import threading
 from concurrent.futures import Future
+from contextlib import suppress
 
 import h5py
 import numpy as np
+import psutil
 import pytest
 from support.campaigns import EVERYTHING, Fragile, Inline, bytes_of, made, spread, study
 from support.scenarios import limit_of
@@ -52,6 +56,42 @@ def test_dask_gives_the_same_bytes(tmp_path):
     with dask(2) as backend:
         compute_missing(two, backend)
     assert bytes_of(one) == bytes_of(two)
+
+
+TURNED_AWAY = "Timed out|closed|Connection reset|certificate does not match"
+
+
+def listening(process: psutil.Process) -> list[tuple[str, int]]:
+    """Addresses at which a process and its children take connections."""
+    family = [process, *process.children(recursive=True)]
+    found = [c for one in family for c in one.net_connections("inet") if c.status == psutil.CONN_LISTEN]
+    return [(c.laddr.ip, c.laddr.port) for c in found]
+
+
+def test_nobody_else_can_use_the_cluster():
+    """Each of its sockets is of TLS, which turns away a client with no certificate, and one with another of the same kind."""
+    from distributed import Client, Security
+
+    from microvib.studies.campaign.on_dask import dask
+
+    before = set(listening(psutil.Process()))
+    with dask(1) as backend:
+        opened = sorted(set(listening(psutil.Process())) - before)
+        assert len(opened) == 3  # scheduler, worker and its nanny: none serves HTTP
+        assert {address for address, _ in opened} == {"127.0.0.1"}
+        for address, port in opened:
+            with pytest.raises(OSError, match=TURNED_AWAY), Client(f"tcp://{address}:{port}", timeout="2s"):
+                pass
+            with (
+                pytest.raises(OSError, match=TURNED_AWAY),
+                Client(f"tls://{address}:{port}", timeout="2s", security=Security.temporary()),
+            ):
+                pass
+            with socket.create_connection((address, port), timeout=5) as client:
+                client.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
+                with suppress(ConnectionResetError):
+                    assert b"HTTP" not in client.recv(1000)
+        assert backend.executor().submit(os.getpid).result(30) in [p.pid for p in psutil.Process().children(True)]
 
 
 def test_no_scheduler_is_a_sentence(monkeypatch):

@@ -34,19 +34,19 @@ class _Dask:
 
 @contextmanager
 def dask(workers: int | None = None, scheduler: str | None = None) -> Iterator[Backend]:
-    """A cluster of ``workers`` processes on this machine, or the one at the address ``scheduler``.
+    """A cluster of ``workers`` processes on this machine, which nobody else can use, or the one at the address ``scheduler``.
 
-    MicrovibError where no scheduler answers there, or it has no workers.
+    That one is reached with the credentials of Dask's own configuration (``distributed.comm.tls``). MicrovibError where no
+    scheduler answers there, or it has no workers.
     """
-    from distributed import Client, LocalCluster
+    from distributed import Client
     from distributed.scheduler import KilledWorker
 
     if scheduler is None:
+        from microvib.studies.campaign.dask_cluster import private_cluster
+
         count = workers or os.cpu_count() or 1
-        with (
-            LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
-            Client(cluster) as client,
-        ):
+        with private_cluster(count) as client:
             yield _Dask(client, count, (KilledWorker,))
         return
     try:

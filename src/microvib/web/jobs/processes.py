@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import multiprocessing
+import multiprocessing.util
 import secrets
 import signal
 import sys
@@ -21,6 +22,8 @@ from microvib.web.server.limits import Limits
 
 ENDED = ("done", "failed", "cancelled")
 _STARTING = "starting a worker"
+# Python 3.11.0 would put the fork server's socket where every user can send it pickles; 3.11.1 and later never do.
+multiprocessing.util.abstract_sockets_supported = False  # type: ignore[misc]
 
 
 class Busy(Exception):
