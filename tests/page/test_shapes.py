@@ -7,9 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from support.page import PAGE, QUICK, api, drawn, until, write
 
 import microvib as mv
+from microvib.io.named import catalog_names
 
 pytestmark = PAGE
 EXAMPLE = Path(__file__).parents[2] / "examples" / "spacecraft.yaml"
@@ -82,6 +84,16 @@ def test_a_late_answer_does_not_take_the_place_of_a_newer_one(visit: Callable[..
     shapes(page, "Craft, hinges locked").wait_for()
     page.wait_for_timeout(2500)
     assert page.locator("#modes h2", has_text="Modes of").inner_text() == "Modes of the craft, hinges locked"
+
+
+@pytest.mark.parametrize("name", catalog_names())
+def test_every_scenario_of_the_catalog_has_modes_that_move(visit: Callable[..., Any], name: str) -> None:
+    page = visit(f"#base={name}")
+    shapes(page, "Array, interface clamped").wait_for()
+    assert page.locator("#modes tbody tr").count() == len(mv.load_scenario(name).array.modes)
+    api.expect(page.locator("#modes")).to_contain_text("The panel stands for the array")
+    first = page.evaluate(PICTURE)
+    until(page, f"{PICTURE} !== {first!r}")
 
 
 def test_firm_ground_gets_a_sentence(visit: Callable[..., Any]) -> None:

@@ -46,6 +46,27 @@ def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:
     page.get_by_text("'.exe' is not known").wait_for()
 
 
+@pytest.mark.parametrize("unit", ["N m", "mN·m"])
+def test_the_run_is_drawn_under_a_recording_however_its_unit_is_written(
+    visit: Callable[..., Any], tmp_path: Path, unit: str
+) -> None:
+    motion = mv.simulate(mv.load_scenario("state-1", SHORT), channels=("T_d",))
+    size = 1e3 if unit.startswith("m") else 1.0
+    write_recording(Recording({"Mz": size * motion["T_d"]}, motion.sample_rate, {"Mz": unit}), tmp_path / "test.csv")
+    page = visit(QUICK)
+    run(page)
+    page.click("#tab-recording")
+    page.set_input_files("#recording-file", tmp_path / "test.csv")
+    drawn = "document.querySelector('#recording-plot')?.data?.map((curve) => curve.name) ?? []"
+    until(page, f"({drawn}).includes('Mz')")
+    names = page.evaluate(drawn)
+    assert names[0].startswith("T_d of state-1")
+    below, above = page.evaluate(
+        "document.querySelector('#recording-plot').data.slice(0, 2).map((c) => Math.max(...c.y))"
+    )
+    assert below == pytest.approx(above, rel=1e-6)  # the same samples, both in N m
+
+
 def test_a_recording_is_refined_on_zoom_and_kept_over_a_reload(visit: Callable[..., Any], tmp_path: Path) -> None:
     motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "record.sample_rate": "2048 Hz"}))
     noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)

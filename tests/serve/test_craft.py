@@ -11,6 +11,7 @@ from support.server import SHORT, result, spec, wait
 
 import microvib as mv
 from microvib.io.modal_sources import modal_source
+from microvib.io.named import catalog_names
 from microvib.reports.moving import NOISE, REACH, of_array, of_craft
 from microvib.studies.angles import sweep_angles
 
@@ -123,12 +124,28 @@ def test_a_box_moves_as_the_rigid_body_closest_to_the_mode():
     np.testing.assert_allclose(box.shapes[8], closest[:3], atol=0.03 * np.abs(box.shapes).max())
 
 
+@pytest.mark.parametrize("name", catalog_names())
+def test_modes_about_the_drive_axis_alone_turn_a_panel_about_it(client, name):
+    told = found(client, "shapes", scenario={"base": name, "changes": {}})
+    array = mv.load_scenario(name).array
+    columns = {key: [row[k] for row in told["rows"]] for k, key in enumerate(told["header"])}
+    assert columns["frequency [Hz]"] == [mode.frequency for mode in array.modes]
+    assert columns["about z [kg m²]"] == pytest.approx((array.H**2).tolist())
+    assert columns["kind"] == ["Mz"] * len(array.modes)
+    assert "drive axis z alone" in told["words"]
+    xyz, shapes = np.array(told["moving"]["xyz"]), np.array(told["moving"]["shapes"])
+    turn = shapes[:, :, 1] @ xyz[:, 0] / (xyz[:, 0] @ xyz[:, 0])
+    for shape, angle in zip(shapes, turn, strict=True):  # a small rotation about z
+        np.testing.assert_allclose(shape, angle * np.stack([-xyz[:, 1], xyz[:, 0], 0 * xyz[:, 0]], axis=1), atol=6e-5)
+        assert abs(angle) > 0.1
+
+
 def test_shapes_that_are_not_known(client):
-    id = client.post("/api/shapes", json={"scenario": spec()}).json()["id"]
-    assert wait(client, id)["error"].startswith("array.modes: say nothing of a shape; array.fem does")
     assert refused(client, "shapes", scenario=spec(), of="craft")["key"] == "spacecraft"
     rigid = client.post("/api/shapes", json={"scenario": {**CRAFT, "changes": {"array.modes": "[]"}}}).json()["id"]
-    assert wait(client, rigid)["error"] == "array.modes: is empty; there is no mode to show"
+    assert wait(client, rigid)["error"] == (
+        "array.modes: is empty, the array is rigid; give modes, or take it from finite elements (array.fem)"
+    )
 
 
 def test_lines_over_seeds_are_those_of_the_command_line(client, tmp_path):

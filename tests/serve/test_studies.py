@@ -37,6 +37,25 @@ def loaded(client, recording) -> dict:
     return answer.json()
 
 
+@pytest.mark.parametrize("unit", ["N m", "N·m", "mNm", "kN"])
+def test_units_go_to_the_page_as_a_run_has_them(client, tmp_path, unit):
+    """However a file writes its unit: a run's curves and a recording's can be laid over each other."""
+    rng = np.random.default_rng(1)
+    channels = {name: rng.normal(0.0, 1e-3, 8192) for name in ("Mx", "Mz")}
+    forces = unit.endswith("N")
+    channels = {"Fx": channels["Mx"]} if forces else channels
+    write_recording(Recording(channels, 1024.0, dict.fromkeys(channels, unit)), tmp_path / "test.csv")
+    answer = client.post("/api/recordings", params={"name": "test.csv"}, content=(tmp_path / "test.csv").read_bytes())
+    kept = answer.json()
+    plain = "N" if forces else "N*m"
+    assert {channel["unit"] for channel in kept["channels"]} == {plain}
+    for name in channels:
+        asked = {"recording": kept["id"], "scenario": spec(), "channel": name}
+        found = result(client, client.post("/api/analyses", json=asked).json()["id"])
+        assert found["unit"] == plain
+        assert found["run_channel"] == ("T_d" if name == "Mz" else name)
+
+
 def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, recording):
     from microvib.io.sources import open_source
     from microvib.studies.analyse import analyse

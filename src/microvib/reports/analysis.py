@@ -13,6 +13,7 @@ from microvib.reports.numbers import brief, format_number, milli
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import Line, LineTable
 from microvib.studies.analyse import Analysis
+from microvib.units import pretty
 
 _ROW = "{:16s} {:>12s} {:>9s} {:>11s} {:>9s} {:>9s}  {}".format
 
@@ -31,8 +32,8 @@ def analysis_text(a: Analysis) -> str:
             for x in a.table.notable()
         ]  # fmt: skip
     rows += ["", str(a.spectrum), str(a.density), str(a.waterfall), ""]
-    rows.append(f"RMS about the mean: {a.recording[a.channel].std():.4g} {a.unit}")
-    rows += [f"RMS from {low:g} to {high:g} Hz: {rms:.4g} {a.unit}" for low, high, rms in a.bands]
+    rows.append(f"RMS about the mean: {a.recording[a.channel].std():.4g} {pretty(a.unit)}")
+    rows += [f"RMS from {low:g} to {high:g} Hz: {rms:.4g} {pretty(a.unit)}" for low, high, rms in a.bands]
     return "\n".join(rows)
 
 
@@ -60,7 +61,9 @@ def analysis_report(a: Analysis) -> Document:
 
     def drawing(made: figures.Spectral, height: float, alt: str) -> Figure:
         text = str(made)
-        return drawn(figures.draw_spectral(made, a.unit, reach, height, a.table), alt, f"{text[:1].upper()}{text[1:]}.")
+        return drawn(
+            figures.draw_spectral(made, pretty(a.unit), reach, height, a.table), alt, f"{text[:1].upper()}{text[1:]}."
+        )
 
     spectrum = drawing(a.spectrum, 4.4, "Amplitude spectrum")
     density = drawing(a.density, 2.7, "Power spectral density")
@@ -71,7 +74,7 @@ def analysis_report(a: Analysis) -> Document:
     return study(
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
-        "Lines with uncertainties and spectra of a " + ("torque." if a.unit == "N m" else "force."),
+        "Lines with uncertainties and spectra of a " + ("torque." if a.unit == "N*m" else "force."),
         facts=_facts(a),
         first_page=(pairs([("Source", file_name(a.name)), ("Record", record), *notes]), *_main_lines(a), spectrum),
         sections=(
@@ -85,10 +88,10 @@ def analysis_report(a: Analysis) -> Document:
 
 def _facts(a: Analysis) -> list[Fact]:
     facts = [
-        Fact(f"{milli(line.amplitude_n_m)} m{a.unit}", f"{line.line} at {format_number(line.frequency_hz)} Hz")
+        Fact(f"{milli(line.amplitude_n_m)} m{pretty(a.unit)}", f"{line.line} at {format_number(line.frequency_hz)} Hz")
         for line in _largest(a)[:2]
     ]
-    facts.append(Fact(f"{milli(float(a.recording[a.channel].std()))} m{a.unit}", "RMS about the mean"))
+    facts.append(Fact(f"{milli(float(a.recording[a.channel].std()))} m{pretty(a.unit)}", "RMS about the mean"))
     if a.clock_ratio is not None:
         facts.append(Fact(f"{a.clock_ratio:.6f}", "step clock over nominal"))
     return facts
@@ -112,7 +115,7 @@ def _main_lines(a: Analysis) -> tuple[Table, ...]:
         ]
         for x in sorted(_largest(a), key=lambda x: x.frequency_hz)
     ]
-    header = ["line", "frequency [Hz]", f"amplitude [m{a.unit}]", f"± [m{a.unit}]", "what it is"]
+    header = ["line", "frequency [Hz]", f"amplitude [m{pretty(a.unit)}]", f"± [m{pretty(a.unit)}]", "what it is"]
     return (table(header, rows, "The largest lines. Amplitudes 0-to-peak; ± is one standard uncertainty."),)
 
 
@@ -136,4 +139,4 @@ def _spread(value: float) -> str:
 def _bands(a: Analysis) -> Table:
     rows = [[f"{low:g} to {high:g} Hz", milli(rms)] for low, high, rms in a.bands]
     rows.append(["whole record, about its mean", milli(float(a.recording[a.channel].std()))])
-    return table(["band", f"RMS [m{a.unit}]"], rows)
+    return table(["band", f"RMS [m{pretty(a.unit)}]"], rows)

@@ -35,6 +35,8 @@ REACH = 0.08
 SIGHT = 0.4
 """Length of the line of sight, of the array's size."""
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(28.0)
+_PANEL = np.linspace(0.6, 3.0, 9), np.linspace(-0.5, 0.5, 5)
+"""Points of a panel of no scale: along the drive axis, and across it."""
 _FACES = [
     [a, b, d, c] for a, b, c, d in ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 4, 5), (2, 3, 6, 7), (0, 2, 4, 6), (1, 3, 5, 7))
 ]
@@ -100,7 +102,8 @@ def of_array(array: Array, modes: Modes | None) -> Moving:
     """An array about its interface point, in its own axes: its mesh or, where there is none, the box of its mass and inertia.
 
     The box moves in a mode by M^-1 P, which has the mode's momentum: of all rigid motions the one closest to the mode's, weighed
-    by mass. MicrovibError where the array does not say enough, or its mesh is too fine.
+    by mass. Where only the drive axis is known, a panel of no scale turns about it by H/J.
+    MicrovibError where the mesh is too fine.
     """
     if modes is not None:
         nodes = modes.structure.xyz
@@ -111,13 +114,26 @@ def of_array(array: Array, modes: Modes | None) -> Moving:
         return replace(of_elements(modes), xyz=nodes - nodes[modes.structure.interface])
     mass, participation, body = array.mass, array.interface, array.rigid_body
     if mass is None or participation is None or body is None:
-        raise MicrovibError(
-            "array.modes: say nothing of a shape; array.fem does, and so do interface_participation of each mode and rigid_body"
-        )
+        return _panel(array)
     center = np.array(body.center_of_mass)
     corners = center + box_corners(body.mass, about_center(body.mass, center, tensor(body.inertia)))
     points = np.vstack([corners, np.zeros(3), center])  # the last two are its arm
     return _rigid(points, np.linalg.solve(mass, participation), faces=_FACES, lines=[[8, 9]])
+
+
+def _panel(array: Array) -> Moving:
+    """A panel on an arm along the drive axis, for an array of which only inertia and modes about that axis are known."""
+    along = "xyz".index(array.drive_axis)
+    u, v = _PANEL
+    points = np.zeros((len(u) * len(v) + 2, 3))
+    points[:-2, along] = np.repeat(u, len(v))
+    points[:-2, (along + 1) % 3] = np.tile(v, len(u))
+    points[-1, along] = u[0]  # the last two are its arm
+    first = [k * len(v) + j for k in range(len(u) - 1) for j in range(len(v) - 1)]
+    faces = [[k, k + 1, k + 1 + len(v), k + len(v)] for k in first]
+    motion = np.zeros((6, len(array.modes)))
+    motion[3 + along] = array.H / array.inertia if array.modes else ()
+    return _rigid(points, motion, faces=faces, lines=[[len(points) - 2, len(points) - 1]])
 
 
 def of_craft(scenario: Scenario, modes: Modes | None) -> Moving:
@@ -211,19 +227,22 @@ def _joined(parts: Sequence[Moving]) -> Moving:
 
 
 def array_modes(array: Array, kinds: Sequence[str] | None) -> dict[str, list[Any]]:
-    """Columns of the list of an array's modes, unit in brackets; ``kinds`` are known of finite elements."""
-    mass, participation = array.mass, array.interface
-    assert mass is not None
-    assert participation is not None
-    effective = participation**2
+    """Columns of the list of an array's modes, unit in brackets; ``kinds`` are known of finite elements.
+
+    Effective masses and inertias are those of six directions, or of the drive axis alone where no other is known.
+    """
+    mass, participation, axis = array.mass, array.interface, "xyz".index(array.drive_axis)
+    directions = np.arange(6)
+    if mass is None or participation is None:
+        mass, participation, directions = np.diag([array.inertia]), array.H[None, :], np.array([3 + axis])
+    effective, whole = participation**2, np.diag(mass)[:, None]
     if kinds is None:  # the direction in which it takes part most
-        diagonal = np.diag(mass)[:, None]
-        fraction = np.divide(effective, diagonal, out=np.zeros_like(effective), where=diagonal > 0.0)
-        kinds = [COMPONENTS[k] for k in np.argmax(fraction, axis=0)]
-    effective = np.where(effective > NOISE * np.diag(mass)[:, None], effective, 0.0)
+        fraction = np.divide(effective, whole, out=np.zeros_like(effective), where=whole > 0.0)
+        kinds = [COMPONENTS[directions[k]] for k in np.argmax(fraction, axis=0)]
+    effective = np.where(effective > NOISE * whole, effective, 0.0)
     sizes = {
-        f"{'' if k < 3 else 'about '}{'xyz'[k % 3]} [{'kg' if k < 3 else 'kg m²'}]": effective[k].tolist()
-        for k in range(6)
+        f"{'' if k < 3 else 'about '}{'xyz'[k % 3]} [{'kg' if k < 3 else 'kg m²'}]": row.tolist()
+        for k, row in zip(directions, effective, strict=True)
     }
     damping = [100.0 * mode.damping for mode in array.modes]
     frequency = [mode.frequency for mode in array.modes]
@@ -248,17 +267,25 @@ def craft_modes(scenario: Scenario, moving: Moving) -> dict[str, list[Any]]:
     return {name: column.tolist() for name, column in found.items()}
 
 
-def words_of(of: str, meshed: bool) -> str:
-    """What is drawn, in a sentence or two."""
+def words_of(scenario: Scenario, of: str, meshed: bool) -> str:
+    """What is drawn of the ``array`` or the ``craft``, in a sentence or two; ``meshed`` is an array with a mesh."""
+    array = scenario.array
     mesh = "The array is the mesh of its finite elements."
     box = (
         "The array is the box of its mass and inertia, as its shape is not known: in each mode it moves as the rigid body that has"
         " the mode's momentum."
     )
+    panel = (
+        f"The panel stands for the array: the scenario gives its inertia and its modes about the drive axis {array.drive_axis}"
+        " alone, so that shape and size are not known, and it turns about that axis in every mode. For shapes give array.fem; for"
+        " motion in six directions, interface_participation of each mode and rigid_body."
+    )
     hub = (
         " The hub is the box of its mass and inertia, dots are its points, the red line is the line of sight; hinges are"
         " locked, a second wing's held by its drive. Line of sight: for 1 mm where the mode moves most."
     )
+    if not meshed and (array.mass is None or array.interface is None):
+        return panel
     return (mesh if meshed else box) + (
         hub if of == "craft" else " Effective masses and inertias are those at the interface point."
     )

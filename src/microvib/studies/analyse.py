@@ -17,7 +17,7 @@ from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
 from microvib.testdata.recording import Recording, check
-from microvib.units import Band, Given, Si, band, pretty
+from microvib.units import Band, Given, Si, band
 
 NO_DRIVE = "lines are not named, for no scenario was given that says which to expect"
 
@@ -29,6 +29,7 @@ class Analysis:
     name: str
     channel: str
     unit: str
+    """``N`` or ``N*m``."""
     recording: Recording
     table: LineTable | None
     """Lines of the drive-axis torque; None for another channel."""
@@ -67,7 +68,7 @@ def analyse(
     return Analysis(
         name=name or recording.title,
         channel=channel,
-        unit=pretty(recording.units[channel]),
+        unit=recording.units[channel],
         recording=recording,
         table=table,
         clock_ratio=None if found is None else found * expected,

@@ -159,6 +159,7 @@ def analysis_result(a: Analysis) -> dict[str, Any]:
         "clock_ratio": a.clock_ratio,
         "channel": a.channel,
         "unit": a.unit,
+        "run_channel": a.channel if a.table is None else "T_d",  # what a run has of the same load
         "notes": [note for note in a.recording.told(a.channel) if note],
     }
 
@@ -255,7 +256,9 @@ def shapes_result(scenario: Scenario, of: str, structure: str | None) -> dict[st
     modes = source.modes if source else None
     moving = of_craft(scenario, modes) if of == "craft" else of_array(scenario.array, modes)
     if not moving.shapes.shape[2]:
-        raise MicrovibError("array.modes: is empty; there is no mode to show")
+        raise MicrovibError(
+            "array.modes: is empty, the array is rigid; give modes, or take it from finite elements (array.fem)"
+        )
     kept = slice(_MOST_MODES)
     columns = (
         craft_modes(scenario, moving)
@@ -265,7 +268,7 @@ def shapes_result(scenario: Scenario, of: str, structure: str | None) -> dict[st
     return {
         "header": list(columns),
         "rows": [list(row) for row in zip(*columns.values(), strict=True)][kept],
-        "words": words_of(of, modes is not None),
+        "words": words_of(scenario, of, modes is not None),
         "moving": replace(moving, shapes=moving.shapes[:, :, kept]).data(),
     }
 

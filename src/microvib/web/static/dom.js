@@ -52,9 +52,12 @@ export function number(value, digits = 4) {
 
 export const fixed = (value, digits) => (value === null || value === undefined ? DASH : value.toFixed(digits).replace("-", "−"));
 
-/** Units as people write them: N*m to N m, kg*m^2 to kg m². */
+const PRINTED = { "^0.5": "^½", "^-1": "⁻¹", "^2": "²", "^3": "³", "*": " ", deg: "°", ohm: "Ω", percent: "%" };
+
+/** Units as print shows them, in the same characters as reports: N*m to N m, kg*m^2 to kg m². */
 export function unitText(unit) {
-  return !unit || unit === "1" ? "" : unit.replaceAll("*", " ").replaceAll("^2", "²").replaceAll("^0.5", "^½");
+  if (!unit || unit === "1") return "";
+  return Object.entries(PRINTED).reduce((text, [plain, printed]) => text.replaceAll(plain, printed), unit);
 }
 
 const PREFIXES = [
@@ -64,10 +67,13 @@ const PREFIXES = [
   [1e-9, "n"],
 ];
 
-/** A value in its unit with a prefix that leaves digits before the point: 0.0366 N*m is 36.6 mN m. */
+const BARE = /^(N|V|A|W|J|C|m|s|rad|Hz|Pa)(?![A-Za-z])/; // units that have no prefix yet
+
+/** A value in its unit with a prefix that leaves digits before the point: 0.0366 N*m is 36.6 mN m. Others, such as mV, stay. */
 export function quantity(value, unit, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
-  const [scale, prefix] = value === 0 ? PREFIXES[0] : (PREFIXES.find(([scale]) => Math.abs(value) >= scale) ?? PREFIXES.at(-1));
+  const prefixes = BARE.test(unit) ? PREFIXES : PREFIXES.slice(0, 1);
+  const [scale, prefix] = value === 0 ? prefixes[0] : (prefixes.find(([scale]) => Math.abs(value) >= scale) ?? prefixes.at(-1));
   return `${number(value / scale, digits)} ${prefix}${unitText(unit)}`;
 }
 

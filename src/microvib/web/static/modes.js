@@ -14,7 +14,9 @@ const task = makeTask("modes", place, show);
 
 export function makeModes(tab) {
   const button = (of, words) => h("button", { type: "button", onclick: () => find(of) }, words);
-  const words = "Arrays from finite elements (array.fem) show their mesh; an array of which only mass properties are known moves as a rigid box.";
+  const words =
+    "Arrays from finite elements (array.fem) show their mesh; an array of which only mass properties are known moves as a rigid box," +
+    " one of which only the drive axis is known as a panel about it.";
   tab.append(
     h(
       "section",

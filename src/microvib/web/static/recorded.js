@@ -1,6 +1,7 @@
 // Pictures of an analysed recording. Each zoom asks the server for that stretch, so that it is seen bin by bin.
 
 import { get } from "./api.js";
+import { has } from "./channels.js";
 import { announce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
@@ -70,12 +71,12 @@ export const density = picture("density", "Power spectral density", {
   paint: paintDensity,
 });
 
-/** The chosen run's torque under the recording's, where both are torques. */
-async function beside(analysis, query, options) {
+/** The same load of the chosen run under the recording's: its torque T_d, or a component of what its hub feels. */
+async function beside({ run_channel: channel }, query, options) {
   const run = runs.selected();
-  if (run?.state !== "done" || analysis.unit !== "N*m") return null;
-  const found = await runs.ask(run, "spectrum", { channel: "T_d", ...query }, options).catch(() => null);
-  return found && { run, ...found };
+  if (run?.state !== "done" || !has(run, channel)) return null;
+  const found = await runs.ask(run, "spectrum", { channel, ...query }, options).catch(() => null);
+  return found && { run, channel, ...found };
 }
 
 function paintSpectrum(analysis, view, [{ f, values }, other]) {
@@ -103,14 +104,14 @@ function paintSpectrum(analysis, view, [{ f, values }, other]) {
   ];
 }
 
-const under = ({ run, f, amplitude }) => ({
+const under = ({ run, channel, unit, f, amplitude }) => ({
   x: f,
   y: amplitude,
   mode: "lines",
-  name: `T_d of ${run.name}`,
+  name: `${channel} of ${run.name}`,
   line: { color: run.colour, width: 2.2 },
   opacity: 0.75,
-  hovertemplate: "%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
+  hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unitText(unit)}<extra></extra>`,
 });
 
 const marks = (lines, unit) => ({
