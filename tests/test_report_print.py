@@ -33,6 +33,10 @@ from microvib.reports.typography import command_without_folders, in_print
         ("/home/me/a.uff (recording)", "a.uff (recording)"),
         ("from ../../x/b.csv, ~/c/d.mat and C:\\e\\f.csv", "from b.csv, d.mat and f.csv"),
         ("identified from c:/data/a.uff: 1 N m/rad", "identified from a.uff: 1 N m/rad"),
+        (
+            "drive /Y/B/, phases /A/B at /Y/1.5 A, /home/me/state-1 (run)",
+            "drive /Y/B/, phases /A/B at /Y/1.5 A, state-1 (run)",
+        ),
         ("https://doi.org/10.3390/x, 1 / 2 N m/rad/s", "https://doi.org/10.3390/x, 1 / 2 N m/rad/s"),
     ],
 )

@@ -11,7 +11,7 @@ from microvib.analysis.limits import Judgement
 from microvib.analysis.spectra import spectrum
 from microvib.model.linear import coupled_modes
 from microvib.model.presliding import quasi_static_torque
-from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, new_figure, one_axes, plain_sheet
+from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, legend_name, new_figure, one_axes, plain_sheet
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.signals.screen import extremes
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, amplitude_spectrum, named
@@ -258,7 +258,7 @@ def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highe
         keep = (s.frequency > 0) & (s.frequency <= highest)
         f, a = s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-9)
         top = max(top, 1e3 * float(s.amplitude[keep].max()))
-        ax.plot(f, a, color=colour, linewidth=width, label=name)
+        ax.plot(f, a, color=colour, linewidth=width, label=legend_name(name))
     _compared(ax, highest, 1e-5 * top, top)
 
 
@@ -291,7 +291,9 @@ def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest
         aside = ScaledTranslation(1.7 / 72.0 * (k - 0.5 * (len(sides) - 1)), 0.0, ax.figure.dpi_scale_trans)
         where = ax.transData + aside
         ax.vlines(f[peaks], bottom, a[peaks], color=colour, linewidth=1.0, transform=where)
-        ax.plot(f[peaks], a[peaks], "osD^v"[k % 5], color=colour, markersize=2.6, transform=where, label=name)
+        ax.plot(
+            f[peaks], a[peaks], "osD^v"[k % 5], color=colour, markersize=2.6, transform=where, label=legend_name(name)
+        )
     _compared(ax, highest, bottom, top)
 
 

@@ -32,9 +32,8 @@ def new_figure(
 ) -> tuple[Figure, Any]:
     """Figure and axes in the project's style, without a global plotting state; without a ``layout`` its margins are to be set."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=110, layout=layout)
+    figure = _plain_figure()(figsize=(width, height), dpi=110, layout=layout)
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False)
     for ax in axes.flat:
@@ -42,6 +41,27 @@ def new_figure(
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
     return figure, axes
+
+
+@cache
+def _plain_figure() -> type[Figure]:
+    from matplotlib.figure import Figure
+
+    class PlainFigure(Figure):
+        """A figure whose words are as they are written: names are other people's, and a dollar in them begins no formula."""
+
+        def draw(self, renderer: Any) -> None:
+            for text in _written(self):
+                text.set_parse_math(False)
+            _with_fallback(self)
+            super().draw(renderer)
+
+    return PlainFigure
+
+
+def legend_name(name: str) -> str:
+    """What Matplotlib shows in a legend as ``name``: it leaves out names that begin with an underscore."""
+    return f"\u200b{name}" if name.startswith("_") else name
 
 
 def sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
@@ -79,7 +99,6 @@ def svg(figure: Figure) -> str:
     """A figure of a report as SVG, the same text each time; letters are outlines, so that no font is needed."""
     import matplotlib
 
-    _with_fallback(figure)
     for ax in figure.axes:
         set_texts(ax)
     stream = io.StringIO()

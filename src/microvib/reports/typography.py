@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ _UNIT = re.compile(
 """Spaces before and within units, where no line is broken."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FOLDERS = re.compile(r"(?<![^\s\"'(=,:;])(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/\s\"'()]+[\\/])+(?=[^\\/\s])")
+_ENDING = re.compile(r"\.[A-Za-z]\w{0,5}[.,:;]*$")
 _FOLDERS_OF_WORD = re.compile(r"^((?:--?)?[\w.-]+=)?(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/]+[\\/])*(?=[^\\/])")
 
 
@@ -53,8 +55,17 @@ def raised(exponent: str) -> str:
 
 
 def without_folders(text: str) -> str:
-    """Text in which absolute paths are names of files."""
-    return _FOLDERS.sub("", text)
+    """Text in which absolute paths are names of files. A slash that leads nowhere, as in *phases /A/B*, is a text's own."""
+    return _FOLDERS.sub(lambda found: "" if _is_path(found) else found[0], text)
+
+
+def _is_path(found: re.Match[str]) -> bool:
+    """Whether what begins with a slash is a path: its file has an ending, or its first folder is on this machine."""
+    if not found[0].startswith(("/", "\\")):
+        return True  # of a home, a drive, or the folder above
+    file = re.match(r"[^\\/\s\"'()]+", found.string[found.end() :])
+    first = re.split(r"[\\/]", found[0])[1]
+    return (file is not None and _ENDING.search(file[0]) is not None) or os.path.isdir(f"/{first}")
 
 
 def file_name(source: str) -> str:
