@@ -67,6 +67,30 @@ def test_a_command_names_files_and_no_folders():
     assert command_without_folders(command) == "microvib run a.yaml --set array.from=m.csv --out=out a/b"
 
 
+NAMES = "Motor /Y/B/, phases /A/B & <b>no tag</b> $x_1$ _u_ *s* #set [a](b) \\alpha Ж"
+
+
+def test_a_title_is_printed_as_it_is_written():
+    """No part of it is taken for a path, for markup of HTML or Typst, or for a formula."""
+    made = study("Kind", NAMES, NAMES, first_page=[Text(NAMES), table([NAMES, "b"], [[NAMES, NAMES]], NAMES)], sections=[])
+    text = unescape(re.sub(r"<(?!b>|/b>)[^>]*>", "", html(made)))
+    assert text.count(NAMES) == 7 + 1  # the page's own title, too
+    printed = re.sub(r"\s+", " ", " ".join(pages(pdf(made))))
+    assert printed.count("/Y/B/, phases /A/B & <b>no tag</b> $x_1$ _u_ *s* #set [a](b) \\alpha Ж") >= 3
+
+
+def test_names_in_pictures_are_no_formulas():
+    """A legend shows names with dollars and a leading underscore, which Matplotlib would set as a formula or leave out."""
+    x, names = np.sin(np.arange(4096.0)), ("_first $x_1$", "50 % $ & $")
+    for figure in (mv.plot({name: (x, 1000.0) for name in names}), mv.plot(Spectrum_of(x))):
+        sheets.svg(figure)
+    figure = mv.plot({name: Recording({"Mz": x}, 1000.0, {"Mz": "N*m"}) for name in names})
+    sheets.svg(figure)
+    legend = figure.axes[0].get_legend()
+    assert [text.get_text().strip("\u200b") for text in legend.get_texts()] == list(names)
+    assert not any(text.get_parse_math() for text in legend.get_texts())
+
+
 # Title block
 
 

@@ -13,7 +13,7 @@ from microvib.io.tables import tables_csv, to_json
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Mark, Section, Status, Table, Text, table
-from microvib.reports.numbers import angle_text, brief, count, text_table
+from microvib.reports.numbers import angle_text, angle_unit, brief, count, text_table
 from microvib.signals.pointing import Metric, mean_square_of_density, weight
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Judged, merged
@@ -46,15 +46,17 @@ def _up_to(one: Judged) -> str:
 def budget_text(budget: Budget) -> str:
     """Requirements with verdicts, sources, ranked lines, as text."""
     parts = [f"{budget.scenario.title or 'Pointing budget'}: {_decision(budget)}"]
-    rows = [(w.metric, f"{w.window:g}", *(f"{x[2]:.4g}" for x in (w.lines, w.noise, w.both))) for w in budget.windows]
-    parts.append(
-        "Radial rms of all sources:\n" + text_table(("metric", "window s", "lines rad", "noise rad", "both rad"), rows)
-    )
+    unit, size = angle_unit(x for w in budget.windows for x in (*w.both, w.lines[2], w.noise[2]))
+    windows = [
+        (_called(w.metric), f"{w.window:g}", *(f"{x[2] / size:.4g}" for x in (w.lines, w.noise, w.both)))
+        for w in budget.windows
+    ]
+    head = ["metric", "window s", *(f"{what} {unit}" for what in ("lines", "noise", "both"))]
+    parts.append("Radial rms of all sources:\n" + text_table(head, windows))
     for one in budget.judged[:1]:
+        unit, rows = _ranked(one)
         share = "of limit %" if one.requirement.curve else "share %"
-        parts.append(
-            f"What {_name(one)} costs:\n" + text_table(("source", "line", "Hz", "rms rad", share), _ranked(one))
-        )
+        parts.append(f"What {_name(one)} costs:\n" + text_table(("source", "line", "Hz", f"rms {unit}", share), rows))
     if budget.short_way:
         parts.append(short_way_text(budget))
     if budget.judged:  # last, where a terminal shows it, and what is required in words after the figures
@@ -112,10 +114,16 @@ def _cells(one: Judged) -> list[str]:
     return [what, angle_text(one.limit), angle_text(one.value), _up_to(one), _margin(one), *spread]
 
 
-def _ranked(one: Judged) -> list[list[str]]:
-    return [
-        [c.source, c.line, brief(c.frequency), f"{c.rms:.4g}", f"{100 * c.share:.3g}"] for c in one.ranking[:RANKED]
-    ]
+def _called(metric: str) -> str:
+    """A metric as requirements name it: abbreviations in capitals."""
+    return metric.upper() if len(metric) == 3 else metric
+
+
+def _ranked(one: Judged) -> tuple[str, list[list[str]]]:
+    """Unit of their rms, and rows of the lines that contribute most."""
+    kept = one.ranking[:RANKED]
+    unit, size = angle_unit(c.rms for c in kept)
+    return unit, [[c.source, c.line, brief(c.frequency), f"{c.rms / size:.4g}", f"{100 * c.share:.3g}"] for c in kept]
 
 
 def _decision(budget: Budget) -> str:
@@ -253,17 +261,19 @@ def _requirements(budget: Budget) -> Table:
 
 def _costs(one: Judged) -> Table:
     share = "part of what the curve allows [%]" if one.requirement.curve else "share of the mean square [%]"
-    head = ["source", "line", "frequency [Hz]", "rms [rad]", share]
-    return table(head, _ranked(one), f"{_name(one)}: {one.requirement.text}.")
+    unit, rows = _ranked(one)
+    head = ["source", "line", "frequency [Hz]", f"rms [{unit}]", share]
+    return table(head, rows, f"{_name(one)}: {one.requirement.text}.")
 
 
 def _windows(budget: Budget) -> Table:
-    head = ["metric", "window [s]", "x [rad]", "y [rad]", "radial [rad]", "lines, radial [rad]", "noise, radial [rad]"]
+    unit, size = angle_unit(x for w in budget.windows for x in (*w.both, w.lines[2], w.noise[2]))
+    what = ("x", "y", "radial", "lines, radial", "noise, radial")
     rows = [
-        [w.metric, f"{w.window:g}", *(f"{x:.4g}" for x in w.both), f"{w.lines[2]:.4g}", f"{w.noise[2]:.4g}"]
+        [_called(w.metric), f"{w.window:g}", *(f"{x / size:.4g}" for x in (*w.both, w.lines[2], w.noise[2]))]
         for w in budget.windows
     ]
-    return table(head, rows, "Rms of all sources.")
+    return table(["metric", "window [s]", *(f"{name} [{unit}]" for name in what)], rows, "Rms of all sources.")
 
 
 def _sources(budget: Budget) -> Table:
@@ -345,7 +355,7 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
             cycles = tones.frequency[:, None] * tried  # these metrics know f T only
             squares = 0.5 * size**2 @ weight(metric, cycles, 1.0)
             rms = np.sqrt(squares.reshape(T.size, -1).max(axis=1))
-            label = metric if axis == "radial" else f"{metric} los_{axis}"
+            label = _called(metric) if axis == "radial" else f"{_called(metric)} los_{axis}"
             style: dict[str, Any] = (
                 {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}
             )  # smear lies on it

@@ -251,7 +251,7 @@ def fit_folder(fit: Fit) -> Contents:
 def fit_report(fit: Fit) -> Document:
     """The report of an identification: goodness first, parameters with what they are worth, lines before and after."""
     tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
-    keys, leanings = [e.key for e in fit.estimates], [(one.key, one.shifts) for one in fit.leanings[:_MAX_LEANING]]
+    keys = [e.key for e in fit.estimates]
     prepared = [Text(text, note=True) for text in _prepared(fit)]
     explained = f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
     good = Fact(f"{fit.goodness.ratio:.3g}", explained, "pass" if fit.usable else "fail")
@@ -272,12 +272,18 @@ def fit_report(fit: Fit) -> Document:
         sections=(
             Section("Before and after", (Text(CALIBRATED), _before_and_after(fit), *prepared), new_page=True),
             *_what_is_left(fit),
-            Section("What the estimates depend on", (Text(_LEANING), _matrix("not fitted", fit, leanings))),
+            *_depend_on(fit),
             Section("Correlation of the estimates", (_matrix("parameter", fit, zip(keys, fit.correlation, strict=True)),)),
             Section("Sensitivities", (Text(_SENSITIVITY), _matrix("figure", fit, fit.sensitivities.items()))),
         ),
         scenario=fit.scenario,
     )  # fmt: skip
+
+
+def _depend_on(fit: Fit) -> list[Section]:
+    """How estimates move with parameters that were not fitted; nothing where that is not known."""
+    rows = [(one.key, one.shifts) for one in fit.leanings[:_MAX_LEANING]]
+    return [Section("What the estimates depend on", (Text(_LEANING), _matrix("not fitted", fit, rows)))] if rows else []
 
 
 def _estimated(e: Estimate) -> Fact:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 
 def brief(value: float, digits: int = 4) -> str:
@@ -30,10 +30,15 @@ def angle_text(value: float, digits: int = 4) -> str:
     """An angle [rad] with a unit that suits its size; empty if there is none."""
     if not math.isfinite(value):
         return ""
-    unit, size = next(
-        ((u, s) for u, s in (("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9)) if abs(value) >= s), ("nrad", 1e-9)
-    )
+    unit, size = angle_unit([value])
     return f"{brief(value / size, digits)} {unit}"
+
+
+def angle_unit(values: Iterable[float]) -> tuple[str, float]:
+    """The unit that suits the largest of some angles [rad], and its size."""
+    largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    units = (("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9))
+    return next(((unit, size) for unit, size in units if largest >= size), units[-1])
 
 
 def window_text(length: float) -> str:
@@ -42,7 +47,9 @@ def window_text(length: float) -> str:
 
 
 def torque(value: float) -> str:
-    """A torque [N m] with its unit: in mN m below one."""
+    """A torque [N m] with its unit: in mN m below one; empty if there is none."""
+    if not math.isfinite(value):
+        return ""
     return f"{format_number(value)} N m" if abs(value) >= 1.0 else f"{milli(value)} mN m"
 
 

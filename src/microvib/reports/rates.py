@@ -12,7 +12,7 @@ from microvib.io.tables import tables_csv
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, Text, table
-from microvib.reports.numbers import brief, count, given, milli, plain, torque
+from microvib.reports.numbers import brief, brief_milli, count, given, milli, plain, torque
 from microvib.studies.rates import ABOVE, HIDES, RatePlan, Resonance, linear_error
 
 if TYPE_CHECKING:
@@ -36,19 +36,21 @@ def plan_text(plan: RatePlan) -> str:
     lines = [_how(plan), "", _BEST_ROW("microsteps", "best deg/s", "its largest line", "worst of the range")]
     for n in plan.counts:
         best = plan.best(n)
-        shown = (_deg(best[0].rate), f"{best[1]:.4g} N m") if best else ("none", "")
-        lines.append(_BEST_ROW(n, *shown, f"{brief(plan.worst(n))} N m"))
+        shown = (_deg(best[0].rate), torque(best[1])) if best else ("none", "")
+        lines.append(_BEST_ROW(n, *shown, torque(plan.worst(n))))
     lines.append(best_text(plan))
     if plan.limit is not None or plan.keep_away:
-        said = {ABOVE: "{0.line} reaches {0.largest:.4g} N m", HIDES: "{0.why} ({0.line}, up to {0.largest:.4g} N m)"}
-        what = ((b, said.get(b.why, "{0.why}").format(b)) for b in plan.forbidden)
+        said = {ABOVE: "{0.line} reaches {1}", HIDES: "{0.why} ({0.line}, up to {1})"}
+        what = ((b, said.get(b.why, "{0.why}").format(b, torque(b.largest))) for b in plan.forbidden)
         bands = [f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {text}" for b, text in what]
         lines += ["", f"Forbidden, {_criteria(plan)}:", *(bands or ["none"])]
     if plan.resonances:
         lines += ["", "Where lines meet modes, strongest first:"]
-        lines += [_MET_ROW("microsteps", "deg/s", "Hz", "N m", "line on mode")]
+        lines += [_MET_ROW("microsteps", "deg/s", "Hz", "mN m", "line on mode")]
         lines += [
-            _MET_ROW(r.microsteps, _deg(r.rate), f"{r.frequency:.4g}", brief(r.amplitude), f"{r.line} on {r.mode}")
+            _MET_ROW(
+                r.microsteps, _deg(r.rate), f"{r.frequency:.4g}", brief_milli(r.amplitude), f"{r.line} on {r.mode}"
+            )
             for r in strongest(plan.resonances, SHOWN)
         ]
     return "\n".join([*lines, *(text for found in _unsolved(plan) for text in ("", found))])
@@ -67,12 +69,12 @@ def best_text(plan: RatePlan) -> str:
         away = f"; {near[0].line} on {near[0].mode} is {far} away"
     end = "; it lies at the end of the range, beyond which there may be better ones" if plan.is_at_end(case) else ""
     in_time = "; not a steady state but time integration" if case.reason else ""
-    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {top:.4g} N m{away}{in_time}{end}."
+    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {torque(top)}{away}{in_time}{end}."
     return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
 
 
 def _criteria(plan: RatePlan) -> str:
-    parts = [f"for a limit of {plan.limit:g} N m{_in_band(plan)}"] if plan.limit is not None else []
+    parts = [f"for a limit of {given(plan.limit)}{_in_band(plan)}"] if plan.limit is not None else []
     parts += [f"at least {100 * plan.keep_away:g} % away from resonances"] if plan.keep_away else []
     return " and ".join(parts) or "of those requested"
 

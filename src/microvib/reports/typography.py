@@ -41,7 +41,8 @@ def in_print(text: str) -> str:
 
 
 def _figures(text: str) -> str:
-    return _UNIT.sub("\u00a0", _POWER.sub(_power, _MINUS.sub("\u2212", text)))
+    text = _POWER.sub(_power, _MINUS.sub("\u2212", text)).replace(" >= ", " ≥ ").replace(" <= ", " ≤ ")
+    return _UNIT.sub("\u00a0", text)
 
 
 def _power(found: re.Match[str]) -> str:
