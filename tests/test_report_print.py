@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import re
 import shlex
+from html import unescape
 
+import numpy as np
 import pytest
 from support.print import pages
 
+import microvib as mv
 from microvib.errors import MicrovibError
-from microvib.reports import fonts
+from microvib.reports import fonts, sheets
 from microvib.reports.blocks import study
 from microvib.reports.document import Form, Row, Section, Table, Text, table
 from microvib.reports.fonts import package_fonts
 from microvib.reports.rendering import html, pdf
 from microvib.reports.title_block import TitleBlock, read_title_block
 from microvib.reports.typography import command_without_folders, in_print
+from microvib.testdata.recording import Recording
 
 # Characters of print
 
@@ -72,7 +77,9 @@ NAMES = "Motor /Y/B/, phases /A/B & <b>no tag</b> $x_1$ _u_ *s* #set [a](b) \\al
 
 def test_a_title_is_printed_as_it_is_written():
     """No part of it is taken for a path, for markup of HTML or Typst, or for a formula."""
-    made = study("Kind", NAMES, NAMES, first_page=[Text(NAMES), table([NAMES, "b"], [[NAMES, NAMES]], NAMES)], sections=[])
+    made = study(
+        "Kind", NAMES, NAMES, first_page=[Text(NAMES), table([NAMES, "b"], [[NAMES, NAMES]], NAMES)], sections=[]
+    )
     text = unescape(re.sub(r"<(?!b>|/b>)[^>]*>", "", html(made)))
     assert text.count(NAMES) == 7 + 1  # the page's own title, too
     printed = re.sub(r"\s+", " ", " ".join(pages(pdf(made))))
@@ -82,13 +89,11 @@ def test_a_title_is_printed_as_it_is_written():
 def test_names_in_pictures_are_no_formulas():
     """A legend shows names with dollars and a leading underscore, which Matplotlib would set as a formula or leave out."""
     x, names = np.sin(np.arange(4096.0)), ("_first $x_1$", "50 % $ & $")
-    for figure in (mv.plot({name: (x, 1000.0) for name in names}), mv.plot(Spectrum_of(x))):
-        sheets.svg(figure)
-    figure = mv.plot({name: Recording({"Mz": x}, 1000.0, {"Mz": "N*m"}) for name in names})
+    figure = mv.plot({name: Recording({"Mz": x}, 1000.0, {"Mz": "N m"}) for name in names})
     sheets.svg(figure)
-    legend = figure.axes[0].get_legend()
-    assert [text.get_text().strip("\u200b") for text in legend.get_texts()] == list(names)
-    assert not any(text.get_parse_math() for text in legend.get_texts())
+    written = figure.axes[0].get_legend().get_texts()
+    assert [text.get_text().strip("\u200b") for text in written] == list(names)
+    assert not any(text.get_parse_math() for text in written)
 
 
 # Title block

@@ -103,6 +103,12 @@ def as_load(text: str) -> tuple[float, str] | None:
     return None
 
 
+def plain_load(unit: str) -> str:
+    """``N`` or ``N*m`` for any way to write it, such as ``N m``, ``Nm`` or ``N·m``; other units as they are."""
+    found = as_load(f"1 {unit.strip()}") if isinstance(unit, str) and unit.strip() not in ("", *LOADS) else None
+    return found[1] if found is not None and found[0] == 1.0 else unit
+
+
 def per(unit: str) -> str:
     """A channel's unit as the denominator of a sensitivity."""
     if not unit or unit.lower() in COUNTS:

@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError, expect_mapping
 from microvib.model.rigid import COMPONENTS
-from microvib.testdata.channels import LOADS, as_load, in_yaml, per
+from microvib.testdata.channels import LOADS, as_load, in_yaml, per, plain_load
 from microvib.units import Si, quantity
 
 OUTLIER = 1e4  # size of a sample, over that of 99 % of them, from which it is taken for a broken number
@@ -61,6 +61,7 @@ class Recording:
             raise RecordingError(f"{self.title}: its channels differ in length: {sizes}")
         object.__setattr__(self, "sample_rate", float(rate))
         object.__setattr__(self, "channels", channels)
+        object.__setattr__(self, "units", {name: plain_load(unit) for name, unit in self.units.items()})
 
     def _samples(self, name: str) -> np.ndarray:
         given = self.channels[name]
