@@ -262,26 +262,34 @@ class Op2:
 
 
 def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geometry=True, mass=False, lama=True, factors=False,
-        endian="<", maximum=False, extra=None, basic=False):  # fmt: skip
-    """An OP2 file of a run of modes."""
+        endian="<", maximum=False, extra=None, basic=False, siemens=False, loose=None):  # fmt: skip
+    """An OP2 file of a run of modes; ``siemens`` writes its table of grids as that Nastran does, ``loose`` a grid by itself."""
     f, phi = frame.modes
     f, phi = f[:count], phi[:, :count]
     norm = np.abs(phi).max(axis=0) if maximum else np.ones(f.size)
     phi, generalised = phi / norm, 1.0 / norm**2
     o = Op2(path, endian)
-    xyz = [frame.places[g] / frame.scale[0] for g in frame.ids]
-    cd = [CD if frame.local and g == FREE[2] else 0 for g in frame.ids]
+    ids = [*frame.ids, *([loose] if loose else [])]
+    xyz = [frame.places.get(g, np.ones(3)) / frame.scale[0] for g in ids]
+    cd = [CD if frame.local and g == FREE[2] else 0 for g in ids]
     if geometry:
-        rows = b"".join(o.pack("2i3f3i", g, 0, *x, c, 0, 0) for g, x, c in zip(frame.ids, xyz, cd, strict=True))
+        rows = b"".join(o.pack("2i3f3i", g, 0, *x, c, 0, 0) for g, x, c in zip(ids, xyz, cd, strict=True))
         # CORD2R: id, type, 2, reference; origin, a point on z, a point in x-z
         T = frame.turn
         cord = o.pack("4i9f", CD, 1, 2, 0, 0, 0, 0, *T[2], *(T[0] + T[2]))
         o.table("GEOM1", [o.pack("3i", 2101, 21, 8) + cord, o.pack("3i", 4501, 45, 1) + rows])
-        o.table("BGPDT", [b"".join(o.pack("i3f", c, *x) for c, x in zip(cd, xyz, strict=True))])
-        n = len(frame.ids)
+        n = len(ids)
+        if siemens:
+            rows = [
+                o.pack("6i3d", c, 6 * k + 1, g, 61, 0, 0, *x)
+                for k, (g, c, x) in enumerate(zip(ids, cd, xyz, strict=True))
+            ]
+            o.table("BGPDT", [b"".join(rows), o.pack(f"{2 * n}i", *np.repeat(np.arange(1, n + 1), 2))])
+        else:
+            o.table("BGPDT", [b"".join(o.pack("i3f", c, *x) for c, x in zip(cd, xyz, strict=True))])
         o.table("EQEXIN", [
-            o.pack(f"{2 * n}i", *np.column_stack([frame.ids, np.arange(1, n + 1)]).ravel()),
-            o.pack(f"{2 * n}i", *np.column_stack([frame.ids, 10 * (6 * np.arange(n) + 1) + 1]).ravel()),
+            o.pack(f"{2 * n}i", *np.column_stack([ids, np.arange(1, n + 1)]).ravel()),
+            o.pack(f"{2 * n}i", *np.column_stack([ids, 10 * (6 * np.arange(n) + 1) + 1]).ravel()),
         ])  # fmt: skip
     if weight:
         o.table("OGPWG", [o.pack("146i", 1, 13, 0, *[0] * 143), o.pack("78f", *frame.weight.ravel(), *[0.0] * 42)])
@@ -299,6 +307,7 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
             lam = np.float32((2 * np.pi * f[k - 1]) ** 2)
             records.append(o.pack("5i2f139i", 22, code, 0, 1, k, lam, f[k - 1], 0, 1, 8, *[0] * 136))
             rows = [o.pack("2i6f", 10 * g + 2, 1, *column[frame.rows(g)]) for g in grids]
+            rows += [o.pack("2i6f", 10 * loose + 2, 1, *[0.0] * 6)] if loose else []
             records.append(b"".join(rows))
         o.table(name, records)
 

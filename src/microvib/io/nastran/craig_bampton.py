@@ -105,8 +105,8 @@ def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
     """OP4 with the geometry of EXTSEOUT beside it, or with a boundary of one point, the interface."""
     geometry = _geometry_beside(path, K)
     if geometry is not None:
-        boundary, points, _ = geometry
-        return _tied(K, M, boundary, rigid_motion(points), located(points))
+        boundary, points, rows = geometry
+        return _tied(K, M, boundary, points, rows)
     if not isinstance(options.interface, int):
         raise ModalError(
             "has no geometry; give the interface as the id of the boundary grid, or put the .asm or .pch file of"
@@ -122,16 +122,40 @@ def _geometry_beside(path: Path, K: Any) -> tuple[np.ndarray, Any, np.ndarray] |
     name = next((x for x in (path.with_suffix(".asm"), path.with_suffix(".pch")) if x.is_file()), None)
     if name is None:
         return None
-    uset, _, boundary = pyyeti("bulk").asm2uset(str(name))
-    if K.shape != (len(uset), len(uset)):
-        raise ModalError(f"stiffness is {K.shape}, but the geometry beside it has {len(uset)} degrees of freedom")
-    points = uset[boundary]
-    return boundary, points, np.arange(len(points))
+    uset, _, boundary, kept = pyyeti("bulk").asm2uset(str(name), try_rdextrn="pv_only")
+    if K.shape != (np.count_nonzero(kept), np.count_nonzero(kept)):
+        raise ModalError(
+            f"stiffness is {K.shape}, but the geometry beside it has {np.count_nonzero(kept)} degrees of freedom; where the"
+            " boundary has some directions of a grid only, the .pch file of EXTSEOUT is needed, too, which says which"
+        )
+    return boundary[kept], uset[boundary], np.flatnonzero(kept[boundary])
 
 
-def _tied(K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, grids: dict[int, np.ndarray]) -> Deck:
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def missing_directions(points: Any, rows: np.ndarray) -> dict[int, list[str]]:
+    """Directions of the grids of a table that are not among its ``rows``, by grid."""
+    lost: dict[int, list[str]] = {}
+    for k in sorted(set(range(len(points))) - set(rows.tolist())):
+        grid, direction = points.index[k]
+        if direction:
+            lost.setdefault(int(grid), []).append(DIRECTIONS[int(direction) - 1])
+    return lost
+
+
+def _tied(K: Any, M: Any, boundary: np.ndarray, points: Any, rows: np.ndarray) -> Deck:
+    """A model whose boundary grids, in ``rows`` of their table of degrees of freedom, are tied rigidly to the interface."""
+    lost = missing_directions(points, rows)
+    if lost:
+        listed = "; ".join(f"grid {grid}: {', '.join(names)}" for grid, names in list(lost.items())[:6])
+        raise ModalError(
+            f"its boundary lacks directions of {len(lost)} grids ({listed}), so that they are not clamped; reduce the model again"
+            " with all six directions of each boundary grid (BSET1,123456)"
+        )
+    grids = located(points)
     said = () if len(grids) == 1 else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
-    return _fixed(K, M, boundary, R, ORIGIN, grids, said)
+    return _fixed(K, M, boundary, rigid_motion(points)[rows], ORIGIN, grids, said)
 
 
 def _boundary_of_six(K: np.ndarray, M: np.ndarray) -> np.ndarray:
@@ -193,7 +217,7 @@ def read_dmig(path: Path, options: Import) -> Deck:
     if not any(line.startswith("DMIG") for line in lines_of(path)):
         return read_punched(path, options)
     K, M, boundary, whole, rows = dmig_model(path)
-    return _tied(K, M, boundary, rigid_motion(whole)[rows], located(whole))
+    return _tied(K, M, boundary, whole, rows)
 
 
 def dmig_model(path: Path) -> Reduced:

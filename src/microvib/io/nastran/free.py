@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from microvib.io.nastran.craig_bampton import (
+    DIRECTIONS,
     MASS_MATRICES,
     SHAPES,
     Reduced,
@@ -25,6 +26,8 @@ from microvib.structures.modal import ModalError, natural_frequency
 
 Found = tuple[np.ndarray, Any, np.ndarray]
 """Frequencies (s,) [Hz], table of degrees of freedom (n rows), mass-normalised shapes in its rows (n, s), nan where not known."""
+RIGID_BELOW = 0.1
+"""Frequency [Hz] of a mode below which a model counts as free: every grid of it moves."""
 BULK = (".bdf", ".dat", ".nas", ".blk")
 """Endings of bulk data, which has the grids of results that do not say where they are."""
 
@@ -41,8 +44,15 @@ def read_free(path: Path, grids: Sequence[int]) -> tuple[np.ndarray, np.ndarray,
         if grid not in places:
             raise ModalError(f"points: grid {grid} is not in the model, which has {len(places)} grids")
         rows = np.flatnonzero(uset.index.get_level_values(0) == grid)
-        if np.any(np.isnan(phi[rows])):
-            raise ModalError(f"points: the motion of grid {grid} is not in the file in all six directions")
+        lost = [name for name, row in zip(DIRECTIONS, phi[rows], strict=True) if np.any(np.isnan(row))]
+        if lost:
+            raise ModalError(
+                f"points: the motion of grid {grid} is not in the file in {', '.join(lost)}; all six directions are expected"
+            )
+        if not np.any(phi[rows]) and frequency.min(initial=np.inf) < RIGID_BELOW:
+            raise ModalError(
+                f"points: grid {grid} moves in no mode: it is loose, or held; a grid of the structure is expected"
+            )
         turn = np.kron(np.eye(2), turns[rows[:3], :3])  # from the basic frame to the grid's own
         shapes.append(turn.T @ phi[rows])
     return frequency, np.array([places[grid] for grid in grids]), np.array(shapes)
@@ -95,13 +105,46 @@ def _solved(reduced: Reduced) -> Found:
     from scipy.linalg import LinAlgError, eigh
 
     K, M, boundary, uset, rows = reduced
+    K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
+    T = _massive(K, M, [uset.index[k] for k in rows], np.flatnonzero(boundary))
     try:
-        squares, vectors = eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
+        squares, vectors = eigh(T.T @ K @ T, T.T @ M @ T)
     except LinAlgError:
         raise ModalError("its mass matrix is not positive definite") from None
     phi = np.full((len(uset), squares.size), np.nan)
-    phi[rows] = vectors[boundary]
+    phi[rows] = (T @ vectors)[boundary]
     return natural_frequency(squares), uset, phi
+
+
+MASSLESS = 1e-10
+"""Mass of a motion below which it has none, with the mass of each degree of freedom scaled to one."""
+
+
+def _massive(K: np.ndarray, M: np.ndarray, names: list[tuple[int, int]], boundary: np.ndarray) -> np.ndarray:
+    """Motions (n, m) of all degrees of freedom that have mass; those without follow them statically.
+
+    ``names`` are grid and direction of the rows ``boundary``. ModalError names those without mass that nothing holds, either.
+    """
+    size = np.sqrt(np.maximum(np.diag(M), 0.0))
+    size = np.where(size > 0.0, size, size.max() or 1.0)
+    mass, V = np.linalg.eigh(M / np.outer(size, size))
+    if mass[0] < -1e-6:
+        raise ModalError("its mass matrix is not positive definite")
+    empty = mass < MASSLESS
+    if not empty.any():
+        return np.eye(len(M))
+    N, R = V[:, empty] / size[:, None], V[:, ~empty] / size[:, None]
+    held = N.T @ K @ N
+    own = np.sqrt(np.maximum(np.diag(N.T @ np.diag(np.abs(np.diag(K))) @ N), 1e-300))
+    stiffness, loose = np.linalg.eigh(held / np.outer(own, own))
+    if stiffness[0] < 1e-9:
+        moved = np.abs(N @ (loose[:, 0] / own))[boundary]
+        large = [name for name, x in zip(names, moved, strict=True) if name[1] and x > 0.1 * moved.max()]
+        words = ", ".join(f"{DIRECTIONS[d - 1]} of grid {i}" for i, d in large[:6]) or "its modes"
+        raise ModalError(
+            f"has neither mass nor stiffness for a motion in {words}; give it mass, or leave it out of the boundary"
+        )
+    return np.asarray(R - N @ np.linalg.solve(held, N.T @ K @ R))
 
 
 def _grids(path: Path) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def _read(path: Path, *, clamped: bool = True) -> _Results:
         word = _WORDS.get(stream.read(4))
     if word is None:
         raise ModalError("is not an OP2 file; such a file starts with a record of 4 or 8 bytes")
-    with pyyeti("op2").OP2(str(path)) as file:
+    with _reader()(str(path)) as file:
         wanted = _wanted(file)
         data: dict[str, Any] = file.rdparampost(get_mats=wanted or False, get_dr_tables=False)
         if data.get("ogpwg"):
@@ -108,6 +109,60 @@ def _read(path: Path, *, clamped: bool = True) -> _Results:
             name = next((n for start in starts for n in file.dbdct if n.upper().startswith(start)), None)
             data[kind] = None if name is None else read_vectors(file, name, word)
     return _results(data, clamped)
+
+
+@cache
+def _reader() -> Any:
+    """The library's reader, which here also takes the table of grids of Siemens' Nastran."""
+
+    class Reader(pyyeti("op2").OP2):  # type: ignore[misc]
+        def _rdop2bgpdt68(self) -> np.ndarray:
+            """Places of the grids: four words a grid (MSC), or six whole numbers and three double ones (Siemens, older MSC)."""
+            here = self._fileh.tell()
+            size = len(self.rdop2record("bytes"))
+            after = self._fileh.tell()
+            points = self._points()
+            self._fileh.seek(here)
+            short, long = self._ibytes + 3 * self._fbytes, 6 * self._ibytes + 24
+            if points and size == points * long != points * short:
+                rows = self._rdop2bgpdt()
+                kind = np.dtype([("ints", self._intstr), ("xyz", (f"{self._endian}f8", 3))])
+                table = np.empty(len(rows), kind)
+                table["ints"], table["xyz"] = rows["ints"][:, 0], rows["xyz"]
+                self._fileh.seek(after)
+                self.goto_next()
+                return table
+            if points and size != points * short:
+                words = size / points / self._ibytes
+                raise ModalError(f"has {words:.4g} words for each of {points} grids in BGPDT; 4 or 12 are read")
+            found: np.ndarray = super()._rdop2bgpdt68()
+            return found
+
+        def _points(self) -> int:
+            """Grids and scalar points of the file, by its list of their numbers; 0 without."""
+            name = next((name for name in ("EQEXINS", "EQEXIN") if name in self.dbdct), None)
+            if name is None:
+                return 0
+            here = self._fileh.tell()
+            self.set_position(name)
+            self.rdop2nt()
+            points = len(self.rdop2record("int")) // 2
+            self._fileh.seek(here)
+            return points
+
+        def _rdcstm(self, verbose: bool) -> np.ndarray | None:
+            """Coordinate systems, where the table is of the known kind; those of the bulk data are taken else."""
+            try:
+                found: np.ndarray | None = super()._rdcstm(verbose)
+            except ValueError:
+                return None
+            for row in [] if found is None else found[found[:, 0] > 0]:
+                axes = row[5:].reshape(3, 3)
+                if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-3):
+                    return None
+            return found
+
+    return Reader
 
 
 def read_vectors(file: Any, name: str, word: str) -> Vectors | None:
@@ -303,11 +358,25 @@ def _check_clamped_there(results: _Results, options: Import) -> None:
                 f"interface: grid {grid} moves in mode {k + 1} by {moves[k]:.2g} of the largest motion; modes with the"
                 " interface point clamped are expected"
             )
-    elif results.forces is not None and grid not in (held := {i for i, _ in results.forces.rows}):
+    _check_carries(results, grid)
+
+
+def _check_carries(results: _Results, grid: int) -> None:
+    """ModalError for a grid that carries no forces of constraint where the file has any: it is loose, or not held."""
+    if results.forces is None:
+        return
+    ids = np.array([i for i, _ in results.forces.rows])
+    size = np.abs(results.forces.values).max(axis=1, initial=0.0)
+    held = sorted(set(ids[size > STILL * max(size.max(initial=0.0), 1e-300)].tolist()))
+    if grid not in held:
         raise ModalError(
-            f"interface: grid {grid} is not held, but {', '.join(map(str, sorted(held)[:4]))}; the grid that is clamped is"
-            " expected, and where several are, coordinates"
+            f"interface: grid {grid} is not held, but {_listed(held)}: it carries no forces of constraint in any mode; the grid"
+            " that is clamped is expected, and where several are, coordinates"
         )
+
+
+def _listed(ids: Sequence[int]) -> str:
+    return ", ".join(map(str, ids[:6])) + (" ..." if len(ids) > 6 else "")
 
 
 def _mass_matrix(results: _Results, options: Import) -> Any:

@@ -42,6 +42,7 @@ _WIDTHS = {
 }  # fmt: skip
 """Numbers in a row of each table, where they are not mode, frequency and six values."""
 _WITHIN = (
+    "(BEFORE", "(AFTER",
     "MODE", "NO.", "REFERENCE", "DEGREESOFFREEDOM", "MO", "(FOR", "TOTAL", "T1", "CUMULATIVE", "TRANSLATIONALMASS",
 )  # fmt: skip
 """How lines within a table start that are not rows of it, without spaces."""
@@ -62,6 +63,7 @@ class _Tables:
     rows: dict[str, list[list[list[float]]]] = field(default_factory=dict)
     reference: int | Point = ORIGIN
     weight_grid: int = 0
+    augmented: bool = False  # whether a table of eigenvalues follows that has residual vectors
 
     def start(self, name: str) -> None:
         self.rows.setdefault(name, []).append([])
@@ -94,7 +96,7 @@ def read_listing(path: Path, options: Import) -> Deck:
     tables = _tables(path)
     if tables.count("ansys-X"):
         return _ansys(tables)
-    eigenvalues = tables.last("eigenvalues")
+    eigenvalues, augmented = _eigenvalues(tables)
     if eigenvalues is None:
         raise ModalError("has no table of real eigenvalues, nor participation factors of Ansys: is it a run of modes?")
     frequency, generalised = eigenvalues[:, 4], eigenvalues[:, 5]
@@ -106,8 +108,26 @@ def read_listing(path: Path, options: Import) -> Deck:
     mass, notes = rigid_mass(Masses(free, tables.reference, weight, tables.weight_grid), {}, options.wtmass)
     participation, signed, said = _participation(tables, eigenvalues, mass if free is None else free)
     repeated = tables.count("eigenvalues")
-    more = [f"Of {repeated} tables of eigenvalues the last was taken."] if repeated > 1 else []
-    return Deck(frequency, participation, mass, tables.reference, signed=signed, notes=(said, *notes, *more))
+    more = (
+        [f"Of {repeated} tables of eigenvalues the last was taken."] if repeated > 1 and not augmented else [augmented]
+    )
+    return Deck(
+        frequency, participation, mass, tables.reference, signed=signed, notes=(said, *notes, *filter(None, more))
+    )
+
+
+def _eigenvalues(tables: _Tables) -> tuple[np.ndarray | None, str]:
+    """The table of eigenvalues that goes with the effective masses, and which it is where residual vectors make two."""
+    last = tables.last("eigenvalues")
+    if last is None or not tables.augmented:
+        return last, ""
+    full = [np.array(t) for t in tables.rows["eigenvalues"] if t]
+    found = next(
+        (tables.last(name) for name in ("factors", "effective", "fractions-T") if tables.last(name) is not None), None
+    )
+    if len(full) > 1 and found is not None and len(found) == len(full[-2]) != len(last):
+        return full[-2], "Modes before their augmentation with residual vectors, as in the table of participation."
+    return last, "Modes with residual vectors: the highest are shapes that the run added for static loads."
 
 
 def listed_weight(path: Path) -> tuple[np.ndarray, int]:
@@ -216,6 +236,7 @@ def _within(line: str, squeezed: str, name: str, tables: _Tables) -> str:
     """Takes one line under a title; gives the name of the table that the next line belongs to, '' after its end."""
     if name in ("fractions", "fractions-T", "fractions-R") and squeezed.startswith("(FOR"):
         return "fractions-T" if "TRANSLATIONAL" in squeezed else "fractions-R"
+    tables.augmented |= name == "eigenvalues" and squeezed.startswith("(AFTER")
     if "REFERENCEPOINT" in squeezed:
         _refer(squeezed, name, tables)
     if "ROTATIONALMASS(INERTIA)" in squeezed:
