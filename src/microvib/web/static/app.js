@@ -27,8 +27,13 @@ function openTab(tab) {
   window.dispatchEvent(new Event("resize")); // plots that were hidden take their size
 }
 
+/** On a narrow screen results lie below the form, where a tab, or a run, would seem to do nothing. */
+function showResults() {
+  if (matchMedia("(max-width: 900px)").matches) $("#results").scrollIntoView();
+}
+
 function makeTabs() {
-  for (const tab of tabs) tab.addEventListener("click", () => openTab(tab));
+  for (const tab of tabs) tab.addEventListener("click", () => (openTab(tab), showResults()));
   $("#tabs").addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!step) return;
@@ -71,7 +76,7 @@ async function go(event) {
   const wanted = wish(scenario.current(), scenario.shortName());
   scenario.remember();
   openTab(tabs[0]);
-  if (matchMedia("(max-width: 900px)").matches) $("#results").scrollIntoView();
+  showResults();
   await begin(wanted);
 }
 

@@ -103,7 +103,7 @@ const usual = (channels) =>
 function show(answer, chosen) {
   recording = answer;
   state.replaceChildren();
-  facts.textContent = `${recording.name}: ${recording.channels.length} channels, ${recording.samples} samples at ${number(recording.sample_rate, 6)} Hz, ${number(recording.duration, 4)} s. ${(recording.notes ?? []).join(" ")}`;
+  facts.textContent = `${recording.name}: ${recording.channels.length} channel${recording.channels.length === 1 ? "" : "s"}, ${recording.samples} samples at ${number(recording.sample_rate, 6)} Hz, ${number(recording.duration, 4)} s. ${(recording.notes ?? []).join(" ")}`;
   channel.replaceChildren(
     ...recording.channels.map((item) => h("option", { value: item.name }, `${item.name}, ${quantity(item.rms, item.unit)} RMS`)),
   );

@@ -11,7 +11,8 @@ import { LIMIT } from "./styles.js";
 import { verdictOf } from "./limit.js";
 
 const HIGHEST = 200;
-const NAMED = 8;
+const NAMED = 8; // lines at most; half of them in a picture that is narrow [px]
+const NARROW = 400;
 const WORTH = 0.005; // of the largest line that is seen, from which another has a name
 const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
 const SIZE = 10.5; // of names
@@ -195,7 +196,11 @@ function names(run, axes, limit) {
   const rank = ({ kind }) => ({ "array mode": 0, sideband: 2, other: 2 })[kind] ?? 1;
   inside.sort((a, b) => rank(a) - rank(b) || b.amplitude_n_m - a.amplitude_n_m);
   const dots = inside.map((line) => about(axes.right(line.frequency_hz), axes.down(line.amplitude_n_m), 4));
-  if (limit) dots.push({ left: axes.width - 100, right: axes.width, top: axes.down(limit.torque) - 15, bottom: axes.down(limit.torque) });
+  if (limit) {
+    const y = axes.down(limit.torque);
+    dots.push({ left: axes.width - 100, right: axes.width, top: y - 15, bottom: y }); // its name
+    dots.push({ left: 0, right: axes.width, top: y - 2, bottom: y + 2 });
+  }
   const worth = inside.filter((line) => line.amplitude_n_m > WORTH * top || line.kind === "array mode");
   const wanted = worth.slice(0, 3 * NAMED).map((line) => ({
     line,
@@ -205,7 +210,7 @@ function names(run, axes, limit) {
     lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${quantity(line.amplitude_n_m, "N*m", 3)}`],
   }));
   return placed(wanted, axes, dots)
-    .slice(0, NAMED)
+    .slice(0, axes.width < NARROW ? NAMED / 2 : NAMED)
     .map(({ line, lines, ax, ay, xanchor }) => ({
       x: axes.onX(line.frequency_hz),
       y: axes.onY(line.amplitude_n_m),
