@@ -49,7 +49,7 @@ def create(study: Path, folder: Path, chunk: int | None) -> None:
         echo(f"  {levels.key}: {len(levels.values)} levels, {levels.labels[0]} to {levels.labels[-1]}")
     for uncertain in design.uncertain:
         echo(f"  {uncertain.key}: {uncertain.text}")
-    echo(f"Written: {folder}. Now: microvib campaign run {folder}")
+    echo(f"Written: {folder}. Now: microvib campaign run {shlex.quote(str(folder))}")
 
 
 def _opened(folder: Path) -> Campaign:
@@ -114,11 +114,14 @@ def _compute(
         ):
             compute_missing(opened, backend, shard=part, todo=listed, progress=progress)
     except KeyboardInterrupt:
-        echo(f"Interrupted; computed cases are kept. Continue with: microvib campaign resume {folder}", err=True)
+        echo(
+            f"Interrupted; computed cases are kept. Continue with: microvib campaign resume {shlex.quote(str(folder))}",
+            err=True,
+        )
         sys.exit(INTERRUPTED)
     echo(_state_text(opened))
     if not opened.missing():
-        echo(f"Now: microvib campaign report {folder}")
+        echo(f"Now: microvib campaign report {shlex.quote(str(folder))}")
 
 
 def _backend(on: str, workers: int | None, scheduler: str | None) -> AbstractContextManager[Any]:

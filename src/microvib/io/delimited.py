@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from microvib.io.csv_cells import unguarded
 from microvib.io.measured import Column, Hints, recording_of, stated_rates
 from microvib.io.timestamps import in_seconds
 from microvib.testdata.channels import in_yaml, is_unit, named_unit
@@ -139,7 +140,7 @@ def _fitting(lines: Sequence[str]) -> Iterator[tuple[_Form, int, int]]:
 def _header(top: Sequence[str], form: _Form, width: int) -> tuple[list[str], list[str], bool]:
     """Names and units of the columns, and whether the file names them."""
     none = [f"column {k + 1}" for k in range(width)]
-    rows = [[field.strip().strip('"').strip() for field in form.split(line)] for line in top[-2:]]
+    rows = [[unguarded(field.strip().strip('"').strip()) for field in form.split(line)] for line in top[-2:]]
     if form.separator is None:  # blanks separate names from units, too
         rows = [row for row in rows if len(row) == width]
     padded = [row + [""] * (width - len(row)) for row in rows]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from microvib.io.csv_cells import csv_text
 from microvib.io.tables import dict_rows, finite
 from microvib.model.rigid import COMPONENTS
 from microvib.structures.modal import ModalError, ModalModel
@@ -25,18 +25,16 @@ MAX_MODES = 2000
 
 def modes_csv(model: ModalModel) -> str:
     """CSV text of a modal model, its rigid-body mass included."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    rows: list[Sequence[str]] = [COLUMNS]
     rigid = [f"{v:.12g}" for v in model.mass[np.triu_indices(6)]]
     effective, fraction = model.effective[model.axis], model.fraction[model.axis]
     for k, frequency in enumerate(model.frequency):
         values = (frequency, model.damping[k], effective[k], fraction[k], fraction[: k + 1].sum())
-        writer.writerow(
-            [k + 1, *(f"{v:.12g}" for v in (*values, *model.participation[:, k])), model.drive_axis,
+        rows.append(
+            [f"{k + 1}", *(f"{v:.12g}" for v in (*values, *model.participation[:, k])), model.drive_axis,
              f"{model.inertia:.12g}", *rigid]
         )  # fmt: skip
-    return stream.getvalue()
+    return csv_text(rows)
 
 
 def read_modes(path: Path | str) -> ModalModel:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.errors import OutputError, ScenarioError, expect
+from microvib.io.csv_cells import csv_text
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.files import check_file, library, reading
 from microvib.io.formats import READERS
@@ -165,7 +166,7 @@ def _write_mat(recording: Recording, path: Path) -> None:
 def _write_csv(recording: Recording, path: Path) -> None:
     t = np.arange(recording.samples) / recording.sample_rate
     names = list(recording.channels)
-    header = ",".join(["time", *names]) + "\n" + ",".join(["s", *(recording.units.get(n, "") or "-" for n in names)])
+    header = csv_text([["time", *names], ["s", *(recording.units.get(n, "") or "-" for n in names)]]).rstrip("\n")
     np.savetxt(
         path, np.column_stack([t, *recording.channels.values()]), delimiter=",", header=header, comments="", fmt="%.12g"
     )

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError, expect_path
+from microvib.io.csv_cells import unguarded
 from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import package_versions, rows_csv
@@ -190,6 +191,6 @@ def _rows(path: Path, of: type) -> list[dict[str, Any]]:
     texts = {field.name for field in fields(of) if field.type == "str"}
     with path.open(encoding="utf-8", newline="") as stream:
         return [
-            {key: text if key in texts else float(text or math.nan) for key, text in row.items()}
+            {key: unguarded(text) if key in texts else float(text or math.nan) for key, text in row.items()}
             for row in csv.DictReader(stream)
         ]

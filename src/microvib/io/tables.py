@@ -13,10 +13,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
 from microvib.errors import MicrovibError, did_you_mean, shown
+from microvib.io.csv_cells import csv_text, unguarded
 from microvib.io.files import check_file, reading
 from microvib.signals.line_table import Line, LineTable
 
@@ -27,11 +29,7 @@ LARGEST = 1_000_000_000  # bytes of the largest table that is read
 
 def rows_csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """CSV text of rows under a header; figures with nine digits, what is not known left empty."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([_cell(x) for x in row] for row in rows)
-    return stream.getvalue()
+    return csv_text(chain([header], ([_cell(x) for x in row] for row in rows)))
 
 
 def columns_csv(columns: Mapping[str, Iterable[float]]) -> str:
@@ -97,7 +95,12 @@ def _table_at(path: Path, kind: type[MicrovibError]) -> Iterator[list[str]]:
 def csv_rows(path: Path, kind: type[MicrovibError]) -> list[list[str]]:
     """Rows of a CSV file; an error of this ``kind`` where it cannot be read, or is no text."""
     with _table_at(path, kind) as lines:
-        return list(csv.reader(lines))
+        return _cells(lines)
+
+
+def _cells(lines: Iterable[str]) -> list[list[str]]:
+    """Cells of a table by rows, as they were before they were guarded against spreadsheets."""
+    return [[unguarded(cell) for cell in row] for row in csv.reader(lines)]
 
 
 def dict_rows(
@@ -129,7 +132,7 @@ def dict_rows(
     """
     names = {name.lower(): name for name in (*known, "comment")}
     with _table_at(path, kind) as lines:
-        head, *rows = list(csv.reader(lines)) or [[]]
+        head, *rows = _cells(lines) or [[]]
         columns = [names.get(name.strip().lower(), name.strip()) for name in head]
         rows = [row for row in rows if row]
         while columns and not columns[-1] and not any("".join(row[len(columns) - 1 :]).strip() for row in rows):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -319,7 +320,7 @@ def _worst(s: Summary) -> list[Block]:
     rows += [_varied_row(design.base, key, texts) for key, texts in varied.items() if any(texts)]
     caption = "Cases with the largest lines, worst first; scenario: what the study starts from."
     folder = s.results.campaign.folder
-    again = f"`microvib campaign case {folder.name or folder} CASE`. All digits are in `worst.csv`."
+    again = f"`microvib campaign case {shlex.quote(folder.name or str(folder))} CASE`. All digits are in `worst.csv`."
     note = Text(f"Each case runs again alone: {again}", note=True)
     return [table(header, rows, caption, {0: "strong"}), _worst_of_lines(s), note]
 

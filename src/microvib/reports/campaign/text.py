@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,7 +42,7 @@ def state_text(campaign: Campaign, reasons: bool = False) -> str:
     total = campaign.design.cases
     lines = [f"{computed} of {total} cases computed, {why.total()} of them failed"]
     if computed < total:
-        lines[0] += f"; {total - computed} to do: microvib campaign resume {campaign.folder}"
+        lines[0] += f"; {total - computed} to do: microvib campaign resume {shlex.quote(str(campaign.folder))}"
     if queued := job_state(campaign):
         lines.append(f"Slurm: {queued}")
     if reasons:
@@ -87,9 +88,10 @@ def report_text(s: Summary) -> str:
         order = np.argsort([-t.value for t in found.total])[:4]
         terms = ", ".join(f"{found.keys[k]} {found.first[k].value:.2f} / {found.total[k].value:.2f}" for k in order)
         lines += [f"Sobol indices of {found.line}, first order / total: {terms}"]
-    folder = s.results.campaign.folder
     worst = s.worst[ANY][:1]
-    lines += ["", f"Worst case again: microvib campaign case {folder} {worst[0][0]} --out worst.yaml"] if worst else []
+    if worst:
+        folder = shlex.quote(str(s.results.campaign.folder))
+        lines += ["", f"Worst case again: microvib campaign case {folder} {worst[0][0]} --out worst.yaml"]
     return "\n".join(lines)
 
 

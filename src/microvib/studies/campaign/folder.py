@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -92,13 +93,13 @@ class Campaign:
 
     def write(self, chunk: int, data: bytes) -> None:
         """Put a chunk's file in place at once; OutputError where the disk does not take it, and nothing is left then."""
-        after = f"; what was computed before is kept, continue with: microvib campaign resume {self.folder}"
+        after = f"; what was computed before is kept, continue with: microvib campaign resume {shlex.quote(str(self.folder))}"
         write_file(self.file(chunk), data, overwrite=True, after=after)
 
     def read(self, chunk: int) -> Chunk:
         """Results of a chunk; MicrovibError where its file is damaged, or is not that chunk of this campaign."""
         path = self.file(chunk)
-        found = _chunk_of(path, f"delete it, then: microvib campaign resume {self.folder}")
+        found = _chunk_of(path, f"delete it, then: microvib campaign resume {shlex.quote(str(self.folder))}")
         if found.label.campaign != self.identity:
             raise MicrovibError(f"{path}: is of another campaign; delete it, then resume this one")
         if found.label.chunk != chunk or len(found.reasons) != len(self.cases_of(chunk)):
@@ -196,7 +197,9 @@ def _mend(folder: Path) -> str:
     """Write a lost manifest again from a chunk; what was done, in words. MicrovibError where there is no chunk to take it from."""
     found = sorted(p for p in (folder / CHUNKS).glob("*.npz") if _CHUNK_FILE.fullmatch(p.name))
     if not found or not (folder / STUDY).is_file():
-        raise MicrovibError(f"{folder}: is not a campaign; make one with: microvib campaign create STUDY {folder}")
+        raise MicrovibError(
+            f"{folder}: is not a campaign; make one with: microvib campaign create STUDY {shlex.quote(str(folder))}"
+        )
     label = _chunk_of(found[0], "delete it, and try again").label
     write_file(folder / MANIFEST, to_json({"sha256": label.campaign, **json.loads(label.manifest)}))
     return f"{folder / MANIFEST}: was missing and was written again from {found[0].name}."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -227,9 +228,11 @@ def open_results(campaign: Campaign) -> Results:
     """Merged results of a campaign; MicrovibError where they are not merged, or of another campaign."""
     path = campaign.folder / RESULTS
     if not path.is_file():
-        raise MicrovibError(f"{path}: is not there yet; merge them with: microvib campaign merge {campaign.folder}")
+        raise MicrovibError(
+            f"{path}: is not there yet; merge them with: microvib campaign merge {shlex.quote(str(campaign.folder))}"
+        )
     with open_hdf5(path) as root:
         if root.attribute("campaign_sha256") != campaign.identity:
-            again = f"microvib campaign merge {campaign.folder}"
+            again = f"microvib campaign merge {shlex.quote(str(campaign.folder))}"
             raise MicrovibError(f"{path}: is of another campaign; merge again: {again}")
     return Results(campaign, path)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 
-from microvib.errors import MicrovibError, OptionError
+from microvib.errors import MicrovibError, OptionError, shown
 from microvib.io.writing import write_file
 from microvib.studies.campaign.folder import Campaign
 
@@ -29,29 +30,61 @@ def submit(campaign: Campaign, jobs: int, directives: Sequence[str] = (), *, onl
     if state:
         raise MicrovibError(f"{campaign.folder}: its Slurm {state}; wait for it, or scancel it, then resume")
     count = min(jobs, len(missing))
+    text = _script(campaign, count, directives)
     # What is missing now: while shards work it changes, and they would not agree on who takes what.
     write_file(campaign.folder / TODO, "\n".join(map(str, missing)) + "\n", overwrite=True)
     script = campaign.folder.resolve() / SCRIPT
-    write_file(script, _script(campaign, count, directives), overwrite=True)
+    write_file(script, text, overwrite=True)
     if only_write:
-        return f"Written: {script}. Submit it with: sbatch {script}"
+        return f"Written: {script}. Submit it with: sbatch {shlex.quote(str(script))}"
     job = _sbatch(str(script))
     write_file(campaign.folder / JOBS, json.dumps({"job": job, "shards": count}) + "\n", overwrite=True)
+    typed = shlex.quote(str(campaign.folder))
     return (
-        f"Submitted job {job}: {count} shards over {len(missing)} chunks. Look with: microvib campaign status {campaign.folder}"
-        f"; whatever ends it: microvib campaign resume {campaign.folder} --on slurm"
+        f"Submitted job {job}: {count} shards over {len(missing)} chunks. Look with: microvib campaign status {typed}"
+        f"; whatever ends it: microvib campaign resume {typed} --on slurm"
     )
 
 
 def _script(campaign: Campaign, count: int, directives: Sequence[str]) -> str:
     folder = campaign.folder.resolve()
-    own = ["--job-name=microvib", f"--array=0-{count - 1}", f"--output={folder}/slurm-%a.log", "--open-mode=append"]
-    lines = [f"#SBATCH {option}" for option in (*own, *directives)]
+    if not str(folder).isprintable():
+        raise MicrovibError(
+            f"{shown(str(folder))}: a line break or another control character in a folder's name does not go into a"
+            " script of Slurm; rename the folder"
+        )
+    log = str(folder).replace("%", "%%") + "/slurm-%a.log"
+    own = ["--job-name=microvib", f"--array=0-{count - 1}", f"--output={log}", "--open-mode=append"]
+    lines = [f"#SBATCH {_directive(option)}" for option in (*own, *directives)]
     command = shlex.join([sys.executable, "-m", "microvib", "campaign", "run", str(folder)])
     # One process for each CPU that Slurm gives; without a say, one.
     todo = shlex.quote(str(folder / TODO))
     shard = f'--workers "${{SLURM_CPUS_PER_TASK:-1}}" --shard "$SLURM_ARRAY_TASK_ID/{count}" --todo {todo}'
     return "\n".join(["#!/bin/sh", *lines, f"exec {command} {shard}", ""])
+
+
+_DIRECTIVE = re.compile(r"(?P<name>--[A-Za-z][\w-]*|-[A-Za-z])((?P<between>=|\s+|(?<=^-\w))(?P<value>.+))?")
+_PLAIN = re.compile(r"[\w@%+=:,./~^{}\[\]-]+")
+
+
+def _directive(option: str) -> str:
+    """An option of sbatch as a line of its script takes it: one line, its value in double quotes where it has blanks or the like.
+
+    OptionError where it is no option.
+    """
+    found = _DIRECTIVE.fullmatch(option.strip())
+    if found is None or not option.isprintable():
+        raise OptionError(
+            "sbatch", "is no option of sbatch; write one, such as --time=02:00:00, without line breaks", shown(option)
+        )
+    if found["value"] is None:
+        return found["name"]
+    value = found["value"]
+    if len(value) > 1 and value[0] == value[-1] == '"':
+        value = value[1:-1]  # quoted for the script already
+    if not _PLAIN.fullmatch(value):
+        value = '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return f"{found['name']}{found['between'][:1]}{value}"
 
 
 def _sbatch(script: str) -> str:
