@@ -12,6 +12,8 @@ from microvib.signals.line_table import DRIVEN
 from microvib.solve.batch import simulate_torques
 from microvib.studies.evidence import Evidence, Simulated, observations, predicted, with_scatter
 from microvib.studies.identify import identify
+from microvib.studies.identify.hints import hints, loose
+from microvib.studies.noise_floor import allowed
 
 DENSITY, RATE, SENSOR = 4e-6, 4096.0, 1e-3
 
@@ -79,3 +81,29 @@ def test_the_density_of_torque_noise_is_identified(recorded):
     assert found.identifiable
     assert abs(found.estimate - DENSITY) < 2.0 * found.standard_error
     assert found.standard_error > 0.04 * DENSITY  # a record of 8 s cannot tell it better
+
+
+@pytest.mark.parametrize(("rate", "duration"), [(0.06, 6.0), (0.05, 3.0), (0.01, 3.0), (0.01, 6.0), (0.01, 15.0)])
+def test_noise_is_seen_whatever_lines_have_no_frequency_of_their_own(state_1, rate, duration):
+    """Not resolved lines hide no floor; where lines leave no bin between them, the next period or the quietest bins tell it."""
+    changes = {"tracking.rate": math.radians(rate), "record.settle": 4.0, "record.duration": duration}
+    start = state_1.with_si(changes)
+    sensor = np.random.default_rng(7).normal(0.0, 5e-6, start.record.samples)
+    told = []
+    for density in (0.0, 1e-6):
+        x = torque(start.with_si({"friction.torque_noise": {"density": density, "seed": 3}})) + sensor
+        table = lines_of_samples(x, RATE, start, measured=True)
+        assert any(math.isnan(line.frequency_hz) for line in table)
+        told.append(allowed(x, RATE, table, start))
+    assert told[0] < 1e-11 < 1e-8 < told[1]
+
+
+def test_what_no_band_tells_is_no_absence(state_1):
+    """Of two seconds at 32 Hz no band has enough bins."""
+    start = state_1.with_si({"record.settle": 4.0, "record.duration": 2.0, "record.sample_rate": 32.0})
+    table = lines_of_samples(np.zeros(64), 32.0, start, measured=True)
+    assert math.isinf(allowed(np.zeros(64), 32.0, table, start))
+    lost = replace(Evidence("made", (), None, 2.0, 32.0), noise=math.inf)
+    assert loose(lost, start)
+    (sentence,) = hints([(lost, start)], [Simulated(table, np.zeros(64), 32.0)], ())
+    assert "too short to tell whether there is torque noise" in sentence

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -17,14 +16,13 @@ from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.io.tables import PAPER_LINES, PaperLines, read_table
-from microvib.model.driven import response
 from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION, DRIVEN, LineTable, Rest
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
+from microvib.studies.noise_floor import BANDS, allowed, between
 from microvib.studies.relative_phase import PHASE_OF, family, relative_phase
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band, inside
@@ -80,7 +78,7 @@ class Evidence:
     parts: tuple[float, ...] = ()
     """``at_parts`` of a recording."""
     noise: float = 0.0
-    """Density [N^2 m^2/Hz] of torque noise that the floor of a recording may be, where its scenario has none."""
+    """Density [N^2 m^2/Hz] of torque noise that a recording may have and its scenario has not; infinite where it cannot be told."""
     prepared: Prepared | None = field(default=None, repr=False, compare=False)
     """The recording itself; None of a table."""
     channel: str = ""
@@ -166,7 +164,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
             parts = at_parts(
                 r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
             )
-            noise = _allowed(r[channel], r.sample_rate, table, scenario)
+            noise = _unlisted_noise(found, r[channel], r.sample_rate, table, scenario)
             notes = (*r.told(channel), *clock_notes(table))
             return Evidence(
                 r.title,
@@ -213,10 +211,8 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
 SOUGHT = 4.0
 """Times what the scenario's noise gives a ringing mode, up to which it is taken to disturb its frequency and decay: its density is
 sought."""
-LEVELS = np.geomspace(2.0, 200.0, 9)
-"""Ends [Hz] of the bands in which the level between the lines is taken."""
-FEWEST = 16
-"""Bins of a band, below which it tells no level."""
+KNOWN = 2.0
+"""Times of the scenario's own noise that the floor may show without being more than that."""
 ONE_DRAW = math.sqrt(2.0)
 """Scatter of the difference of two draws, the recording's and the simulation's, over that of one."""
 
@@ -253,8 +249,8 @@ def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scena
 
     The median of n bins under a Hann window is known to 1/sqrt(n) of itself.
     """
-    between, f, bands = _between(x, sample_rate, table, scenario)
-    squares = np.array([float(np.median(between[k])) ** 2 for k in bands])
+    magnitude, f, bands = between(x, sample_rate, table, scenario)
+    squares = np.array([float(np.median(magnitude[k])) ** 2 for k in bands])
     spreads = np.array([2.0 * square / math.sqrt(k.size) for square, k in zip(squares, bands, strict=True)])
     quiet = int(np.argmin(squares)) if bands else -1
     found = []
@@ -270,36 +266,15 @@ def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scena
     return found
 
 
-def _allowed(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario) -> float:
-    """Density [N^2 m^2/Hz] of white torque noise that makes the floor of the band which allows least, by the linearised drive.
-
-    The median of bins under a Hann window is sqrt(1.5 ln 2) of their root mean square without a window.
-    """
-    if scenario.friction.torque_noise is not None or not scenario.driving_frequency:
+def _unlisted_noise(
+    found: Sequence[Observation], x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
+) -> float:
+    """Density [N^2 m^2/Hz] of torque noise that a recording may have and its scenario has not, nor levels that would tell it."""
+    noise = scenario.friction.torque_noise
+    if noise is not None and not noise.silent and any(o.form == "level" for o in found):
         return 0.0
-    between, f, bands = _between(x, sample_rate, table, scenario)
-    floors = [(float(np.median(between[k])), abs(response(scenario, float(np.median(f[k]))))) for k in bands]
-    medians = 1.5 * math.log(2.0) * 2.0 / table.duration
-    return min(((floor / G) ** 2 / medians for floor, G in floors), default=0.0)
-
-
-def _between(
-    x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
-) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Hann-window amplitudes of all bins (n,), their frequencies [Hz], and the bins between lines of each of some bands."""
-    between = HannSpectrum.of(x - x.mean(), sample_rate).magnitude
-    f = np.arange(between.size) * sample_rate / x.size
-    free = np.ones(f.size, dtype=bool)
-    steps = [line.expected_hz for line in table if line.line in ("electrical_1", "full_step_1")]
-    for line in table:
-        free &= np.abs(f - line.frequency_hz) * table.duration > SEPARATION + 1.0
-    if steps:
-        spacing = min(steps) * (table.clock_ratio or 1.0)
-        away = np.abs(f - spacing * np.rint(f / spacing))
-        free &= (away * table.duration > SEPARATION) | (spacing * table.duration < 4.0 * SEPARATION)
-    free &= np.all([np.abs(f / mode.frequency - 1.0) > 0.1 for mode in coupled_modes(scenario)] or [free], axis=0)
-    bands = [np.flatnonzero(free & (f >= a) & (f < b)) for a, b in pairwise(LEVELS)]
-    return between, f, [k for k in bands if k.size >= FEWEST]
+    own = 0.0 if noise is None else float(np.max(noise.at(BANDS, sample_rate)))
+    return max(allowed(x, sample_rate, table, scenario) - KNOWN * own, 0.0)
 
 
 BRANCH = 0.3

@@ -35,10 +35,7 @@ def hints(
     found = [sentence for each in zip(tests, after, strict=True) for sentence in other_period(*each)]
     for one, scenario in tests:
         if loose(one, scenario):
-            found.append(
-                f"{one.name}: its floor between the lines may be torque noise of some {one.noise:.1g} N^2*m^2/Hz, which frees what"
-                " sticks and so moves lines: give the scenario friction.torque_noise to start from, and fit its density."
-            )
+            found.append(f"{one.name}: {_of_noise(one.noise)}")
     parts = {scenario.driving_frequency / part for _, scenario in tests for part in PARTS if scenario.driving_frequency}
     lines = {line.line: line.frequency_hz for simulated in after for line in simulated.table}
     above = {d.line for d in deviations if d.off and d.form == "amplitude" and d.measured > ABOVE * d.fitted}
@@ -50,6 +47,19 @@ def hints(
             " fit driver.imperfections.dac_bits, too, or name it among the effects to select from."
         )
     return tuple(found)
+
+
+def _of_noise(density: float) -> str:
+    """What is said of torque noise up to a density [N^2 m^2/Hz] that a recording does not rule out."""
+    if math.isinf(density):
+        return (
+            "it is too short to tell whether there is torque noise, which frees what sticks and so moves lines: take a longer"
+            " record."
+        )
+    return (
+        f"its floor between the lines may be torque noise of some {density:.1g} N^2*m^2/Hz, which frees what"
+        " sticks and so moves lines: give the scenario friction.torque_noise to start from, and fit its density."
+    )
 
 
 def _order(name: str) -> int:
