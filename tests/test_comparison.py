@@ -20,8 +20,8 @@ from microvib.reports.document import Table, Text
 from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
 from microvib.studies.analyse import analyse
-from microvib.studies.compare import Figures, Row, Side, _with_names_of, compare, comparison_csv
-from microvib.studies.evidence import evidence_of
+from microvib.studies.compare import Figures, Row, Side, _with_names_of, compare, comparison_csv, misread
+from microvib.studies.evidence import chosen, evidence_of
 from microvib.testdata.recording import Recording
 
 
@@ -97,6 +97,107 @@ def test_what_speaks_against_a_clock_is_told(state_1, nominal, tones, told):
     notes = analyse(Prepared(heard(*tones)), scenario=scenario).recording.notes
     assert len(notes) == len(told)
     assert all(words in note for words, note in zip(told, notes, strict=True))
+
+
+@pytest.mark.parametrize("ratio", [0.9375, 0.5, 2.0, 1.06])
+def test_a_clock_far_off_is_found_by_its_whole_comb_and_told(ratio):
+    """A side line of the drive's comb may stand where a driving line is expected."""
+    scenario = mv.load_scenario("state-1").with_({"record.settle": "4 s", "record.duration": "8 s"})
+    drive = scenario.with_si({"tracking.clock_ratio": ratio})
+    torque = mv.simulate(drive, channels=("T_d",))["T_d"]
+    noise = np.random.default_rng(1).normal(0.0, 5e-6, torque.size)
+    recording = Recording({"Mz": torque + noise}, 4096.0, {"Mz": "N*m"}, "far off")
+    found = analyse(Prepared(recording), scenario=scenario)
+    assert found.clock_ratio == pytest.approx(ratio, rel=1e-5)
+    assert found.table["drive_1"].frequency_hz == pytest.approx(drive.driving_frequency, rel=1e-5)
+    assert found.table["drive_1"].expected_hz == pytest.approx(scenario.driving_frequency)
+    side = "above" if ratio > scenario.tracking.clock_ratio else "below"
+    doubts = evidence_of(recording, scenario).doubts
+    assert doubts[0] in found.recording.notes
+    assert f"% {side} the scenario's: set tracking.rate" in doubts[0]
+
+
+def test_a_comb_of_another_machine_larger_than_the_drives_is_told_and_not_taken_for_it(state_1):
+    own = [(53.0, 0.005), (106.0, 0.002), (3.3125, 0.001), (49.6875, 0.001), (56.3125, 0.001)]
+    wheel = [(37.3 * k, 0.05 / k) for k in range(1, 5)]
+    scenario = state_1.with_({"tracking.clock_ratio": 53.0 / (state_1.driving_frequency / 0.994)})
+    found = analyse(Prepared(heard(*own, *wheel)), scenario=scenario)
+    assert found.table["drive_1"].frequency_hz == pytest.approx(53.0, rel=1e-4)
+    (note,) = (note for note in found.recording.notes if "multiples" in note)
+    assert "other_4, multiples of 37.3 Hz, are larger than all lines of the step clock" in note
+    assert not any("multiples" in n for n in analyse(Prepared(heard(*own)), scenario=scenario).recording.notes)
+
+
+def ringing(duration: float, scale: float = 1.0) -> Recording:
+    """A mode that rings down and a driving line, as a record of some length that begins at one time."""
+    t = np.arange(int(1024 * duration)) / 1024.0
+    x = 0.02 * np.exp(-0.1 * t) * np.cos(2.0 * np.pi * 1.19 * t) + 0.05 * np.cos(2.0 * np.pi * 53.0 * t)
+    x += 1e-5 * np.random.default_rng(int(duration)).normal(size=t.size)
+    return Recording({"Mz": scale * x}, 1024.0, {"Mz": "N*m"}, f"{duration:g} s")
+
+
+def test_a_mode_that_rings_is_the_same_in_a_longer_record(state_1):
+    found = compare(ringing(16.0), ringing(12.0), scenario=state_1)
+    mode = {row.line: row for row in found.rows}["array_mode_1"]
+    assert mode.verdict == "agrees"
+    assert mode.a.amplitude == pytest.approx(mode.b.amplitude, rel=1e-3)
+    assert "array_mode_1: mean over its first 12 s, as long as the other record" in found.a.notes
+    louder = compare(ringing(16.0, 1.05), ringing(12.0), scenario=state_1)
+    assert {row.line: row.verdict for row in louder.rows}["array_mode_1"] == "differs"
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda x: 1e3 * x, "B would be like A divided by 1000, as in mN*m taken for N*m:"),
+        (lambda x: -x, "B would be like A with its sign reversed:"),
+        (
+            lambda x: -1e-3 * x,
+            "B would be like A with its sign reversed and multiplied by 1000, as in N*m taken for mN*m:",
+        ),
+        (lambda x: x[::-1], "B would be like A with its time reversed:"),
+        (lambda x: 1.3 * x, ""),
+    ],
+)
+def test_a_recording_of_another_unit_sign_or_order_is_told(change, told):
+    scenario = mv.load_scenario("state-1").with_({"record.settle": "4 s", "record.duration": "8 s"})
+    drive = scenario.with_({"motor.friction.viscous": "0.0155 N*m*s/rad", "record.settle": "6 s"})
+    samples = change(mv.simulate(drive, channels=("T_d",))["T_d"])
+    found = compare(scenario, Recording({"Mz": samples}, 4096.0, {"Mz": "N*m"}, "changed"))
+    said = misread(*found)
+    assert len(said) == bool(told)
+    assert all(one.startswith(told) for one in said)
+    assert all(one in comparison_text(*found) for one in said)
+
+
+def test_the_axis_that_shows_the_drive_is_told(state_1):
+    table, quiet = heard((53.0, 0.05), (106.0, 0.02), (3.3125, 0.004), (159.0, 0.003), (212.0, 0.004)), heard()
+    channels = {"Mx": table["Mz"], "Mz": quiet["Mz"]}
+    both = replace(table, channels=channels, units=dict.fromkeys(channels, "N*m"))
+    scenario = state_1.with_(SHORT)
+    (doubt,) = (doubt for doubt in evidence_of(both, scenario).doubts if "Mx" in doubt)
+    assert "channel Mx shows" in doubt
+    assert doubt in compare(both, scenario).a.notes
+    with pytest.raises(
+        MicrovibError, match=r"no line of the scenario's drive stands out of the floor in channel Mz .*Mx"
+    ):
+        chosen([evidence_of(both, scenario)], scenario)
+
+
+def test_bands_and_bins_without_a_reference(state_1):
+    """The bin at 0 Hz holds the mean, which is taken off; of what a floor hides there is no relative difference either."""
+    a, b = ringing(8.0), state_1.with_(SHORT)
+    rows = compare(a, b, bands=["50:60 Hz"]).rows
+    assert {"drive_1", "drive_1_plus_1"} <= {row.line for row in rows}
+    assert all(50.0 <= row.b.place <= 60.0 for row in rows)
+    with pytest.raises(MicrovibError, match=r"band: no line of either side lies in it; lines are from"):
+        compare(a, b, bands=["600:700 Hz"])
+    mean = Row(
+        "electrical_1", Figures(bin_frequency=0.0, bin_amplitude=1e-19), Figures(bin_frequency=0.0, bin_amplitude=1.0)
+    )
+    assert math.isnan(mean.bin_error)
+    assert math.isnan(Row("drive_1", Figures(10.0, 1e-9, 1e-9, seen=False), Figures(10.0, 1.0, 1e-9)).error)
+    assert math.isnan(Row("drive_1", Figures(10.0, 0.0, 0.0), Figures(10.0, 1.0, 1e-9)).error)
 
 
 def test_a_limit_is_not_passed_by_a_drive_that_stood_still(state_1):

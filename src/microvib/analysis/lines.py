@@ -8,7 +8,8 @@ up to the edge of the record's passband, ``model.record.PASSBAND``; ``signals.li
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -22,9 +23,11 @@ from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario, expect_scenario
+from microvib.signals.clock import clock_far_off, near_mains
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
 from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable
+from microvib.signals.tones import HannSpectrum
 from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, from_rest, method_of
 from microvib.solve.motion import Invariants, Motion, series_of, unit_of
@@ -34,6 +37,10 @@ from microvib.units import Si
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
 """Parts of their frequencies by which lines of the clock and array modes of a measured torque may be off."""
+NOT_SMALL = 0.1
+"""Part of the clock's largest line from which an unlisted line is not small."""
+FARTHEST_CLOCK = 1.1 * CLOCK_TOLERANCE
+"""Part by which the clock of a measured torque may be off: its lines' bands reach a few bins further."""
 MEMBERS = 0, 10_000
 """Of a family of lines, as many as may be asked for."""
 _SHORTEST = 2.0
@@ -130,10 +137,42 @@ def lines_of_samples(
     known of the ``disturbance`` torque.
     """
     expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
-    table = replace(estimate_lines(x, sample_rate, expected), harmonics=harmonics)
+    table = estimate_lines(x, sample_rate, expected)
     if measured:
-        table = while_settling(table)
+        table = while_settling(_at_its_clock(table, x, sample_rate, expected))
+    table = replace(table, harmonics=harmonics)
     return table if scenario is None else with_noise(table, scenario, disturbance)
+
+
+def _at_its_clock(table: LineTable, x: np.ndarray, sample_rate: float, expected: tuple[ExpectedLine, ...]) -> LineTable:
+    """The lines at a clock far from the expected one, where the record shows that; else those of the ``table``."""
+    if not any(line.of_clock for line in expected) or not _in_question(table):
+        return table
+    spectrum, highest = HannSpectrum.of(x - x.mean(), sample_rate), PASSBAND * sample_rate
+    ratio = clock_far_off(expected, table.clock_ratio, highest, spectrum)
+    if ratio is None or abs(ratio - 1.0) <= CLOCK_TOLERANCE:
+        return table
+    moved = [_moved(line, ratio) if line.of_clock else line for line in expected]
+    there = estimate_lines(x, sample_rate, [line for line in moved if line.frequency <= highest])
+    if there.clock_ratio is None or there.clock_ratio_uncertainty is None:
+        return table
+    lines = tuple(
+        replace(line, expected_hz=line.expected_hz / ratio) if line.of_clock else line for line in there.lines
+    )
+    its, unsure = ratio * there.clock_ratio, ratio * there.clock_ratio_uncertainty
+    return replace(there, lines=lines, clock_ratio=its, clock_ratio_uncertainty=unsure)
+
+
+def _in_question(table: LineTable) -> bool:
+    """Whether another clock might explain more: where unlisted lines are not small beside the clock's, or its first line is."""
+    clock = {line.line: line.amplitude_n_m for line in table if line.of_clock and line.seen}
+    others = max((line.amplitude_n_m for line in table if line.kind == "other"), default=0.0)
+    small = NOT_SMALL * max(clock.values(), default=0.0)
+    return others > small or clock.get("drive_1", 0.0) <= small
+
+
+def _moved(line: ExpectedLine, ratio: float) -> ExpectedLine:
+    return replace(line, frequency=ratio * line.frequency, low=ratio * line.low, high=ratio * line.high)
 
 
 DRIFT = 4e-3
@@ -231,12 +270,28 @@ def lines_of_recording(
     return with_background(table, background[channel])
 
 
-MAINS = (50.0, 60.0)
+_OF_A_COMB = 3
+"""Unlisted lines at multiples of one frequency that are no chance."""
 
 
-def near_mains(frequency: float, duration: float) -> bool:
-    """Whether pick-up of the mains, or of one of its first harmonics, may stand in a line [Hz] of a record [s]."""
-    return any(abs(frequency - m * mains) * duration < 5.0 for mains in MAINS for m in range(1, 7))
+def _comb(others: Sequence[Line], duration: float) -> Iterator[Line]:
+    """Those of the lines that are multiples of the lowest of them which has most, but the mains'."""
+    each = [x for x in others if not near_mains(x.frequency_hz, duration)]
+    combs = [
+        [x for x in each if abs(x.frequency_hz - round(x.frequency_hz / first.frequency_hz) * first.frequency_hz) * duration < 0.5]
+        for first in each
+    ]  # fmt: skip
+    yield from sorted(max(combs, key=len, default=[]), key=lambda x: x.frequency_hz)
+
+
+def rate_doubts(clock_ratio: float | None) -> Iterator[str]:
+    """A sentence where the step clock is farther off the scenario's than clocks are."""
+    off = 0.0 if clock_ratio is None else clock_ratio - 1.0
+    if abs(off) > FARTHEST_CLOCK:
+        yield (
+            f"the step clock is {100.0 * abs(off):.2g} % {'above' if off > 0.0 else 'below'} the scenario's: set tracking.rate to"
+            " what was commanded in this recording, or name the recording of this scenario"
+        )
 
 
 def clock_doubts(table: LineTable) -> Iterator[str]:
@@ -245,10 +300,18 @@ def clock_doubts(table: LineTable) -> Iterator[str]:
     seen = [x for x in clock if x.seen]
     drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
     common = math.gcd(*(k for k, x in drive.items() if x in seen))
+    yield from rate_doubts(table.clock_ratio)
     if table.clock_ratio is None and any(x.status == FAINT for x in clock):
         yield f"no line of the step clock stands out within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
     elif seen and all(near_mains(x.frequency_hz, table.duration) for x in seen):
         yield "all lines of the step clock stand where the mains (50 or 60 Hz) may: the drive may not have moved"
+    largest = max((x.amplitude_n_m for x in seen), default=math.inf)
+    comb = list(_comb([x for x in table if x.kind == "other" and x.amplitude_n_m > largest], table.duration))
+    if len(comb) >= _OF_A_COMB:
+        yield (
+            f"{', '.join(x.line for x in comb)}, multiples of {comb[0].frequency_hz:.5g} Hz, are larger than all lines of the step"
+            " clock: the drive may have run at another rate, or another machine beside it"
+        )
     if common > 1 and all(x.status == FAINT for k, x in drive.items() if k % common):
         names = ", ".join(x.line for x in drive.values() if x in seen)
         yield f"of the driving lines only {names} stand out: the drive may have run at {common} times the scenario's rate"
@@ -262,6 +325,38 @@ def clock_notes(table: LineTable) -> Iterator[str]:
     if hum and not doubts:
         yield f"where pick-up of the mains (50 or 60 Hz) may stand: {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
     yield from doubts
+
+
+_ENOUGH = 3
+"""Lines of the clock that stand out, from which a channel may be the one about the drive's axis."""
+
+
+def axis_doubts(recording: Recording, channel: str, scenario: Scenario, table: LineTable) -> Iterator[str]:
+    """Other channels of torque that show the drive's lines, where ``channel``, whose lines the ``table`` has, hardly shows any."""
+    mine = _of_clock(table)
+    if mine >= _ENOUGH or not scenario.driving_frequency:
+        return
+    for other in (name for name, unit in recording.units.items() if unit == "N*m" and name != channel):
+        with suppress(RecordingError):
+            check(recording, other, _SHORTEST)
+            x = recording[other]
+            its = _of_clock(lines_of_samples(x, recording.sample_rate, scenario, measured=True))
+            if its > max(_ENOUGH, 2 * mine):
+                yield (
+                    f"channel {other} shows {its} lines of the step clock and {channel} {mine}: look at the drive's axis, and name"
+                    f" the channel of the torque about it"
+                )
+
+
+def _of_clock(table: LineTable) -> int:
+    return sum(line.of_clock and line.kind != "other" and line.seen for line in table)
+
+
+def recording_notes(recording: Recording, channel: str, scenario: Scenario | None, table: LineTable) -> Iterator[str]:
+    """``clock_notes``, and what speaks against the channel."""
+    yield from clock_notes(table)
+    if scenario is not None:
+        yield from axis_doubts(recording, channel, scenario, table)
 
 
 def expected_in(

@@ -63,7 +63,12 @@ def analyse(
 @target_options("Folder for table and report [default: print only].")
 @recording_options
 @click.option("--scenario", help="Scenario of the drive that was recorded, where neither A nor B is one.")
-def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, target: Target) -> None:
+@click.option(
+    "--band", "bands", multiple=True, metavar="LOW:HIGH", help="Compare only lines in this band, such as '0.5:200 Hz'."
+)
+def compare(
+    a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, bands: tuple[str, ...], target: Target
+) -> None:
     """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines, paper-test or
     paper-simulation."""
     from microvib.io.sources import open_source
@@ -75,7 +80,7 @@ def compare(a: str, b: str, channel: str, prepare: Path | None, scenario: str | 
     second = first if a == b else open_source(b, prepared)
     with progress_bar() as progress:
         found = run_comparison(
-            first, second, names=(a, b), scenario=guide(scenario), channel=channel, progress=progress
+            first, second, names=(a, b), scenario=guide(scenario), channel=channel, bands=bands, progress=progress
         )
     target.deliver(comparison_text(*found), comparison_folder, *found)
 

@@ -23,6 +23,7 @@ from microvib.studies.compare import (
     Row,
     Side,
     comparison_csv,
+    misread,
 )
 
 _MAX_FIRST_PAGE = 10
@@ -52,7 +53,7 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
         "",
         *(f"{line:16s}" + "".join(f"{x:>12s}" for x in cells) for line, *cells in listed),
     ]
-    return "\n".join([*lines, "", verdict_sentence(shown)])
+    return "\n".join([*lines, "", *misread(a, b, rows), verdict_sentence(shown)])
 
 
 def worth_a_row(rows: Sequence[Row]) -> list[Row]:
@@ -130,7 +131,7 @@ def comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> Document:
     called = {mark: f"{file_name(s.name)} ({s.kind})" for mark, s in sides.items()}
     notes = [(f"{mark}, prepared", note) for mark, s in sides.items() for note in s.notes]
     first_page: list[Block] = [pairs((*called.items(), *notes, ("Clock", clock_sentence(a, b))))]
-    first_page += [Text(f"{verdict_sentence(told or shown)} {_WORTH}")]
+    first_page += [Text(" ".join([*misread(a, b, rows), verdict_sentence(told or shown), _WORTH]))]
     first_page += [_line_table([r for r in told if r in main])] if main else []
     torques = [(f"{k}: {file_name(s.name)}", s.torque, s.sample_rate) for k, s in sides.items() if s.torque is not None]
     first_page += [overlaid(torques, "Both sides")] if torques else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,47 @@ MAX_CLOCK_LINES = 12  # number of the strongest lines from which the clock ratio
 _PEAKS = 6  # peaks tried in each band
 _AGREE = 0.15
 """Distance [bins] of a noise-free line from where the others put it above which it is taken for another line."""
+
+FAR_OFF = (0.2, 5.0)
+"""Least and largest ratio at which a clock is looked for that is not where it is expected."""
+_TRIED = 24
+"""Highest peaks of a record that are tried as lines of such a clock."""
+_DECIDED = 1.3
+"""Times of the score of the clock where it is expected, from which another one is taken for the record's."""
+_FEWEST = 3
+"""Lines of such a clock, other than driving lines, without which its comb may be any machine's."""
+MAINS = (50.0, 60.0)
+
+
+def near_mains(frequency: float, duration: float) -> bool:
+    """Whether pick-up of the mains, or of one of its first harmonics, may stand in a line [Hz] of a record [s]."""
+    return any(abs(frequency - m * mains) * duration < 5.0 for mains in MAINS for m in range(1, 7))
+
+
+def clock_far_off(
+    expected: Sequence[ExpectedLine], found: float | None, highest: float, spectrum: HannSpectrum
+) -> float | None:
+    """Clock ratio, within ``FAR_OFF``, at which far more of the ``expected`` lines stand out than at the one ``found``.
+
+    Every high peak up to ``highest`` [Hz] is tried as one of the first lines of each family, and scored by the whole comb, the
+    mains' lines left out. None where no ratio is better, or where only driving lines stand out, as a comb of any machine's does.
+    """
+    clock = [line for line in expected if line.of_clock]
+    first = [line for line in clock if line.name in ("drive_1", "drive_2", "drive_3", "full_step_1", "electrical_1")]
+    modes = [line for line in expected if line.is_mode]
+    peaks = [f for f, height in spectrum.peaks(3.0 / spectrum.duration, highest, _TRIED)
+             if height > DETECTION * spectrum.floor(f)
+             and not any(mode.low <= f <= mode.high for mode in modes)]  # fmt: skip
+    known = 0.0 if found is None or not first else sum(_scores(clock, found, first[0], spectrum).values())
+    best, ratio = _DECIDED * known, None
+    for line in first:
+        for f in peaks:
+            if FAR_OFF[0] < f / line.frequency < FAR_OFF[1]:
+                each = _scores(clock, f / line.frequency, line, spectrum)
+                others = sum(score > 0.0 for name, score in each.items() if not name.removeprefix("drive_").isdigit())
+                if others >= _FEWEST and sum(each.values()) > best:
+                    best, ratio = sum(each.values()), f / line.frequency
+    return ratio
 
 
 def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
@@ -61,14 +103,22 @@ def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float
 
 
 def _evidence(clock: Sequence[ExpectedLine], ratio: float, told: ExpectedLine, spectrum: HannSpectrum) -> float:
-    """How well ``ratio`` explains the clock: sum over its lines of the logarithm of height there over detection limit."""
-    total = 0.0
+    """How well ``ratio`` explains the clock, as a line ``told`` it: the sum of what its lines score."""
+    return round(sum(_scores(clock, ratio, told, spectrum, mains=True).values()), 6)
+
+
+def _scores(
+    clock: Sequence[ExpectedLine], ratio: float, told: ExpectedLine, spectrum: HannSpectrum, mains: bool = False
+) -> dict[str, float]:
+    """Of each line the logarithm of height over detection limit at a ``ratio``; 0 where ``mains`` may stand, unless they count."""
+    found = {}
     for line in clock:
+        at = line.frequency * ratio
         unsure = min(0.15 * line.frequency / told.frequency, 1.5)  # a peak gives its place to about a tenth of a bin
-        height = spectrum.height(line.frequency * ratio, unsure)
-        floor = max(spectrum.floor(line.frequency * ratio), 1e-300)
-        total += np.log(max(height / (DETECTION * floor), 1.0))
-    return round(total, 6)
+        height, floor = spectrum.height(at, unsure), max(spectrum.floor(at), 1e-300)
+        counts = mains or not near_mains(at, spectrum.duration)
+        found[line.name] = math.log(max(height / (DETECTION * floor), 1.0)) if counts else 0.0
+    return found
 
 
 def agreeing(clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum) -> tuple[list[ExpectedLine], float]:

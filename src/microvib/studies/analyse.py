@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from microvib.analysis import spectra
-from microvib.analysis.lines import clock_notes, lines_of_recording, lines_of_samples
+from microvib.analysis.lines import lines_of_recording, lines_of_samples, recording_notes
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source
@@ -104,7 +104,7 @@ def _source(
                 other = f"{channel} is not the torque about the drive axis: its lines are not looked for"
                 return recording.noted(other) if guide else recording, background, None, 1.0
             table = lines_of_recording(recording, channel, guide, background)
-            for note in (NO_DRIVE,) if guide is None else clock_notes(table):
+            for note in (NO_DRIVE,) if guide is None else recording_notes(recording, channel, guide, table):
                 recording = recording.noted(note)
             return recording, background, table, 1.0 if guide is None else guide.tracking.clock_ratio
         case _:

@@ -9,19 +9,22 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from microvib.analysis.lines import clock_notes, lines, lines_of_recording
-from microvib.errors import MicrovibError, expect
+from microvib.analysis.lines import lines, lines_of_recording, recording_notes
+from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
 from microvib.io.sources import RunFolder, Source
 from microvib.io.tables import PaperLines, rows_csv
 from microvib.model.expected import is_unlisted
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import LineTable
+from microvib.signals.line_table import Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
+from microvib.studies.evidence import Observation, observations
+from microvib.studies.misreading import common_scale, reading_that_fits, scaled
 from microvib.testdata.recording import Recording
+from microvib.units import Band, band, inside
 
 COLUMNS = (
     "line", "a_frequency_hz", "b_frequency_hz", "a_amplitude_n_m", "b_amplitude_n_m", "difference_n_m", "relative_error",
@@ -51,6 +54,14 @@ class Figures:
     seen: bool = True
     """Whether it stands out."""
     frequency_uncertainty: float = 0.0
+    decay: float = 0.0
+    """[1/s]; 0 of a line that lasts."""
+    decay_uncertainty: float = 0.0
+
+    @property
+    def place(self) -> float:
+        """Frequency [Hz], or that of its bin."""
+        return self.frequency if math.isfinite(self.frequency) else self.bin_frequency
 
     @property
     def known(self) -> bool:
@@ -72,6 +83,14 @@ class Side:
     scenario: Scenario | None = None
     notes: tuple[str, ...] = ()
     """What reading and preparing a recording did."""
+    duration: float = math.nan
+    """Length of the record [s]; nan of a table."""
+    observations: tuple[Observation, ...] = ()
+    """Figures of the lines that stand out."""
+
+
+def _relative(value: float, reference: float) -> float:
+    return value / reference - 1.0 if reference > 0.0 else math.nan
 
 
 @dataclass(frozen=True)
@@ -84,13 +103,15 @@ class Row:
 
     @property
     def error(self) -> float:
-        """Relative difference of the amplitudes, b over a, wherever the bins fall."""
-        return self.b.amplitude / self.a.amplitude - 1.0
+        """Relative difference of the amplitudes, b over a, wherever the bins fall; nan where a does not stand out of its floor."""
+        return _relative(self.b.amplitude, self.a.amplitude) if self.a.seen else math.nan
 
     @property
     def bin_error(self) -> float:
-        """The same of the paper's nearest-bin amplitudes."""
-        return self.b.bin_amplitude / self.a.bin_amplitude - 1.0
+        """The same of the paper's nearest-bin amplitudes; the bin at 0 Hz holds the mean, which is taken off."""
+        if min(self.a.bin_frequency, self.b.bin_frequency) <= 0.0:
+            return math.nan
+        return _relative(self.b.bin_amplitude, self.a.bin_amplitude)
 
     @property
     def significance(self) -> float:
@@ -132,12 +153,14 @@ def compare(
     names: tuple[str, str] = ("A", "B"),
     scenario: Scenario | None = None,
     channel: str = "Mz",
+    bands: Sequence[Band] = (),
     progress: Progress | None = None,
 ) -> Comparison:
     """Compare the lines of two sides, each a scenario, a motion, a run's folder, a recording or a table of lines.
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
-    look for in recordings where neither side is a scenario, nor the paper; ``names`` are of sides that have none themselves.
+    look for in recordings where neither side is a scenario, nor the paper; ``names`` are of sides that have none themselves. Of
+    lines, those in the ``bands`` are compared, without any all.
     """
     sources = "a scenario, a motion, a recording or a table of lines (mv.open_source has all names)"
     for side in (a, b):
@@ -151,10 +174,40 @@ def compare(
     if guide is None and {"recording"} < {first.kind, second.kind}:
         text = "lines of a recording have no names without a drive; name it"
         raise MicrovibError(f"{first.name}, {second.name}: {text}", remedy="scenario")
-    second = _with_names_of(first, second)
+    first, second = _at_one_time(first, _with_names_of(first, second))
     either = dict.fromkeys([*first.lines, *second.lines])
     rows = [Row(x, first.lines.get(x, Figures()), second.lines.get(x, Figures())) for x in either]
-    return Comparison(first, second, rows)
+    return Comparison(first, second, _in_bands(rows, bands))
+
+
+def _in_bands(rows: list[Row], bands: Sequence[Band]) -> list[Row]:
+    """The lines in any of the bands, by either side's frequency."""
+    ends = [band(given) for given in bands]
+    if not ends:
+        return rows
+    at = {r.line: [x.place for x in (r.a, r.b) if math.isfinite(x.place)] for r in rows}
+    kept = [r for r in rows if any(inside(f, *pair) for f in at[r.line] for pair in ends)]
+    if not kept:
+        every = sorted(f for each in at.values() for f in each)
+        where = f"lines are from {every[0]:.4g} to {every[-1]:.4g} Hz" if every else "neither side has any"
+        raise OptionError("band", f"no line of either side lies in it; {where}")
+    return kept
+
+
+def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
+    """Sentences on mistakes of unit, sign or order of samples by which one side would be as the other."""
+    both = [r for r in rows if r.a.amplitude > 0.0 and r.b.amplitude > 0.0 and r.verdict != HIDDEN]
+    scale = common_scale([math.log(r.b.amplitude / r.a.amplitude) for r in both])
+    recorded, other, mark, sign = (a, b, "A", -1.0) if a.kind == "recording" else (b, a, "B", 1.0)
+    drive = recorded.scenario or other.scenario
+    steps = 4 if drive is None else drive.motor.detent_periods
+    what = [reading_that_fits(recorded.observations, other.observations, steps)]
+    what += [scaled(sign * scale)] if scale else []
+    if not (said := " and ".join(filter(None, what)).rstrip(",")):
+        return ()
+    return (
+        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: look at order, sign and unit of {recorded.name}.",
+    )
 
 
 def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | None:
@@ -164,6 +217,18 @@ def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | No
     if scenario is None and (isinstance(a, PaperLines) or isinstance(b, PaperLines)):
         scenario = load_scenario("state-1")  # of which the paper's tables are
     return next((x for x in [*found, scenario] if x is not None), None)
+
+
+def _at_one_time(a: Side, b: Side) -> tuple[Side, Side]:
+    """Both sides with means of decaying lines over as long a time, that of the shorter record."""
+    shorter = min(a.duration, b.duration)  # nan, where one is a table, changes nothing
+    told = []
+    for side in (a, b):
+        lines = {name: _over(x, side.duration, shorter) for name, x in side.lines.items()}
+        changed = [name for name, x in lines.items() if x != side.lines[name]]
+        note = f"{', '.join(changed)}: mean over its first {shorter:g} s, as long as the other record"
+        told.append(replace(side, lines=lines, notes=(*side.notes, note) if changed else side.notes))
+    return told[0], told[1]
 
 
 def _with_names_of(a: Side, b: Side) -> Side:
@@ -192,7 +257,11 @@ def _side(
             return _side(simulate(source, channels=("T_d",), progress=progress), name, guide, channel, clock, progress)
         case Motion(scenario):
             clock, x, rate = scenario.tracking.clock_ratio, source["T_d"], source.sample_rate
-            return Side(name, "simulation", _figures(lines(source)), clock, x, rate, scenario)
+            table = lines(source)
+            return Side(
+                name, "simulation", _figures(table), clock, x, rate, scenario,
+                duration=table.duration, observations=observations(table),
+            )  # fmt: skip
         case Recording():
             return _side(Prepared(source.in_si()), name, guide, channel, clock, progress)
         case RunFolder():
@@ -201,24 +270,67 @@ def _side(
             motion, made = source.motion, source.scenario
             torque, rate = (None, math.nan) if motion is None else (motion["Mz"], motion.sample_rate)
             ratio = None if made is None else made.tracking.clock_ratio
-            return Side(str(source.path), "run", _figures(source.lines), ratio, torque, rate, made)
+            lasts = math.nan if made is None else made.record.duration
+            seen = observations(source.lines)
+            return Side(
+                str(source.path),
+                "run",
+                _figures(source.lines),
+                ratio,
+                torque,
+                rate,
+                made,
+                duration=lasts,
+                observations=seen,
+            )
         case Prepared(recording, background):
             table = lines_of_recording(recording, channel, guide, background)
             found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
             ratio = None if found is None or guide is None else found * guide.tracking.clock_ratio
-            notes = (*recording.told(channel), *clock_notes(table))
-            return Side(recording.title, "recording", _figures(table), ratio, x, rate, notes=notes)
+            notes = (*recording.told(channel), *recording_notes(recording, channel, guide, table))
+            return Side(
+                recording.title, "recording", _figures(table), ratio, x, rate, notes=notes,
+                duration=table.duration, observations=observations(table),
+            )  # fmt: skip
         case PaperLines():
             return Side(f"paper-{source.column}", "paper", _figures(source.table))
         case LineTable():
             return Side(name, "table", _figures(source))
 
 
+def _fall(line: Line) -> tuple[float, float]:
+    """Decay of a mode [1/s] and its uncertainty; none of a line that lasts."""
+    if not line.is_mode or not math.isfinite(line.decay_per_s):
+        return 0.0, 0.0
+    return line.decay_per_s, line.decay_uncertainty_per_s if line.decay_uncertainty_per_s > 0.0 else 0.0
+
+
+def _over(figures: Figures, duration: float, shorter: float) -> Figures:
+    """A decaying line's mean amplitude over the first ``shorter`` seconds of a record of ``duration`` [s], by its decay."""
+    if not figures.decay or not shorter < duration:
+        return figures
+    longer, other, sigma = duration, shorter, figures.decay
+
+    def change(sigma: float) -> float:
+        return math.log(_mean(sigma * other) / _mean(sigma * longer))
+
+    unsure = figures.decay_uncertainty
+    more = 0.5 * abs(change(sigma + unsure) - change(sigma - unsure))
+    factor = math.exp(change(sigma))
+    spread = math.hypot(factor * figures.uncertainty, factor * figures.amplitude * more)
+    return replace(figures, amplitude=factor * figures.amplitude, uncertainty=spread)
+
+
+def _mean(fold: float) -> float:
+    """Mean of exp(-t) from 0 to ``fold``."""
+    return -math.expm1(-fold) / fold if fold else 1.0
+
+
 def _figures(table: LineTable) -> dict[str, Figures]:
     return {
         x.line: Figures(
             x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m,
-            x.seen or not x.status, x.frequency_uncertainty_hz,
+            x.seen or not x.status, x.frequency_uncertainty_hz, *_fall(x),
         )
         for x in table
     }  # fmt: skip

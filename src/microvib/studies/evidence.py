@@ -10,7 +10,14 @@ from functools import cached_property
 
 import numpy as np
 
-from microvib.analysis.lines import clock_notes, lines_of_recording, near_mains
+from microvib.analysis.lines import (
+    axis_doubts,
+    clock_doubts,
+    lines_of_recording,
+    near_mains,
+    rate_doubts,
+    recording_notes,
+)
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
@@ -83,6 +90,8 @@ class Evidence:
     """The recording itself; None of a table."""
     channel: str = ""
     """Its channel."""
+    doubts: tuple[str, ...] = ()
+    """What speaks against its being of the scenario's drive at its rate."""
 
     @property
     def harmonics(self) -> int:
@@ -144,8 +153,23 @@ def chosen(
         wanted = {name for name, f in at.items() if not ends or any(inside(f, *pair) for pair in ends)} - set(without)
         kept.append([o for o in one.observations if {o.line, o.against} <= wanted])
     if not any(kept):
-        raise OptionError("without" if without else "band", "leaves no line of the evidence")
+        expect_lines(evidence)
+        seen_at = sorted(at[o.line] for one in evidence for o in one.observations if o.line in at)
+        where = f"; its lines are from {seen_at[0]:.4g} to {seen_at[-1]:.4g} Hz" if seen_at else ""
+        raise OptionError("without" if without else "band", f"leaves no line of the evidence{where}")
     return [replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)]
+
+
+def expect_lines(evidence: Sequence[Evidence]) -> None:
+    """MicrovibError, which says what to look at, where no recording shows any of the scenario's lines."""
+    if any(one.observations for one in evidence):
+        return
+    each = (
+        f"{one.name}: no line of the scenario's drive stands out of the floor{f' in channel {one.channel}' if one.channel else ''}"
+        + (f" ({'; '.join(one.doubts)})" if one.doubts else "")
+        for one in evidence
+    )
+    raise MicrovibError(f"{'; '.join(each)}; look at the channel's axis and unit, and at the scenario's tracking.rate")
 
 
 def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "Mz", name: str = "") -> Evidence:
@@ -165,7 +189,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
                 r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
             )
             noise = _unlisted_noise(found, r[channel], r.sample_rate, table, scenario)
-            notes = (*r.told(channel), *clock_notes(table))
+            notes = (*r.told(channel), *recording_notes(r, channel, scenario, table))
             return Evidence(
                 r.title,
                 found,
@@ -178,6 +202,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
                 noise,
                 source,
                 channel,
+                (*clock_doubts(table), *axis_doubts(r, channel, scenario, table)),
             )
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
@@ -358,4 +383,5 @@ def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
             ratio = line.frequency_hz / scenario.driving_frequency
     if not found:
         raise MicrovibError(f"{name}: has no line with amplitude_n_m or bin_amplitude_n_m")
-    return Evidence(name, tuple(found), ratio, scenario.record.duration, scenario.record.sample_rate)
+    record, doubts = scenario.record, tuple(rate_doubts(ratio))
+    return Evidence(name, tuple(found), ratio, record.duration, record.sample_rate, doubts=doubts)

@@ -13,7 +13,7 @@ from microvib.io.recordings import Prepared
 from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.line_table import LineTable
-from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of
+from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, expect_lines
 from microvib.studies.identify import verdict, whole
 from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
 from microvib.studies.identify.hints import hints
@@ -146,8 +146,7 @@ def identify(
         scenario, tests, fitted, asked = selector.run()
         wholes += [its for one in asked if one.selected and (its := EFFECTS[one.effect].whole)]
     problem = Problem(scenario, tests, fitted, trust, progress)
-    if not problem.figures:
-        raise MicrovibError("the evidence has no observation above its floor")
+    expect_lines([one for one, _ in tests])
     found, interrupted = _last(_with_wholes(problem, wholes, seed, starts, finishes))
     return replace(_fit(found or _best_so_far(problem), wholes, seed, interrupted, notes), selection=asked)
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from microvib.studies.evidence import Evidence, Observation
+from microvib.studies.evidence import Evidence
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.problem import Own, Problem, cost
 from microvib.studies.identify.search import FULL, ROUGH, Descent, Optimum
-from microvib.studies.relative_phase import multiples
+from microvib.studies.misreading import readings, scaled
 
 ANY_SCALE = 10.0
 """Standard deviation of the logarithm of a recording's scale where its unit is in question."""
@@ -20,17 +19,6 @@ BLIND = 1e3
 """Standard deviation of an angle or a decay where signs are in question, over its own."""
 WRONG = 0.1
 """Logarithm of a scale from which it is told."""
-UNITS = {
-    1e3: "mN*m",
-    1e6: "uN*m",
-    1.0 / 0.112985: "lbf*in",
-    1.0 / 1.355818: "lbf*ft",
-    1.0 / 9.80665: "kgf*m",
-    1e2: "N*cm",
-}
-"""Names of units, by how many of them are a newton metre."""
-CLOSE = 0.05
-"""Relative difference of a scale from a unit's, up to which it is called that."""
 POINTS, ENDS = 32, 3
 """Points of the search whose cost sees neither sign nor scale, and how many of them are fitted from."""
 
@@ -57,7 +45,8 @@ def _signs_and_scales(problem: Problem, tests: Sequence[tuple[Evidence, Own]]) -
         return
     changes, changed = [], []
     for j, (one, own) in enumerate(tests):
-        each = _readings(one, free.tests[j][1].motor.detent_periods)
+        read = readings(one.observations, free.tests[j][1].motor.detent_periods)
+        each = {what: replace(one, observations=its) for what, its in read.items()}
         costs = {what: _alone(free, j, its, end.x) for what, its in each.items()}
         changes.append(min(costs, key=lambda what: costs[what]))
         changed.append((each[changes[-1]], own))
@@ -68,35 +57,9 @@ def _signs_and_scales(problem: Problem, tests: Sequence[tuple[Evidence, Own]]) -
     scales = -ANY_SCALE * end.r[told.figures : told.figures + len(tests)]  # of the recording, not of the model
     for (one, _), change, scale in zip(tests, changes, scales, strict=True):
         what = [change] if change else []
-        what += [_scaled(float(scale))] if abs(scale) > WRONG else []
+        what += [scaled(float(scale))] if abs(scale) > WRONG else []
         if what:
             yield one, " and ".join(what)
-
-
-def _readings(one: Evidence, steps: int) -> dict[str, Evidence]:
-    """A test's observations as they are, and with sign, time or both reversed; ``steps`` are full steps in an electrical period."""
-    back = [o for o in map(_backwards, one.observations) if o is not None]
-    return {
-        "": one,
-        "with its sign reversed": replace(one, observations=tuple(_of_reversed(o, steps) for o in one.observations)),
-        "with its time reversed": replace(one, observations=tuple(back)),
-        "with its sign and time reversed": replace(one, observations=tuple(_of_reversed(o, steps) for o in back)),
-    }
-
-
-def _of_reversed(o: Observation, steps: int) -> Observation:
-    """The observation as it is where the channel's sign is reversed; ``steps`` are full steps in an electrical period."""
-    if not o.is_angle:
-        return o
-    mine, its = (1, 0) if o.form == "turn" else multiples(o.line, o.against, steps)
-    return replace(o, value=math.remainder(o.value + math.pi * (mine - its), math.tau))
-
-
-def _backwards(o: Observation) -> Observation | None:
-    """The observation as it is where the samples are in reverse order; None of what the first sample's time tells."""
-    if o.form == "turn":
-        return None
-    return replace(o, value=-o.value) if o.is_angle or o.form == "decay" else o
 
 
 def _searched(problem: Problem) -> Optimum:
@@ -121,18 +84,6 @@ def _alone(problem: Problem, j: int, its: Evidence, x: np.ndarray) -> float:
 def _with_test(problem: Problem, j: int, its: Evidence) -> list[tuple[Evidence, Own]]:
     """The evidence with ``its`` observations in place of one test's."""
     return [(its if k == j else one, own) for k, (one, own) in enumerate(problem.evidence)]
-
-
-def _scaled(logarithm: float) -> str:
-    """A scale in words: by what the recording is to be divided."""
-    times = math.exp(logarithm)
-    for f, unit in UNITS.items():
-        if abs(times / f - 1.0) < CLOSE:
-            return f"divided by {f:.6g}, as in {unit} taken for N*m,"
-    for f, unit in UNITS.items():
-        if abs(times * f - 1.0) < CLOSE:
-            return f"multiplied by {f:.6g}, as in N*m taken for {unit},"
-    return f"divided by {times:.3g}"
 
 
 def _channels(problem: Problem) -> Iterator[str]:

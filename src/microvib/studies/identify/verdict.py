@@ -134,6 +134,8 @@ def estimate(findings: Findings, k: int) -> Estimate:
 def refusal(findings: Findings) -> str:
     """Why nothing is identifiable; empty where something may be."""
     fit = goodness(findings.problem, findings.best.r)
+    if any(one.doubts for one, _ in findings.problem.tests):
+        return "not identifiable: the recording may not be of this drive at this rate"
     if not fit.explained:
         return "not identifiable: the model does not explain the data"
     if fit.doubtful:
