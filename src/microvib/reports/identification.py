@@ -44,10 +44,11 @@ _SELECTION = (
     " candidate. False alarms were counted for detent torque, driver errors, bits and friction with memory; take other effects"
     " as a hint."
 )
+_IN_A_ROW = 16
+"""Lines side by side in a picture."""
 _MAX_OFF, _MAX_LEANING, _MAX_PICTURES = 12, 8, 6
 OUTSTANDING = 8.0
 """Times of the floor that the highest of thousands of bins of noise hardly reaches, with what a tone loses between bins."""
-_MAIN = ("array_mode_1", "full_step_1", "drive_1", "drive_2", "drive_3")
 
 
 _ESTIMATE_ROW = "{:32s} {:>12s} {:>10s} {:>25s}  {:12s} {}".format
@@ -57,7 +58,7 @@ _OFF_ROW = "{:28s} {:>12s} {:>12s} {:>8s}".format
 
 def fit_text(fit: Fit) -> str:
     """Goodness of fit, what is off, estimates with verdicts, and the lines before and after, as text."""
-    lines = [fit.goodness.sentence, *_warnings(fit), *_off_text(fit), ""]
+    lines = [fit.sentence, *_warnings(fit), *_off_text(fit), ""]
     lines += [_ESTIMATE_ROW("parameter", "estimate", "std error", "95 % interval", "unit", "verdict")]
     for e in fit.parameters:
         error = brief(e.standard_error, 2) or ("withheld" if math.isnan(e.interval[0]) else "-")
@@ -173,7 +174,7 @@ def _interval(e: Estimate) -> str:
 
 
 def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
-    """Amplitudes and mode figures of the tests with their values before and after; sidebands where there is nothing else."""
+    """All fitted figures of the tests but angles, with their values before and after."""
     several = len(fit.before) > 1
     each = [
         (evidence, o, before, after)
@@ -186,12 +187,8 @@ def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
             f"{o.line} {o.form}" + (f" [{file_name(evidence.name)}]" if several else ""),
             o.value, predicted(before, o), predicted(after, o),
         )
-        for evidence, o, before, after in [one for one in each if _is_main(one[1].line)] or each
+        for evidence, o, before, after in each
     ]  # fmt: skip
-
-
-def _is_main(line: str) -> bool:
-    return line in _MAIN or (line.startswith(("drive", "array", "electrical")) and "us_" not in line)
 
 
 def _off_by(value: float, test: float) -> str:
@@ -208,7 +205,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
 
     return {
         "goodness": {
-            "sentence": fit.goodness.sentence, "explained": fit.goodness.explained, "chi_square": fit.goodness.chi_square,
+            "sentence": fit.sentence, "explained": fit.goodness.explained, "chi_square": fit.goodness.chi_square,
             "degrees_of_freedom": fit.goodness.freedom, "per_degree_of_freedom": fit.goodness.ratio,
             "limit": fit.goodness.limit,
         },
@@ -263,7 +260,7 @@ def fit_report(fit: Fit) -> Document:
         f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
         facts=[good, *map(_estimated, fit.parameters[:3])],
         first_page=(
-            Text(" ".join([fit.goodness.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit), *_alternatives(fit),
+            Text(" ".join([fit.sentence, *_warnings(fit)])), *_off_table(fit), _estimates(fit), *_alternatives(fit),
             *_selected(fit),
             Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True),
             drawn(draw_before_and_after(fit), "Amplitudes of the test, before and after",
@@ -373,11 +370,13 @@ def _is_torque(figure_name: str) -> bool:
 
 
 def draw_before_and_after(fit: Fit) -> Drawing:
-    """Amplitudes of lines in the test, before and after the fit."""
-    amplitudes = [f for f in _figures(fit) if _is_torque(f[0])][:12]
-    drawing, ax = sheets.one_axes(3.4)
-    groups = {name: [float(f[k]) for f in amplitudes] for k, name in enumerate(("test", "before", "after"), 1)}
-    figures.draw_pairs(ax, [f[0].removesuffix(" amplitude") for f in amplitudes], groups)
+    """Amplitudes of all lines of the test, before and after the fit, in as many rows as they need."""
+    amplitudes = [f for f in _figures(fit) if _is_torque(f[0])]
+    rows = [amplitudes[k : k + _IN_A_ROW] for k in range(0, len(amplitudes), _IN_A_ROW)] or [[]]
+    drawing, each = sheets.panels(len(rows), 3.0 if len(rows) > 1 else 3.4, columns=1)
+    for ax, row in zip(each, rows, strict=True):
+        groups = {name: [float(f[k]) for f in row] for k, name in enumerate(("test", "before", "after"), 1)}
+        figures.draw_pairs(ax, [f[0].removesuffix(" amplitude") for f in row], groups)
     return drawing
 
 

@@ -81,8 +81,22 @@ class Fit:
 
     @property
     def usable(self) -> bool:
-        """Whether the model explains the data and the search converged: the least that is required before results are adopted."""
-        return self.goodness.explained and self.converged and not self.interrupted
+        """Whether anything is identified: the least that is required before results are adopted."""
+        sure = any(e.identifiable for e in self.parameters)
+        return sure and self.goodness.explained and self.converged and not self.interrupted
+
+    @property
+    def sentence(self) -> str:
+        """What comes first: how good the fit is, and whether it identifies anything."""
+        if not self.goodness.explained or any(e.identifiable for e in self.parameters):
+            return self.goodness.sentence
+        reasons = list(dict.fromkeys(e.verdict.removeprefix("not identifiable: ") for e in self.parameters))
+        why = f": {reasons[0]}" if len(reasons) == 1 else ""
+        value = f"chi-square {self.goodness.ratio:.3g} per degree of freedom, {self.goodness.counted}"
+        return (
+            f"Nothing is identified{why}. That the figures are as the model's ({value}) does not make it right: other values, or"
+            " other models, have them, too."
+        )
 
 
 Tells = Evidence | Recording | Prepared | LineTable | PaperLines

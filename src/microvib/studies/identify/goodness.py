@@ -59,12 +59,16 @@ class Goodness:
         return self.ratio <= self.limit
 
     @property
+    def counted(self) -> str:
+        """Figures and parameters in words."""
+        return f"{self.figures} figures, {self.parameters} parameter{'s' if self.parameters > 1 else ''}"
+
+    @property
     def sentence(self) -> str:
         """In words."""
-        counted = f"{self.figures} figures, {self.parameters} parameter{'s' if self.parameters > 1 else ''}"
         if self.explained and self.freedom <= 0:
-            return f"Nothing checks the model: {counted}. Any model with as many parameters might fit."
-        value = f"chi-square {self.ratio:.3g} per degree of freedom; {counted}"
+            return f"Nothing checks the model: {self.counted}. Any model with as many parameters might fit."
+        value = f"chi-square {self.ratio:.3g} per degree of freedom; {self.counted}"
         if not self.explained:
             return f"The model does not explain these data: {value}; a correct model stays below {self.limit:.3g}."
         few = " Few degrees of freedom are left to check the model: a wrong one might fit, too."

@@ -185,7 +185,18 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
         if len(wider.keys) > len(problem.keys):
             optima, also = [], [np.append(o.x, wider.start[-1]) for o in optima] + [wider.start]
         problem = wider
+    problem, optima = _as_asked(problem, optima)
     return problem.within(optima[0].x), optima
+
+
+def _as_asked(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
+    """Without a frequency that is fitted along, where its start explains the evidence after all, which a search may miss."""
+    own = np.array([not key.along for key in problem.keys])
+    if np.all(own) or not goodness(problem, optima[0].r).explained:
+        return problem, optima
+    asked = problem.again([key for key in problem.keys if not key.along])
+    ends = sorted(descend_all(asked, [o.x[own] for o in optima[:AT_ONCE]]), key=lambda o: o.cost)
+    return (asked, ends) if goodness(asked, ends[0].r).explained else (problem, optima)
 
 
 def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]) -> list[Optimum]:

@@ -212,7 +212,7 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
         "scenario_changes": changes,
         "text": fit_text(fit),
         "usable": fit.usable,
-        "goodness": fit.goodness.sentence,
+        "goodness": fit.sentence,
     }
 
 
