@@ -277,11 +277,11 @@ _OF_A_COMB = 3
 def _comb(others: Sequence[Line], duration: float) -> Iterator[Line]:
     """Those of the lines that are multiples of the lowest of them which has most, but the mains'."""
     each = [x for x in others if not near_mains(x.frequency_hz, duration)]
-    combs = [
+    combs: list[list[Line]] = [
         [x for x in each if abs(x.frequency_hz - round(x.frequency_hz / first.frequency_hz) * first.frequency_hz) * duration < 0.5]
         for first in each
     ]  # fmt: skip
-    yield from sorted(max(combs, key=len, default=[]), key=lambda x: x.frequency_hz)
+    yield from sorted(max(combs, key=lambda comb: len(comb), default=[]), key=lambda x: x.frequency_hz)
 
 
 def rate_doubts(clock_ratio: float | None) -> Iterator[str]:

@@ -350,7 +350,9 @@ def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[flo
         aside, colour = (k - 0.5 * (len(groups) - 1)) * 0.16, COLOURS[k % len(COLOURS)]
         ax.semilogy(x + aside, 1e3 * np.asarray(values), "osD^v"[k % 5], color=colour, markersize=5, label=label)
     steep = len(names) > _LEVEL_NAMES
-    ax.set_xticks(x, names, rotation=60 if steep else 20, ha="right", rotation_mode="anchor", fontsize=7 if steep else None)
+    ax.set_xticks(
+        x, names, rotation=60 if steep else 20, ha="right", rotation_mode="anchor", fontsize=7 if steep else None
+    )
     ax.set_ylabel("amplitude, 0-to-peak [mN m]")
     _headroom(ax)
     ax.legend(loc="upper right", fontsize=7.5, ncols=len(groups))

@@ -14,7 +14,6 @@ from microvib.analysis.lines import (
     axis_doubts,
     clock_doubts,
     lines_of_recording,
-    near_mains,
     rate_doubts,
     recording_notes,
 )
@@ -26,6 +25,7 @@ from microvib.io.tables import PAPER_LINES, PaperLines, read_table
 from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
+from microvib.signals.clock import near_mains
 from microvib.signals.line_table import DETECTION, DRIVEN, LineTable, Rest
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
