@@ -281,7 +281,8 @@ def _comb(others: Sequence[Line], duration: float) -> Iterator[Line]:
         [x for x in each if abs(x.frequency_hz - round(x.frequency_hz / first.frequency_hz) * first.frequency_hz) * duration < 0.5]
         for first in each
     ]  # fmt: skip
-    yield from sorted(max(combs, key=lambda comb: len(comb), default=[]), key=lambda x: x.frequency_hz)
+    combs.sort(key=len)
+    yield from sorted(combs[-1] if combs else [], key=lambda x: x.frequency_hz)
 
 
 def rate_doubts(clock_ratio: float | None) -> Iterator[str]:
