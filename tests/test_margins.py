@@ -14,6 +14,7 @@ from microvib.analysis.limits import Judgement, judge, unsettled
 from microvib.analysis.start import still_held, wind_up
 from microvib.analysis.stream import lines_of_stream
 from microvib.model.tracking import Leg, Tracking
+from microvib.signals.line_fit import estimate_lines
 from microvib.signals.line_table import FAINT, LineTable, Rest
 from microvib.units import Si
 
@@ -66,6 +67,80 @@ def test_a_run_at_a_low_sample_rate_does_not_pass_what_it_did_not_see(scenario, 
     limit = limit_of(0.9 * table["drive_1"].amplitude_n_m)
     assert judge(table, limit, scenario).verdict == "fail"
     assert judge(seen, limit, low).verdict == "not judged"
+
+
+LOW = {"record.sample_rate": "40 Hz", "tracking.rate": "0.3 deg/s"}
+
+
+def test_every_line_above_the_passband_is_asked_for(state_1):
+    """At 0.3 deg/s a full-step line stands on the drive's resonance at 33 Hz, above the 14 Hz that 40 samples a second show."""
+    low, band = state_1.with_(LOW), (5.0, 100.0)
+    whole = low.with_({"record.sample_rate": "4096 Hz"})
+    seen = mv.lines(mv.simulate(whole, channels=("T_d",)))
+    largest = max((x for x in seen if 14.0 < x.place_hz < 100.0 and x.seen), key=lambda x: x.amplitude_n_m)
+    assert largest.line == "full_step_2"
+    shown = mv.lines(mv.simulate(low, channels=("T_d",)))
+    for part in (0.02, 0.3, 0.5):
+        limit = limit_of(part * largest.amplitude_n_m, *band)
+        assert judge(seen, limit, whole).verdict == "fail"
+        hidden = judge(shown, limit, low)
+        assert hidden.verdict == "not judged"
+        assert "what is above 14 Hz (record.sample_rate >= 286 Hz), such as a full-step line at 16.67 Hz" in str(hidden)
+    assert judge(shown, limit_of(100.0, *band), low).verdict == "pass"  # no model has that much
+
+
+def quiet(scenario: mv.Scenario) -> mv.Scenario:
+    """The drive without what makes lines of its own: detent torque and friction that sticks."""
+    none = {"coulomb": "0 N*m", "breakaway": "0 N*m"}
+    friction = {f"friction.{key}": value for key, value in none.items()} | {"friction.slip_ring": None}
+    return scenario.with_(LOW | friction | {"motor.detent_torque": "0 N*m"})
+
+
+CAUSES = {
+    "a full-step line": {"motor.detent_torque": "10 mN*m"},
+    "an electrical line": {
+        "driver.imperfections.gain_b": "5 percent",
+        "driver.microsteps": 4,
+        "tracking.rate": "1.2 deg/s",
+    },
+    "stick and slip of drive_resonance_1": {"friction.breakaway": "0.05 N*m"},
+    "a gear": {"reducer.transmission_error": [{"order": 300, "amplitude": "1e-5 rad"}]},
+}
+
+
+def test_without_a_cause_nothing_is_said_to_stand_above_the_passband(state_1):
+    none = quiet(state_1)
+    silent = LineTable((), 1.0, 0.0, 640, 40.0, rest=NOTHING)
+    assert judge(silent, limit_of(0.015, 14.5, 200.0), none).verdict == "pass"  # the first driving line is at 265 Hz
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_each_cause_of_lines_above_the_passband_is_told(state_1, cause):
+    made = quiet(state_1).with_(CAUSES[cause])
+    silent = LineTable((), 1.0, 0.0, 640, 40.0, rest=NOTHING)
+    band = (14.5, 200.0) if made.driving_frequency > 200.0 else (14.5, 100.0)
+    told = judge(silent, limit_of(0.5e-3, *band), made)
+    assert told.verdict == "not judged"
+
+
+def test_what_the_highest_octave_has_goes_on_above_it(state_1):
+    made = quiet(state_1)
+    loud = Rest(np.array([10.0]), np.array([0.020]))
+    silent = LineTable((), 1.0, 0.0, 640, 40.0, rest=loud)
+    assert judge(silent, limit_of(0.015, 14.5, 200.0), made).verdict == "not judged"
+    faint = replace(silent, rest=replace(loud, amplitude=np.array([2e-5])))
+    assert judge(faint, limit_of(0.015, 14.5, 200.0), made).verdict == "pass"
+
+
+def test_what_a_record_is_too_short_for_does_not_pass(scenario, table):
+    """A tone of which the record has less than a period, and no line that is expected."""
+    t = np.arange(int(4.0 * 256.0)) / 256.0
+    slow = 0.05 * np.sin(2.0 * math.pi * 0.2 * t)
+    short = replace(estimate_lines(slow, 256.0, ()), lines=())
+    judged = judge(short, limit_of(0.010, 0.0, 50.0), scenario)
+    assert judged.verdict == "not judged"
+    assert "what is below 0.75 Hz, for which the record is too short" in str(judged)
+    assert judge(short, limit_of(0.010, 5.0, 50.0), scenario).verdict == "pass"
 
 
 def test_what_rings_at_the_start_is_not_judged_but_told_how_long_to_settle(table, scenario):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from microvib.analysis.lines import clock_doubts
 from microvib.analysis.margins import BEYOND, ONE_DRAW, Margin, Verdict, margin, may_have, when_settled
-from microvib.analysis.start import CALM, calm_for, has_calmed, rounded_up, still_held
+from microvib.analysis.start import has_calmed, rounded_up, still_held
+from microvib.analysis.unseen import unseen
 from microvib.errors import OptionError, expect
-from microvib.model.linear import coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import SECOND_DRIVE
@@ -19,7 +21,6 @@ from microvib.units import Band, Given, Si, band, inside, pretty, quantity
 
 _SETTLED = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
-_MAX_ORDERS = 5000
 _ALL = Si(0.0), Si(math.inf)
 """The band of all frequencies [Hz]."""
 
@@ -219,42 +220,35 @@ def _left(table: LineTable, limit: Limit) -> list[str]:
         return ["lines that are not in the table were not sought"]
     frequency, amplitude = table.rest.within(limit.low, limit.high)
     peak = f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz"
-    return [f"{peak} that no line accounts for (a longer record.duration may)"] if amplitude > limit.torque else []
+    told = [f"{peak} that no line accounts for (a longer record.duration may)"] if amplitude > limit.torque else []
+    lowest = float(table.rest.frequency.min(initial=math.inf))
+    if limit.low < lowest and BEYOND * table.rest.slow > limit.torque:
+        ends = f"below {lowest:.3g} Hz" if math.isfinite(lowest) else "between its mean and its highest frequency"
+        told.append(f"what is {ends}, for which the record is too short (a longer record.duration)")
+    return told
 
 
 def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
-    """Lines and modes that the drive may have above the highest frequency examined."""
+    """What the drive may have above the highest frequency examined."""
     top = PASSBAND * table.sample_rate
     if limit.high <= top:
         return []
     start = max(top, limit.low)
     if scenario is None:
         return [f"what is above {start:.4g} Hz (a higher record.sample_rate)"]
-    gaps = []
-    reaches = _linear_reach(scenario, limit, start)
-    if reaches is not None:
-        rate = min(reaches, limit.high) / PASSBAND
-        gaps.append(f"what is above {start:.4g} Hz (record.sample_rate >= {rounded_up(rate)} Hz)")
-    begun = all(x.status != TRANSIENT for x in table)  # in the steady state, nothing rings
-    ringing = [m for m in coupled_modes(scenario) if begun and start < m.frequency <= limit.high]
-    slowest = max((CALM / m.decay for m in ringing if m.damping > 0.0), default=0.0)
-    longer = slowest - calm_for(scenario)
-    if longer > 0.0:
-        gaps.append(f"ringing above {start:.4g} Hz (settle >= {rounded_up(scenario.record.settle + longer)} s)")
-    return gaps
-
-
-def _linear_reach(scenario: Scenario, limit: Limit, start: float) -> float | None:
-    """Frequency [Hz] up to which driving lines of the linearised drive may come near the limit; None if none does so above
-    ``start``."""
-    f_d = scenario.driving_frequency
-    if not f_d:
-        return None
-    fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
-    orders = min(math.ceil(2.0 * max(start, fastest) / f_d) + 20, _MAX_ORDERS)
-    large = (x.frequency for x in linear_lines(scenario, orders) if BEYOND * abs(x.amplitude) > limit.torque)
-    near = [f for f in large if start < f <= limit.high]
-    return max(near) + 0.5 * f_d if near else None
+    large = [
+        (one, np.flatnonzero(one.most > limit.torque))
+        for one in unseen(scenario, table, start, limit.high)
+        if np.any(one.most > limit.torque)
+    ]
+    if not large:
+        return []
+    highest = max(float(one.frequency[there[-1]]) for one, there in large)
+    reaches = min(highest + 0.5 * (scenario.driving_frequency or 0.0), limit.high)
+    named = "; ".join(f"{one.what} at {one.frequency[there[0]]:.4g} Hz" for one, there in large[:2])
+    return [
+        f"what is above {start:.4g} Hz (record.sample_rate >= {rounded_up(reaches / PASSBAND)} Hz), such as {named}"
+    ]
 
 
 def _is_small(line: Line, limit: Limit) -> bool:

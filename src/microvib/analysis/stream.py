@@ -97,6 +97,7 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
     left = [table.rest for table in tables if table.rest is not None]
     left += [_unmatched(table, tables[0]) for table in tables[1:]]
     rest = Rest.of(*(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude")))
+    rest = replace(rest, slow=max(one.slow for one in left))
     return replace(
         tables[0],
         lines=tuple(lines),

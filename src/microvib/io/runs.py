@@ -89,7 +89,9 @@ def summary(
 ) -> dict[str, Any]:
     """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the coupled drive."""
     rest = table.rest  # the highest peaks that no line accounts for
-    left = rest and {"frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist()}
+    left = rest and {
+        "frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist(), "slow_n_m": rest.slow,
+    }  # fmt: skip
     return {
         "title": scenario.title,
         "source": scenario.source,
@@ -145,7 +147,9 @@ def read_run(folder: Path | str) -> Run:
         left = said.get("left_by_lines")
         table = LineTable(
             _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
-            rest=left and Rest(*(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))),
+            rest=left and Rest(
+                *(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m")), slow=left.get("slow_n_m", 0.0)
+            ),
             own_error=said.get("own_error", 0.0), harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip

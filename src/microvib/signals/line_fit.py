@@ -68,9 +68,11 @@ def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[Expecte
 
 def _left(rest: HannSpectrum) -> Rest:
     """What stands between the lowest frequency that is told from the mean and the highest that is looked at."""
-    bins = np.arange(int(SEPARATION) + 1, min(int(PASSBAND * rest.samples), rest.values.size))
+    first = int(SEPARATION) + 1
+    bins = np.arange(first, min(int(PASSBAND * rest.samples), rest.values.size))
     peaks = Rest.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
-    return replace(peaks, floor=rest.floors(peaks.frequency))
+    slow = _SCALLOP * float(np.max(rest.magnitude[1:first], initial=0.0))
+    return replace(peaks, floor=rest.floors(peaks.frequency), slow=slow)
 
 
 def lines_at_known_clock(

@@ -124,6 +124,9 @@ class Rest:
     """[N m], 0-to-peak."""
     floor: np.ndarray | None = None
     """Floor there [N m], without lines: the median of bins 4 to 20 away; None of exact lines, which have none."""
+    slow: float = 0.0
+    """Highest peak [N m] below all of them, at frequencies that the record is too short to tell from its mean and from each other;
+    0 of exact lines, which have none."""
 
     @classmethod
     def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> Rest:
