@@ -147,13 +147,17 @@ def read_run(folder: Path | str) -> Run:
         left = said.get("left_by_lines")
         table = LineTable(
             _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
-            rest=left and Rest(
-                *(np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m")), slow=left.get("slow_n_m", 0.0)
-            ),
+            rest=left and _rest(left),
             own_error=said.get("own_error", 0.0), harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip
     return Run(motion, table, versions, limit)
+
+
+def _rest(left: dict[str, Any]) -> Rest:
+    """What ``summary.json`` says of the peaks that no line accounts for."""
+    frequency, amplitude = (np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))
+    return Rest(frequency, amplitude, slow=left.get("slow_n_m", 0.0))
 
 
 def _motion(path: Path, scenario: Scenario, how: Numerics) -> Motion:
