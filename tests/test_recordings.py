@@ -173,6 +173,27 @@ def test_axis_map_and_cross_talk():
     assert "channels" in turned.notes[0]
 
 
+@pytest.mark.parametrize(("noise", "times"), [(0.1, 20.0), (1e-4, None)])
+def test_torques_that_are_moved_say_by_how_much_their_floor_rises(noise, times):
+    """The noise of a force on a lever of 0.2 m."""
+    rng = np.random.default_rng(4)
+    fy, mz = noise * rng.normal(size=T.size), 1e-3 * rng.normal(size=T.size)
+    moved = Preparation(offset=(0.2, 0.0, 0.0)).apply(made(Fy=fy, Mz=mz))
+    assert moved["Mz"] == pytest.approx(mz - 0.2 * fy)
+    told = " ".join(moved.notes)
+    assert ("raises the floor of Mz" in told) == (times is not None)
+    if times is not None:
+        floor = 1e-3 / np.sqrt(RATE / 2)
+        low, high = (float(x) for x in told.split("the floor of Mz from ")[1].split(" N*m")[0].split(" to "))
+        assert low == pytest.approx(floor, rel=0.05)
+        assert high == pytest.approx(times * floor, rel=0.05)
+
+
+def test_axes_that_are_turned_raise_no_floor():
+    turned = Preparation(axes=("y", "z", "x")).apply(made())
+    assert "floor" not in " ".join(turned.notes)
+
+
 def test_trim_detrend_decimate():
     drift = made(Mz=made()["Mz"] + 3.0 + 2.0 * T).detrended(1)
     assert abs(drift["Mz"].mean()) < 1e-12

@@ -218,3 +218,29 @@ def test_the_registry_is_not_needed_for_declared_units(monkeypatch):
         for unit in {quantity.unit, quantity.display} - {""}:
             assert units._factor.__wrapped__(unit, unit, quantity.unit) > 0.0
             assert units._factor.__wrapped__(quantity.unit, quantity.unit, unit) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("5 Ohm", "ohm", 5.0), ("5 Ohms", "ohm", 5.0), ("2 kOhm", "ohm", 2000.0), ("3 mOhm", "ohm", 0.003),
+        ("1 rev/day", "rad/s", 2 * math.pi / 86400), ("1 rev/min", "rad/s", 2 * math.pi / 60), ("1 RPM", "rad/s", 2 * math.pi / 60),
+        ("1 U/min", "rad/s", 2 * math.pi / 60), ("1 rev", "rad", 2 * math.pi), ("4 KHz", "Hz", 4000.0), ("4 hz", "Hz", 4.0),
+        ("3 Volt", "V", 3.0), ("3 Amps", "A", 3.0), ("2 Henry", "H", 2.0), ("180 Deg", "rad", math.pi), ("2 Sec", "s", 2.0),
+        ("0", "N*m", 0.0), ("0.0", "kg*m^2", 0.0), ("-0", "rad/s", 0.0),
+    ],
+)  # fmt: skip
+def test_units_as_they_are_spelled_and_nought_without_one(text, unit, value):
+    assert convert(text, unit) == pytest.approx(value, rel=1e-12)
+
+
+def test_a_number_that_is_not_nought_needs_a_unit():
+    for text in ("1", "1e-300", "0.5"):
+        with pytest.raises(ValueError, match="needs a unit"):
+            convert(text, "N*m")
+    with pytest.raises(ValueError, match="mixes angles and cycles"):
+        convert("1 rev/day", "Hz")
+
+
+def test_nought_is_taken_in_a_scenario(state_1):
+    assert state_1.with_(**{"friction.coulomb": 0, "friction.breakaway": "0"}).friction.coulomb == 0.0

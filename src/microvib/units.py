@@ -27,6 +27,17 @@ _PRINTED = {"^0.5": "^½", "^-1": "⁻¹", "^2": "²", "^3": "³", "*": " ", "de
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _GLUED = r"(?<![A-Za-z_])(da|[GMkhdcmun]?)"
 _READ = (
+    (r"(?<![A-Za-z])([kMGmu]?)(?i:ohms?)(?![A-Za-z])", r"\1ohm"),
+    (r"(?<![A-Za-z])([kKMGmu]?)(?i:hz)(?![A-Za-z])", lambda found: found[1].replace("K", "k") + "Hz"),
+    (r"(?<![A-Za-z])(?i:revs?|revolutions?|umdr|[ru](?=/))(?![A-Za-z])", "turn"),
+    (r"(?<![A-Za-z])(?i:rpm)(?![A-Za-z])", "rpm"),
+    (r"(?<![A-Za-z])(?i:arc-?sec(onds?)?)(?![A-Za-z])", "arcsec"),
+    (r"(?<![A-Za-z])(?i:deg(rees?)?)(?![A-Za-z])", "deg"),
+    (r"(?<![A-Za-z])(?i:sec(onds?)?)(?![A-Za-z])", "s"),
+    (r"(?<![A-Za-z])(?i:volts?)(?![A-Za-z])", "V"),
+    (r"(?<![A-Za-z])(?i:amps?|amperes?)(?![A-Za-z])", "A"),
+    (r"(?<![A-Za-z])(?i:henr(y|ys|ies))(?![A-Za-z])", "H"),
+    (r"(?<![A-Za-z])(?i:newtons?)(?![A-Za-z])", "N"),
     (r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda found: "^" + found[0].translate(_SUPERSCRIPT)),
     (r"\s+", " "),
     (r"\^?½", "^0.5"),
@@ -116,9 +127,9 @@ def convert(text: str, unit: str, example: str = "") -> float:
     if match is None or (written and not _UNIT.fullmatch(plain)):
         comma = "; write a decimal point, not a comma" if "," in text else ""
         raise ValueError(f"{_no_quantity(example or unit)}{comma}")
-    if not written and unit:
-        raise ValueError(f"needs a unit, such as '{text.strip()} {example or unit}'")
     number = float(match[1])
+    if not written and unit and number != 0.0:  # nought is nought in every unit
+        raise ValueError(f"needs a unit, such as '{text.strip()} {example or unit}'")
     value = number * (_factor(plain, written, unit) if written else 1.0)
     if not math.isfinite(value):
         raise ValueError("is not finite")
@@ -216,7 +227,7 @@ def _number_or_text(given: Any, unit: str, example: str) -> float:
         float(given)
     except OverflowError:
         raise ValueError("is too large") from None
-    if unit:
+    if unit and given != 0:
         number = shown(float(given))
         raise ValueError(f"needs a unit, such as '{number} {example or unit}'; for {unit} write Si({number})")
     return float(given)
@@ -307,7 +318,7 @@ class Quantity:
             number = float(value)
         except OverflowError:
             return math.inf
-        if self.unit and not in_si and not isinstance(value, Si) and math.isfinite(number):
+        if self.unit and number != 0.0 and not in_si and not isinstance(value, Si) and math.isfinite(number):
             raise self._error(value, f"needs a unit, such as '{shown(value)} {self.display or self.unit}'")
         return number
 

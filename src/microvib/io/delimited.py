@@ -58,7 +58,7 @@ class _Form:
 
 def read_delimited(path: Path, hints: Hints) -> Recording:
     """Recording of a text file; RecordingError says which row or column is wrong, or what the preparation must add."""
-    text = _text(path)
+    text = read_text_of(path)
     lines = [line for line in text.splitlines() if line.strip()]
     lines, (form, first, width), notes = _laid_out(lines, hints)
     top = [line.lstrip("#%").strip(" ") for line in lines[:first]]
@@ -84,7 +84,8 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     return recording_of(columns, hints, notes)
 
 
-def _text(path: Path) -> str:
+def read_text_of(path: Path) -> str:
+    """Text of a file in UTF-8, UTF-16 with its mark, or as older test software writes it; RecordingError where it is no text."""
     data = path.read_bytes()
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16")

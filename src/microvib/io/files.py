@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import stat
+import sys
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,6 +33,42 @@ def reading(path: Path, kind: type[MicrovibError]) -> Iterator[None]:
         except Exception as error:
             found = f"{type(error).__name__}: {str(error)[:300]}"
             raise kind(f"is broken or truncated, or not of its kind ({found})") from None
+
+
+class _OtherThreads(io.TextIOBase):
+    """A stream that drops what one thread writes and passes on what others do."""
+
+    def __init__(self, stream: Any):
+        self.stream, self.owner = stream, threading.get_ident()
+
+    def write(self, text: str) -> int:
+        if threading.get_ident() != self.owner and self.stream is not None:
+            self.stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        if self.stream is not None:
+            self.stream.flush()
+
+    def isatty(self) -> bool:
+        return self.stream is not None and bool(self.stream.isatty())
+
+    def fileno(self) -> int:
+        return int(self.stream.fileno())
+
+
+_READING_ALOUD = threading.RLock()
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Drop what a library prints in this thread while it reads: that is no output of ours."""
+    with (
+        _READING_ALOUD,
+        contextlib.redirect_stdout(_OtherThreads(sys.stdout)),
+        contextlib.redirect_stderr(_OtherThreads(sys.stderr)),
+    ):
+        yield
 
 
 def check_file(path: Path, largest: int = LARGEST) -> None:

@@ -13,66 +13,18 @@ from typing import Any
 import numpy as np
 
 from microvib.io.delimited import read_delimited
-from microvib.io.files import library
+from microvib.io.files import library, silent
 from microvib.io.hdf5 import MAX_BYTES, Dataset, open_hdf5
+from microvib.io.labview import read_labview
 from microvib.io.matlab import read_matlab
 from microvib.io.measured import Axis, Column, Hints, recording_of, stated_rates
+from microvib.io.sound import read_sound
 from microvib.io.structs import columns_of
+from microvib.io.uff import read_uff
 from microvib.testdata.channels import is_time
 from microvib.testdata.recording import Recording, RecordingError
 
 Reader = Callable[[Path, Hints], Recording]
-
-
-def _read_uff(path: Path, hints: Hints) -> Recording:
-    pyuff = library("pyuff", "pyuff", "test-data")
-    with path.open("rb") as stream:
-        stream.seek(max(path.stat().st_size - 200, 0))
-        if not stream.read().rstrip().endswith(b"-1"):  # each dataset ends so; the library drops one that does not
-            raise RecordingError("is truncated, or no UFF; its last dataset does not end with -1")
-    sets = pyuff.UFF(str(path)).read_sets()
-    sets = [s for s in (sets if isinstance(sets, list) else [sets]) if s.get("type") == 58]
-    if not sets:
-        raise RecordingError("has no dataset 58")
-    against = [
-        f"channel {_name_58(s, k)}: measured against its direction"
-        for k, s in enumerate(sets)
-        if int(s.get("rsp_dir", 0)) < 0
-    ]
-    turn = ["a minus sign in the preparation's channels turns it round"] if against else []
-    return recording_of([_column_58(s, k) for k, s in enumerate(sets)], hints, [*against, *turn])
-
-
-def _name_58(s: dict[str, Any], k: int) -> str:
-    return str(s["id1"]).strip() or f"channel {k + 1}"
-
-
-def _column_58(s: dict[str, Any], k: int) -> Column:
-    name = _name_58(s, k)
-    x = np.asarray(s["data"])
-    over_time = int(s.get("func_type", 1)) in (0, 1) and int(s.get("abscissa_spec_data_type", 17)) in (0, 1, 17)
-    if not over_time or x.dtype.kind == "c":
-        raise RecordingError(f"channel {name} is not a time history but a spectrum or another function")
-    samples = int(s["num_pts"])
-    if x.size < samples:
-        raise RecordingError(f"channel {name} is truncated, {x.size} of {samples} samples")
-    if x.size > samples + 1:  # a line's end may read as one
-        raise RecordingError(f"channel {name} is broken; it has {x.size} samples and says {samples}")
-    x = x[:samples]
-    unit = _label(s, "ordinate")
-    even = int(s.get("abscissa_spacing", 1)) == 1
-    along = _label(s, "abscissa")
-    if even:
-        axis = Axis("abscissa", float(s["abscissa_inc"]), float(s.get("abscissa_min", 0.0)), along)
-        return Column(name, x.astype(float), unit, axis=axis)
-    return Column(
-        name, x.astype(float), unit, time=Column("abscissa", np.asarray(s["x"], dtype=float)[:samples], along)
-    )
-
-
-def _label(s: dict[str, Any], axis: str) -> str:
-    text = str(s.get(f"{axis}_axis_units_lab", "")).strip()
-    return "" if text.upper() == "NONE" else text
 
 
 def _read_mat(path: Path, hints: Hints) -> Recording:
@@ -135,7 +87,7 @@ def _decoded(x: Dataset) -> np.ndarray:
 def _read_tdms(path: Path, hints: Hints) -> Recording:
     nptdms = library("nptdms", "npTDMS", "test-data")
     # A stream: no index file beside it is taken.
-    with _complaints("nptdms"), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+    with silent(), _complaints("nptdms"), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         channels = [c for group in file.groups() for c in group.channels()]
         if sum(len(c) for c in channels) > min(path.stat().st_size, MAX_BYTES // 8):
             raise RecordingError("is broken or truncated; it says that it has more values than it can hold")
@@ -195,12 +147,16 @@ def _tdms_column(channel: Any, grouped: bool) -> Column:
 
 _TDMS_UNITS = ("unit_string", "unit", "units", "ni_unitdescription", "engineering_units")
 READERS: dict[str, Reader] = {
-    ".uff": _read_uff,
-    ".unv": _read_uff,
+    ".uff": read_uff,
+    ".unv": read_uff,
+    ".ufb": read_uff,
     ".mat": _read_mat,
     ".nc": _read_netcdf,
     ".tdms": _read_tdms,
     ".csv": read_delimited,
     ".txt": read_delimited,
+    ".asc": read_delimited,
+    ".lvm": read_labview,
+    ".wav": read_sound,
 }
 """Endings of files and what reads them."""

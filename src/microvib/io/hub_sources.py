@@ -10,7 +10,7 @@ import numpy as np
 from microvib.errors import ScenarioError, shown
 from microvib.io.array_files import damping_ratio
 from microvib.io.file_access import NO_FILES, FileAccess
-from microvib.io.files import check_file, reading
+from microvib.io.files import check_file, reading, silent
 from microvib.io.modal_sources import DESCRIPTIONS, elements_of
 from microvib.io.named import hub_names, named_text
 from microvib.io.tables import finite, named_rows
@@ -112,7 +112,8 @@ def _points(group: dict[str, Any]) -> dict[str, int]:
 def _nastran(path: Path, points: dict[str, int], units: str) -> FreeModes:
     from microvib.io.nastran.free import read_free
 
-    frequency, places, shapes = read_free(path, list(points.values()))
+    with silent():
+        frequency, places, shapes = read_free(path, list(points.values()))
     length, kilogram = UNIT_SYSTEMS[units]
     scale = np.repeat([length, 1.0], 3) / (np.sqrt(kilogram) * length)
     return FreeModes(frequency, np.full(frequency.size, 0.01), tuple(points), length * places, scale[:, None] * shapes)

@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from microvib.model.rigid import COMPONENTS
-from microvib.testdata.channels import COUNTS, in_yaml, is_time, is_unit, named_unit, seconds_per, what_is_measured_in
+from microvib.testdata.channels import (
+    COUNTS,
+    in_yaml,
+    is_time,
+    load_in_name,
+    named_unit,
+    seconds_per,
+    what_is_measured_in,
+)
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.time_axis import agrees, regular_rate, snapped_rate
 from microvib.units import convert
@@ -176,8 +184,8 @@ def _with_units(columns: list[Column], hints: Hints) -> list[Column]:
     meant = {*hints.units, *hints.sensitivity, *hints.channels, *filter(None, [hints.time])}
     found = []
     for column in columns:
-        name, unit = named_unit(column.name)
-        if column.unit or not is_unit(unit) or is_time(column.name):
+        name, unit = load_in_name(column.name)
+        if column.unit or not unit or is_time(column.name):
             found.append(column)
             continue
         shorter = name if name not in names and column.name not in meant and name in COMPONENTS else column.name

@@ -9,6 +9,7 @@ from microvib.units import convert
 
 LOADS = ("N", "N*m")  # units of what is analysed: forces and torques
 COUNTS = ("counts", "count", "lsb", "digit", "digits", "bit", "bits", "eu")  # units of a converter that nobody scaled
+FULL_SCALE = "FS"  # unit of samples that are parts of a recorder's full scale
 _OTHERS = ("s", "V", "C", "m/s^2", "degC", "m", "rad", "A", "Hz", "Pa", "K")  # units of what else recordings hold
 _TIME_UNITS = {
     **dict.fromkeys(
@@ -26,6 +27,8 @@ _TIME_UNITS = {
 """Units of time, in lower case, as people and programs write them."""
 _TIME = re.compile(r"(time|zeit|temps|tiempo|tempo|abscissa|t)([ _-]?(axis|achse|vector|stamp))?", re.IGNORECASE)
 _ENDING = re.compile(r"(.*\w)[ _]((?:[munµ]?s|sec|min|h))", re.IGNORECASE)
+_CATMAN_TIME = re.compile(r"(time|zeit|temps|tiempo|tempo)\s+\d{1,3}(\s*-\s.*)?", re.IGNORECASE)
+"""A time axis of catman, such as ``Time  1 - default sample rate``."""
 _LOAD_ENDING = re.compile(
     r"(.*?[A-Za-z0-9])[ _]([kmunµM]?N[*·._-]?(?:mm|cm|m)|(?:lbf|ozf|kgf)[*·._-]?(?:in|ft|m)|kN|(?<=^F.[ _])m?N)"
 )
@@ -35,8 +38,9 @@ _BELOW = re.compile(r"(.*[^\s/])\s*/\s*([A-Za-zµΩ°%][^/]*)")
 
 def is_time(name: str) -> bool:
     """Whether a column of this name is a time axis."""
-    ending = _ENDING.fullmatch(name.strip())
-    return bool(_TIME.fullmatch(ending[1] if ending else name.strip()))
+    name = name.strip()
+    ending = _ENDING.fullmatch(name)
+    return bool(_TIME.fullmatch(ending[1] if ending else name) or _CATMAN_TIME.fullmatch(name))
 
 
 def seconds_per(unit: str) -> float | None:
@@ -73,8 +77,18 @@ def named_unit(header: str) -> tuple[str, str]:
     ending = _ENDING.fullmatch(header)
     if ending and is_time(header):
         return header, ending[2]
-    load = _LOAD_ENDING.fullmatch(header)
-    return (load[1], load[2].replace("_", "*")) if load and as_load(f"1 {load[2].replace('_', '*')}") else (header, "")
+    return header, ""
+
+
+def load_in_name(name: str) -> tuple[str, str]:
+    """Name and unit of a force's or torque's channel that is called ``Mz_mNm`` or ``Mz [mNm]``; no unit where there is none."""
+    own, unit = named_unit(name)
+    if unit:
+        return (own, unit) if as_load(f"1 {unit}") is not None else (name, "")
+    ending = _LOAD_ENDING.fullmatch(name.strip())
+    if ending is None or as_load(f"1 {ending[2].replace('_', '*')}") is None:
+        return name, ""
+    return ending[1], ending[2].replace("_", "*")
 
 
 def is_unit(text: str) -> bool:
@@ -111,7 +125,7 @@ def plain_load(unit: str) -> str:
 
 def per(unit: str) -> str:
     """A channel's unit as the denominator of a sensitivity."""
-    if not unit or unit.lower() in COUNTS:
+    if not unit or unit.lower() in COUNTS or unit == FULL_SCALE:
         return "count"
     return f"({unit})" if re.search(r"[*/ ]", unit) else unit
 

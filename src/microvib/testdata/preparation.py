@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part, Six
-from microvib.testdata.channels import as_load, is_time, is_unit, load_per, per
+from microvib.testdata.channels import COUNTS, FULL_SCALE, as_load, is_time, is_unit, load_per, per
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Chain, without_response
 from microvib.units import Quantity
@@ -85,6 +85,10 @@ def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
             if not is_unit(text):
                 raise RecordingError(
                     f"{recording.title}: units.{name}: '{text}' is not a unit; write it such as N*m, mV or counts"
+                )
+            if units.get(name) == FULL_SCALE and text.lower() not in COUNTS:
+                raise RecordingError(
+                    f"{recording.title}: units.{name}: '{text}' has no number; write what full scale is, such as '20 {text}'"
                 )
             units[name] = text
             continue

@@ -14,11 +14,13 @@ import numpy as np
 
 from microvib.errors import MicrovibError, expect_mapping
 from microvib.model.rigid import COMPONENTS
-from microvib.testdata.channels import LOADS, as_load, in_yaml, per, plain_load
+from microvib.testdata.channels import FULL_SCALE, LOADS, as_load, in_yaml, per, plain_load
 from microvib.units import Si, quantity
 
 OUTLIER = 1e4  # size of a sample, over that of 99 % of them, from which it is taken for a broken number
 ALONE = 10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
+RAISED = 1.1  # floor after torques were moved or cross-talk was taken out, over that before, from which it is told
+LONGEST_FLOOR = 2**20  # samples of which a floor is computed
 LARGEST_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
 
 
@@ -142,6 +144,12 @@ class Recording:
                 f" units: {{{in_yaml(name)}: {example}}}",
                 remedy="prepare",
             )
+        if unit == FULL_SCALE:
+            raise RecordingError(
+                f"{self.title}: channel {name} is in parts of full scale, and the file does not say what that is; add it to the"
+                f" preparation file, such as units: {{{in_yaml(name)}: 20 {example}}} where full scale is 20 {example}",
+                remedy="prepare",
+            )
         raise RecordingError(
             f"{self.title}: channel {name} is in '{unit}', which is neither a force nor a torque; add to the preparation file"
             f" what it stands for, such as sensitivity: {{{in_yaml(name)}: 0.01 {example}/{per(unit)}}}, or its right"
@@ -166,7 +174,10 @@ class Recording:
         )
 
     def combined(self, A: np.ndarray, note: str) -> Recording:
-        """Six components that are ``A`` (6, 6) times these, with the faults of all that make a hundredth of one."""
+        """Six components that are ``A`` (6, 6) times these, with the faults of all that make a hundredth of one.
+
+        A note says which of them have a floor that is higher than before, where the components stay what they were.
+        """
         seen = self.looked_at()
         six, told, single = self.six(), dict(seen.faults or {}), dict(seen.alone or {})
         after = A @ six
@@ -178,7 +189,19 @@ class Recording:
                 if of in known:
                     made[name] = known[of] if name == of else f"is made of {of}, which {known[of]}"
         channels = {**self.channels, **dict(zip(COMPONENTS, after, strict=True))}
-        return self.noted(note, channels=channels, faults=faults, alone=alone)
+        raised = "".join(self._raised(six, after) if np.all(np.abs(np.diag(A)) > 0.5) else ())
+        return self.noted(note + raised, channels=channels, faults=faults, alone=alone)
+
+    def _raised(self, before: np.ndarray, after: np.ndarray) -> Iterator[str]:
+        """Sentences on the components whose noise floor is higher after than before, (6, n) each."""
+        for name, x, y in zip(COMPONENTS, before, after, strict=True):
+            low, high = _floor(x, self.sample_rate), _floor(y, self.sample_rate)
+            if high > RAISED * low > 0.0:
+                unit = "N" if name.startswith("F") else "N*m"
+                yield (
+                    f"; it raises the floor of {name} from {low:.3g} to {high:.3g} {unit}/Hz^0.5, {high / low:.3g} times, by"
+                    " the noise of the other channels: what was below the new floor can no longer be seen"
+                )
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
         """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to reverse it."""
@@ -297,6 +320,16 @@ def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
     dropped = int(np.max(_runs(np.diff(x) == 0.0), initial=0))
     if dropped >= 8:
         yield f"repeats one value for {dropped + 1} samples; samples were dropped and held"
+
+
+def _floor(x: np.ndarray, rate: float) -> float:
+    """Root of the median spectral density of a channel [unit/Hz^0.5], that of noise where lines are few; 0 if not known."""
+    x = x[:LONGEST_FLOOR]
+    if x.size < 64 or not np.all(np.isfinite(x)):
+        return 0.0
+    w = np.hanning(x.size)
+    power = np.abs(np.fft.rfft((x - x.mean()) * w)[3:]) ** 2
+    return math.sqrt(2.0 * float(np.median(power)) / math.log(2.0) / (rate * float(w @ w)))
 
 
 def _alone(x: np.ndarray, rate: float) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from microvib.io.file_access import FileAccess
-from microvib.io.files import check_file, reading
+from microvib.io.files import check_file, reading, silent
 from microvib.io.modal_table import read_modes
 from microvib.io.nastran.craig_bampton import read_dmig, read_op4
 from microvib.io.nastran.op2 import read_op2
@@ -46,4 +46,6 @@ def read_modal_model(path: Path | str, options: Import | None = None) -> ModalMo
             )
         if options.mass is not None:
             options = options.model_copy(update={"mass": str(FileAccess(path.parent).under("mass").path(options.mass))})
-        return modal_model(reader(path, options), options, str(path))
+        with silent():
+            deck = reader(path, options)
+        return modal_model(deck, options, str(path))

@@ -1,0 +1,284 @@
+"""Universal files of test data: datasets 58, as text or binary (58b) in either byte order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from microvib.io.measured import Axis, Column, Hints, recording_of
+from microvib.testdata.recording import Recording, RecordingError
+
+_DELIMITER = b"-1"
+_HEADER_LINES = 11
+_IEEE = 2
+_FUNCTIONS = {
+    2: "an auto spectrum", 3: "a cross spectrum", 4: "a frequency response function", 5: "a transmissibility", 6: "a coherence",
+    7: "an auto correlation", 8: "a cross correlation", 9: "a power spectral density", 10: "an energy spectral density",
+    11: "a probability density", 12: "a spectrum", 24: "a shock response spectrum", 25: "the response of a filter",
+    26: "a multiple coherence", 27: "an order function",
+}  # fmt: skip
+_TIME, _UNKNOWN = 17, (0, 1)
+_AXES = {18: "Hz", 19: "rpm", 20: "orders"}
+"""Units of the kinds of abscissae that are not time, where the file names none."""
+_DIRECTIONS = {0: "", 1: "X", 2: "Y", 3: "Z", 4: "RX", 5: "RY", 6: "RZ"}
+_NUMBER = re.compile(
+    rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+|[+-]\d{3}(?!\d|\.))?|[+-]?(?:nan|inf\w*)", re.IGNORECASE
+)
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    """One dataset 58: what its header says, and its numbers in the order of the file."""
+
+    label: str
+    function: int
+    response: tuple[str, int, int]  # name of the entity, node, direction
+    kind: int
+    points: int
+    even: bool
+    start: float
+    step: float
+    abscissa: tuple[int, str, str]  # kind, label, unit
+    unit: str
+    values: np.ndarray
+
+    @property
+    def complex(self) -> bool:
+        """Whether its ordinates are complex."""
+        return self.kind in (5, 6)
+
+
+def read_uff(path: Path, hints: Hints) -> Recording:
+    """Channels of the time histories among the datasets 58 of a file; RecordingError where there is none, or one is broken."""
+    data = path.read_bytes()
+    if not data.rstrip().endswith(_DELIMITER):
+        raise RecordingError("is truncated, or no UFF; its last dataset does not end with -1")
+    sets = list(_datasets(data))
+    if not sets:
+        raise RecordingError("has no dataset 58")
+    names = _names(sets)
+    against = [
+        f"channel {name}: measured against its direction"
+        for name, s in zip(names, sets, strict=True)
+        if s.response[2] < 0
+    ]
+    turn = ["a minus sign in the preparation's channels turns it round"] if against else []
+    return recording_of([_column(s, name) for s, name in zip(sets, names, strict=True)], hints, [*against, *turn])
+
+
+def _names(sets: list[_Dataset]) -> list[str]:
+    """Names of the channels: their first lines where these tell them apart, else with node and direction, as 7:+Z."""
+    labels = ["" if s.label.upper() == "NONE" else s.label for s in sets]
+    places = [_place(s) for s in sets]
+    found = []
+    for label, place in zip(labels, places, strict=True):
+        shared = labels.count(label) > 1
+        found.append(f"{label} {place}".strip() if shared or not label else label)
+    return [name or f"channel {k + 1}" for k, name in enumerate(found)]
+
+
+def _place(s: _Dataset) -> str:
+    name, node, direction = s.response
+    if not node and not direction:
+        return "" if name.upper() == "NONE" else name
+    sign = "" if not direction else "-" if direction < 0 else "+"
+    where = f"{node}:{sign}{_DIRECTIONS.get(abs(direction), abs(direction))}".rstrip(":")
+    return where if name.upper() in ("", "NONE") else f"{name}:{where}"
+
+
+def _column(s: _Dataset, name: str) -> Column:
+    kind, label, unit = s.abscissa
+    unit = unit or _AXES.get(kind, "")
+    what = _FUNCTIONS.get(s.function, "") or ("a spectrum, of complex values" if s.complex else "")
+    unfit = ""
+    if what or (kind not in (_TIME, *_UNKNOWN) and kind not in _AXES):
+        what = what or "a function of something else than time"
+        unfit = f"channel {name} is not a time history but {what}; export the time history"
+    values = s.values[: s.points] if s.even else s.values[1::2][: s.points]
+    if unfit:
+        return Column(name, np.real(values), s.unit, unfit=unfit)
+    if s.even:
+        return Column(name, values, s.unit, axis=Axis("abscissa", s.step, s.start, unit, label))
+    return Column(name, values, s.unit, time=Column("abscissa", s.values[::2][: s.points], unit))
+
+
+def _datasets(data: bytes) -> Iterator[_Dataset]:
+    at, count = 0, 0
+    while True:
+        at = _after_delimiter(data, at)
+        if at < 0:
+            return
+        line, after = _line(data, at)
+        count += 1
+        if not re.fullmatch(rb" *58(b.*)?", line.strip(), re.IGNORECASE):
+            at = _after_delimiter(data, after)
+            if at < 0:
+                raise RecordingError(f"is truncated; dataset {count} of it does not end with -1")
+            continue
+        header: list[str] = []
+        for _ in range(_HEADER_LINES):
+            text, after = _line(data, after)
+            header.append(text.decode("utf-8", "replace") if _is_utf8(text) else text.decode("cp1252", "replace"))
+        try:
+            found, at = _dataset(data, line, header, after)
+        except (ValueError, IndexError) as error:
+            raise RecordingError(f"dataset {count} of it is broken ({error})") from None
+        yield found
+
+
+def _is_utf8(text: bytes) -> bool:
+    try:
+        text.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _line(data: bytes, at: int) -> tuple[bytes, int]:
+    """A line without its end, and where the next one begins; lines end with LF, CR LF or CR."""
+    ends = [k for k in (data.find(b"\n", at, at + 400), data.find(b"\r", at, at + 400)) if k >= 0]
+    if not ends:
+        return data[at : at + 400], min(at + 400, len(data))
+    end = min(ends)
+    return data[at:end], end + (2 if data[end : end + 2] == b"\r\n" else 1)
+
+
+_DELIMITERS = re.compile(rb"(?:^|(?<=[\r\n])) {4}-1 *(?:\r\n|\r|\n|$)")
+
+
+def _after_delimiter(data: bytes, at: int) -> int:
+    """Where the next line after a delimiter begins; -1 without one."""
+    found = _DELIMITERS.search(data, at)
+    return -1 if found is None else found.end()
+
+
+def _field(text: str, first: int, size: int, kind: type = int) -> float:
+    own = text[first : first + size].strip()
+    return kind(own.replace("D", "E").replace("d", "e")) if own else kind(0)
+
+
+def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dataset, int]:
+    """One dataset, and where what follows its end begins."""
+    dof, form, x, y = header[5], header[6], header[7], header[8]
+    (kind, points, spacing), (start, step) = _data_form(form)
+    if kind not in (2, 4, 5, 6):
+        raise RecordingError(
+            f"channel {header[0].strip()} is broken; its data have the kind {kind}, and 2, 4, 5 or 6 is expected"
+        )
+    each = (2 if kind in (5, 6) else 1) + (0 if spacing == 1 else 1)
+    label = header[0].strip()
+    if points < 0 or points * each > 4 * len(data):
+        raise RecordingError(f"channel {label} is truncated, or broken; it says that it has {points} samples")
+    if re.match(rb" *58 *b", line, re.IGNORECASE):
+        values, at = _binary(data, line, at, points, kind, spacing, label)
+    else:
+        values, at = _text(data, at, points * each, label, points)
+    if kind in (5, 6):
+        table = values.reshape(-1, each)
+        values = table[:, -2] + 1j * table[:, -1]
+        if spacing != 1:
+            values = np.column_stack([table[:, 0], values]).ravel()
+    function, response = _response(dof)
+    abscissa = (int(_field(x, 0, 10)), _label(x, 25), _label(x, 46))
+    return (
+        _Dataset(label, function, response, kind, points, spacing == 1, start, step, abscissa, _label(y, 46), values),
+        at,
+    )
+
+
+def _data_form(text: str) -> tuple[tuple[int, int, int], tuple[float, float]]:
+    """Kind of data, points and spacing, first abscissa and step, in columns or, from other programs, between blanks."""
+    try:
+        kind, points, spacing = (int(_field(text, k, 10)) for k in (0, 10, 20))
+        return (kind, points, spacing), (_field(text, 30, 13, float), _field(text, 43, 13, float))
+    except ValueError:
+        words = text.replace("D", "E").split()
+        return (int(words[0]), int(words[1]), int(words[2])), (float(words[3]), float(words[4]))
+
+
+def _response(text: str) -> tuple[int, tuple[str, int, int]]:
+    """Function, and name, node and direction of its response."""
+    try:
+        return int(_field(text, 0, 5)), (text[31:41].strip(), int(_field(text, 41, 10)), int(_field(text, 51, 4)))
+    except ValueError:
+        words = text.split()
+        return int(words[0]), (words[4], int(words[5]), int(words[6]))
+
+
+def _label(text: str, first: int) -> str:
+    own = text[first : first + 21].strip()
+    return "" if own.upper() == "NONE" else own
+
+
+def _text(data: bytes, at: int, count: int, label: str, points: int) -> tuple[np.ndarray, int]:
+    """Numbers as text up to the dataset's end."""
+    end = _DELIMITERS.search(data, at)
+    if end is None:
+        raise RecordingError(f"channel {label} is truncated; its dataset does not end with -1")
+    body = data[at : end.start()]
+    try:
+        values = np.array(body.split(), dtype=float)
+    except ValueError:
+        values = np.empty(0)
+    if values.size != count:  # columns that run together, exponents with D
+        found = [re.sub(rb"[Dd]|(?<=\d)(?=[+-]\d{3}$)", b"E", x) for x in _NUMBER.findall(body)]
+        values = np.array(found, dtype=float)
+    if values.size < count:
+        raise RecordingError(
+            f"channel {label} is truncated, {values.size * points // max(count, 1)} of {points} samples"
+        )
+    if values.size > count:
+        raise RecordingError(f"channel {label} is broken; it has {values.size} numbers and says {count}")
+    return values, end.end()
+
+
+def _binary(
+    data: bytes, line: bytes, at: int, points: int, kind: int, spacing: int, label: str
+) -> tuple[np.ndarray, int]:
+    """Binary numbers, as many as the header says: what looks like an end within them is none."""
+    text = line.decode("latin-1")
+    order, form, said = (int(_field(text, *place)) for place in ((7, 6), (13, 6), (31, 12)))
+    if form not in (0, _IEEE):
+        raise RecordingError(
+            f"channel {label} has numbers in a format other than IEEE 754 ({form}); export it again, or as text"
+        )
+    size = 4 if kind in (2, 5) else 8
+    parts = 2 if kind in (5, 6) else 1
+    layouts = [(size, size)] if spacing == 1 else [(4, size), (size, size)]
+    for along, own in layouts:
+        whole = points * (parts * own + (0 if spacing == 1 else along))
+        stop = _end_at(data, at + whole)
+        if stop >= 0 and (said in (0, whole) or len(layouts) == 1 or along == layouts[-1][0]):
+            return _unpacked(data[at : at + whole], order, points, parts, own, 0 if spacing == 1 else along), stop
+    raise RecordingError(
+        f"channel {label} is truncated or broken: after its {points} samples the dataset does not end (it says {said} bytes)"
+    )
+
+
+def _end_at(data: bytes, at: int) -> int:
+    """Where what follows a delimiter begins that stands at ``at``, after the end of a line or blanks at most; -1 without."""
+    found = re.compile(rb"[\r\n ]{0,90}-1 *(?:\r\n|\r|\n|$)").match(data, at)
+    return -1 if found is None else found.end()
+
+
+def _unpacked(data: bytes, order: int, points: int, parts: int, size: int, along: int) -> np.ndarray:
+    """Numbers of a dataset, in the byte order that it says; in the other where only that gives numbers of any sense."""
+    found = []
+    for mark in ("<", ">") if order in (0, 1) else (">", "<"):
+        fields = ([("x", f"{mark}f{along}")] if along else []) + [("y", f"{mark}f{size}", (parts,))]
+        table = np.frombuffer(data, np.dtype(fields), count=points)
+        columns = ([table["x"].astype(float)] if along else []) + [table["y"][:, k].astype(float) for k in range(parts)]
+        found.append(np.column_stack(columns).ravel())
+        if _makes_sense(found[-1]):
+            return found[-1]
+    return found[0]
+
+
+def _makes_sense(values: np.ndarray) -> bool:
+    """Whether numbers are of sizes that are measured, as they are not where their bytes are turned round."""
+    size = np.abs(values[values != 0.0])
+    return not size.size or float(np.mean((size > 1e-20) & (size < 1e20))) > 0.95
