@@ -65,6 +65,7 @@ def test_of_the_gear_the_file_says_what_is_of_the_data_sheet_and_what_is_assumed
     assert "T1 = 7 N m" in scenario.source_of("reducer.stiffness")
     for key in (
         "damping",
+        "wave_generator_inertia",
         "transmission_error.0.order",
         "transmission_error.0.phase",
         "transmission_error.0.amplitude",
@@ -79,8 +80,33 @@ def test_the_commented_file_stays_as_it_is_but_for_the_gear():
     assert new_text() == catalog_text("new")
     plain, geared = (set(text.splitlines()) for text in (new_text(), new_text("size 14 ratio 100")))
     assert {line.split(":")[0].strip(" #") for line in plain - geared} == {
-        "reducer.stiffness", "reducer.damping", "stiffness", "damping", "transmission_error", "- {order", "hysteresis",
+        "reducer.stiffness", "reducer.damping", "stiffness", "damping", "wave_generator_inertia", "transmission_error", "- {order", "hysteresis",
     }  # fmt: skip
+
+
+def test_a_wave_generator_grows_with_the_size_of_its_gear_and_is_assumed():
+    """As bodies of one shape, by the fifth power."""
+    found = {}
+    for size in SIZES:
+        scenario = mv.new_scenario(gear=f"size {size} ratio 100")
+        found[size] = scenario.reducer.wave_generator_inertia
+        said = scenario.source_of("reducer.wave_generator_inertia")
+        assert said.startswith(f"assumed: of size {size}")
+        assert "range " in said
+    for size in SIZES:
+        assert found[size] == pytest.approx(found[14] * (size / 14) ** 5, rel=0.01)
+    sheet = mv.new_scenario(holding_torque="0.5 N*m", gear="size 32 ratio 100")
+    assert sheet.reducer.wave_generator_inertia == found[32]
+
+
+def test_what_is_assumed_of_a_gear_is_told(tmp_path):
+    alone = microvib("new", "a.yaml", "--gear", "size 25 ratio 100", cwd=tmp_path)
+    sheet = microvib("new", "b.yaml", "--from-datasheet", "--gear", "size 25 ratio 100", cwd=tmp_path)
+    for done in (alone, sheet):
+        for key in ("wave_generator_inertia: 0.599 kg*cm^2", "damping: ", "transmission_error.0.amplitude: 24 arcsec"):
+            assert f"  reducer.{key}" in done.stdout
+        assert "The gear's hysteresis is in the file as a comment" in done.stdout
+    assert "friction (the gear's too)" in alone.stdout
 
 
 def test_a_gear_on_the_command_line(tmp_path):
@@ -215,7 +241,8 @@ def test_a_file_of_a_data_sheet_reads_back_and_runs(tmp_path):
     assert done.exit_code == 0, done.output
     told = {line.split(":")[0].strip() for line in done.stdout.splitlines() if line.startswith("  ")}
     assert told == {
-        "driver.proportional_gain", "driver.integral_gain", "reducer.damping", "reducer.transmission_error.0.amplitude"
+        "driver.proportional_gain", "driver.integral_gain", "reducer.damping", "reducer.transmission_error.0.amplitude",
+        "reducer.wave_generator_inertia",
     }  # fmt: skip
     scenario = mv.load_scenario(tmp_path / "my.yaml")
     assert scenario == mv.new_scenario(**SHEET)

@@ -38,7 +38,7 @@ def _option(key: str) -> str:
 def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
     """Write FILE, a commented scenario to start from. An existing file is never overwritten. --gear also works
     without --from-datasheet."""
-    from microvib.io.new_scenario import new_text, sheet_text
+    from microvib.io.new_scenario import gear_assumed, new_text, sheet_text
     from microvib.io.writing import write_file
 
     if file.exists():
@@ -48,17 +48,29 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
         stray = next((key for key in sheet if key != "gear"), None)
         if stray is not None:
             raise OptionError(stray, "belongs to a data sheet; it needs --from-datasheet")
+        missing = gear_assumed(sheet["gear"]) if sheet else {}
         write_file(file, new_text(**sheet))
-        echo(f"Written: {file}. Edit it, then: microvib run {shlex.quote(str(file))}")
         if sheet:
+            _tell("Assumed of the gear, since the catalog does not say:", missing)
             echo(_HYSTERESIS)
+            echo("Motor, driver, friction (the gear's too), array and tracking are examples.")
+        echo(f"Written: {file}. Edit it, then: microvib run {shlex.quote(str(file))}")
         return
     text, missing = sheet_text(sheet) if sheet else _asked()
     write_file(file, text)
-    echo("Assumed, since the data sheet does not say:" if missing else "Nothing of the drive had to be assumed.")
-    for key, entry in missing.items():
-        echo(f"  {key}: {entry.text} ({entry.source.removeprefix('assumed: ')})")
+    _tell(
+        "Assumed, since the data sheet does not say:" if missing else "Nothing of the drive had to be assumed.", missing
+    )
+    if "# hysteresis: {loss" in text:
+        echo(_HYSTERESIS)
     echo(f"Friction, array and tracking are examples. Written: {file}. Now: microvib run {shlex.quote(str(file))}")
+
+
+def _tell(head: str, assumed: dict[str, Entry]) -> None:
+    """Say what is assumed, and why."""
+    echo(head)
+    for key, entry in assumed.items():
+        echo(f"  {key}: {entry.text} ({entry.source.removeprefix('assumed: ')})")
 
 
 def _asked() -> tuple[str, dict[str, Entry]]:

@@ -18,6 +18,11 @@ SPREAD = 0.3
 """Part by which a gear's stiffness may differ from the catalog's, which is an average."""
 DAMPING = (0.01, 0.02, 0.05)
 """Damping of the hub on the gear over critical damping, as makers do not state it: low, assumed, high."""
+WAVE_GENERATOR = 14, 0.033
+"""Size, and moment of inertia [kg cm^2] of the wave generator, from which those of other sizes are scaled by the fifth power of the
+size, as of bodies of one shape; assumed."""
+INERTIA_SPREAD = 2.0
+"""Factor by which it may be smaller or larger: hubs, bores and couplings differ."""
 OTHERS = ("planetary", "none")
 """Gears that are not of the catalog."""
 _GEAR = re.compile(r"\s*size\s+(\d{1,4})(?:[\s,]+ratio\s+(\d{1,6}(?:\.\d{1,6})?))?\s*")
@@ -49,16 +54,23 @@ class Gear:
         """Bound on the amplitude of the kinematic error [arcsec at the output]: half of what is stated peak to peak."""
         return 0.5 * 60.0 * self.accuracy
 
+    @property
+    def wave_generator_inertia(self) -> float:
+        """Moment of inertia of the wave generator [kg cm^2], assumed."""
+        size, inertia = WAVE_GENERATOR
+        return inertia * (self.size / size) ** 5
+
     def entries(self, ratio: float, inertia: float) -> dict[str, Entry]:
         """Dotted key to value and source of a scenario with this gear and ``inertia`` [kg m^2] rigidly on its output.
 
-        The stiffness is K1, the kinematic error the largest that the accuracy allows, at two per turn of the wave generator; the
-        damping is assumed.
+        The stiffness is K1, the kinematic error the largest that the accuracy allows, at two per turn of the wave generator; its
+        moment of inertia and the damping are assumed.
         """
         K, T1 = self.stiffnesses[0], self.torques[0]
         low, damping, high = (2.0 * xi * math.sqrt(K * inertia) for xi in DAMPING)
         ends = f"range {(1.0 - SPREAD) * K:g} N*m/rad to {(1.0 + SPREAD) * K:g} N*m/rad"
-        error = "reducer.transmission_error"
+        error, J_wg = "reducer.transmission_error", self.wave_generator_inertia
+        lightest, heaviest = J_wg / INERTIA_SPREAD, J_wg * INERTIA_SPREAD
         return {
             "reducer.ratio": Entry(f"{ratio:g}", f"data sheet: component harmonic gear of size {self.size}"),
             "reducer.stiffness": Entry(
@@ -71,6 +83,12 @@ class Gear:
                 f"{damping:.3g} N*m*s/rad",
                 f"assumed: {100 * DAMPING[1]:g} % of critical for the hub on the gear, {100 * DAMPING[0]:g} to"
                 f" {100 * DAMPING[2]:g} %; range {low:.3g} N*m*s/rad to {high:.3g} N*m*s/rad",
+            ),
+            "reducer.wave_generator_inertia": Entry(
+                f"{J_wg:.3g} kg*cm^2",
+                f"assumed: of size {self.size}, by the fifth power of the size from {WAVE_GENERATOR[1]:g} kg cm² of size"
+                f" {WAVE_GENERATOR[0]}; a data sheet states it at the input, with its coupling; range {lightest:.3g} kg*cm^2 to"
+                f" {heaviest:.3g} kg*cm^2",
             ),
             "reducer.hysteresis": Entry(f"{{loss: {self.hysteresis:g} arcmin, stiffness: {K:g} N*m/rad}}", ""),
             error: Entry("", "assumed: two per turn of the wave generator, the usual order; phase 0"),

@@ -17,6 +17,12 @@ _LINE = re.compile(r"(?P<start>  (?P<key>\w+): )(?P<value>[^#]*?)(?P<space> *)(?
 _ERROR, _HYSTERESIS = "reducer.transmission_error", "reducer.hysteresis"
 
 
+def gear_assumed(gear: str) -> dict[str, Entry]:
+    """What of the file with a gear of the catalog is assumed, dotted key to value and source. OptionError."""
+    found, ratio = find_gear(gear)
+    return assumed(found.entries(ratio, _example().output_inertia))
+
+
 def new_text(gear: str | None = None, **sheet: str) -> str:
     """Text of a commented scenario file.
 
