@@ -123,6 +123,74 @@ def test_the_same_two_teeth_meet_as_often_as_counting_says(pinion, wheel):
     assert stage(pinion=pinion, wheel=wheel).orders["hunting"].cycles == Fraction(pinion, meets)
 
 
+def test_two_rings_and_a_stepped_planet_make_a_large_ratio():
+    """Rings of 74 and 80 teeth about a planet of 69 and 75: 1 - 74 x 75 / (69 x 80) = -1/184, counted tooth by tooth."""
+    two = stage(ring=74, planet=69, planet_2=75, ring_2=80, planets=1)
+    assert (two.driven, two.output) == ("carrier", "ring_2")
+    assert two.lead == Fraction(-1, 184)
+    # one turn of the carrier: the planet rolls off 74 teeth of 69 backwards on its carrier, the second ring 75/80 of that
+    on_carrier = -Fraction(74, 69)
+    assert two.speeds["planet"] == 1 + on_carrier
+    assert two.lead == 1 + on_carrier * Fraction(75, 80)
+    assert two.order("mesh") == 74
+    assert two.order("mesh_2") == 80 * abs(two.lead - 1) == 75 * two.order("planet")
+    assert two.order("hunting_ring") == Fraction(74, 74 * 69)
+    names = {x.name for x in train_orders((two,))}
+    assert {"mesh", "mesh_2", "2 mesh_2", "mesh_2 + ring_2_tooth", "mesh - planet"} <= names
+    turned = stage(ring=74, planet=69, planet_2=75, ring_2=80, planets=1, fixed="ring_2")
+    assert turned.lead == 1 - Fraction(69, 74) * Fraction(80, 75)
+
+
+def test_a_stepped_planet_between_sun_and_ring_and_between_two_suns():
+    """Sun S, planet P and Q, ring R: 1 + P R / (S Q) turns of the sun for one of the carrier; with P = Q the plain stage."""
+    stepped = stage(sun=20, planet=40, planet_2=20, ring=80, planets=4)
+    assert 1 / stepped.lead == 1 + Fraction(40 * 80, 20 * 20)
+    plain, alike = stage(sun=18, ring=72, planet=27), stage(sun=18, ring=72, planet=27, planet_2=27)
+    for name in (
+        "sun",
+        "carrier",
+        "planet",
+        "mesh",
+        "sun_tooth",
+        "ring_tooth",
+        "sun_pass",
+        "ring_pass",
+        "hunting_ring",
+    ):
+        assert plain.order(name) == alike.order(name)
+    assert plain.order("mesh") == alike.order("mesh_2")
+    suns = stage(sun=74, planet=69, planet_2=75, sun_2=80, planets=1, fixed="sun")
+    assert (suns.driven, suns.output) == ("carrier", "sun_2")
+    assert suns.lead == 1 - Fraction(74 * 75, 69 * 80)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"ring": 74, "planet": 69, "planet_2": 75, "ring_2": 80}, "planets: 3 of 69 teeth overlap"),
+        ({"ring": 74, "planet": 69, "planet_2": 80, "ring_2": 80, "planets": 1}, "ring_2: 80 teeth leave no room"),
+        ({"sun": 20, "planet": 40, "planet_2": 21, "ring": 80, "planets": 3}, "3 alike cannot be assembled at equal angles"),
+        ({"sun": 74, "planet": 69, "planet_2": 75, "sun_2": 80, "planets": 1}, "fixed: this stage has no ring; its members are"),
+        ({"ring": 80, "planet": 40, "planet_2": 20, "ring_2": 40, "planets": 1}, "turn alike about the carrier"),
+        ({"ring": 74, "planet": 69, "ring_2": 80}, "of stepped planets planet and planet_2 with sun and ring, ring and ring_2"),
+    ],
+)  # fmt: skip
+def test_stepped_planets_that_cannot_be_are_a_sentence(keys, sentence):
+    with pytest.raises(ScenarioError, match=sentence):
+        baseline().with_({"reducer.train": [keys], "reducer.ratio": None})
+
+
+def test_a_train_with_a_stepped_planet_has_its_lines():
+    two = {"ring": 74, "planet": 69, "planet_2": 75, "ring_2": 80, "planets": 1}
+    two["errors"] = [{"order": "mesh_2", "amplitude": "5 arcsec"}]
+    scenario = baseline().with_({"reducer.train": [two], "reducer.ratio": None})
+    assert scenario.reducer.ratio == pytest.approx(184.0)
+    rotor = 184.0 * scenario.tracking.rate / (2.0 * math.pi)
+    expected = 80 * (1 + 1 / 184) * rotor
+    found = [line.frequency for line in expected_lines(scenario, "2000 Hz")]
+    assert min(abs(f / expected - 1.0) for f in found) < 1e-9
+
+
 def test_inertia_and_stiffness_are_reflected_by_energy():
     first = stage(pinion=20, wheel=60, input_inertia=2e-7, output_inertia=5e-6, stiffness=400.0)
     second = stage(sun=20, ring=70, planets=3, input_inertia=1e-6, planet_inertia=3e-7, stiffness=5000.0)

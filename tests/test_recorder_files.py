@@ -156,6 +156,13 @@ def test_a_unit_at_the_end_of_a_column_name(tmp_path):
     assert_is_mz(read(tmp_path, text, "a.csv", how), atol=1e-7)
 
 
+def test_the_page_takes_every_kind_of_recording_that_is_read():
+    from microvib.io.files import RECORDINGS
+    from microvib.io.formats import READERS
+
+    assert set(RECORDINGS) == set(READERS)
+
+
 def test_what_a_library_prints_is_no_output(capfd):
     import sys
     import threading

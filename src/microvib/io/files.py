@@ -16,6 +16,8 @@ from typing import Any
 
 from microvib.errors import MicrovibError, error_context
 
+RECORDINGS = (".uff", ".unv", ".ufb", ".mat", ".nc", ".tdms", ".csv", ".txt", ".asc", ".lvm", ".wav")
+"""Endings of the files of recordings that are read."""
 LARGEST = 8_000_000_000  # bytes of the largest file that is opened
 
 

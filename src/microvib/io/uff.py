@@ -59,7 +59,11 @@ def read_uff(path: Path, hints: Hints) -> Recording:
         raise RecordingError("is truncated, or no UFF; its last dataset does not end with -1")
     sets = list(_datasets(data))
     if not sets:
-        raise RecordingError("has no dataset 58")
+        kinds = sorted({int(number) for number in _KINDS.findall(data)})
+        raise RecordingError(
+            f"has no dataset 58, which holds recordings; it has {', '.join(map(str, kinds[:12])) or 'none'}; export the time"
+            " histories, too"
+        )
     names = _names(sets)
     against = [
         f"channel {name}: measured against its direction"
@@ -147,6 +151,7 @@ def _line(data: bytes, at: int) -> tuple[bytes, int]:
     return data[at:end], end + (2 if data[end : end + 2] == b"\r\n" else 1)
 
 
+_KINDS = re.compile(rb"(?:^|[\r\n]) {4}-1 *[\r\n]+ *(\d{2,5})[ \r\n]")
 _DELIMITERS = re.compile(rb"(?:^|(?<=[\r\n])) {4}-1 *(?:\r\n|\r|\n|$)")
 
 

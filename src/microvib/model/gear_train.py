@@ -16,8 +16,17 @@ from pydantic import Field
 from microvib.model.part import Part
 from microvib.units import Quantity
 
-MEMBERS = ("sun", "ring", "carrier")
-_TERM = re.compile(r"\s*([+-]?)\s*(\d{0,4})\s*\*?\s*([a-z_]+)")
+Member = Literal["sun", "ring", "carrier", "sun_2", "ring_2"]
+_TERM = re.compile(r"\s*([+-]?)\s*(\d{0,4})\s*\*?\s*([a-z_]+(?:2[a-z_]*)?)")
+_KINDS = (
+    {"pinion", "wheel"},
+    {"sun", "ring"},
+    {"sun", "planet", "ring"},
+    {"sun", "planet", "planet_2", "ring"},
+    {"ring", "planet", "planet_2", "ring_2"},
+    {"sun", "planet", "planet_2", "sun_2"},
+)
+"""Wheels whose teeth make a stage."""
 
 Teeth = Annotated[int, Field(ge=4, le=10_000, strict=True)]
 
@@ -50,13 +59,19 @@ class GearStage(Part):
     sun: Teeth | None = Field(default=None, description="teeth of the sun of a planetary stage")
     planet: Teeth | None = Field(default=None, description="teeth of a planet; null is half of ring less sun")
     ring: Teeth | None = Field(default=None, description="teeth of the ring of a planetary stage")
+    planet_2: Teeth | None = Field(
+        default=None,
+        description="teeth of a second wheel on each planet's shaft, which meshes with the second central wheel",
+    )
+    sun_2: Teeth | None = Field(default=None, description="teeth of a second sun, of stepped planets without a ring")
+    ring_2: Teeth | None = Field(default=None, description="teeth of a second ring, of stepped planets without a sun")
     planets: Annotated[int, Field(ge=1, le=20, strict=True, description="number of planets")] = 3
     equally_spaced: bool = Field(default=True, description="whether planets stand at equal angles")
-    fixed: Literal["ring", "carrier", "sun"] = Field(
-        default="ring", description="member of a planetary stage that stands"
-    )
-    input: Literal["sun", "ring", "carrier"] | None = Field(
-        default=None, description="member that is driven; null is the sun, or the ring where the sun stands"
+    fixed: Member = Field(default="ring", description="member of a planetary stage that stands")
+    input: Member | None = Field(
+        default=None,
+        description="member that is driven; null is the sun, or the ring where the sun stands, or the carrier between two rings or"
+        " two suns",
     )
     input_inertia: Annotated[
         float, Quantity("kg*m^2", "inertia of pinion or driven member with its shaft", ge=0, display="kg*cm^2")
@@ -83,12 +98,17 @@ class GearStage(Part):
     )
 
     def _misfits(self) -> Iterator[str]:
-        given = [name for name in ("pinion", "wheel", "sun", "planet", "ring") if getattr(self, name) is not None]
-        if given not in (["pinion", "wheel"], ["sun", "ring"], ["sun", "planet", "ring"]):
+        wheels = ("pinion", "wheel", "sun", "planet", "ring", "planet_2", "sun_2", "ring_2")
+        given = [name for name in wheels if getattr(self, name) is not None]
+        if set(given) not in _KINDS:
             yield (
                 f"has the teeth of {', '.join(given) or 'nothing'}; pinion and wheel are expected, or sun and ring, of which planet"
-                " may be given too"
+                " may be given too; of stepped planets planet and planet_2 with sun and ring, ring and ring_2, or sun and sun_2"
             )
+            return
+        if self.stepped:
+            yield from self._unlike_steps()
+            yield from self._unlike_members()
             return
         if self.planetary:
             yield from self._unlike_planets()
@@ -123,19 +143,74 @@ class GearStage(Part):
             room = max(n for n in range(1, 21) if n == 1 or math.sin(math.pi * (places // n) / places) > apart)
             if self.planets > room:
                 yield f"planets: {self.planets} of {planet} teeth overlap about a sun of {sun}; at most {room} have room"
+        yield from self._unlike_members()
+
+    def _unlike_members(self) -> Iterator[str]:
+        for key, member in (("fixed", self.fixed), ("input", self.driven)):
+            if member not in self.members:
+                yield f"{key}: this stage has no {member}; its members are {', '.join(self.members)}"
+                return
         if self.driven == self.fixed:
             yield f"input: the {self.fixed} stands (fixed); another member is expected"
+
+    def _unlike_steps(self) -> Iterator[str]:
+        """What does not fit of stepped planets; whether their axes are equally far from both wheels is a matter of modules."""
+        n = self.planets
+        for wheel, planet in self._meshes:
+            own, turning = self.teeth[wheel], self.teeth[planet]
+            inside = wheel.startswith("ring")
+            if inside and own <= turning:
+                yield f"{wheel}: {own} teeth leave no room for a planet of {turning}"
+                return
+            apart = own - turning if inside else own + turning
+            if n > 1 and apart * math.sin(math.pi / n) <= turning + 2:
+                yield f"planets: {n} of {turning} teeth overlap; fewer have room"
+                return
+        (first, planet), (second, planet_2) = self._meshes
+        t = self.teeth
+        way = -1 if first.startswith("ring") == second.startswith("ring") else 1
+        if way < 0 and t[first] * t[planet_2] == t[second] * t[planet]:
+            yield f"planet_2: {first} and {second} turn alike about the carrier with these teeth; nothing is reduced"
+            return
+        places = t[first] * t[planet_2] + way * t[second] * t[planet]
+        step = n * math.gcd(t[planet], t[planet_2])
+        if self.equally_spaced and places % step:
+            yield (
+                f"planets: {n} alike cannot be assembled at equal angles, since {abs(places)} is no multiple of {step}"
+                f" ({first} x planet_2 {'-' if way < 0 else '+'} {second} x planet, over {n} times the greatest common divisor of"
+                " planet and planet_2); if they stand at others, equally_spaced: false"
+            )
 
     @property
     def planetary(self) -> bool:
         """Whether this is a planetary stage."""
-        return self.sun is not None
+        return self.pinion is None and self.wheel is None
+
+    @property
+    def stepped(self) -> bool:
+        """Whether each planet has two wheels on its shaft."""
+        return self.planet_2 is not None
+
+    @property
+    def members(self) -> tuple[str, str, str]:
+        """The two central wheels of a planetary stage, and its carrier."""
+        first = "sun" if self.sun is not None else "ring"
+        second = "sun_2" if self.sun_2 is not None else "ring_2" if self.ring_2 is not None else "ring"
+        return first, second, "carrier"
+
+    @property
+    def _meshes(self) -> tuple[tuple[str, str], tuple[str, str]]:
+        """Each central wheel with the planet's wheel that it meshes with."""
+        first, second, _ = self.members
+        return (first, "planet"), (second, "planet_2" if self.stepped else "planet")
 
     @property
     def teeth(self) -> dict[str, int]:
         """Numbers of teeth by wheel."""
         if not self.planetary:
             return {"pinion": int(self.pinion or 0), "wheel": int(self.wheel or 0)}
+        if self.stepped:
+            return {name: int(getattr(self, name)) for mesh in self._meshes for name in mesh}
         sun, ring = int(self.sun or 0), int(self.ring or 0)
         return {"sun": sun, "planet": self.planet or (ring - sun) // 2, "ring": ring}
 
@@ -144,12 +219,16 @@ class GearStage(Part):
         """The member that is the input."""
         if not self.planetary:
             return "pinion"
-        return self.input or ("ring" if self.fixed == "sun" else "sun")
+        if self.input is not None:
+            return self.input
+        if "sun" not in self.members or "sun_2" in self.members:
+            return "carrier"
+        return "ring" if self.fixed == "sun" else "sun"
 
     @property
     def output(self) -> str:
         """The member that is the output."""
-        return next(m for m in MEMBERS if m not in (self.fixed, self.driven)) if self.planetary else "wheel"
+        return next(m for m in self.members if m not in (self.fixed, self.driven)) if self.planetary else "wheel"
 
     @property
     def speeds(self) -> dict[str, Fraction]:
@@ -157,11 +236,13 @@ class GearStage(Part):
         t = self.teeth
         if not self.planetary:
             return {"pinion": Fraction(1), "wheel": Fraction(t["pinion"], t["wheel"]) * (1 if self.internal else -1)}
-        # Willis: sun and ring turn oppositely as seen from the carrier, S (sun - carrier) + R (ring - carrier) = 0
-        weights = {"sun": t["sun"], "ring": t["ring"], "carrier": -(t["sun"] + t["ring"])}
+        # Willis: as seen from the carrier, each central wheel turns the planet by its teeth over the planet's, a sun backwards
+        (first, planet), (second, planet_2) = self._meshes
+        own = {wheel: Fraction(t[wheel] * (1 if wheel.startswith("ring") else -1), t[p]) for wheel, p in self._meshes}
+        weights = {first: own[first], second: -own[second], "carrier": own[second] - own[first]}
         speed = {self.fixed: Fraction(0), self.driven: Fraction(1)}
-        speed[self.output] = -Fraction(weights[self.driven], weights[self.output])
-        speed["planet"] = speed["carrier"] - (speed["sun"] - speed["carrier"]) * Fraction(t["sun"], t["planet"])
+        speed[self.output] = -weights[self.driven] / weights[self.output]
+        speed["planet"] = speed["carrier"] + (speed[first] - speed["carrier"]) * own[first]
         return speed
 
     @property
@@ -181,9 +262,11 @@ class GearStage(Part):
                 "mesh": Order(mesh, "teeth of the pinion x its turns"),
                 "hunting": Order(mesh / math.lcm(*t.values()), "the same two teeth meet: mesh / lcm(pinion, wheel)"),
             }
+        if self.stepped:
+            return self._orders_of_steps()
         of_sun, of_ring = abs(w["sun"] - w["carrier"]), abs(w["ring"] - w["carrier"])
         mesh, n = t["sun"] * of_sun, self.planets
-        turns = {m: Order(abs(w[m]), f"turns of the {m}") for m in MEMBERS if m != self.fixed}
+        turns = {m: Order(abs(w[m]), f"turns of the {m}") for m in self.members if m != self.fixed}
         return turns | {
             "planet": Order(mesh / t["planet"], "turns of a planet on the carrier: mesh / planet"),
             "mesh": Order(mesh, "teeth of the sun x its turns against the carrier, as of the ring"),
@@ -194,6 +277,23 @@ class GearStage(Part):
             "hunting_sun": Order(mesh / math.lcm(t["sun"], t["planet"]), "the same teeth of sun and planet meet"),
             "hunting_ring": Order(mesh / math.lcm(t["ring"], t["planet"]), "the same teeth of ring and planet meet"),
         }
+
+    def _orders_of_steps(self) -> dict[str, Order]:
+        """Orders of a stage with stepped planets: a mesh at each of the two central wheels."""
+        t, w, n = self.teeth, self.speeds, self.planets
+        found = {m: Order(abs(w[m]), f"turns of the {m}") for m in self.members if m != self.fixed}
+        found["planet"] = Order(abs(w["planet"] - w["carrier"]), "turns of a planet on the carrier")
+        for (wheel, planet), name in zip(self._meshes, ("mesh", "mesh_2"), strict=True):
+            past = abs(w[wheel] - w["carrier"])
+            found |= {
+                name: Order(t[wheel] * past, f"teeth of the {wheel} x its turns against the carrier"),
+                f"{wheel}_tooth": Order(past, f"a tooth of the {wheel} meets a planet again: {name} / {wheel}"),
+                f"{wheel}_pass": Order(n * past, f"planets pass a tooth of the {wheel}: planets x {name} / {wheel}"),
+                f"hunting_{wheel}": Order(
+                    t[wheel] * past / math.lcm(t[wheel], t[planet]), f"the same teeth of {wheel} and {planet} meet"
+                ),
+            }
+        return found
 
     def order(self, text: str) -> Fraction:
         """Cycles per turn of the input of a name, a multiple, or a sum, such as ``2 mesh - carrier``; ValueError."""
@@ -235,6 +335,13 @@ def train_orders(train: tuple[GearStage, ...]) -> list[StageOrder]:
     rows = []
     for k, (stage, speed) in enumerate(zip(train, speeds(train), strict=False), 1):
         told = {name: order.words for name, order in stage.orders.items()}
+        if stage.stepped:
+            told |= {f"{n} {mesh}": f"harmonic {n} of {mesh}" for mesh in ("mesh", "mesh_2") for n in (2, 3)}
+            for wheel, mesh in zip(stage.members, ("mesh", "mesh_2"), strict=False):
+                beside = (f"{wheel}_tooth", f"{wheel}_pass", "planet")
+                told |= {f"{mesh} {sign} {name}": f"sideband of {mesh}, {name}" for name in beside for sign in "-+"}
+            rows += [StageOrder(k, name, words, abs(speed) * stage.order(name)) for name, words in told.items()]
+            continue
         if stage.planetary:
             told |= {
                 "2 planet": "a tooth of a planet meets sun and ring",

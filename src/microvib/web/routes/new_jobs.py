@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 
 from microvib.analysis.seeds import check_seeds
 from microvib.errors import MicrovibError, OptionError
+from microvib.io.files import RECORDINGS
 from microvib.model.coupling import craft_in
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
@@ -37,7 +38,6 @@ from microvib.web.routes.messages import (
 )
 from microvib.web.routes.results import finished_run
 
-RECORDINGS = (".uff", ".unv", ".mat", ".nc", ".tdms", ".csv", ".txt")
 _RAW = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 
 routes = APIRouter(responses=refusals(429))
