@@ -219,6 +219,27 @@ def test_what_is_refused_before_the_work_begins_is_told_without_a_bar(capsys, mo
         assert "compiles on first use" in capsys.readouterr().err  # at once, however soon the work is done
 
 
+def test_every_bar_is_a_line_a_minute_where_there_is_no_terminal(capsys, monkeypatch):
+    now = iter([0.0, 59.0, 61.0, 100.0, 130.0, 131.0])
+    monkeypatch.setattr("microvib.cli.progress.time.monotonic", lambda: next(now))
+    with progress_bar("computing", "draws") as tell:
+        for done in (0, 1, 2, 3, 4, 10):
+            tell(done, 10)
+    assert capsys.readouterr().err == (
+        "computing: 2 of 10 draws, 4 min left\ncomputing: 4 of 10 draws, 3 min left\ncomputing: 10 of 10 draws\n"
+    )
+    now = iter([0.0, 30.0, 61.0, 70.0, 130.0])
+    with progress_bar() as tell:
+        for text in "abcde":
+            tell.say(text)
+    assert capsys.readouterr().err == "c\ne\n"
+    now = iter([0.0, 30.0])
+    with progress_bar() as tell:
+        for done in (0.0, 1.0):
+            tell(done, 1.0)
+    assert capsys.readouterr().err == "", "short work is quiet"
+
+
 def test_progress_on_lines_has_rate_and_time_left(capsys, monkeypatch):
     now = iter([0.0, 5.0, 16.0, 20.0])
     monkeypatch.setattr("microvib.cli.progress.time.monotonic", lambda: next(now))

@@ -7,7 +7,9 @@ from dataclasses import asdict, fields
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from microvib.cli.main import main
 from microvib.io.tables import PAPER_LINES, read_table
 from microvib.studies import statements
 from microvib.studies.statements import (
@@ -88,9 +90,34 @@ def test_draws_are_kept_and_continued(tmp_path, monkeypatch):
 
     monkeypatch.setattr(statements, "row_of", row)
     extend(tmp_path / "draws.csv", 2, 1)
-    rows = extend(tmp_path / "draws.csv", 4, 1)
+    steps = []
+    rows = extend(tmp_path / "draws.csv", 4, 1, lambda done, total: steps.append((done, total)))
+    assert steps == [(3, 5), (4, 5), (5, 5)]
     assert made == [0, 1, 2, 3, 4]
     assert [row["draw"] for row in rows] == ["0", "1", "2", "3", "4"]
+
+
+def test_draws_are_announced_interrupted_and_continued(tmp_path, monkeypatch):
+    stops = [10]
+
+    def row(number, seeds, start):
+        if number in stops:
+            raise KeyboardInterrupt
+        return {"draw": number, "seeds": seeds, **asdict(drawn(number)), "refused": "not tried"}
+
+    def command():
+        table = str(tmp_path / "draws.csv")
+        return CliRunner().invoke(main, ["statements", table, "--draws", "39", "--seeds", "12"]).stderr
+
+    monkeypatch.setattr(statements, "row_of", row)
+    said = command()
+    assert said.startswith("40 draws to compute, about 20 min. ")
+    assert "after an interruption the same command continues" in said
+    assert len((tmp_path / "draws.csv").read_text().splitlines()) == 1 + 10
+    stops.clear()
+    assert command().startswith("30 draws to compute, about 15 min. ")
+    assert len((tmp_path / "draws.csv").read_text().splitlines()) == 1 + 40
+    assert "to compute" not in command()
 
 
 def test_halved_steps_change_no_line_by_a_per_cent(checks):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import copyreg
 import difflib
 import os
+import re
 import reprlib
+import sys
 from collections.abc import Iterable, Iterator, Sequence, Set
 from contextlib import contextmanager, suppress
 from operator import index
@@ -25,6 +27,30 @@ class MicrovibError(Exception):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled as text and attributes, whatever a constructor takes: errors come back from other processes."""
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
+
+
+def missing_library(error: ImportError) -> str:
+    """Sentence on a library that is not installed, with the command that installs it; empty for a module of microvib or Python.
+
+    The extra that brings it is the smallest one that this package declares it in.
+    """
+    from importlib import metadata
+
+    name = (error.name or "").partition(".")[0]
+    if not name or name == "microvib" or name in sys.stdlib_module_names:
+        return ""
+    try:
+        declared = metadata.requires("microvib") or []
+    except metadata.PackageNotFoundError:  # imported from a folder that pip knows nothing of
+        declared = []
+    brought: dict[str, list[str]] = {}  # by each extra
+    for line in declared:
+        library, _, marker = line.partition(";")
+        if extra := re.search(r"extra\s*==\s*['\"]([\w-]+)", marker):
+            brought.setdefault(extra[1], []).append(re.split(r"[^\w.-]", library)[0].lower().replace("-", "_"))
+    extras = [extra for extra, libraries in brought.items() if name.lower() in libraries]
+    wanted = f"microvib[{min(extras, key=lambda extra: len(brought[extra]))}]" if extras else "microvib"
+    return f"this needs {name}, which is not installed; pip install '{wanted}'"
 
 
 class OptionError(MicrovibError):

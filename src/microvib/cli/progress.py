@@ -10,34 +10,43 @@ from typing import Any
 import click
 
 _PAUSE = 0.1  # seconds between two drawings of a bar
+_EVERY = 60.0  # seconds between two lines where there is no bar
 _WIDE = 80  # columns of a terminal from which on there is room for the bar itself
 
 
 class progress_bar:
-    """A bar where a terminal can draw one, gone when the work is done; elsewhere a line every ``lines_every`` seconds.
+    """A bar where a terminal can draw one, gone when the work is done; elsewhere a line every minute.
 
+    ``lines_every`` are other seconds between lines, for what is counted in cases: then lines and bar say the rate, too.
     It begins with the first call, so that what is refused before the work begins is told without it. Called with what is done
     and the whole, in ``unit``; ``finishing`` stands there when all is done.
     """
 
     def __init__(
-        self, doing: str = "simulating", unit: str = "s", *, finishing: str = "finishing", lines_every: float = math.inf
+        self,
+        doing: str = "simulating",
+        unit: str = "s",
+        *,
+        finishing: str = "finishing",
+        lines_every: float | None = None,
     ) -> None:
-        self._doing, self._unit, self._finishing, self._every = doing, unit, finishing, lines_every
+        self._doing, self._unit, self._finishing = doing, unit, finishing
+        self._every, self._rates = lines_every or _EVERY, lines_every is not None
         self._bar: Any = None
-        self._begun = False
+        self.begun = False
         self._told = -math.inf
+        self._lines = 0
         self._first: tuple[float, float] | None = None
 
     def __enter__(self) -> progress_bar:
         return self
 
     def _begin(self) -> None:
-        if not self._begun and sys.stderr.isatty():
+        if not self.begun and sys.stderr.isatty():
             self._bar = _bar()
             if self._bar is not None:
                 self._bar.start()
-        self._begun = True
+        self.begun = True
 
     def __exit__(self, *args: object) -> None:
         if self._bar is not None:
@@ -46,15 +55,13 @@ class progress_bar:
     def __call__(self, done: float, total: float) -> None:
         """Tell how far it is, unless it was told just now."""
         self._begin()
-        if self._bar is None and not math.isfinite(self._every):
-            return
         now = time.monotonic()
         if self._first is None:  # what was there before counts for no rate
             self._first = now, done
             self._told = now if self._bar is None else -math.inf
             total = math.inf if self._bar is None else total
         pause = self._every if self._bar is None else _PAUSE
-        if now - self._told < pause and done < total:
+        if now - self._told < pause and (done < total or self._quiet()):
             return
         self._told = now
         amount, pace = f"{done:.0f} of {total:.0f} {self._unit}", self._pace(now, done, total)
@@ -64,22 +71,37 @@ class progress_bar:
             task, shown = self._bar.task_ids[0], {"description": text, "amount": amount}
             self._bar.update(task, completed=done, total=total, refresh=True, **shown)  # of short work, too
         else:
-            click.echo(f"{amount}{pace}", err=True)
+            self._lines += 1
+            click.echo(f"{'' if self._rates else self._doing + ': '}{amount}{pace}", err=True)
+
+    def _quiet(self) -> bool:
+        """Whether short work ends without a line, as nothing is said of it before."""
+        return self._bar is None and not self._rates and not self._lines
 
     def say(self, text: str) -> None:
         """What is being done, where nobody knows how much of it there is."""
         self._begin()
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], description=text)
+            return
+        now = time.monotonic()
+        self._first = self._first or (now, 0.0)
+        if now - max(self._told, self._first[0]) >= self._every:
+            self._told = now
+            click.echo(text, err=True)
 
     def _pace(self, now: float, done: float, total: float) -> str:
         """Rate and time left of what is counted on lines, too."""
         begun, before = self._first or (now, done)
-        if done <= before or not math.isfinite(self._every):
+        if done <= before:
             return ""
         rate = (done - before) / max(now - begun, 1e-9)
-        left = f", {(total - done) / rate:.0f} s left" if done < total and self._bar is None else ""
-        return f", {rate:.3g} {self._unit}/s{left}"
+        left = f", {_span((total - done) / rate)} left" if done < total and self._bar is None else ""
+        return (f", {rate:.3g} {self._unit}/s" if self._rates else "") + left
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
 
 
 def _bar() -> Any:

@@ -14,17 +14,11 @@ from typing import Any
 
 import click
 
-from microvib.errors import MicrovibError, OptionError
+from microvib.errors import MicrovibError, OptionError, missing_library
 
 FAILED, BUG, INTERRUPTED = 1, 70, 128 + signal.SIGINT
 CLOSED_PIPE = 128 + 13  # as the shell counts a program that SIGPIPE ended
 TRACEBACK = "MICROVIB_TRACEBACK"  # environment variable that asks for the traceback of a bug
-
-_EXTRAS = {
-    "pyfe3d": "fem", "pyyeti": "fem", "pyuff": "test-data", "nptdms": "test-data", "typst": "report", "distributed": "dask",
-    "sphinx": "docs", "fastapi": "serve", "uvicorn": "serve",
-}  # fmt: skip
-"""Extra of the package that brings a library."""
 
 
 def status_of(command: Callable[[], Any]) -> int:
@@ -52,8 +46,8 @@ def _said(error: BaseException) -> int:
             return error.exit_code
         case MicrovibError():
             return _say("\n".join(f"Error: {line}" for line in _typed(error).splitlines()))
-        case ModuleNotFoundError() if extra := _EXTRAS.get((error.name or "").split(".")[0]):
-            return _say(f"Error: this needs {error.name}, which is not installed; pip install 'microvib[{extra}]'")
+        case ModuleNotFoundError() if sentence := missing_library(error):
+            return _say(f"Error: {sentence}")
         case MemoryError():
             return _say("Error: memory is exhausted; a shorter record.duration or fewer cases at a time need less")
         case Refused():

@@ -263,8 +263,19 @@ def statements(table: Path, draws: int, seeds: int) -> None:
     """
     from microvib.studies.statements import STATEMENTS, extend, held
 
-    with progress_bar("drawing") as progress:
-        rows = extend(table, draws, seeds, lambda number: progress(number, draws))
+    with progress_bar("computing", "draws") as progress:
+
+        def told(done: int, total: int) -> None:
+            if done < total and not progress.begun:
+                minutes = max(round((total - done) * seeds / 24), 1)
+                echo(
+                    f"{total - done} draws to compute, about {minutes} min. Each is kept in {table} when it is done: after an"
+                    " interruption the same command continues.",
+                    err=True,
+                )
+            progress(done, total)
+
+        rows = extend(table, draws, seeds, told)
     for k, statement in enumerate(STATEMENTS):
         spread, single = held(rows, k)
         echo(f"{statement.item:90s} {100 * spread:5.0f} % of the draws, {100 * single:5.0f} % of single records")

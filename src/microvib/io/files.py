@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from microvib.errors import MicrovibError, error_context
+from microvib.errors import MicrovibError, error_context, missing_library
 
 RECORDINGS = (".uff", ".unv", ".ufb", ".mat", ".nc", ".tdms", ".csv", ".txt", ".asc", ".lvm", ".wav")
 """Endings of the files of recordings that are read."""
@@ -86,9 +86,9 @@ def check_file(path: Path, largest: int = LARGEST) -> None:
         raise MicrovibError(f"has {facts.st_size / 1e9:.1f} GB; files of at most {largest / 1e9:g} GB are read")
 
 
-def library(module: str, package: str, extra: str) -> Any:
-    """A module of an optional ``package``; MicrovibError where it is not installed, with the extra that brings it."""
+def library(module: str) -> Any:
+    """A module of an optional library; MicrovibError where that is not installed, with the extra that brings it."""
     try:
         return import_module(module)
-    except ImportError:
-        raise MicrovibError(f"{package} is not installed; pip install 'microvib[{extra}]'") from None
+    except ModuleNotFoundError as error:
+        raise MicrovibError(missing_library(error) or str(error)) from None

@@ -85,7 +85,7 @@ def _decoded(x: Dataset) -> np.ndarray:
 
 
 def _read_tdms(path: Path, hints: Hints) -> Recording:
-    nptdms = library("nptdms", "npTDMS", "test-data")
+    nptdms = library("nptdms")
     # A stream: no index file beside it is taken.
     with silent(), _complaints("nptdms"), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         channels = [c for group in file.groups() for c in group.channels()]

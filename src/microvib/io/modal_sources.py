@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from microvib.errors import ScenarioError
+from microvib.errors import ScenarioError, missing_library
 from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.named import named_text, reference_names
 from microvib.io.yaml_text import parse_yaml
@@ -90,6 +90,4 @@ def elements_of(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise ScenarioError(
-            f"{name}: finite elements need {error.name}, which is not installed; install microvib with its extra 'fem'"
-        ) from None
+        raise ScenarioError(f"{name}: {missing_library(error) or error}") from None

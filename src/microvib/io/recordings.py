@@ -128,7 +128,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 
 
 def _write_uff(recording: Recording, path: Path) -> None:
-    pyuff = library("pyuff", "pyuff", "test-data")
+    pyuff = library("pyuff")
     t = np.arange(recording.samples) / recording.sample_rate
     # The step is written with six digits; where these do not give the rate back, each sample has its time.
     even = snapped_rate(1.0 / float(f"{1.0 / recording.sample_rate:.5e}"))[0] == recording.sample_rate

@@ -337,24 +337,28 @@ FIRST = Calibrated(0.1407, 5053.0, 0.01442, 4e-6)
 """Where a calibration begins: the catalog's state 1."""
 
 
-def extend(path: Path, draws: int, seeds: int, progress: Callable[[int], None] | None = None) -> list[dict[str, str]]:
-    """Rows of the table ``path``: the central assumptions and ``draws`` others; what it lacks is computed and added, row by row."""
+def extend(
+    path: Path, draws: int, seeds: int, progress: Callable[[int, int], None] | None = None
+) -> list[dict[str, str]]:
+    """Rows of the table ``path``: the central assumptions and ``draws`` others; what it lacks is computed and added, row by row.
+
+    ``progress`` is called with the rows that are there and those that there will be, before the first and after each.
+    """
     from microvib.io.writing import write_file
 
     rows = dict_rows(path, _COLUMNS, OutputError, ignored=".*") if path.is_file() else []
     if rows and list(rows[0]) != _COLUMNS:
         raise OutputError(f"{path}: is not a table of draws of this version; nothing was written; choose another file")
+    lacking = sorted(set(range(draws + 1)) - {int(row["draw"]) for row in rows})
+    total = len(rows) + len(lacking)
     if progress:
-        progress(0)
-    have = {int(row["draw"]) for row in rows}
-    for number in range(draws + 1):
-        if number in have:
-            continue
+        progress(len(rows), total)
+    for number in lacking:
         made = row_of(number, seeds, FIRST)
         rows.append({name: _cell(made.get(name, "")) for name in _COLUMNS})
         write_file(path, rows_csv(_COLUMNS, ([row[name] for name in _COLUMNS] for row in rows)), overwrite=True)
         if progress:
-            progress(number)
+            progress(len(rows), total)
     return rows
 
 

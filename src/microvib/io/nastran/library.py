@@ -15,7 +15,7 @@ LONGEST_LINE = 1000
 
 def pyyeti(name: str) -> Any:
     """A module of pyyeti's Nastran part; MicrovibError where the package is missing."""
-    return library(f"pyyeti.nastran.{name}", "pyyeti", "fem")
+    return library(f"pyyeti.nastran.{name}")
 
 
 def lines_of(path: Path) -> Iterator[str]:

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, missing_library
 from microvib.web.jobs import Tell
 
 _FOLDERS = re.compile(r"""(?<![\w.*^/\\])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:;,'"]+[/\\])+""")
@@ -63,8 +63,8 @@ def _said(task: str, error: Exception) -> str:
         return str(error)
     if isinstance(error, MemoryError):
         return _OUT_OF_MEMORY
-    if isinstance(error, ModuleNotFoundError):
-        return f"this needs {error.name}, which is not installed with the server"
+    if isinstance(error, ModuleNotFoundError) and (sentence := missing_library(error)):
+        return sentence
     if isinstance(error, OSError):
         return f"a file of the server could not be used: {error.strerror or error}"
     logging.getLogger("microvib.serve").error("%s failed", task, exc_info=error)
