@@ -43,7 +43,7 @@ def private_cluster(count: int) -> Iterator[Client]:
     The key of its TLS is kept in memory, made for this cluster alone; scheduler and workers take nobody without it. What workers
     write lies in a folder that only its owner can read. Raises MicrovibError where ``cryptography`` is missing.
     """
-    library("cryptography", "cryptography", "dask")
+    library("cryptography")
     security = Security.temporary()
     shared = {"host": LOOPBACK, "protocol": "tls://", "security": security}
     with workspace(Path(tempfile.gettempdir()), "dask") as folder:
