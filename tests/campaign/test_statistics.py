@@ -9,16 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.campaigns import EVERYTHING, SHORT, Fragile, computed, made, spread, study
+from support.scenarios import limit_of
 
 import microvib as mv
-from microvib.reports.campaign.report import _sampling, campaign_report, draw, summarise
+from microvib.reports.campaign.report import _sampling, above_limit, campaign_report, draw, summarise
 from microvib.reports.campaign.text import report_text
 from microvib.reports.document import Table
 from microvib.reports.rendering import html
-from microvib.studies.campaign import effects
+from microvib.studies.campaign import effects, statistics
+from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.effects import _first_and_total, sobol, tornado
-from microvib.studies.campaign.results import MISSING, merge, open_results
+from microvib.studies.campaign.results import DONE, MISSING, merge, open_results
 from microvib.studies.campaign.run import compute_missing
 from microvib.studies.campaign.statistics import (
     ANY,
@@ -69,6 +71,70 @@ def test_cases_that_could_not_be_judged_are_neither_above_nor_below(tmp_path):
     any_level = at_any_level(results, 1e-3, (60.0, 400.0))
     assert (any_level.above, any_level.unknown) == (0, 8)
     assert (any_level.exceedance.low, any_level.exceedance.high) == (0.0, 1.0)
+
+
+class _Cases:
+    """Merged results of 400 draws, their lines: drive_1, and one that others hide in 214 of them."""
+
+    lines = ("drive_1", "array_mode_1")
+    state = np.full(400, DONE)
+
+    def __init__(self, verdicts: np.ndarray) -> None:
+        study = SimpleNamespace(
+            limit="10 mN*m", band=None, sampling=SimpleNamespace(method="random", count=400, noise="one")
+        )
+        record = SimpleNamespace(duration=4.0)
+        samples = np.arange(400.0)[:, None]
+        self.campaign = SimpleNamespace(
+            design=SimpleNamespace(
+                samples=samples, cases=400, uncertain=(1,), levels=(), random=True, study=study, level_text=lambda k: "",
+                base=SimpleNamespace(record=record),
+            )
+        )  # fmt: skip
+        self.verdicts = verdicts
+
+    def of(self, line: str, figure: str = "amplitude") -> np.ndarray:
+        values = {"amplitude": 0.009, "frequency": 5.0, "bin_amplitude": 0.008, "decay": 0.0}[figure] * np.ones(400)
+        if line == "drive_1" and figure == "amplitude":
+            values[:27] = 0.0101
+        if line == "array_mode_1":
+            values[:214] = 0.008 if figure == "bin_amplitude" else np.nan
+        return values
+
+    def status(self, line: str) -> np.ndarray:
+        hidden = (line == "array_mode_1") & (np.arange(400) < 214)
+        return np.where(hidden, "not separable from drive_1", "ok").astype(object)
+
+
+def test_any_line_is_above_wherever_one_line_is_and_what_is_unknown_widens_its_interval(monkeypatch):
+    """In two cases a run would not be failed yet, since its line is within its uncertainty of the limit."""
+    monkeypatch.setattr(statistics, "limit_of", lambda study: limit_of(0.010))
+    verdicts = np.repeat([VERDICTS.index("fail"), VERDICTS.index("not judged")], [25, 375])
+    rows = {row.line: row for row in line_statistics(_Cases(verdicts), 0.010, EVERYTHING)}
+    assert rows["drive_1"].above == 27
+    assert rows[ANY].above == 27
+    mode = rows["array_mode_1"]
+    assert (mode.count, mode.above, mode.unknown, mode.judged) == (186, 0, 214, 400)
+    assert mode.exceedance.low == 0.0
+    assert mode.exceedance.high == pytest.approx(proportion(214, 400).high)
+    assert above_limit(mode).startswith("0 of 400, 214 not judged: 0 % (0 to 58")
+
+
+def test_lines_of_cases_that_pass_are_below_though_others_hide_them(monkeypatch):
+    monkeypatch.setattr(statistics, "limit_of", lambda study: limit_of(0.010))
+    rows = {row.line: row for row in line_statistics(_Cases(np.full(400, VERDICTS.index("pass"))), 0.0105, EVERYTHING)}
+    assert (rows["array_mode_1"].unknown, rows["array_mode_1"].above) == (0, 0)
+
+
+def test_columns_of_a_campaign_never_run_together(tmp_path):
+    some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
+    results = computed(tmp_path, study(vary=some, limit="1 mN*m", sampling={"method": "random", "count": 8}))
+    summary = summarise(results, 1e-3, EVERYTHING)
+    rows = [replace(row, worst=967123, unknown=1234567, above=1000000, judged=2000000) for row in summary.rows]
+    text = report_text(replace(summary, rows=rows))
+    head, *body = text.split("\n\n")[1].splitlines()
+    for line in body:
+        assert "  967123  1000000 of 2000000, 1234567 not judged" in line
 
 
 def test_points_with_draws_of_their_own_scatter_as_seeds_do(tmp_path):

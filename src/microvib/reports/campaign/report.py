@@ -110,7 +110,7 @@ def above_limit(r: LineStatistics) -> str:
     if r.exceedance is None:
         return "above" if r.above else "not judged" if r.unknown else "below"
     e, doubt = r.exceedance, f", {r.unknown} not judged" if r.unknown else ""
-    return f"{r.above} of {r.count}{doubt}: {100 * e.value:.3g} % ({percents(e)})"
+    return f"{r.above} of {r.judged}{doubt}: {100 * e.value:.3g} % ({percents(e)})"
 
 
 def percents(e: Estimate) -> str:
@@ -221,7 +221,8 @@ def _limit_facts(s: Summary) -> list[Fact]:
     chance = s.any_level if s.several else s.by_level[0]
     if chance is not None and chance.exceedance is not None:
         doubt = f", {chance.unknown} not judged" if chance.unknown else ""
-        text = f"of {chance.count} draws above {allowed}{' at one level or more' if s.several else ''}{doubt}"
+        total = chance.count if isinstance(chance, AnyLevel) else chance.judged
+        text = f"of {total} draws above {allowed}{' at one level or more' if s.several else ''}{doubt}"
         e = chance.exceedance
         facts.append(Fact(f"{100 * e.value:.3g} %", f"{text} (95 % interval {percents(e)} %)", kind))
     return facts or [Fact(above_limit(s.by_level[0]), allowed, kind)]

@@ -17,7 +17,7 @@ from microvib.io.writing import write_file
 from microvib.reports.campaign import report
 from microvib.reports.campaign.report import MAX_LEVELS, Summary, above_limit, hertz, interval, percents, shown
 from microvib.reports.document import Contents
-from microvib.reports.numbers import brief_milli
+from microvib.reports.numbers import brief_milli, text_table
 from microvib.reports.sheets import png
 from microvib.studies.campaign.cases import FIGURES, Chunk, compute
 from microvib.studies.campaign.folder import Campaign
@@ -56,21 +56,19 @@ def _kind_of(reason: str) -> str:
     return " ".join(word for k, word in enumerate(words) if word != "..." or k == 0 or words[k - 1] != "...")[:200]
 
 
-_ROW = "{:18s} {:>19s} {:>9s} {:>9s} {:>20s} {:>9s} {:>9s} {:>8}".format
-
-
 def report_text(s: Summary) -> str:
     """Distributions, exceedance, effects and worst cases as text."""
     cases = report.counts(s.results)
     lines = [f"{cases[DONE]} cases, {cases[FAILED]} failed, {cases[MISSING]} not computed yet."]
     if s.rows:
-        above = "" if s.limit is None else f"above {1e3 * s.limit:g} mN m".rjust(32)
-        head = _ROW("line", "Hz", "median", "P95", "P95, 95 % sure", "P99", "largest", "case")
-        lines += ["", f"{head}{above}   mN m, 0-to-peak"]
+        head = ["line", "Hz", "median", "P95", "P95, 95 % confidence", "P99", "largest", "case"]
+        rows = [[*head, *([] if s.limit is None else [f"above {1e3 * s.limit:g} mN m"])]]
         for r in shown(s):
             median, p95, p99, top = map(brief_milli, (r.median.value, r.p95.value, r.p99.value, r.largest))
-            row = _ROW(r.line, hertz(r), median, p95, interval(r.p95), p99, top, r.worst)
-            lines.append(row + ("" if r.above is None else above_limit(r).rjust(32)))
+            row = [r.line, hertz(r), median, p95, interval(r.p95), p99, top, str(r.worst)]
+            rows.append(row + ([] if s.limit is None else [above_limit(r)]))
+        first, *rest = text_table(rows[0], rows[1:]).splitlines()
+        lines += ["", f"{first}   mN m, 0-to-peak", *rest]
     if s.rows and s.several:
         text = "Each line at the level at which it is largest. The largest line level by level, highest first:"
         lines += ["", text, "", *(_level_text(r) for r in s.by_level[:MAX_LEVELS])]

@@ -9,15 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.limits import Limit
+from microvib.analysis.margins import BEYOND
 from microvib.model.expected import is_sideband, is_unlisted
+from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.line_fit import NOT_APART
+from microvib.signals.line_table import DRIVEN, FAINT
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
-from microvib.studies.campaign.results import DONE, Results
+from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.units import Si, inside
 
 CONFIDENCE = 0.95
-BELOW, ABOVE, UNKNOWN = range(3)
-"""What is known of a case or line against a limit."""
+BELOW, ABOVE, UNKNOWN, ABSENT = range(4)
+"""What is known of a case or line against a limit; ABSENT where a case has no such line in the band."""
 ANY = "any line"
 """Name of the largest line of a case, whichever it is."""
 
@@ -72,7 +76,10 @@ class LineStatistics:
     """Probability of being above the limit; None without a limit, or without a distribution. Its upper end counts draws that could
     not be judged as above."""
     unknown: int = 0
-    """How many of the draws could not be judged, though what is known of them is not above the limit."""
+    """How many of the draws could not be judged, though what is known of them is not above the limit: those, too, in which the line
+    has no amplitude of its own, or that failed."""
+    judged: int = 0
+    """Of how many draws ``above`` and ``unknown`` are: those with an amplitude, and those without that are unknown."""
 
 
 def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
@@ -124,13 +131,19 @@ def line_statistics(results: Results, limit: float | None, band: tuple[float, fl
     judged = None if limit is None else case_verdicts(results, limit, band)
     for line in names:
         amplitude = amplitudes(results, line, band)
-        verdicts = judged if line == ANY or limit is None else np.where(amplitude > limit, ABOVE, BELOW)
+        verdicts = (
+            judged
+            if line == ANY or limit is None or judged is None
+            else line_verdicts(results, line, limit, band, judged)
+        )
         frequency = np.full(amplitude.size, np.nan) if line == ANY else results.of(line, "frequency")
         for level in levels:
             here = np.arange(level.number * points, (level.number + 1) * points)
             drawn = here[counted[here] & np.isfinite(amplitude[here])]
             if drawn.size:
-                judgement = None if verdicts is None else verdicts[drawn]
+                judgement = (
+                    None if verdicts is None else verdicts[here[counted[here] & (results.state[here] != MISSING)]]
+                )
                 worst = int(here[np.nanargmax(amplitude[here])])
                 given = amplitude[drawn], frequency[drawn], judgement, worst, float(amplitude[worst])
                 rows[level.number].append(_of_line(line, level, *given))
@@ -143,17 +156,19 @@ def _of_line(
     f = f[np.isfinite(f)]
     above = None if verdicts is None else int(np.sum(verdicts == ABOVE))
     unknown = 0 if verdicts is None else int(np.sum(verdicts == UNKNOWN))
+    judged = 0 if verdicts is None else int(np.sum(verdicts != ABSENT))
     chance = x.size > 1 and level.draws > 1
     return LineStatistics(
         line=line, level=level, frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
         count=int(x.size), mean=float(x.mean()), deviation=float(x.std(ddof=1)) if chance else math.nan,
         median=quantile(x, 0.5), p95=quantile(x, 0.95), p99=quantile(x, 0.99), largest=largest, worst=worst, above=above,
-        exceedance=proportion(above, int(x.size), unknown) if above is not None and chance else None, unknown=unknown,
+        exceedance=proportion(above, judged, unknown) if above is not None and chance else None, unknown=unknown,
+        judged=judged,
     )  # fmt: skip
 
 
 def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> np.ndarray:
-    """BELOW, ABOVE or UNKNOWN of each case as a whole, (cases,), as its run would be judged.
+    """BELOW, ABOVE or UNKNOWN of each case as a whole, (cases,): ABOVE where its run would fail, or any line of it does.
 
     Cases were judged against the study's own limit when they were computed. Of another limit it is known what is above it, and
     that a case which passed below it passes; the rest is not.
@@ -164,8 +179,34 @@ def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> 
         verdict[results.verdicts == VERDICTS.index("pass")] = BELOW
     if own == Limit(Si(limit), *map(Si, band)):
         verdict[results.verdicts == VERDICTS.index("fail")] = ABOVE
-    else:
-        verdict[largest_line(results, band) > limit] = ABOVE
+    for line in results.lines:
+        verdict[line_verdicts(results, line, limit, band, verdict) == ABOVE] = ABOVE
+    return verdict
+
+
+def line_verdicts(
+    results: Results, line: str, limit: float, band: tuple[float, float], whole: np.ndarray
+) -> np.ndarray:
+    """BELOW, ABOVE, UNKNOWN or ABSENT of one line in each case, (cases,), of which ``whole`` (cases,) is known.
+
+    A line that others hide, or that dies away from above the limit, is UNKNOWN; so is any of a case that failed.
+    """
+    amplitude, f, status = results.of(line), results.of(line, "frequency"), results.status(line)
+    known = f[np.isfinite(f)]
+    place = np.where(np.isfinite(f), f, np.median(known) if known.size else np.nan)
+    there = (status != "") & (status != TRANSIENT) & (inside(place, *band) | np.isnan(place))
+    falls = np.isin(status, ("decaying", "growing"))
+    fold = np.where(falls, results.of(line, "decay"), 0.0) * results.campaign.design.base.record.duration
+    fold = np.where(np.abs(fold) > 1e-9, fold, 1e-9)
+    start = np.maximum(amplitude, amplitude * fold / -np.expm1(-fold))
+    sure = np.isin(status, ("ok", FAINT, DRIVEN))
+    hidden = np.char.startswith(status.astype(str), NOT_APART)
+    small = hidden & (BEYOND * results.of(line, "bin_amplitude") <= limit)
+    verdict = np.select(
+        [~there, sure & (amplitude > limit), sure | small | (start <= limit)], [ABSENT, ABOVE, BELOW], UNKNOWN
+    )
+    verdict[results.state == FAILED] = UNKNOWN
+    verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
 
 
