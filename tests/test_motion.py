@@ -253,3 +253,14 @@ def test_the_kernel_fills_its_row_in_the_order_in_which_channels_are_declared(st
     expected["E_joule"] = motor.winding_resistance * (0.4**2 + 0.3**2)  # as a power
     assert {name: found[name] for name in expected} == pytest.approx(expected)
     assert found["T_d"] == pytest.approx(found["T_d_force"])
+
+
+def test_fourier_sums_of_a_block_are_those_of_its_samples():
+    """Of a block in the midst of a long record, whose length is no whole number of rows; the direct sum has 1e-12 of rounding, too."""
+    x = np.random.default_rng(1).standard_normal(10_007)
+    samples, start, numbers = 86_400 * 4096 + 1, 200_000_123, [0, 1, 4_580_352, 86_400 * 2048]
+    turns = [[(n * number % samples) / samples for n in range(start, start + x.size)] for number in numbers]
+    direct = np.exp(-2j * np.pi * np.array(turns)) @ x
+    found = long_runs._bin_sums(x, start, numbers, samples)
+    assert np.max(np.abs(found - direct)) < 1e-12 * x.size * np.max(np.abs(x))
+    assert np.max(np.abs(found - direct)) < 1e-9 * np.max(np.abs(direct))

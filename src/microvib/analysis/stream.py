@@ -17,6 +17,8 @@ from microvib.solve.motion import Invariants, Motion
 
 BLOCK_SAMPLES = 1 << 19
 """Samples of one block: 128 s at 4096 Hz, 4 MB."""
+_ROW = 1024
+"""Samples of a row of the Fourier sums."""
 
 
 def lines_of_stream(
@@ -67,10 +69,25 @@ def _regroup(run: Simulation, size: int) -> Iterator[np.ndarray]:
 
 
 def _bin_sums(block: np.ndarray, start: int, numbers: list[int], samples: int) -> np.ndarray:
-    """What a block from the sample ``start`` on adds to the Fourier sums of the whole record, at the bins ``numbers``."""
-    n = start + np.arange(block.size)
-    # the angle is reduced by whole turns before it is scaled, so that it keeps its digits in a long record
-    return np.array([np.exp(-2j * np.pi * (n * number % samples) / samples) @ block for number in numbers])
+    """What a block from the sample ``start`` on adds to the Fourier sums of the whole record, at the bins ``numbers``.
+
+    The block is cut into rows of ``_ROW`` samples. Along a row the phase of a bin runs alike in all of them, so that the sums over
+    rows are a product of matrices, and each row has a phase of its own: exponentials are needed for a row and a column, not for
+    each sample. It is the same sum to rounding: 1e-12 of the largest sample, a sample.
+    """
+    bins = np.array(numbers)
+    rows = -(-block.size // _ROW)
+    padded = np.zeros((rows, _ROW))
+    padded.ravel()[: block.size] = block
+    along = _phases(np.arange(_ROW), bins, samples)
+    inner = padded @ along.real + 1j * (padded @ along.imag)
+    return np.einsum("rk,rk->k", _phases(start + _ROW * np.arange(rows), bins, samples), inner)
+
+
+def _phases(n: np.ndarray, bins: np.ndarray, samples: int) -> np.ndarray:
+    """Phase factors of ``bins`` at the samples ``n``, (n, bins); whole turns are taken out first, so that a long record keeps its
+    digits."""
+    return np.exp(-2j * np.pi / samples * (np.outer(n, bins) % samples))
 
 
 def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable:
