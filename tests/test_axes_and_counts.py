@@ -122,6 +122,42 @@ def test_what_is_not_over_time_is_refused_with_what_it_is(tmp_path, name, write,
     assert "export the time history" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "what"), [("Angle [deg]", "an angle"), ("Speed [rpm]", "a speed of rotation"), ("Way [mm]", "a length")]
+)
+def test_a_first_column_of_something_else_that_rises_evenly_is_told(tmp_path, name, what):
+    text = f"{name},Mz [N*m]\n" + "".join(f"{0.1 * k:.1f},{m:.9f}\n" for k, m in enumerate(MZ))
+    with pytest.raises(
+        RecordingError, match=f"channel Mz is not a time history but given over .*, {what} that rises evenly"
+    ):
+        read(tmp_path, text, "a.csv")
+    assert_is_mz(read(tmp_path, text, "a.csv", "sample_rate: 4096 Hz\n"))
+
+
+def test_attributes_of_other_programs_in_matlab_7_3(tmp_path):
+    import h5py
+
+    def write(**attributes):
+        def to(path):
+            with h5py.File(path, "w") as f:
+                f["Mz"] = (COUNTS if "lsb" in attributes else 1e3 * MZ)[None, :]
+                f["fs"] = np.array([[RATE]])
+                for key, value in attributes.items():
+                    f["Mz"].attrs[key] = value
+
+        return to
+
+    with pytest.raises(RecordingError, match="Mz has whole numbers beside Mz_lsb"):
+        read(tmp_path, write(units="N*m", lsb=LSB), "a.mat")
+    assert_is_mz(read(tmp_path, write(units="mN*m"), "b.mat"))
+
+
+def test_what_may_be_meant_otherwise_is_told(tmp_path):
+    found = read(tmp_path, mat(Mz=COUNTS, fs=50.0, units={"Mz": "N*m"}))
+    assert "fs has no unit and is read in Hz: 50 Hz" in found.notes
+    assert "channel Mz has whole numbers only: are these N*m, or counts of a converter?" in found.notes
+
+
 def test_a_wrong_unit_of_the_axis_can_be_put_right(tmp_path):
     wrong = mat(Signal=simcenter(1e3 / RATE, "Hz"))
     assert_is_mz(read(tmp_path, wrong, how="units: {x_values: ms}\n"))

@@ -29,9 +29,10 @@ _RATE = re.compile(
     rf"(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\W*(?:{_HERTZ})?\W*",
     re.IGNORECASE,
 )
+LONGEST_SAID = 200  # characters of a line on top that may say a number
 _SAID = re.compile(
-    r"\W*([A-Za-z_]\w*(?:[ /_-]\w+){0,5})\s*(?:[\[(]([^\])]{0,20})[\])])?[\s\"]*[:=;,\t][\s\"]*"
-    r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^;,\"]{0,30})[\W]*"
+    r"\W*([A-Za-z_]\w*(?:[ /-]\w+){0,5}) ?(?:[\[(]([^\])]{0,20})[\])])?[:=;,\t]"
+    r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?) ?([^;,\t]{0,30}?)\W*"
 )
 """A line on top such as ``Sampling interval [ms]: 0.25``: name, unit, number, unit."""
 _THOUSANDS = re.compile(r"\d{1,3}([.,])\d{3}")
@@ -218,7 +219,9 @@ def _said(top: Sequence[str], decimal: str) -> dict[str, str]:
     """Numbers that the lines on top give a name, each with its unit, where their mark is known to be the decimal one."""
     found = {}
     for line in top:
-        said = _SAID.fullmatch(line.strip())
+        if len(line) > LONGEST_SAID:
+            continue
+        said = _SAID.fullmatch(re.sub(r" ?([:=;,\t]) ?", r"\1", re.sub(r'[ "]+', " ", line.strip())))
         if said is None or (_THOUSANDS.fullmatch(said[3]) and said[3].lstrip("+-0123456789")[:1] != decimal):
             continue
         found[said[1].strip()] = f"{said[3].replace(',', '.')} {said[4].strip(' []()') or said[2] or ''}".strip()

@@ -37,7 +37,7 @@ def read_matlab(path: Path) -> dict[str, Any]:
         start = stream.read(128)
     if start.startswith((b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")):
         with open_hdf5(path) as root:
-            return {name: _plain_7_3(x) for name, x in root.members().items() if not name.startswith("#")}
+            return _members_7_3(root)
     if len(start) >= 4 and 0 in start[:4]:
         _check_4(path)
     else:
@@ -62,6 +62,29 @@ def _plain_5(x: Any) -> Any:
     )
 
 
+def _members_7_3(group: Group) -> dict[str, Any]:
+    """Fields of a group; attributes that MATLAB does not write, as of other programs, as fields beside them: ``Mz_units``."""
+    found: dict[str, Any] = {}
+    for name, x in group.members().items():
+        if not name.startswith("#"):
+            found[name] = _plain_7_3(x)
+            if isinstance(x, Dataset):
+                found |= {
+                    f"{name}_{key}": value for key, value in _attributes(x).items() if f"{name}_{key}" not in found
+                }
+    return {**_attributes(group), **found}
+
+
+def _attributes(x: Group | Dataset) -> dict[str, Any]:
+    names = [
+        n
+        for n in x.attributes()
+        if not n.startswith(("MATLAB_", "H5PATH", "_", "CLASS", "NAME", "DIMENSION", "REFERENCE"))
+    ]
+    values = {name: x.attribute(name) for name in names}
+    return {name: value if isinstance(value, str) else np.asarray(value) for name, value in values.items()}
+
+
 def _plain_7_3(x: Group | Dataset | None) -> Any:
     if x is None:
         return None
@@ -72,7 +95,7 @@ def _plain_7_3(x: Group | Dataset | None) -> Any:
         ):
             columns = {name: _plain_7_3(v) for name, v in fields.items()}  # a struct array: each field a list
             return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        return {name: _plain_7_3(v) for name, v in fields.items()}
+        return _members_7_3(x)
     if x.attribute("MATLAB_empty"):
         return "" if x.attribute("MATLAB_class") == "char" else np.empty(0)
     if x.refers:

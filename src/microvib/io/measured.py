@@ -13,6 +13,7 @@ import numpy as np
 from microvib.model.rigid import COMPONENTS
 from microvib.testdata.channels import (
     COUNTS,
+    as_load,
     in_yaml,
     is_time,
     load_in_name,
@@ -28,6 +29,7 @@ PLAUSIBLE = (
     20.0,
     1e7,
 )  # sample rates [Hz] of loads; others come of kilohertz, milliseconds or days that are not said to be that
+SLOW = 1000.0  # sample rate [Hz] below which a number without a unit may be meant in kilohertz, which is told
 SAME_RATE = 1e-4  # relative difference up to which two statements on the sample rate agree: time axes have few digits
 _RATES = re.compile(
     r"fs|f_?s(am(p|ple))?|s(ample|ampling)?_?(rate|freq|frequency)(_?hz)?|sfreq|srate|abtast(rate|frequenz)",
@@ -167,6 +169,13 @@ def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] =
         raise RecordingError(f"its channels differ in length: {sizes}")
     used = [whole for whole, column in pairs if column.values.size == size]
     _check_alike(alike, [column for column, _ in rated if not any(column is u for u in used)], rate, said)
+    said += [
+        f"channel {c.name} has whole numbers only: are these {c.unit}, or counts of a converter?"
+        for c in alike
+        if as_load(f"1 {c.unit}") is not None
+        and not re.match(r"\s*[+-]?[\d.]", hints.units.get(c.name, ""))
+        and _whole(c.values)
+    ]
     for column in alike:
         bad = int(np.count_nonzero(~np.isfinite(column.values)))
         if bad:
@@ -231,11 +240,10 @@ def _over_another_axis(column: Column, hints: Hints) -> str:
             asks = f"its time axis {axis.name} counts samples ('{unit}'); add the rate to the preparation file"
             return "" if hints.sample_rate is not None else f"{asks}, such as sample_rate: 4096 Hz"
         found = what_is_measured_in(unit)
-        what = f", {found}: this is not a time history" if found else ""
-        name = in_yaml(axis.name)
+        what = f" but of {found}: channel {column.name} is not a time history" if found else ""
         return (
-            f"its time axis {axis.name} is in '{unit}', which is not a unit of time{what} (channel {column.name}); export the"
-            f" time history, or add the right unit to the preparation file, such as units: {{{name}: s}}"
+            f"its time axis {axis.name} is in '{unit}', which is not a unit of time{what}; export the time history, or, if only the"
+            f" unit is wrong, add the right one to the preparation file, such as units: {{{in_yaml(axis.name)}: s}}"
         )
     if quantity and axis.name not in hints.units and _SPECTRAL.fullmatch(quantity.split()[0]):
         return (
@@ -291,6 +299,9 @@ def _scale_beside(column: Column) -> tuple[str, Any] | None:
 
 def _whole(values: np.ndarray) -> bool:
     """Whether all samples are whole numbers, and not all the same."""
+    first = values[:100]
+    if np.any(np.isfinite(first) & (first != np.rint(first))):  # as nearly always
+        return False
     finite = values[np.isfinite(values)]
     return bool(finite.size and np.all(finite == np.rint(finite)) and np.ptp(finite) > 0)
 
@@ -353,6 +364,7 @@ def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
         axes = [c for c in columns if _runs_in_time(c)][:1]
     timed = {axis.values.size for axis in axes}
     spectral = [c for c in columns if c.values.size not in timed and _runs_over_spectra(c)]
+    elsewhere = _evenly_over(columns[0], hints) if len(columns) > 1 and not axes else ""
     found = []
     for column in columns:
         if any(column is axis for axis in (*axes, *spectral)):
@@ -363,6 +375,10 @@ def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
             rates |= _rate_of_axis(axis, hints, [])
         if column.time is None and fitting:
             column = replace(column, time=fitting[0], rates=rates)
+        if elsewhere and column is columns[0]:
+            continue
+        if elsewhere and column.time is None and column.axis is None:
+            column = replace(column, unfit=f"channel {column.name} is not a time history but {elsewhere}")
         over = next((a for a in spectral if a.values.size == column.values.size), None)
         if column.time is None and column.axis is None and over is not None:
             column = replace(column, unfit=_spectrum(column, over))
@@ -390,6 +406,21 @@ def _runs_over_spectra(column: Column) -> bool:
     return bool(np.all(steps > 0.0) and np.ptp(steps) < 0.05 * float(np.median(steps)))
 
 
+def _evenly_over(first: Column, hints: Hints) -> str:
+    """What the first column runs over evenly that is not time, and what to do; empty where it does not, or the rate is known."""
+    what = what_is_measured_in(first.unit or named_unit(first.name)[1])
+    x = first.values
+    if not what or hints.sample_rate is not None or first.rates or x.size < 8 or not np.all(np.isfinite(x)):
+        return ""
+    steps = np.diff(x)
+    if not np.all(steps > 0.0) or np.ptp(steps) > 1e-3 * float(np.median(steps)):
+        return ""
+    return (
+        f"given over {first.name}, {what} that rises evenly; export it over time, or, where its samples are evenly spaced in time,"
+        " add their rate to the preparation file, such as sample_rate: 4096 Hz"
+    )
+
+
 def _spectrum(column: Column, over: Column) -> str:
     return (
         f"channel {column.name} is not a time history but given over {over.name}, which rises evenly as the axis of a spectrum"
@@ -403,6 +434,11 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
     for name, value in stated.items():
         if not 0.0 < value < math.inf:
             raise RecordingError(f"{name} gives a sample rate of {value:g} Hz; it must be greater than 0 Hz and finite")
+    said += [
+        f"{name} has no unit and is read in Hz: {value:g} Hz"
+        for name, value in stated.items()
+        if value < SLOW and _RATES.fullmatch(name.rsplit(".", 1)[-1])
+    ]
     if column.time is not None and not _is_index(_unit(column.time, hints)):
         stated |= _rate_of_axis(column.time, hints, said)
     if column.axis is not None:
