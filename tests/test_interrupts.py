@@ -111,3 +111,77 @@ def test_waiting_goes_on_until_there_is_something():
     assert any_done([future]) == set()
     threading.Timer(0.05, future.set_result, (3,)).start()
     assert result(future) == 3
+
+
+AT_AN_IMPORT = """
+import signal, sys
+
+class Interrupts:
+    def find_spec(self, name, *rest):
+        if name == NAME:
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupts())
+sys.argv = ["microvib", "show", "state-1"]
+from microvib.cli.main import main
+main()
+"""
+
+
+@posix
+@pytest.mark.parametrize("name", ["shlex", "click.types", "microvib.cli.budget"])
+def test_an_interrupt_before_a_command_has_begun_ends_it_without_a_word(name):
+    done = subprocess.run(
+        [sys.executable, "-c", f"NAME = {name!r}\n{AT_AN_IMPORT}"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGINT
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+@posix
+def test_an_interrupt_within_a_command_is_a_sentence_wherever_it_comes():
+    """Within an import of the command, and in a destructor, where Python itself would print a traceback and go on."""
+    for name, where in (("microvib.io.scenario_file", ""), ("-", IN_A_DESTRUCTOR)):
+        program = f"NAME = {name!r}\n{where}{AT_AN_IMPORT}"
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 130
+        assert done.stderr.strip() == "Interrupted; no file was left half-written."
+
+
+IN_A_DESTRUCTOR = """
+import signal, time
+import microvib.io.scenario_file as files
+
+class Dying:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+load = files.load_scenario
+
+def loaded(*given):
+    Dying()
+    time.sleep(5.0)
+    return load(*given)
+
+files.load_scenario = loaded
+"""
+
+
+@posix
+@pytest.mark.parametrize("ready", [False, True])
+def test_a_coordinator_that_is_killed_leaves_nothing_on_the_terminal(ready):
+    """Neither its workers, starting or at work, nor what clears away after them say anything; standard error ends with the last."""
+    program = (
+        "import os, signal\nfrom microvib.studies.workers import local\nif __name__ == '__main__':\n"
+        "    with local(2) as backend:\n        pool = backend.executor()\n"
+        f"        {'[f.result() for f in [pool.submit(os.getpid) for _ in range(4)]]' if ready else 'pass'}\n"
+        "        [pool.submit(os.urandom, 1000) for _ in range(1000)]\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert done.stderr == ""

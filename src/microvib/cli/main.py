@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import shlex
-import sys
-from functools import partial
-from typing import Any
-
-import click
-
 try:
+    from microvib.cli import signals
+
+    _held = signals.end_at_once()  # until all is imported; nothing has begun that could be left half done
+    import os
+    import shlex
+    import sys
+    from functools import partial
+    from typing import Any
+
+    import click
+
     from microvib.cli import budget, campaign, docs, new, rates, scenarios, sensitivity, serve, structures, test_data
     from microvib.cli.streams import status_of
-except KeyboardInterrupt:  # before anything began there is nothing to say
-    sys.exit(130)
+except KeyboardInterrupt:
+    raise SystemExit(130) from None
 
 # The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,7 +30,15 @@ class _Command(click.Group):
 
     def main(self, *arguments: Any, standalone_mode: bool = True, **settings: Any) -> Any:
         run = partial(super().main, *arguments, standalone_mode=False, **settings)
-        return sys.exit(status_of(run)) if standalone_mode else run()
+        if not standalone_mode:
+            return run()
+        program = not arguments and "args" not in settings  # rather than called from Python with arguments
+        if program:
+            signals.deliver_all()
+        status = status_of(run)
+        if program:
+            signals.end_at_once()
+        return sys.exit(status)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.obj = shlex.join(["microvib", *args])  # a report says by which command it was made
@@ -67,3 +78,6 @@ for _command in (
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
 ):  # fmt: skip
     main.add_command(_command)
+
+if _held:
+    signals.raise_again()

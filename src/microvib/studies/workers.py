@@ -6,6 +6,7 @@ import math
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections import Counter
@@ -13,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from microvib.errors import MicrovibError
@@ -71,6 +73,7 @@ class _Local:
         self._pool: ProcessPoolExecutor | None = None
         self._held: Connection | None = None
         self._signs: Connection | None = None
+        self._started: set[BaseProcess] = set()
         self._silent: Counter[int] = Counter()
         self._looked = -math.inf
 
@@ -85,10 +88,13 @@ class _Local:
         leash, self._held = self._context.Pipe(duplex=False)
         self._signs, sign = self._context.Pipe(duplex=False)
         self._silent.clear()
+        quiet_tracker()
         self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash, sign))
+        others = set(multiprocessing.active_children())
         with _without_interrupts():  # a worker that is still starting must not answer Ctrl-C with a traceback
             for _ in range(self.workers):  # each starts one, as long as none is idle
                 self._pool.submit(os.getpid)
+        self._started = set(multiprocessing.active_children()) - others
         return self._pool
 
     def watch(self) -> None:
@@ -107,8 +113,24 @@ class _Local:
     def close(self) -> None:
         if self._held is not None:
             self._held.close()
+        for worker in self._started:  # one that still imports would see only seconds later that the leash is gone
+            worker.kill()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def quiet_tracker() -> None:
+    """Start the process that clears away what killed processes leave, so that it does so without a warning on the terminal."""
+    if os.name != "posix":
+        return
+    from multiprocessing import resource_tracker
+
+    quiet = "ignore:resource_tracker:UserWarning"  # handed on to the interpreter that is started
+    sys.warnoptions.append(quiet)
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(quiet)
 
 
 @contextmanager
@@ -127,6 +149,8 @@ def _without_interrupts() -> Iterator[None]:
 def _on_leash(leash: Connection, sign: Connection) -> None:
     """In a worker: Ctrl-C is for the coordinator, the worker's life is the coordinator's, and it says that it lives."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGPIPE"):  # what is sent to a coordinator that is gone ends the worker, without a traceback
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
 
     def watch() -> None:
         try:

@@ -17,6 +17,7 @@ from distributed import Client, Nanny, Scheduler, Security, SpecCluster, Worker
 
 from microvib.io.files import library
 from microvib.io.writing import workspace
+from microvib.studies.workers import quiet_tracker
 
 LOOPBACK = "127.0.0.1"
 
@@ -44,6 +45,7 @@ def private_cluster(count: int) -> Iterator[Client]:
     write lies in a folder that only its owner can read. Raises MicrovibError where ``cryptography`` is missing.
     """
     library("cryptography")
+    quiet_tracker()
     security = Security.temporary()
     shared = {"host": LOOPBACK, "protocol": "tls://", "security": security}
     with workspace(Path(tempfile.gettempdir()), "dask") as folder:
