@@ -169,7 +169,7 @@ def _coupled_modes(
     values, vectors = (_eigenvalues_of_many if s > MANY else _eigenvalues)(M, C, K, windings)
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:, keep]
-    elastic = np.sum(vectors.conj() * (K @ vectors), axis=0).real
+    elastic = np.sum(vectors.conj() * _product(K, vectors), axis=0).real
     share = load.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
     # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as the array's modes do.
     by_share = np.argsort(-share, kind="stable")
@@ -217,7 +217,7 @@ def _eigenvalues_of_many(
     squares, shapes = eigh(K, M)
     squares = np.maximum(squares, 0.0)
     K_m, R, L = windings
-    damping = shapes.T @ (C @ shapes) + np.outer(K_m @ shapes, K_m @ shapes) / R
+    damping = shapes.T @ _product(C, shapes) + np.outer(K_m @ shapes, K_m @ shapes) / R
     apart = np.abs(np.subtract.outer(squares, squares))
     np.fill_diagonal(apart, np.inf)
     mixing = np.abs(damping) * np.sqrt(squares) / np.maximum(apart, 1e-12 * squares[-1])
@@ -228,6 +228,15 @@ def _eigenvalues_of_many(
     sigma = 0.5 * damping[alone, alone]
     single = -sigma + 1j * np.sqrt(np.maximum(squares[alone] - sigma**2, 0.0))
     return np.concatenate([values, single]), np.hstack([shapes[:, mixed] @ vectors, shapes[:, alone]])
+
+
+def _product(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """``matrix @ vectors``; of many modes, whose matrices are diagonal but for the shafts, without their zeros."""
+    if matrix.shape[0] <= MANY:
+        return matrix @ vectors
+    from scipy.sparse import csr_array
+
+    return np.asarray(csr_array(matrix) @ vectors)
 
 
 def _mode(name: str, value: complex, fixed: float | None) -> CoupledMode:
