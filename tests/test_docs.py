@@ -1,6 +1,7 @@
 """The site builds without a warning, needs no network, finds what is searched for; pages name what exists; `microvib docs` opens it."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -47,8 +48,21 @@ def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
     assert "\\frac" not in "".join(pages[name] for name in pages if name.startswith("theory/"))
     for name in EXECUTED:
         assert "cell_output" in pages[name], name
+    curly = [name for name, text in pages.items() if re.search("[\u2018\u2019\u201c\u201d]", text)]
+    assert curly == []  # examples are pasted, from prose and help texts, too
+    assert pages["model"].count("<math") > 20
     assert "motor.rotor_teeth" in pages["reference/scenario"]
     assert 'id="microvib-rates"' in pages["reference/cli"]
+
+
+def test_wide_sentences_are_folded_and_tables_keep_their_columns():
+    folded = runpy.run_path(str(ROOT / "docs" / "_ext" / "console.py"))["folded"]
+    row = "drive_1     " + 10 * "53.013333      "
+    sentence = "  Best: " + " ".join(40 * ["words"])
+    first, *rest, last = folded(f"{sentence}\n{row}").split("\n")
+    assert " ".join(line.strip() for line in (first, *rest)) == sentence.strip()
+    assert max(map(len, (first, *rest))) <= 102
+    assert last == row
 
 
 def test_what_a_browser_loads_is_told_from_what_a_reader_follows():

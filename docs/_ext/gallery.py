@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from console import folded
 from sphinx.application import Sphinx
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -48,7 +49,7 @@ def entry(app: Sphinx, script: Path) -> str:
             f"## {title.rstrip('.')}\n",
             f"{rest[:1].upper()}{rest[1:]}\n" if rest else "",
             f"```python\n# examples/{script.name}\n{code.strip()}\n```\n",
-            f"```text\n{said.strip()}\n```\n" if said.strip() else "",
+            f"```text\n{folded(said.strip())}\n```\n" if said.strip() else "",
             *(f"![{title.rstrip('.')}]({folder.relative_to(app.srcdir).as_posix()}/{name})\n" for name in pictures),
         ]
     )

@@ -51,7 +51,7 @@ function entry({ key, meaning, example, unit, range, choices }) {
   const common = { id, name: key, title: facts, "aria-describedby": `${id}-error` };
   const input = choices
     ? h("select", common, ["", ...choices].map((choice) => h("option", { value: choice }, choice || "not stated")))
-    : h("input", { ...common, type: "text", spellcheck: "false", placeholder: example && `such as ${example}` });
+    : h("input", { ...common, type: "text", spellcheck: "false", placeholder: example && `e.g. ${example}` });
   const error = h("p", { class: "error", id: `${id}-error`, role: "alert" });
   rows.set(key, { input, error });
   return h("div", { class: "field" }, h("label", { for: id }, meaning), input, error);

@@ -22,7 +22,8 @@ const inputs = Object.fromEntries(
       id: `sas-${key}`,
       name: key,
       value,
-      placeholder: key === "states" ? "the paper's, or 1.19:8.18 …" : "",
+      placeholder: key === "states" ? "the paper's" : "",
+      title: key === "states" ? "Hz:kg m² of each, such as 1.19:15.69, 1.39:8.18" : "",
     }),
   ]),
 );
