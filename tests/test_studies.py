@@ -14,7 +14,7 @@ from microvib.io.recordings import write_recording
 from microvib.io.sources import open_source
 from microvib.reports.comparison import comparison_folder
 from microvib.reports.document import Form, Table
-from microvib.reports.identification import fit_folder, fit_json, fit_report, fit_text
+from microvib.reports.identification import draw_before_and_after, fit_folder, fit_json, fit_report, fit_text
 from microvib.reports.rendering import write_study
 from microvib.studies.compare import Figures, Side, _with_names_of, compare
 from microvib.studies.evidence import chosen, evidence_of
@@ -93,18 +93,32 @@ def test_identification_finds_the_truth(fit):
     assert not any(d.off for d in fit.deviations)
 
 
-def test_sidebands_are_shown_where_there_is_nothing_else_and_nothing_is_green_that_nothing_checks(fit):
+def test_all_figures_are_shown_and_nothing_is_green_that_nothing_checks(fit):
     assert fit_report(fit).facts[0].status == "pass"
-    ((evidence, before),), ((_, after),) = fit.before, fit.after
-    beside = tuple(o for o in evidence.observations if "plus_" in o.line and o.form == "amplitude")[:2]
-    assert len(beside) == 2
-    assert not any(f"{o.line} amplitude" in fit_text(fit) for o in beside)
-    one = replace(evidence, observations=beside)
+    ((evidence, _),) = fit.before
+    shown = [o for o in evidence.observations if not o.is_angle]
+    assert any("plus_" in o.line for o in shown)
+    assert all(f"{o.line} {o.form}" in fit_text(fit) for o in shown)
+    amplitudes = [o.line for o in shown if o.form == "amplitude"]
+    drawing = draw_before_and_after(fit)
+    assert [label.get_text() for ax in drawing.axes for label in ax.get_xticklabels()] == amplitudes
     unchecked = replace(fit.goodness, chi_square=0.0, figures=2, parameters=2)
-    bare = replace(fit, before=((one, before),), after=((one, after),), goodness=unchecked)
-    assert all(f"{o.line} amplitude" in fit_text(bare) for o in beside)
+    bare = replace(fit, goodness=unchecked)
     assert fit_report(bare).facts[0].value == "not checked"
     assert fit_report(bare).facts[0].status == ""
+
+
+def test_what_identifies_nothing_says_so_first(fit):
+    """However well its figures agree; and nothing of it is adopted."""
+    reason = "not identifiable: the evidence hardly changes with it"
+    none = replace(fit, estimates=tuple(replace(e, identifiable=False, verdict=reason) for e in fit.estimates))
+    assert fit_text(none).startswith(
+        "Nothing is identified: the evidence hardly changes with it. That the figures are as the model's"
+    )
+    assert not none.usable
+    one = replace(fit, estimates=(none.estimates[0], *fit.estimates[1:]))
+    assert one.usable
+    assert fit_text(one).startswith("The model explains these data")
 
 
 def test_parameters_of_one_ending_are_told_apart(fit):

@@ -57,6 +57,8 @@ class Prepared:
 
     recording: Recording
     background: Recording | None = None
+    response_known: bool = False
+    """Whether the measuring chain's response was stated."""
 
 
 def load_preparation(path: Path | str) -> Preparation:
@@ -99,7 +101,7 @@ def read_prepared(path: Path | str, preparation: Preparation | None = None) -> P
     hints = Hints(preparation.sample_rate, preparation.time, preparation.units, preparation.sensitivity, wanted)
     recording = preparation.apply(_read(Path(path), hints))
     if preparation.background is None:
-        return Prepared(recording)
+        return Prepared(recording, response_known=bool(preparation.response))
     whole = preparation.model_copy(update={"start": None, "stop": None})
     background = whole.apply(_read(Path(preparation.background), hints))
     if background.sample_rate != recording.sample_rate:
@@ -107,7 +109,7 @@ def read_prepared(path: Path | str, preparation: Preparation | None = None) -> P
             f"{background.title}: was sampled at {background.sample_rate:g} Hz and the recording at"
             f" {recording.sample_rate:g} Hz; a background needs the recording's sample rate"
         )
-    return Prepared(recording, background)
+    return Prepared(recording, background, bool(preparation.response))
 
 
 def check_output(path: Path) -> None:

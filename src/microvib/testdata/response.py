@@ -20,8 +20,9 @@ LEAST = 0.25  # magnitude from which a response is taken out: below, noise would
 class Stage(Part):
     """One stage of a chain, linear and the same for all channels."""
 
-    kind: Literal["boxcar", "butterworth", "bessel", "table"] = Field(
-        description="boxcar: samples are means over an interval; butterworth, bessel: analog filter; table: as calibrated"
+    kind: Literal["boxcar", "butterworth", "bessel", "table", "flat"] = Field(
+        description="boxcar: samples are means over an interval; butterworth, bessel: analog filter; table: as calibrated;"
+        " flat: passes all alike"
     )
     length: Annotated[float, Quantity("s", "interval of a boxcar; without it, that of the samples", gt=0)] | None = None
     order: int | None = Field(default=None, ge=1, le=16, description="order of a filter")
@@ -37,7 +38,7 @@ class Stage(Part):
     )
 
     def _misfits(self) -> Iterator[str]:
-        own = {"boxcar": ("length",), "table": ("file",)}.get(self.kind, ("order", "corner"))
+        own = {"boxcar": ("length",), "table": ("file",), "flat": ()}.get(self.kind, ("order", "corner"))
         for name in ("length", "order", "corner", "file"):
             belongs = name in own
             given = getattr(self, name) is not None or (name == "file" and self.rows)
@@ -53,6 +54,8 @@ class Stage(Part):
         """Complex response at each ``frequency`` [Hz], (m,); nan beyond the ends of a table."""
         if self.kind == "boxcar":
             return np.sinc(frequency * (self.length or 1.0 / sample_rate)).astype(complex)
+        if self.kind == "flat":
+            return np.ones(np.shape(frequency), dtype=complex)
         if self.kind == "table":
             f, magnitude, phase = np.array(self.rows).T
             turned = np.unwrap(np.deg2rad(phase))
@@ -71,13 +74,15 @@ class Stage(Part):
     def __str__(self) -> str:
         if self.kind == "boxcar":
             return "boxcar" if self.length is None else f"boxcar of {self.length:g} s"
+        if self.kind == "flat":
+            return "flat"
         if self.kind == "table":
             return "table" if self.file is None else f"table {self.file}"
         return f"{self.kind} {self.passes}-pass of order {self.order} at {self.corner:g} Hz"
 
 
 def _listed(given: Any) -> Any:
-    """One stage, or the word boxcar, as a list of stages."""
+    """One stage, or the word boxcar or flat, as a list of stages."""
     stages = given if isinstance(given, (list, tuple)) else [given]
     return [{"kind": stage} if isinstance(stage, str) else stage for stage in stages]
 
@@ -100,6 +105,8 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
     and last samples still depend on what came before and after. RecordingError where a channel is not finite, or nothing can be
     corrected.
     """
+    if all(stage.kind == "flat" for stage in chain):
+        return recording.noted("response of the measuring chain stated as flat")
     n = recording.samples
     loads = {name: x for name, x in recording.channels.items() if recording.units.get(name) in LOADS}
     for name, x in loads.items():

@@ -15,14 +15,15 @@ from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, expect_lines
 from microvib.studies.identify import verdict, whole
-from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness
+from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness, needed_error
 from microvib.studies.identify.hints import hints
 from microvib.studies.identify.intervals import profiles
 from microvib.studies.identify.keys import FitKey, WholeKey, parse_key
+from microvib.studies.identify.lacking import lacking
 from microvib.studies.identify.misread import misread
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
 from microvib.studies.identify.scattered import jumps, scattered
-from microvib.studies.identify.search import Optimum, confirm, local_at, material, search
+from microvib.studies.identify.search import Optimum, confirm, confirm_scaled, least_misfit, local_at, material, search
 from microvib.studies.identify.selection import EFFECTS, Candidate, Selector, effects_of, switched
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
@@ -304,11 +305,18 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
     """What is known after the search, after a second one and, if the model explains the evidence, with intervals."""
     problem, optima = search(problem, seed, starts, finishes)
     yield Findings(problem, optima[0])
+    explained = goodness(problem, optima[0].r).explained
+    if not explained:
+        optima = least_misfit(problem, optima, seed)
+        problem = problem.within(optima[0].x)
+        explained = goodness(problem, optima[0].r).explained
+        yield Findings(problem, optima[0])
     local = local_at(problem, optima[0])
     if jumps(problem, optima[0], local):
-        yield scattered(problem, optima)
+        found = scattered(problem, optima)
+        yield replace(found, lacking=lacking(found.problem, found.best, found.local, simulated=False))
         return
-    best, local, converged = confirm(problem, optima[0], local)
+    best, local, converged = confirm(problem, optima[0], local) if explained else confirm_scaled(problem, optima[0])
     found = Findings(problem.within(best.x), best, local, converged)
     yield found
     if converged and goodness(found.problem, best.r).explained:
@@ -317,6 +325,7 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
     found = replace(found, rivals=verdict.rivals(found.problem, found.best, optima, found.local))
     yield found
     if found.intervals is not None:
+        found = replace(found, lacking=lacking(found.problem, found.best, found.local))
         yield replace(found, leanings=verdict.leanings(found.problem, found.best, found.local))
 
 
@@ -342,7 +351,12 @@ def _fit(found: Findings, wholes: Sequence[WholeKey], seed: int, interrupted: bo
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
     fit, off = goodness(problem, best.r), deviations(problem, best.x)
-    notes += (*found.misread, *hints(problem.tests, after, off), *((found.note,) if found.note else ()))
+    notes += (
+        *needed_error(problem, best.r),
+        *found.misread,
+        *hints(problem.tests, after, off),
+        *((found.note,) if found.note else ()),
+    )
     return Fit(
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),

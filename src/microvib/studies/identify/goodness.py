@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from microvib.studies.evidence import predicted
-from microvib.studies.identify.problem import Problem
+from microvib.studies.identify.problem import SIZES, Problem
 
 REJECTED = 1e-3
 """Probability of so large a chi-square with a correct model, below which a model does not explain the data."""
@@ -16,6 +17,8 @@ OFF = 3.0
 """Standard deviations above which a figure counts as off."""
 FEW = 3
 """Degrees of freedom below which the data hardly check the model."""
+ERRORS = (*(1e-3 * k for k in range(1, 100)), *(1e-2 * k for k in range(10, 31)))
+"""Errors of amplitudes at which it is asked whether a model would explain the data."""
 DOUBTFUL = 0.05
 """Probability of so large a chi-square below which a model is doubtful where the data hardly check it."""
 
@@ -97,6 +100,33 @@ def goodness(problem: Problem, r: np.ndarray) -> Goodness:
     """Goodness of residuals: those of figures and common errors, without the prior's."""
     m = len(problem.keys)
     return Goodness(float(r[:-m] @ r[:-m]), problem.figures, m)
+
+
+def needed_error(problem: Problem, r: np.ndarray) -> Iterator[str]:
+    """A sentence on the error of each amplitude at which the model would explain the evidence, where it does not."""
+    if goodness(problem, r).explained:
+        return
+    sizes = np.array([o.form in SIZES for _, o in problem.observed], dtype=bool)
+    rest, m = r[: problem.figures] * problem.weights, len(problem.keys)
+    other = float(np.sum(r[problem.figures : -m] ** 2))
+
+    def explains(error: float) -> bool:
+        more = np.where(sizes, max(error**2 - problem.trust.each**2, 0.0), 0.0)
+        squares = float(np.sum(rest**2 / (problem.weights**2 + more))) + other
+        return Goodness(squares, problem.figures, m).explained
+
+    now = f"{100.0 * problem.trust.each:.2g} percent"
+    enough = next((error for error in ERRORS if error > problem.trust.each and explains(error)), None)
+    if enough is not None:
+        yield (
+            f"At a model_error of {100.0 * enough:.2g} percent, in place of {now}, it would explain them: state that if model and"
+            " instrument are no better."
+        )
+        return
+    far = np.abs(r[: problem.figures]) > OFF
+    forms = sorted({o.form for (_, o), off in zip(problem.observed, far, strict=True) if off and o.form not in SIZES})
+    also = f"; figures of {', '.join(forms)} are off, which it does not concern" if forms else ""
+    yield f"No model_error up to {100.0 * ERRORS[-1]:.0f} percent would make it explain them{also}."
 
 
 def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.images import images
 from microvib.studies.identify.keys import WIDENINGS
-from microvib.studies.identify.problem import ROBUST, Problem, cost
+from microvib.studies.identify.problem import ROBUST, Ledger, Problem, cost
 
 FIRST_STEP = 1e-4
 """Step of differences in a coordinate before it is known what the evidence resolves."""
@@ -43,6 +43,8 @@ APART = 0.01
 """Difference in a coordinate below which ends of fits to short records are the same."""
 HOPELESS = 10.0
 """Chi-square over the limit of a correct model's, in a short record, that no whole record makes up for."""
+SCALED_POINTS, SCALED_ROUNDS, SCALED_GAIN = 32, 3, 0.02
+"""Points of the search for the least misfit, most rounds of it, and the part that another round must gain."""
 LOOKS = 4
 """Most second searches."""
 
@@ -224,6 +226,58 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
         optima += met if rough is problem else _in_full(problem, rough, _others(met, ends))
         ends, best = ends + met, best[AT_ONCE:]
     return optima
+
+
+def least_misfit(problem: Problem, optima: Sequence[Optimum], seed: int) -> list[Optimum]:
+    """Ends of local fits where no fit explains the evidence, the least chi-square first, at the scale of what is left.
+
+    Against errors that are stated too small nearly every figure is far off, and counts in proportion only: a search then ends at
+    any of many corners. With all standard deviations as much larger as the best so far asks for, the same squares are smooth.
+    """
+    from scipy.stats import qmc
+
+    problem.ledger.stage = "least misfit"
+    low, high = np.array([key.range for key in problem.keys]).T
+    points = [problem.tuned(x) for x in low + (high - low) * qmc.Sobol(low.size, seed=seed).random(SCALED_POINTS)]
+    found = sorted(optima, key=lambda o: _squares(problem, o.r))[:AT_ONCE]
+    for _ in range(SCALED_ROUNDS):
+        before = _squares(problem, found[0].r)
+        scaled = _scaled(problem, found[0].r)
+        costs = [cost(r) for r in scaled.residuals(points)]
+        starts = [o.x for o in found[:AT_ONCE]] + [points[k] for k in np.argsort(costs, kind="stable")[:AT_ONCE]]
+        starts += images(problem, found[0].x)
+        ends = [o.x for o in descend_all(scaled, starts)]
+        problem.ledger.more(scaled.ledger.simulations)
+        met = [Optimum(x, r, cost(r)) for x, r in zip(ends, problem.residuals(ends), strict=True)]
+        found = sorted([*found, *met], key=lambda o: _squares(problem, o.r))
+        points = []
+        if _squares(problem, found[0].r) > (1.0 - SCALED_GAIN) * before:
+            break
+    return found
+
+
+def _scaled(problem: Problem, r: np.ndarray) -> Problem:
+    """The problem with standard deviations that leave one for each figure of residuals ``r``; with a ledger of its own."""
+    factor = math.sqrt(max(goodness(problem, r).ratio, 1.0))
+    scaled = problem.looser(np.full(problem.figures, factor))
+    scaled.ledger = Ledger(lambda *_: None)
+    return scaled
+
+
+def _squares(problem: Problem, r: np.ndarray) -> float:
+    return goodness(problem, r).chi_square
+
+
+def confirm_scaled(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
+    """``confirm`` at the scale of what the best leaves, where that is more than was stated; figures at the stated one."""
+    scaled = _scaled(problem, best.r)
+    (r,) = scaled.residuals([best.x])
+    there = Optimum(best.x, r, cost(r))
+    end, _, converged = confirm(scaled, there, local_at(scaled, there))
+    problem.ledger.more(scaled.ledger.simulations)
+    (r,) = problem.residuals([end.x])
+    best = Optimum(end.x, r, cost(r))
+    return best, local_at(problem, best), converged
 
 
 def _others(met: Sequence[Optimum], known: Sequence[Optimum]) -> list[Optimum]:

@@ -16,6 +16,7 @@ from microvib.studies.identify.hints import loose, other_period
 from microvib.studies.identify.images import FRAMED, NEAR, turns
 from microvib.studies.identify.intervals import Interval, Z
 from microvib.studies.identify.keys import WholeKey, fittable
+from microvib.studies.identify.lacking import Lacking, moved_by
 from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import AGAIN, Descent, Local, Optimum, local_at
 
@@ -93,6 +94,8 @@ class Findings:
     """How it was found, where not by a search."""
     whole: tuple[Whole, ...] = ()
     """Whole numbers, where each was tried."""
+    lacking: tuple[Lacking, ...] = ()
+    """Effects that the model lacks and the evidence does not rule out."""
     misread: tuple[str, ...] = ()
     """Mistakes of recordings that would explain why no model explains them."""
 
@@ -193,6 +196,8 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
     if abs(late) * doubt(findings.problem) * abs(value) > half:
         moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
         return False, f"not identifiable without the settling time: {moves}"
+    if moved := moved_by(findings.lacking, findings.problem, findings.best, k, float(findings.local.spread[k])):
+        return False, moved
     return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
 
 
