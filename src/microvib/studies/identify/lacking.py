@@ -33,7 +33,9 @@ ORDERS, CORNERS = (1, 2, 4), np.geomspace(20.0, 2e4, 40)
 DAMPINGS, RESONANCES = (0.003, 0.02, 0.1), np.geomspace(20.0, 4e3, 80)
 """Dampings and frequencies [Hz] of a resonance of the table."""
 CHAIN, TABLE = "the chain's response", "a resonance of the table"
-FLUX = "harmonics of the motor's flux, or a driver.table,"
+FLUX = "harmonics of the motor's flux (or a driver.table)"
+STIFF = 1e4
+"""Stiffness [N m/rad] that presliding is compared with where the reducer has none."""
 
 
 @dataclass(frozen=True)
@@ -163,20 +165,19 @@ def _of_drive(scenario: Scenario) -> Iterator[tuple[str, str, list[dict[str, obj
     driver, motor, reducer = scenario.driver, scenario.motor, scenario.reducer
     if driver.supply_voltage is None:
         least = motor.winding_resistance * motor.current
-        volts = [{"driver.supply_voltage": times * least} for times in (5.0, 2.0, 1.2)]
+        volts: list[dict[str, object]] = [{"driver.supply_voltage": times * least} for times in (5.0, 2.0, 1.2)]
         yield "driver.supply_voltage", "driver.supply_voltage", volts
-    if scenario.friction.presliding is None and not reducer.rigid:
-        stiff = [{"friction.presliding": {"stiffness": times * reducer.stiffness}} for times in (20.0, 4.0, 1.0)]
+    if scenario.friction.presliding is None:
+        stiffness = STIFF if reducer.stiffness == "rigid" else reducer.stiffness
+        stiff: list[dict[str, object]] = [
+            {"friction.presliding": {"stiffness": times * stiffness}} for times in (20.0, 4.0, 1.0)
+        ]
         yield "friction.presliding", "friction.presliding", stiff
     step = abs(scenario.rate or 0.0) / scenario.driving_frequency if scenario.driving_frequency else 0.0
     if not reducer.backlash and not reducer.rigid and step:
-        gaps = [{"reducer.backlash": times * step} for times in (0.05, 0.3, 1.0)]
+        gaps: list[dict[str, object]] = [{"reducer.backlash": times * step} for times in (0.05, 0.3, 1.0)]
         yield "reducer.backlash", "reducer.backlash", gaps
     if driver.table is None:
         for turned in range(4):
             harmonic = {"order": motor.detent_periods, "amplitude": 0.01, "phase": 0.5 * math.pi * turned}
-            yield (
-                "the harmonics of the motor's flux (or a driver.table)",
-                "driver.table",
-                [{"driver.table": {"harmonics": [harmonic]}}],
-            )
+            yield FLUX, "driver.table", [{"driver.table": {"harmonics": [harmonic]}}]
