@@ -1,9 +1,10 @@
 """The steady solver against time integration: speed and lines, on states 1-5 and on random parameter sets.
 
-``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500]``
+``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500] [--any 300]``
 
 ``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps. ``--heavy`` takes slow sets in which
-friction weighs much instead, and compares the RMS of the torque with that of a run from rest.
+friction weighs much instead, and compares the RMS of the torque with that of a run from rest. ``--any`` takes drives of all kinds
+and compares RMS and largest lines with those of a run from rest of eight decay times of the slowest mode.
 
 Nothing is asserted. Machines differ: only the ratios and deviations mean something elsewhere.
 """
@@ -25,13 +26,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from support.scenarios import heavy_scenario, random_scenario
+from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_kind
 from support.steady_lines import long_run, settled_motion, slowest, worst_deviation
 
 import microvib as mv
 from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.period import NotPeriodic
-from microvib.solve.steady.state import steady_state
+from microvib.solve.steady.state import SteadyState, find_steady, steady_state
 
 STATES = ("state-1", "state-2", "state-3", "state-4", "state-5")
 
@@ -43,7 +44,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--chart", type=int, default=0)
     parser.add_argument("--heavy", type=int, default=0)
+    parser.add_argument("--any", type=int, default=0)
     arguments = parser.parse_args()
+    if arguments.any:
+        of_any_kind(range(arguments.seed, arguments.seed + arguments.any))
+        return
     if arguments.heavy:
         from_rest(range(arguments.seed, arguments.seed + arguments.heavy))
         return
@@ -129,6 +134,56 @@ def from_rest(seeds: Sequence[int]) -> None:
     print(f"\nsteady states found: {len(found)} of {len(seeds)}; more than 3 % RMS off a run from rest: {wrong}")
     for reason, count in reasons.most_common():
         print(f"{count:5d} fall back: {reason}")
+
+
+FALSE = 0.03
+"""Deviation from a run from rest, of the RMS or of a line over the largest, from which a steady state is false."""
+DECAYS, LONGEST = 8.0, 4000.0
+"""Decay times of the slowest mode before that run's record, and the time [s] that they may take."""
+
+
+def of_any_kind(seeds: Sequence[int]) -> None:
+    """Print the sets of any kind whose steady state is not that of a run from rest, and what falls back, counted."""
+    reasons: Counter[str] = Counter()
+    found, false, times = 0, 0, []
+    for seed in seeds:
+        scenario = scenario_of_any_kind(seed)
+        begun = time.process_time()
+        state, why = find_steady(scenario)
+        times.append(time.process_time() - begun)
+        if state is None:
+            reasons["".join(c for c in why if not c.isdigit())[:90]] += 1
+            continue
+        found += 1
+        off, what = _off(state)
+        if off > FALSE:
+            false += 1
+            print(f"set {seed}: {what} off by {100 * off:.3g} %", flush=True)
+    print(f"\nsteady states found: {found} of {len(seeds)}, {false} of them false; {1e3 * np.mean(times):.0f} ms each")
+    for reason, count in reasons.most_common():
+        print(f"{count:5d} fall back: {reason}")
+
+
+def _off(state: SteadyState) -> tuple[float, str]:
+    """Largest deviation of RMS and of the six largest lines in the record's band from a run from rest, and of what."""
+    scenario, band = state.scenario, 0.33 * state.scenario.record.sample_rate
+    decay = min(m.decay for m in mv.coupled_modes(scenario) if m.frequency > 0.0)
+    duration = max(math.ceil(16.0 * state.frequency), 1) / state.frequency
+    settle = min(max(60.0, DECAYS / decay, DECAYS * state.solver["settling_s"] / math.log(100.0)), LONGEST)
+    [run] = simulate_torques([scenario.with_si({"record.settle": settle, "record.duration": duration})])
+    if isinstance(run, Exception):
+        return math.inf, str(run)
+    frequency = np.arange(state.T_d.size // 2) * state.frequency
+    lines = np.abs(state.harmonics()) * (frequency < band)
+    lines[0] = 0.0
+    spectrum = np.fft.rfft(run.T_d) * (np.fft.rfftfreq(run.T_d.size, 1.0 / run.sample_rate) < band)
+    spectrum[0] = 0.0
+    in_time = float(np.sqrt(2.0 * np.sum(np.abs(spectrum) ** 2))) / run.T_d.size
+    largest = np.argsort(-lines)[:6]
+    turned = np.exp(-2j * np.pi * np.outer(frequency[largest], np.arange(run.T_d.size)) / run.sample_rate)
+    off = np.abs(np.abs(turned @ run.T_d) * 2.0 / run.T_d.size - lines[largest]) / np.max(lines)
+    rms = abs(float(np.sqrt(np.sum(lines**2) / 2.0)) / in_time - 1.0)
+    return (rms, "RMS") if rms > np.max(off) else (float(np.max(off)), f"{frequency[largest[np.argmax(off)]]:.4g} Hz")
 
 
 def chart_point(k: int) -> mv.Scenario:

@@ -17,7 +17,7 @@ from microvib.cli.rates import _counts
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
 from microvib.reports.rates import best_text, found_text
-from microvib.studies.rates import HIDES, at_rate, full_case, linear_error, plan_rates, rate_grid
+from microvib.studies.rates import HIDES, RateCase, RateLine, at_rate, full_case, linear_error, plan_rates, rate_grid
 from microvib.units import Si, band, quantity
 
 DEG = math.pi / 180.0
@@ -130,13 +130,13 @@ def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
     assert "synchronism" in failed.reason
     uneven = state_1.with_si(
         {
-            "reducer.transmission_error": [{"order": 2, "amplitude": 1e-5}],
+            "friction.position": {"harmonics": [{"order": 1, "amplitude": 0.01}]},
             "record.settle": 1.0,
             "record.duration": 4.0,
         }
     )
     case = full_case(uneven, Si(0.06 * DEG), 16)
-    assert "transmission error" in case.reason
+    assert "each turn of the array" in case.reason
     assert case.lines
     both = plan_rates(weak, rate_grid("0.29 deg/s", "0.3 deg/s", 2), (16,), limit="10 mN*m")
     assert both.best() is None
@@ -159,6 +159,33 @@ def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
     cases = tuple(replace(case, hidden=hidden) if case is best else case for case in plan.cases)
     assert limited(plan, cases=cases).best()[1] >= top
     assert limited(plan, cases=cases).best(best.microsteps)[0].rate != best.rate
+
+
+def test_a_steady_state_beside_rates_at_which_the_drive_excites_itself_is_confirmed(state_1, monkeypatch):
+    """The middle of three rates has neighbours whose largest line is of no clock: its run from rest is waited for."""
+    rates = [0.05 * DEG, 0.06 * DEG, 0.07 * DEG]
+    asked = []
+
+    def solved(scenario, rate, microsteps, confirmed=False):
+        asked.append((rate, confirmed))
+        lines = RateLine("drive_1", "drive", 1.0, 50.0, 0.01), RateLine("other_1", "other", 0.06, 2.9, 0.4)
+        if rate == rates[1] and not confirmed:
+            return RateCase(rate, microsteps, lines[:1])
+        return RateCase(rate, microsteps, lines, "a run from rest does not settle")
+
+    monkeypatch.setattr("microvib.studies.rates.full_case", solved)
+    monkeypatch.setattr("microvib.studies.rates._meetings", lambda *given: [])
+    plan = plan_rates(state_1, [Si(rate) for rate in rates], (16,), limit="100 mN*m")
+    assert (rates[1], True) in asked
+    assert plan.best() is None
+    assert [(b.low, b.high, b.line) for b in plan.forbidden] == [(rates[0], rates[2], "other_1")]
+
+
+def test_a_confirmed_steady_state_is_the_one_that_was_found(state_1):
+    found, confirmed = (full_case(state_1, Si(0.06 * DEG), 16, given) for given in (False, True))
+    assert confirmed.confirmed
+    assert not found.confirmed
+    assert confirmed.lines == found.lines
 
 
 def test_a_rate_at_which_the_array_does_not_turn_yet_is_not_the_best(state_1):

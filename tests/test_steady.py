@@ -1,6 +1,7 @@
 """The steady state found directly: the same lines as time integration after it has settled, or a reason why not."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -8,13 +9,20 @@ from support.scenarios import heavy_scenario, random_scenario
 from support.steady_lines import long_run, settled_motion, worst_deviation
 
 import microvib as mv
+from microvib.analysis.limits import unsettled
+from microvib.analysis.run import solve_run
+from microvib.analysis.start import without_steady_state
 from microvib.model.expected import ExpectedLine
+from microvib.reports.document import Text
+from microvib.reports.run.report import run_report
+from microvib.reports.run.text import run_text
 from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import CONVERGED
 from microvib.solve.steady.state import steady_state
+from microvib.studies.rates import plan_rates, rate_grid
 
 
 @pytest.fixture(scope="module")
@@ -142,13 +150,15 @@ def test_a_mode_without_damping_has_a_steady_state_all_the_same(state_1):
             {"tracking": {"profile": [{"rate": 0.001, "ramp": 5.0, "hold": 1.0}, {"rate": 0.002, "ramp": 4.0}]}},
             "the rate changes in the record",
         ),
-        ({"reducer.transmission_error": [{"order": 2, "amplitude": 1e-5}]}, "transmission error repeats .* 1600 microsteps"),
+        ({"friction.position": {"harmonics": [{"order": 1, "amplitude": 0.05}]}}, "repeats only with each turn of the array"),
     ],
 )  # fmt: skip
 def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, changes, why):
     scenario = state_1.with_si({"record.settle": 4.0, "record.duration": 3.0, **changes})
     with pytest.raises(NotPeriodic, match=why):
         steady_state(scenario)
+    with pytest.raises(NotPeriodic, match=r"friction\.torque_noise: null leaves it out"):
+        steady_state(state_1.with_si({"friction.torque_noise": {"density": 1e-6}}))
     result = mv.steady(scenario)
     assert result.state is None
     assert result.fallback
@@ -157,25 +167,30 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
     assert found == pytest.approx(simulated, rel=1e-3, abs=1e-7, nan_ok=True)
 
 
-def test_a_motion_that_depends_on_how_it_began_is_not_taken():
-    # Stick and slip take several microsteps in turn, and which of them slips most is settled at the start.
-    with pytest.raises(NotPeriodic, match="several motions repeat"):
-        steady_state(random_scenario(40))
-    # Where this output is wound back, long and short slips alternate, and go on to: a run from rest does so too.
-    slow = mv.load_scenario("state-1").with_({"tracking.rate": "0.01 deg/s", "driver.microsteps": 32})
-    with pytest.raises(NotPeriodic, match="several motions repeat"):
-        steady_state(slow)
-    # Friction that falls with the rate: smooth slip is stable, and so is an oscillation that sticks.
-    with pytest.raises(NotPeriodic, match="one that sticks and slips"):
-        steady_state(random_scenario(30))
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        random_scenario(40),  # stick and slip take several microsteps in turn; how many is settled at the start
+        # Where this output is wound back, long and short slips alternate, and go on to: a run from rest does so, too.
+        mv.load_scenario("state-1").with_({"tracking.rate": "0.01 deg/s", "driver.microsteps": 32}),
+        random_scenario(30),  # friction that falls with the rate: smooth slip, and an oscillation that sticks
+        heavy_scenario(327),
+        heavy_scenario(436),
+    ],
+)
+def test_of_several_motions_the_one_that_a_start_from_rest_leads_to_is_found(scenario):
+    state = steady_state(scenario)
+    deviation, line = worst_deviation(state, settled_motion(scenario))
+    assert deviation < 0.01, line
 
 
 @pytest.mark.parametrize(
     ("seed", "why"),
     [
-        (327, "a start from rest does not lead to"),
-        (436, "a start from rest does not lead to"),
-        (51, "a start from rest does not lead to"),  # small deviations grow, though its derivative does not show it
+        (
+            51,
+            "a run from rest of .* s does not settle",
+        ),  # small deviations grow, though its derivative does not show it
         (18, r"friction that falls with the rate keeps it ringing: .* 3\d\d s .*, 1\d\.\d s by the modes' own damping"),
     ],
 )
@@ -183,6 +198,89 @@ def test_a_motion_that_no_run_shows_is_not_taken(seed, why):
     scenario = heavy_scenario(seed)
     with pytest.raises(NotPeriodic, match=why):
         steady_state(scenario)
+
+
+SELF_EXCITED = {
+    "array": {"inertia": 16.3168, "modes": [{"frequency": 4.4206, "damping": 0.032597, "effective_inertia": 16.12997}]},
+    "driver": {"beats": 6, "microsteps": 32, "proportional_gain": 274.687, "integral_gain": 2702.605},
+    "friction": {
+        "coulomb": 0.0621277, "breakaway": 0.1794738, "stribeck_rate": 9.16418e-05, "stribeck_shape": 1.0, "viscous": 0.66957,
+    },
+    "motor": {
+        "phases": 3, "rotor_teeth": 50, "current": 0.894819, "torque_constant": 0.157064, "detent_torque": 0.00554932,
+        "winding_resistance": 5.02129, "winding_inductance": 0.0128789, "rotor_inertia": 3.9472e-05,
+        "friction": {
+            "coulomb": 0.00105537, "breakaway": 0.00110551, "stribeck_rate": 0.0125231, "viscous": 0.00311438,
+        },
+    },
+    "reducer": {"ratio": 80.0, "stiffness": 10718.1, "damping": 0.454445, "wave_generator_inertia": 5e-06},
+    "tracking": {"rate": 0.00089070937},
+    "record": {"settle": 60.0, "duration": 16.0, "sample_rate": 2048.0},
+}  # fmt: skip
+"""Smooth slip is stable; from rest friction that falls with the rate keeps the mode ringing, as large as it was at the start."""
+
+
+def test_a_mode_that_friction_keeps_ringing_is_no_steady_state(state_1):
+    scenario = state_1.with_si({**SELF_EXCITED, "sources": {}, "source": ""})
+    with pytest.raises(NotPeriodic, match="does not settle to a motion that repeats"):
+        steady_state(scenario)
+    late = mv.lines(simulate_torques([scenario.with_si({"record.settle": 300.0})])[0])
+    rings = max((x for x in late if x.frequency_hz < 3.3), key=lambda x: x.amplitude_n_m)
+    assert rings.amplitude_n_m == pytest.approx(0.385, rel=0.03)
+    assert rings.frequency_hz == pytest.approx(2.87, abs=0.02)
+    found = max(mv.steady(scenario).lines, key=lambda x: x.amplitude_n_m)
+    assert found.amplitude_n_m == pytest.approx(rings.amplitude_n_m, rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["state-1", "state-2", "state-3", "state-4", "state-5"])
+def test_what_is_found_does_not_depend_on_the_settling_time(name):
+    state = mv.load_scenario(name)
+    for factor in (0.999, 1.0, 1.001):
+        turning = state.with_si({"tracking.rate": factor * float(state.tracking.rate)})
+        given = np.append(np.linspace(30.0, 30.33, 6), 57.3)
+        found = [steady_state(turning.with_si({"record.settle": float(x)})) for x in given]
+        size = float(np.std(found[0].T_d))
+        for other in found[1:]:
+            assert other.microsteps == found[0].microsteps
+            assert np.max(np.abs(np.abs(other.harmonics()) - np.abs(found[0].harmonics()))) < 1e-5 * size
+
+
+TRANSMISSION_ERROR = {"reducer.transmission_error": [{"order": 2, "amplitude": 1e-4, "phase": 0.4}]}
+PRESLIDING = {"friction.presliding": {"stiffness": 6000.0, "elements": 4}, "solver.refinement": 2}
+BACKLASH = {"reducer.backlash": 2e-4}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        TRANSMISSION_ERROR,
+        {**TRANSMISSION_ERROR, "reducer.stiffness": "rigid"},
+        PRESLIDING,
+        {"reducer.hysteresis": {"loss": 2e-5, "stiffness": 4000.0}},
+        BACKLASH,
+        {**TRANSMISSION_ERROR, **PRESLIDING, "driver.imperfections": {"gain_b": 0.02, "offset_a": 0.01}},
+    ],
+)
+def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_from_rest(state_1, changes):
+    scenario = state_1.with_si({**changes, "record.sample_rate": 1024.0})
+    state = steady_state(scenario)
+    deviation, line = worst_deviation(state, settled_motion(scenario))
+    assert deviation < 0.01, line
+    record = state.motion(channels=("T_d",))["T_d"]  # goes on with what the frictions remember
+    series = state.harmonics()[: int(0.35 * 1024.0 / state.frequency)]
+    t = np.arange(2000) / 1024.0
+    made = (np.exp(2j * np.pi * state.frequency * np.outer(t, np.arange(series.size))) @ series).real
+    ours, theirs = (np.abs(np.fft.rfft(x * np.hanning(2000)))[:600] for x in (record[:2000], made))
+    assert ours == pytest.approx(theirs, abs=0.01 * float(np.max(theirs)))
+    assert abs(state.invariants.energy_stored) < 1e-3 * state.invariants.energy_dissipated
+
+
+def test_a_harmonic_gear_from_the_data_sheet_has_a_steady_state_over_a_chart_of_rates():
+    scenario = mv.new_scenario(gear="size 14 ratio 100")
+    assert any(error.amplitude > 0.0 for error in scenario.reducer.errors)
+    plan = plan_rates(scenario, rate_grid("0.04 deg/s", "0.1 deg/s", 4))
+    assert plan.cases
+    assert not [case.reason for case in plan.cases if case.reason]
 
 
 def test_friction_heavy_sets_that_are_found_are_what_a_run_from_rest_shows():
@@ -203,6 +301,35 @@ def test_a_step_on_the_way_to_an_event_is_held_to_its_tolerance_too():
     expected = float(np.std(mv.simulate(long.with_si({"solver.tolerance": 1e-6}), channels=("T_d",))["T_d"]))
     assert float(np.std(mv.simulate(long, channels=("T_d",))["T_d"])) == pytest.approx(expected, rel=1e-3)
     assert float(np.std(simulate_torques([long])[0].T_d)) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_run_that_was_to_be_steady_and_is_not_says_so_first_and_advises_no_steady_start(state_1):
+    position = {"harmonics": [{"order": 1, "amplitude": 0.05}]}
+    record = {"settle": 4.0, "duration": 3.0, "sample_rate": 1024.0, "start": "steady"}
+    scenario = state_1.with_si({"friction.position": position, "record": record})
+    result = solve_run(scenario)
+    said = r"No steady state: friction that varies .* \(friction\.position: null leaves it out\)\. Simulated from rest instead\."
+    assert re.search(said, run_text(result))
+    first = " ".join(
+        block.text for block in run_report(result.motion, result.table).first_page if isinstance(block, Text)
+    )
+    assert re.search(said, first)
+    for of_motion in (mv.simulate(scenario), result.motion):
+        assert re.search(said, without_steady_state(of_motion.solver))
+    rings = [text for text in unsettled(result.table, scenario) if "decays" in text]
+    assert rings
+    assert not [text for text in rings if "steady" in text.replace("steady line", "")]
+    from_rest = scenario.with_({"record.start": "rest"})
+    assert [text for text in unsettled(result.table, from_rest) if text.endswith("or record.start: steady.")]
+
+
+def test_the_common_period_that_is_too_long_is_named_with_what_makes_it_so(state_1):
+    errors = [{"order": 7, "amplitude": 1e-5}, {"order": 3, "amplitude": 1e-5}]
+    slow = {"reducer.transmission_error": errors, "driver.microsteps": 4096, "tracking.rate": math.radians(1e-3)}
+    with pytest.raises(
+        NotPeriodic, match=r"common period .* microsteps .*reducer\.transmission_error: \[\] leaves out"
+    ):
+        steady_state(state_1.with_si(slow))
 
 
 def test_repetition_in_microsteps(state_1):

@@ -12,12 +12,14 @@ import h5py
 import numpy as np
 import psutil
 import pytest
-from support.campaigns import EVERYTHING, Fragile, Inline, bytes_of, made, spread, study
+from support.campaigns import EVERYTHING, SHORT, Fragile, Inline, bytes_of, computed, made, spread, study
 from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.errors import MicrovibError
+from microvib.reports.campaign.report import summarise
+from microvib.reports.campaign.text import report_text
 from microvib.studies.campaign import cases as computing
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, merge, open_results
@@ -140,6 +142,17 @@ def test_steady_cases(tmp_path):
     chunk = campaign.read(0)
     lines = mv.steady(campaign.design.scenario(0)).lines
     assert chunk.figures["amplitude"][0, chunk.lines.index("drive_1")] == lines["drive_1"].amplitude_n_m
+
+
+def test_cases_without_a_steady_state_are_counted_with_their_reasons(tmp_path):
+    """Of two cases one has friction that varies with the angle."""
+    position = {"harmonics": [{"order": 1, "amplitude": 0.0}]}
+    vary = {"friction.position.harmonics.0.amplitude": [0.0, 0.05]}
+    results = computed(tmp_path, study(solve="steady", vary=vary, set={**SHORT, "friction.position": position}))
+    text = report_text(summarise(results, None, EVERYTHING))
+    assert "1 of 2 cases have no steady state and were integrated from rest instead: 1 x friction that varies" in text
+    alone = computed(tmp_path / "alone", study(solve="steady"))
+    assert "no steady state" not in report_text(summarise(alone, None, EVERYTHING))
 
 
 def test_histories_are_kept_when_asked_for(tmp_path):

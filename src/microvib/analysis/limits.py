@@ -9,7 +9,7 @@ import numpy as np
 
 from microvib.analysis.lines import clock_doubts
 from microvib.analysis.margins import BEYOND, ONE_DRAW, Margin, Verdict, margin, may_have, when_settled
-from microvib.analysis.start import has_calmed, rounded_up, still_held
+from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
 from microvib.analysis.unseen import unseen
 from microvib.errors import OptionError, expect
 from microvib.model.record import PASSBAND
@@ -183,8 +183,8 @@ def unsettled(table: LineTable, scenario: Scenario) -> list[str]:
     told += [_drawn(x, table) for x in table if x.status == DRIVEN and x.is_mode]
     return told + [
         f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and {1e3 * x.amplitude_n_m:.4g} mN m on average:"
-        f" {when_settled(x, start / (_SETTLED * largest), scenario)} to fall to a hundredth of the largest steady line, or"
-        " record.start=steady."
+        f" {when_settled(x, start / (_SETTLED * largest), scenario)} to fall to a hundredth of the largest steady"
+        f" line{or_steady(scenario)}."
         for x, start in starts
         if start > _SETTLED * largest
     ]

@@ -78,15 +78,17 @@ class Steady:
         return {**method_of(self.source.scenario), "steps": self.source.steps}
 
 
-def steady(scenario: Scenario, *, harmonics: int = 8, progress: Progress | None = None) -> Steady:
+def steady(
+    scenario: Scenario, *, harmonics: int = 8, confirmed: bool = False, progress: Progress | None = None
+) -> Steady:
     """Lines of the disturbance torque of ``scenario`` in its steady state, without simulating how it settles.
 
-    Where the motion does not repeat with the command, or not in one way only, the scenario is simulated in time instead, and
-    ``fallback`` says why. Raises what ``simulate`` raises.
+    It is the steady state that a start from rest leads to; ``confirmed``, by a run that is waited for until it has arrived there.
+    Where there is none, the scenario is simulated in time instead, and ``fallback`` says why. Raises what ``simulate`` raises.
     """
     expect_scenario(scenario)
     whole_number("harmonics", harmonics, *MEMBERS)
-    state, why = find_steady(scenario, whole=False)  # of T_d, which is the first drive's
+    state, why = find_steady(scenario, whole=False, confirmed=confirmed)  # of T_d, which is the first drive's
     source = state or torque_from_rest(scenario, progress)
     return Steady(lines(source, harmonics=harmonics), source, why)
 

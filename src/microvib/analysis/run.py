@@ -94,6 +94,7 @@ def _solved(scenario: Scenario, harmonics: int, lines_only: bool, progress: Prog
     motion = None
     if not lines_only:
         motion = from_rest(scenario, progress=progress) if state is None else state.motion(progress=progress)
+        motion = replace(motion, solver=motion.solver | not_used)
     result = _of_source(state, motion, harmonics)
     return replace(result, solver=result.solver | not_used, fallback=fallback)
 

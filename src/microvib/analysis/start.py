@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,17 @@ from microvib.signals.line_table import Line
 
 CALM = 12.0
 """e-foldings after which the transient of a start has vanished."""
+
+
+def or_steady(scenario: Scenario | None) -> str:
+    """The advice to start in the steady state, to be added to another; empty where ``record.start`` says so already."""
+    return "" if scenario is not None and scenario.record.start == "steady" else ", or record.start: steady"
+
+
+def without_steady_state(solver: Mapping[str, Any]) -> str:
+    """A sentence on a run that was to start in its steady state and has none, from its account; else empty."""
+    kind, _, why = str(solver.get("steady", "")).partition(": ")
+    return f"No steady state: {why}. Simulated from rest instead." if kind == "not used" else ""
 
 
 def has_calmed(line: Line, scenario: Scenario | None) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.analysis.pointing import HubLines
+from microvib.analysis.start import or_steady
 from microvib.model.array import Array
 from microvib.model.coupling import MEANINGLESS
 from microvib.model.rigid import COMPONENTS, about_center, tensor
@@ -316,7 +317,7 @@ def _windows(hub: HubLines) -> list[Block]:
             ["", *names],
             rows,
             "Lines that cost most in each window: RPE, radial rms in µrad. What rings after the start counts with its mean over the"
-            " record; record.start=steady leaves it out.",
+            f" record (a longer record.settle{or_steady(hub.scenario)} leaves it out).",
         )
     )
     return found

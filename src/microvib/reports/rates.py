@@ -111,8 +111,13 @@ def strongest(resonances: Iterable[Resonance], count: int) -> list[Resonance]:
 
 def _unsolved(plan: RatePlan) -> list[str]:
     texts = []
+    if confirmed := sum(case.confirmed for case in plan.cases):
+        texts.append(
+            f"{count(confirmed, 'steady state')} beside rates at which the drive excites itself (the largest line is of no clock)"
+            " confirmed by a run from rest until it has arrived."
+        )
     for solved, what in (
-        (True, "fell back to time integration, since they have no steady state"), (False, "failed"),
+        (True, "have no steady state and were integrated in time"), (False, "failed"),
     ):  # fmt: skip
         reasons = [c.reason for c in plan.cases if c.reason and bool(c.lines) is solved]
         if reasons:

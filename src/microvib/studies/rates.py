@@ -22,8 +22,8 @@ from microvib.units import Band, Given, Si, quantity
 from microvib.units import band as ends
 from microvib.units import inside as in_band
 
-Solve = Callable[[Iterable[tuple[float, int]]], list["RateCase"]]
-"""Solves cases (rate, microsteps)."""
+Solve = Callable[[Iterable[tuple[float, int, bool]]], list["RateCase"]]
+"""Solves cases (rate, microsteps, whether a run from rest is waited for to its end)."""
 HARMONICS = 8
 LEAST = 1e-3
 """Lines below this fraction of a case's largest are dropped."""
@@ -62,6 +62,13 @@ class RateCase:
     reason: str = ""
     hidden: tuple[RateLine, ...] = ()
     """Lines of a time integration that a floor or what is beside them hides, with what they may have at most."""
+    confirmed: bool = False
+    """Whether a run from rest was waited for until it arrived at the steady state (``mv.steady``, ``confirmed``)."""
+
+    def rings(self, band: tuple[float, float]) -> bool:
+        """Whether the largest line within ``band`` [Hz] is of no clock, in a time integration: the drive excites itself."""
+        largest = self.largest(band)
+        return bool(self.reason) and largest is not None and largest.kind == "other"
 
     def largest(self, band: tuple[float, float], hidden: bool = False) -> RateLine | None:
         """The largest line within ``band`` [Hz], or the largest that is ``hidden``; None if there is none."""
@@ -192,6 +199,9 @@ def plan_rates(
     independently, so that results do not depend on their order or on who solves them: threads, which share one interpreter, or as
     many processes as there are ``workers``, which start in a second and want a script to guard its main part
     (``if __name__ == "__main__":``).
+
+    A steady state beside a rate at which the drive excites itself (the largest line is of no clock) is suspicious: there a run
+    from rest is waited for to its end, and the case is ``confirmed`` or becomes a time integration.
     """
     expect_scenario(scenario)
     expect_list(rates, "rates", "['0.06 deg/s']")
@@ -214,10 +224,13 @@ def plan_rates(
     one = linear_case if linear else full_case
     with all_cores(progress, workers) as calls:
 
-        def solve(wanted: Iterable[tuple[float, int]]) -> list[RateCase]:
-            return calls(one, ((scenario, Si(rate), n) for rate, n in wanted))
+        def solve(wanted: Iterable[tuple[float, int, bool]]) -> list[RateCase]:
+            return calls(one, ((scenario, Si(rate), n, confirmed) for rate, n, confirmed in wanted))
 
-        found = {(case.rate, case.microsteps): case for case in solve(sorted(wanted))}
+        found = {(case.rate, case.microsteps): case for case in solve((*key, False) for key in sorted(wanted))}
+        while suspicious := _suspicious(found.values(), within):
+            confirmed = solve((case.rate, case.microsteps, True) for case in suspicious)
+            found |= {(case.rate, case.microsteps): case for case in confirmed}
         rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
         forbidden = [] if most is None else [b for row in rows for b in _forbidden(row, most, within, solve)]
     cases = tuple(case for row in rows for case in row)
@@ -235,11 +248,11 @@ def at_rate(scenario: Scenario, rate: Given, microsteps: int) -> Scenario:
     return scenario.with_si({"tracking": tracking, "driver.microsteps": microsteps})
 
 
-def full_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
-    """One case with the full model."""
+def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
+    """One case with the full model, its steady state ``confirmed`` by a run from rest that is waited for to its end."""
     changed = at_rate(scenario, rate, microsteps)
     try:
-        result = steady(changed, harmonics=HARMONICS)
+        result = steady(changed, harmonics=HARMONICS, confirmed=confirmed)
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
     if result.fallback and (held := still_held(changed)):
@@ -255,11 +268,11 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
         for x in unseen
         if (most := may_have(x)) > 0.0
     )
-    return RateCase(rate, microsteps, tuple(lines), result.fallback, tuple(hidden))
+    return RateCase(rate, microsteps, tuple(lines), result.fallback, tuple(hidden), confirmed and not result.fallback)
 
 
-def linear_case(scenario: Scenario, rate: Si, microsteps: int) -> RateCase:
-    """One case with the linearised drive."""
+def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
+    """One case with the linearised drive, of which there is nothing to be ``confirmed``."""
     found = linear_lines(at_rate(scenario, rate, microsteps), HARMONICS)
     lines = (RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
     return RateCase(rate, microsteps, tuple(lines))
@@ -317,6 +330,14 @@ def _strongest(meeting: Resonance, cases: Sequence[RateCase]) -> Resonance | Non
     return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.amplitude)
 
 
+def _suspicious(cases: Iterable[RateCase], band: tuple[float, float]) -> list[RateCase]:
+    """Steady states beside rates at which the drive excites itself, that are not confirmed yet."""
+    ordered = sorted(cases, key=lambda case: (case.microsteps, case.rate))
+    pairs = [(a, b) for a, b in pairwise(ordered) if a.microsteps == b.microsteps]
+    beside = {id(case) for a, b in pairs for case, other in ((a, b), (b, a)) if other.rings(band)}
+    return [case for case in ordered if id(case) in beside and not case.reason and not case.confirmed]
+
+
 def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float], solve: Solve) -> list[Forbidden]:
     """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
 
@@ -326,7 +347,7 @@ def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float],
     edges = [(a, b) for a, b in pairwise(row) if state(a) != state(b)]
     n = row[0].microsteps
     for _ in range(BISECTIONS):
-        middles = solve([(0.5 * (a.rate + b.rate), n) for a, b in edges])
+        middles = solve([(0.5 * (a.rate + b.rate), n, a.rings(band) or b.rings(band)) for a, b in edges])
         edges = [(m, b) if state(m) == state(a) else (a, m) for (a, b), m in zip(edges, middles, strict=True)]
     turns = iter(0.5 * (a.rate + b.rate) for a, b in edges)
     bands, low = [], row[0].rate

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 WORST = 5
 """Worst cases that are listed for each line."""
 MAX_LEVELS = 20
+MAX_REASONS = 10
 """Levels, those with the largest lines, that are listed in a report; all of them are in statistics.csv."""
 
 
@@ -178,7 +179,7 @@ def campaign_report(s: Summary, pictures: dict[str, Picture]) -> Document:
     sections = [
         *([Section("Lines", tuple(lines), new_page=True)] if by_level else []),
         Section("Worst cases", tuple(_worst(s)), new_page=True),
-        Section("What is varied", (_varied(campaign), Text(_sampling(campaign)))),
+        Section("What is varied", (_varied(campaign), Text(_sampling(campaign, s)))),
         Section("How to read the figures", (Text(_how_to_read(s)),)),
         *(Section(pictures[name].title, (block,)) for name, block in figure.items()),
         *([Section("Failed cases", _failed(s.results))] if FAILED in s.results.state else []),
@@ -283,7 +284,7 @@ def _how_to_read(s: Summary) -> str:
     return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
 
-def _sampling(campaign: Campaign) -> str:
+def _sampling(campaign: Campaign, s: Summary) -> str:
     design = campaign.design
     sampling, record = design.study.sampling, design.base.record
     points = design.samples.shape[0]
@@ -292,7 +293,25 @@ def _sampling(campaign: Campaign) -> str:
         each = "Every point has its own draw" if sampling.noise == "each" else "All cases have one draw"
         how += f"{each} of the friction's noise. "
     recorded = f"a record of {record.duration:g} s after {record.settle:g} s"
-    return f"{how}Of each case: {'its steady state' if design.study.solve == 'steady' else recorded}."
+    if design.study.solve != "steady" and design.base.record.start != "steady":
+        return f"{how}Of each case: {recorded}."
+    integrated = integrated_text(s)
+    return f"{how}Of each case: its steady state{f', where it has one. {integrated}' if integrated else '.'}"
+
+
+def integrated_text(s: Summary) -> str:
+    """How many cases have no steady state and were integrated in time, with the reasons counted; empty where all have one."""
+    why = Counter(kind_of(note) for note in s.results.notes if note)
+    if not why:
+        return ""
+    reasons = "; ".join(f"{number} x {kind}" for kind, number in why.most_common(MAX_REASONS))
+    return f"{why.total()} of {len(s.results.notes)} cases have no steady state and were integrated from rest instead: {reasons}."
+
+
+def kind_of(reason: str) -> str:
+    """A reason without its figures, so that alike ones are counted together."""
+    words = ["..." if any(c.isdigit() for c in word) else word for word in reason.split()]
+    return " ".join(word for k, word in enumerate(words) if word != "..." or k == 0 or words[k - 1] != "...")[:200]
 
 
 def _varied(campaign: Campaign) -> Table:

@@ -15,7 +15,18 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv
 from microvib.io.writing import write_file
 from microvib.reports.campaign import report
-from microvib.reports.campaign.report import MAX_LEVELS, Summary, above_limit, hertz, interval, percents, shown
+from microvib.reports.campaign.report import (
+    MAX_LEVELS,
+    MAX_REASONS,
+    Summary,
+    above_limit,
+    hertz,
+    integrated_text,
+    interval,
+    kind_of,
+    percents,
+    shown,
+)
 from microvib.reports.document import Contents
 from microvib.reports.numbers import brief_milli, text_table
 from microvib.reports.sheets import png
@@ -24,8 +35,6 @@ from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING
 from microvib.studies.campaign.slurm import job_state
 from microvib.studies.campaign.statistics import ANY, Estimate, LineStatistics
-
-MAX_REASONS = 10
 
 
 def state_text(campaign: Campaign, reasons: bool = False) -> str:
@@ -36,7 +45,7 @@ def state_text(campaign: Campaign, reasons: bool = False) -> str:
         computed += len(cases)
         for case, reason in zip(cases, chunk.reasons, strict=True):
             if reason:
-                kind = _kind_of(reason)
+                kind = kind_of(reason)
                 why[kind] += 1
                 examples.setdefault(kind, case)
     total = campaign.design.cases
@@ -50,16 +59,11 @@ def state_text(campaign: Campaign, reasons: bool = False) -> str:
     return "\n".join(lines)
 
 
-def _kind_of(reason: str) -> str:
-    """A reason without its figures, so that alike ones are counted together."""
-    words = ["..." if any(c.isdigit() for c in word) else word for word in reason.split()]
-    return " ".join(word for k, word in enumerate(words) if word != "..." or k == 0 or words[k - 1] != "...")[:200]
-
-
 def report_text(s: Summary) -> str:
     """Distributions, exceedance, effects and worst cases as text."""
     cases = report.counts(s.results)
     lines = [f"{cases[DONE]} cases, {cases[FAILED]} failed, {cases[MISSING]} not computed yet."]
+    lines += [integrated] if (integrated := integrated_text(s)) else []
     if s.rows:
         head = ["line", "Hz", "median", "P95", "P95, 95 % confidence", "P99", "largest", "case"]
         rows = [[*head, *([] if s.limit is None else [f"above {1e3 * s.limit:g} mN m"])]]

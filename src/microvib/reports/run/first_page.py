@@ -9,6 +9,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import estimate_in
 from microvib.analysis.limits import Judgement, unsettled
+from microvib.analysis.start import without_steady_state
 from microvib.reports import figures
 from microvib.reports.blocks import drawn
 from microvib.reports.craft import craft_words
@@ -67,8 +68,9 @@ def _largest(lines: LineTable) -> list[Line]:
 def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
     """What was simulated, the main lines, what they do not say by themselves, and the picture."""
     scenario = motion.scenario
-    doubts = scenario.doubts()
-    notes = [f"{text}." for text in doubts[:4]]
+    doubts, told = scenario.doubts(), without_steady_state(motion.solver)
+    notes = [told] if told else []
+    notes += [f"{text}." for text in doubts[:4]]
     notes += [f"So are {len(doubts) - 4} more; `microvib show scenario.yaml` names them."] if len(doubts) > 4 else []
     notes += unsettled(lines, scenario)
     if judged is not None:
@@ -79,8 +81,8 @@ def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tu
             f"A margin is limit over amplitude{quantile},{alone} without allowance for the uncertainty of parameters.",
             *([judged.not_judged(4).strip()] if judged.gaps else []),
         ]
-    told = [Text(" ".join(notes), note=True)] if notes else []
-    return pairs(_simulated(motion)), _main_lines(lines, judged), *told, _picture(motion, lines, judged)
+    noted = [Text(" ".join(notes), note=True)] if notes else []
+    return pairs(_simulated(motion)), _main_lines(lines, judged), *noted, _picture(motion, lines, judged)
 
 
 def _simulated(motion: Motion) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from microvib.analysis.limits import Limit, judge, unsettled
 from microvib.analysis.run import RunResult
+from microvib.analysis.start import without_steady_state
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import pointing_facts
 from microvib.signals.line_table import LineTable
@@ -66,8 +67,8 @@ def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
         yield f"\n{fact.label[0].upper()}{fact.label[1:]}: {fact.value}; lines that cost most, rad rms: {', '.join(costs)}."
     if limit is not None:
         yield f"\n{judge(result.table, limit, scenario, None if second is None else second.table)}"
-    if result.fallback:
-        yield f"\nNo steady state: {result.fallback}. Simulated from rest instead."
+    if told := without_steady_state(result.solver):
+        yield f"\n{told}"
     for whose, one in result.drives.items():
         yield from _numerics(whose, one)
     if scenario.craft is not None and result.state is None and result.motion is None:

@@ -54,24 +54,26 @@ class PeriodMap:
             raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
         if scenario.solver.method != "propagators":
             raise NotPeriodic(f"solver.method: {scenario.solver.method} is a reference for runs in time")
-        if scenario.has_memory:
-            raise NotPeriodic(
-                "a friction with memory also repeats what it remembers, which the search does not look for"
-            )
         if scenario.friction.torque_noise is not None:
-            raise NotPeriodic("torque noise does not repeat with the command")
+            raise NotPeriodic(
+                "torque noise does not repeat with the command (friction.torque_noise: null leaves it out)"
+            )
         if scenario.friction.position is not None and scenario.friction.position.acts:
-            raise NotPeriodic("friction that varies with the angle does not repeat with the command")
+            raise NotPeriodic(
+                "friction that varies with the angle repeats only with each turn of the array (friction.position: null leaves"
+                " it out)"
+            )
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
-        self._rest = self.packed.state.y.copy()
+        self._rest = [x.copy() for x in self.packed.state]
         self.frequency, self.microstep_time = f_d / microsteps, 1.0 / f_d
         self.command = Command.lasting(scenario, scenario.record.settle)
         rate = -math.copysign(f_d, (scenario.rate or 0.0) * scenario.reducer.h)  # in microsteps per second
         count = float(self.command.count(np.array([scenario.record.settle]))[0])
         turned = math.copysign(1.0, rate)
         before = 2 + math.ceil(f_d * (LOBES + 1) / scenario.record.sample_rate)  # the record's filter begins before it
-        gone = round(count) - before * turned
+        # The same place of the period whatever the settling time is, so that what is found does not depend on it.
+        gone = turned * microsteps * math.floor((round(count) * turned - before) / microsteps)
         self.start = scenario.record.settle + (gone + (0.5 - SECTION) * turned - count) / rate
         self.command = Command.lasting(scenario, self.start)
         self.times, self.commands = self.command.microsteps(self.start, self.start + microsteps / f_d)
@@ -81,7 +83,7 @@ class PeriodMap:
         self.sizes = _sizes(self.packed.drive.scale, scenario)
         p = self.packed.drive
         self.idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
-        self._unseen = no_samples(self.packed.channels)._replace(width=0.0)
+        self.unseen = no_samples(self.packed.channels)._replace(width=0.0)
         self.evaluations = 0.0
 
     def guess(self) -> np.ndarray:
@@ -107,13 +109,10 @@ class PeriodMap:
         y[kernel.XA], y[kernel.XB] = (integral * turn).real, (integral * turn).imag
         return y
 
-    def at_rest(self) -> tuple[np.ndarray, int]:
-        """State in which every run begins, seen from the command, and the microstep of the period that corresponds to a run's
-        first."""
-        angle = self.angle(0)
-        return self._turned(self._rest[None], self._by(np.array([angle])))[0], round(
-            -angle / self._step
-        ) % self.microsteps
+    def rest(self) -> None:
+        """Put the drive at rest at t = 0, where every run begins."""
+        for part, value in zip(self.packed.state, self._rest, strict=True):
+            part[:] = value
 
     def angle(self, microstep: Any) -> Any:
         """Commanded rotor angle [rad] before a ``microstep`` of the period."""
@@ -155,12 +154,27 @@ class PeriodMap:
         turned[:, kernel.TL] -= turn.angle * self.packed.drive.inv_h
         return turned
 
-    def put(self, x: np.ndarray) -> None:
-        """Make ``x``, seen from the command, the state at the start of the period."""
+    def put(self, x: np.ndarray, stick: np.ndarray | None = None) -> None:
+        """Make ``x``, seen from the command, the state at the start of the period.
+
+        ``stick`` are the modes of all frictions and the angles at which their elements are relaxed, seen from the command
+        (``stick_turned``); without it they follow from ``x``, and elements are relaxed.
+        """
         state = self.packed.state
         state.y[:], state.clock[:] = self.absolute(x[None], self.turn([0]))[0], self.clocks(np.array([0]))[0]
         state.levels[:], state.energy[:] = NOTHING_LEARNT, 0.0
-        kernel.initial_friction(state, self.packed.drive)
+        if stick is None:
+            kernel.initial_friction(state, self.packed.drive)
+        else:
+            state.stick[:] = stick
+
+    def stick_turned(self, stick: np.ndarray, microsteps: int) -> np.ndarray:
+        """Modes and memory of the frictions with the angles that elements remember turned by ``microsteps`` of the command."""
+        turned, p = stick.copy(), self.packed.drive
+        angles, by = turned[2 + len(p.elements) :], microsteps * self._step
+        angles[: p.m_elements] += by
+        angles[p.m_elements : p.m_elements + p.l_elements] -= by * p.inv_h
+        return turned
 
     def clocks(self, microsteps: np.ndarray) -> np.ndarray:
         """The clocks before some ``microsteps`` (k,) of the period, with references and a ramp on its way there, (k, N_CLOCK)."""
@@ -181,13 +195,17 @@ class PeriodMap:
     def advance(self, x: np.ndarray, samples: Any = None) -> np.ndarray:
         """State after the period, seen from the command."""
         self.put(x)
+        self.go_on(samples)
+        end: np.ndarray = self.from_command(self.packed.state.y[None], self.turn([-self.microsteps]), x[None])[0]
+        return end
+
+    def go_on(self, samples: Any = None) -> None:
+        """Advance over the period from the state that was put at its start."""
         stop = self.start + 1.0 / self.frequency
-        status = self.packed.advance(stop, samples or self._unseen, self.times, self.commands)
+        status = self.packed.advance(stop, samples or self.unseen, self.times, self.commands)
         self.evaluations += 1.0
         if status != kernel.OK:
             raise interrupted(status)
-        end: np.ndarray = self.from_command(self.packed.state.y[None], self.turn([-self.microsteps]), x[None])[0]
-        return end
 
 
 def interrupted(status: int) -> NotPeriodic:

@@ -9,14 +9,12 @@ segment ends where the next one starts, and the last where the first does:
 with P_j the kernel's own integration over segment j. ``_Newton`` solves this with
 derivatives from differences (``Search._derivatives``) and Broyden's updates.
 
-A solution repeats with the command, but need not be what the drive does. Five **checks** stand against one failure each:
+A solution repeats with the command, but need not be what the drive does. Three **checks** stand against one failure each:
 
 - ``_check_stable``: an unstable motion solves the equations as well; the drive leaves it.
 - ``_check_settles``: a stable motion that takes minutes to settle, because friction feeds an array mode, is not what a run shows.
-- ``_check_for_others``: long and short slips in turn may solve the equations beside equal ones; the output is wound up and must
-  come back.
-- ``_check_for_stick_slip``: beside smooth slip there may be an oscillation that sticks; the drive is stopped and must slip again.
-- ``_check_from_rest``: whatever the others miss; a start from rest, with starts on the way from there, must arrive at the motion.
+- ``_check_from_rest``: beside the motion there may be others, such as slips that are long and short in turn or a mode that
+  friction keeps ringing; a start from rest must arrive at this one (``microvib.solve.steady.from_rest``).
 """
 
 from __future__ import annotations
@@ -29,8 +27,9 @@ import numpy as np
 
 from microvib.model.record import PASSBAND
 from microvib.solve import kernel
+from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
-from microvib.solve.steady.segments import MOST, Ends, Segments
+from microvib.solve.steady.segments import Ends, Segments
 
 CONVERGED = 1e-5
 """Last correction, over what a microstep moves, below which a state is accepted."""
@@ -59,29 +58,17 @@ SLOW = 0.8
 """Multiplier above which the decay of a deviation is measured over a whole period, not taken from the derivatives."""
 DEVIATION = 0.3
 """Deviation with which that is measured, over what a microstep moves."""
-WINDUP_STEPS = np.array([-12.0, -8.0, -5.0, -3.0, -2.0, -1.0, 3.0, 6.0]) / 32.0
-"""Full steps by which the output is wound forward, to see whether it comes back."""
-RETURNED = 0.1
-"""Distance at which it has come back."""
 STICKING = np.array([kernel.WM, kernel.WL])
 """States that are exactly zero while a friction sticks."""
 NUDGE = 0.03
 """Step of the differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
-SLIPS_AGAIN_WITHIN = 4.0
-"""Time [s] within which a body that was stopped must slip for a whole period without sticking."""
-REST_FRACTIONS = np.array([1.0, 0.5, 0.2, 0.07, 0.01])
-"""Starts between the motion found (0) and rest (1); the last shows how small deviations decay."""
-CHECKED_AFTER = (4, 6, 8, 12, 16, 24, 32)
-"""Periods after which all are checked for having come back, or being on the way; the last check decides."""
-DECAY_ALLOWANCE = 1.3
-"""Distance that a large deviation may have, over that expected from the decay of the small one."""
-ARRIVED = 0.02
-"""Distance at which one has arrived."""
-NOT_GROWING = 1.01
-"""Factor by which the small deviation may differ after twice as many periods: an undamped mode keeps its amplitude."""
 NOT_FOUND = "no motion was found that repeats with the command"
 HARMONICS = 8
-"""Driving lines whose amplitudes the sampling must not disturb; see ``_rows``."""
+"""Driving lines whose amplitudes the sampling must not disturb; see ``sample_rows``."""
+
+
+MOST_SAMPLES = 2_000_000
+"""Samples of a period beyond which driving lines are disturbed up to a third."""
 
 
 class NotShown(NotPeriodic):
@@ -91,16 +78,16 @@ class NotShown(NotPeriodic):
 class Search:
     """The search; ``x`` (segments, n) are the states at the starts of all segments, in units of what a microstep moves."""
 
-    def __init__(self, period: PeriodMap) -> None:
-        self.period = period
-        self.segments = Segments(period, _rows(period))
+    def __init__(self, period: PeriodMap, confirmed: bool = False) -> None:
+        self.period, self.confirmed = period, confirmed
+        self.segments, self.rows = Segments(period), sample_rows(period)
 
     def run(self, warm_up: int) -> Search:
         """Search from the mean motion, after ``warm_up`` periods of simulation; NotPeriodic where nothing is found."""
         x, self.distance = self._begin(warm_up), math.inf
         for step in range(MAX_STEPS):
             sampled = self.distance < SAMPLED_BELOW
-            self.x, self.ends = self._advance(x, sampled)
+            self.x, self.ends = self._advance(x, self.rows if sampled else 0)
             if self.distance > RENEW_ABOVE:
                 self.newton = _Newton(self._derivatives(self.ends.x[-1]))
             x = self.newton.next(self.x, self.ends.x)
@@ -109,8 +96,6 @@ class Search:
             if sampled and self.distance < (CONVERGED if falls else CONVERGED_STALLED):
                 self._check_stable()
                 self._check_settles()
-                self._check_for_others()
-                self._check_for_stick_slip()
                 self._check_from_rest()
                 return self
             if self.distance > MAX_CORRECTION:
@@ -162,15 +147,15 @@ class Search:
             raise NotPeriodic("the motion that repeats with the command is far from stable")
         return result
 
-    def _from(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, sampled: bool = False) -> Ends:
+    def _from(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, rows: int = 0) -> Ends:
         """Segments from states (k, n) at the microsteps ``first`` (k,) to the microsteps ``last``; states in units here."""
-        ends = self.segments.advance(x * self.period.sizes, first, last, sampled)
+        ends = self.segments.advance(x * self.period.sizes, first, last, rows)
         return replace(ends, x=ends.x / self.period.sizes)
 
-    def _advance(self, x: np.ndarray, sampled: bool = False) -> tuple[np.ndarray, Ends]:
+    def _advance(self, x: np.ndarray, rows: int = 0) -> tuple[np.ndarray, Ends]:
         """The states as started, with the rates of what sticks at zero, and the ends of their segments."""
         bounds = self.segments.bounds
-        ends = self._from(x, bounds[:-1], bounds[1:], sampled)
+        ends = self._from(x, bounds[:-1], bounds[1:], rows)
         x = x.copy()
         x[:, STICKING] *= ~_shifted(ends.stuck)
         return x, ends
@@ -228,92 +213,15 @@ class Search:
                 size[slow] *= np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j])) / np.abs(seen[j] @ (x[j] - self.x[j]))
         return float(np.max(size))
 
-    def _check_for_others(self) -> None:
-        """Against several motions: what sticks and slips may do so in more than one way, such as long and short slips in turn.
-
-        The output is wound up, backward and forward, by several angles, and must have come back after a period, or
-        be coming. Array modes are held at the motion found, since they take longer.
-        """
-        period, bounds, modes = self.period, self.segments.bounds, slice(kernel.MODES, None)
-        if not np.any(self.ends.ever):
-            return
-        driver, turned = period.scenario.driver, math.copysign(1.0, period.scenario.rate or 0.0)
-        x = np.tile(self.x[0], (WINDUP_STEPS.size, 1))
-        x[:, kernel.TM if period.packed.drive.rigid else kernel.TL] += (
-            WINDUP_STEPS * turned * driver.beats / 4 * driver.microsteps
-        )
-        away = []
-        for k in range(max(bounds.size - 1, MOST)):
-            j = k % (bounds.size - 1)
-            x = self._from(x, np.full(len(x), bounds[j]), np.full(len(x), bounds[j + 1])).x
-            away.append(np.max(np.abs(x - self.ends.x[j])[:, : kernel.MODES], axis=1))
-            if np.all(away[-1] < RETURNED):
-                return
-            x[:, modes] = self.ends.x[j, modes]
-        if np.any(np.maximum(away[-1], away[-2]) > np.maximum(RETURNED, 0.7 * away[len(away) // 2 - 1])):
-            raise NotShown("several motions repeat with the command; the start decides which of them occurs")
-
-    def _check_for_stick_slip(self) -> None:
-        """Against stick-slip beside smooth slip, which friction that falls with the rate permits.
-
-        Bodies that never stick are stopped; within SLIPS_AGAIN_WITHIN a whole period must pass without sticking.
-        """
-        period, p = self.period, self.period.packed.drive
-        falls = np.array([p.m_stribeck > 0.0, p.l_stribeck > 0.0])
-        never = falls & np.logical_not(np.any(self.ends.ever, axis=0))
-        if not np.any(never):
-            return
-        x = self.x[0] * period.sizes
-        x[STICKING if p.rigid else STICKING[never]] = 0.0
-        counters = period.packed.state.counters
-        for _ in range(math.ceil(SLIPS_AGAIN_WITHIN * period.frequency)):
-            before = int(counters[kernel.STICKS])
-            x = period.advance(x)
-            if counters[kernel.STICKS] == before:
-                return
-        raise NotShown("besides the motion that repeats with the command there is one that sticks and slips")
-
     def _check_from_rest(self) -> None:
-        """Against all else: the motion that a run shows is the one that a start from rest leads to.
-
-        One start is from rest with the command, four others at fractions of its distance from the motion found, the last so
-        near that it shows whether and how fast small deviations decay. Every one must arrive, or decay as the small deviation
-        does: a mode may ring for long, but one that keeps its distance, or decays more slowly, goes to another motion.
-        """
-        x = self.x[0] + REST_FRACTIONS[:, None] * (self._at_section_from_rest() - self.x[0])
-        away = [self._distance(x)]
-        for periods in range(1, CHECKED_AFTER[-1] + 1):
-            x = self._period(x)
-            away.append(self._distance(x))
-            if periods in CHECKED_AFTER:
-                expected = away[-1][-1] * REST_FRACTIONS / REST_FRACTIONS[-1]
-                falls = away[-1][-1] <= max(NOT_GROWING * away[periods // 2][-1], REST_FRACTIONS[-1] * ARRIVED)
-                if falls and np.all(away[-1] <= np.maximum(DECAY_ALLOWANCE * expected, ARRIVED)):
-                    return
-        raise NotShown("a start from rest does not lead to the motion that repeats with the command")
-
-    def _at_section_from_rest(self) -> np.ndarray:
-        """State at the end of the period, in units, of a drive that started from rest with a run's first microstep."""
-        state, first = self.period.at_rest()
-        start = (state / self.period.sizes)[None]
-        end: np.ndarray = self._from(start, np.array([first]), self.segments.bounds[-1:]).x[0]
-        return end
-
-    def _period(self, x: np.ndarray) -> np.ndarray:
-        """States (k, n) after a period."""
-        first = np.zeros(len(x), dtype=int)
-        return self._from(x, first, first + self.period.microsteps).x
-
-    def _distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance of states (k, n) from the motion found, (k,): root of the sum of squares.
-
-        The two states of a mode are weighted by its energy, so that the phase in which it rings does not matter.
-        """
-        off, size = x - self.x[0], self.period.sizes
-        Omega = self.period.scenario.load.Omega
-        off[:, kernel.MODES :: 2] *= Omega * size[kernel.MODES :: 2] / size[kernel.MODES + 1 :: 2]
-        distance: np.ndarray = np.sqrt(np.sum(off**2, axis=1))
-        return distance
+        """Against all else: the motion that a run shows is the one that a start from rest leads to."""
+        period, bounds = self.period, self.segments.bounds
+        run = RunFromRest(period)
+        T_d = self.segments.advance(self.x * period.sizes, bounds[:-1], bounds[1:], run.rows).T_d
+        decay = -math.log(max(self.multiplier, 1e-9)) * period.frequency
+        run.leads_to(self.x[0] * period.sizes, T_d, decay, shortened=not self.confirmed)
+        self.from_rest = run.simulated
+        period.evaluations += run.simulated * period.frequency
 
 
 class _Newton:
@@ -377,11 +285,12 @@ def _product(derivatives: np.ndarray) -> np.ndarray:
     return result
 
 
-def _rows(period: PeriodMap) -> int:
+def sample_rows(period: PeriodMap) -> int:
     """Sample intervals in one microstep.
 
     With n interval means in a period, k/(n - k) of order n - k is aliased into order k, and torques have jumps. This makes n so
     large that the fraction is at most a third at the end of the record's band, and a fiftieth at the driving lines.
     """
     highest = math.ceil(PASSBAND * period.scenario.record.sample_rate / period.frequency)
-    return math.ceil(max(4 * highest, 50 * min(HARMONICS * period.microsteps, highest)) / period.microsteps)
+    wanted = min(50 * min(HARMONICS * period.microsteps, highest), MOST_SAMPLES)
+    return math.ceil(max(4 * highest, wanted) / period.microsteps)

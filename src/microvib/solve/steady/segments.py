@@ -34,24 +34,23 @@ class Ends:
 class Segments:
     """The map of a period (``microvib.solve.steady.period``), cut into parts."""
 
-    def __init__(self, period: PeriodMap, rows: int) -> None:
-        """``rows`` intervals of each microstep are averaged where samples are needed."""
-        self.period, self.rows = period, rows
+    def __init__(self, period: PeriodMap) -> None:
+        self.period = period
         self.part = math.gcd(period.microsteps, max(period.microsteps // 16, 1))
         units = period.microsteps // self.part
         self.bounds = np.rint(np.linspace(0, units, min(MOST, units) + 1)).astype(int) * self.part
         self._unseen = no_samples(period.packed.torque_columns)._replace(width=0.0)
 
-    def advance(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, sampled: bool = False) -> Ends:
+    def advance(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, rows: int = 0) -> Ends:
         """From states ``x`` (k, n), seen from the command, at the microsteps ``first`` (k,) to the microsteps ``last``.
 
-        Raises NotPeriodic where a drive fails.
+        The torque is averaged over so many ``rows`` in each microstep, or not sampled. Raises NotPeriodic where a drive fails.
         """
         period, packed = self.period, self.period.packed
         y, made = period.absolute(x, period.turn(first)), int(np.sum(last - first))
-        samples, width = self._unseen, period.microstep_time / self.rows
-        if sampled:
-            samples = samples_into(np.zeros((self.rows * made, packed.torque_columns)), 0.0, width)
+        samples, width = self._unseen, period.microstep_time / max(rows, 1)
+        if rows:
+            samples = samples_into(np.zeros((rows * made, packed.torque_columns)), 0.0, width)
         status, sticks, sticking = packed.advance_each(
             y,
             period.clocks(first),

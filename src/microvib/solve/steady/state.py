@@ -6,6 +6,7 @@ that array modes take to settle; friction, stick and detent are the kernel's own
 
 from __future__ import annotations
 
+import math
 import time as clock_time
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -28,13 +29,14 @@ from microvib.solve.integration import (
 )
 from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.sampling import samples_into
+from microvib.solve.steady.from_rest import NotReached, RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
-from microvib.solve.steady.search import NotShown, Search
+from microvib.solve.steady.search import NotShown, Search, sample_rows
 
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
 """Searches in turn: periods of the command after which the motion may repeat, and such periods simulated beforehand."""
 LONGEST = 8
-"""Quarter electrical turns that a transmission error may take to repeat."""
+"""Quarter electrical turns in a period beyond which a run from rest takes less time than a search."""
 
 MAX_MODES = 100
 """Array modes beyond which differences in each state take longer than time integration."""
@@ -63,8 +65,11 @@ class SteadyState:
     distance: float
     """Estimated distance of ``state`` from the steady state, over what a microstep moves."""
     multiplier: float
-    """Largest part of a deviation that is left after a period; below 1 the motion is stable."""
+    """Largest part of a deviation that is left after a period; below 1 the motion is stable. Of a run that settled, that by the
+    damping of the slowest mode."""
     solver: dict[str, Any]
+    stick: np.ndarray | None = None
+    """Modes and memory of the frictions at the start of the period, where they do not follow from ``state``."""
 
     def __repr__(self) -> str:
         return f"Steady state of {self.scenario!r}: repeats every {1.0 / self.frequency:.6g} s"
@@ -99,10 +104,10 @@ class SteadyState:
         period = PeriodMap(self.scenario, self.microsteps)
         packed, n = period.packed, self.T_d.size
         rows = np.zeros((n, packed.columns))
-        period.put(self.state)
+        period.put(self.state, self.stick)
         before, momentum = packed.snapshot(), packed.momentum
         width = 1.0 / (self.frequency * n)
-        period.advance(self.state, samples_into(rows, period.start, width))
+        period.go_on(samples_into(rows, period.start, width))
         invariants = balance(packed, before, momentum, 1.0 / self.frequency)
         return channels_of(rows[:, : packed.channels], packed.drive.H.size) | {"T_d": self.T_d}, invariants
 
@@ -132,49 +137,85 @@ class SteadyState:
         beside = self.beside if shows_hub(channels) else None
         first, second = (progress, None) if beside is None else halves(progress)
         period = PeriodMap(self.scenario, self.microsteps)
-        period.put(self.state)
+        period.put(self.state, self.stick)
         motion = recorded(
             Simulation(self.scenario, progress=first, channels=channels, packed=period.packed, command=period.command)
         )
         return motion if beside is None else replace(motion, beside=beside.motion(channels=channels, progress=second))
 
 
-def steady_state(scenario: Scenario) -> SteadyState:
-    """The steady state of ``scenario`` at the rate that it has in its record.
+def steady_state(scenario: Scenario, *, confirmed: bool = False) -> SteadyState:
+    """The steady state that a start from rest leads to, at the rate that ``scenario`` has in its record.
 
-    Raises NotPeriodic, with the reason, where the rate changes or is zero, where a transmission error takes too long to
-    repeat, where there are more than MAX_MODES modes, or where no stable and unique motion was found that repeats within
-    three periods of the command.
+    A short period is searched (``microvib.solve.steady.search``). Where it is long, where frictions have a memory, or where the
+    search finds nothing that a start from rest leads to, it is the motion that a run from rest settles to. ``confirmed``, the run
+    that shows that a start from rest leads there is waited for to its end.
+
+    Raises NotPeriodic, with the reason, where the rate changes or is zero, where something does not repeat with the command or
+    takes too long to, where there are more than MAX_MODES modes, or where a run from rest does not settle.
     """
     begun = clock_time.perf_counter()
-    repeat, quarter = repeats_after(scenario)
-    if repeat > LONGEST * quarter:
-        raise NotPeriodic(f"the transmission error repeats with the command only every {repeat} microsteps")
     if scenario.load.H.size > MAX_MODES:
         raise NotPeriodic(f"there are more than {MAX_MODES} modes, for which time integration is faster")
-    reason, spent = "", 0.0
-    for multiple, warm_up in ATTEMPTS:
+    repeat, quarter = repeats_after(scenario)
+    attempts = () if scenario.has_memory or repeat > LONGEST * quarter else ATTEMPTS
+    spent = 0.0
+    for multiple, warm_up in attempts:
         period = PeriodMap(scenario, multiple * repeat)
         try:
-            search = Search(period).run(warm_up)
+            search = Search(period, confirmed).run(warm_up)
             return _found(search, spent, clock_time.perf_counter() - begun)
         except NotShown:
             raise
         except NotPeriodic as problem:
-            reason = str(problem)
             spent += period.evaluations / period.frequency
-    raise NotPeriodic(reason)
+            if isinstance(problem, NotReached):
+                break
+    return _settled(PeriodMap(scenario, repeat), spent, begun)
 
 
-def find_steady(scenario: Scenario, *, whole: bool = True) -> tuple[SteadyState | None, str]:
+def find_steady(scenario: Scenario, *, whole: bool = True, confirmed: bool = False) -> tuple[SteadyState | None, str]:
     """The steady state of ``scenario``, or None and why there is none: ``whole``, that of a second wing that is driven, too."""
     try:
-        found = steady_state(scenario)
+        found = steady_state(scenario, confirmed=confirmed)
         if whole:
             _ = found.beside  # which says why there is none
     except NotPeriodic as why:
         return None, str(why)
     return found, ""
+
+
+def _settled(period: PeriodMap, spent: float, begun: float) -> SteadyState:
+    """The motion that a run from rest settles to, after searches simulated ``spent`` [s] in vain."""
+    run = RunFromRest(period)
+    found = run.settled(sample_rows(period))
+    period, simulated = found.period, spent + found.simulated
+    multiplier = math.exp(-run.ringing.decay / period.frequency)
+    solver = {
+        **method_of(period.scenario),
+        "search": "run from rest until its periods repeat",
+        "period_s": 1.0 / period.frequency,
+        "period_microsteps": period.microsteps,
+        "periods_evaluated": simulated * period.frequency,
+        "distance": found.distance,
+        "multiplier": multiplier,
+        "settling_s": math.log(100.0) / run.ringing.decay,
+        "simulated_s": simulated,
+        "wall_s": clock_time.perf_counter() - begun,
+    }
+    return SteadyState(
+        scenario=period.scenario,
+        start=period.start,
+        frequency=period.frequency,
+        microsteps=period.microsteps,
+        T_d=found.T_d,
+        stuck_output=found.stuck_output * period.frequency,
+        state=found.state,
+        distance=found.distance,
+        multiplier=multiplier,
+        solver=solver,
+        stick=found.stick,
+    )
 
 
 def _found(search: Search, spent: float, seconds: float) -> SteadyState:
@@ -184,6 +225,7 @@ def _found(search: Search, spent: float, seconds: float) -> SteadyState:
     solver = {
         **method_of(period.scenario),
         "search": "multiple shooting over one period, quasi-Newton",
+        "from_rest_s": search.from_rest,
         "period_s": 1.0 / period.frequency,
         "period_microsteps": period.microsteps,
         "periods_evaluated": simulated * period.frequency,

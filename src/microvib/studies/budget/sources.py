@@ -13,7 +13,7 @@ from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recordin
 from microvib.analysis.margins import BEYOND, OWN_ERROR, STIRS, may_ring
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult
-from microvib.analysis.start import CALM, calm_for, has_calmed, still_held
+from microvib.analysis.start import CALM, calm_for, has_calmed, or_steady, still_held
 from microvib.model.coupling import (
     MEANINGLESS,
     chart,
@@ -177,7 +177,7 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
     for line in table:
         if line.line in found.unknown and not steady and not has_calmed(line, scenario):
             f = line.expected_hz
-            yield open_gap(f"{line.line} ({line.status}; a longer record.duration, or record.start: steady)", f, f)
+            yield open_gap(f"{line.line} ({line.status}; a longer record.duration{or_steady(scenario)})", f, f)
     if not steady and (held := still_held(scenario)):
         yield open_gap(held)
     for key, band in noise_bands(scenario).items():
@@ -206,7 +206,7 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
     rings = [m.name for m in coupled_modes(scenario) if m.frequency > top and m.decay * calm < CALM]
     if rings:
         yield open_gap(
-            f"{rings[0]} above {top:.4g} Hz may ring (a higher record.sample_rate, or record.start: steady)", top
+            f"{rings[0]} above {top:.4g} Hz may ring (a higher record.sample_rate{or_steady(scenario)})", top
         )
     yield from _above(scenario, top)
 

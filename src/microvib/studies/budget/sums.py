@@ -18,6 +18,7 @@ import numpy as np
 
 from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import SAME
+from microvib.analysis.start import or_steady
 from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
 from microvib.studies.budget.figures import (
     ALONE,
@@ -238,7 +239,7 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
         size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
         if size**2 > WORTH * value**2:
             names = ", ".join(np.array(one.names)[ringing])
-            remedy = "record.start: steady, or a longer record.settle"
+            remedy = f"a longer record.settle{or_steady(one.scenario)}"
             found.append(f"{one.source}: {names} rings or is driven by noise ({remedy})")
     return found
 
