@@ -114,6 +114,6 @@ def _column(said: dict[str, list[str]], name: str, k: int, values: np.ndarray, x
     even = axis is not None and axis.step > 0.0
     if x is not None and np.all(np.isfinite(x[:size])) and size > 1:
         step = float(x[size - 1] - x[0]) / (size - 1)
-        if not even or abs(step / (axis.step if axis else 1.0) - 1.0) > 0.01:
+        if not even or abs(step / (axis.step if axis else 1.0) - 1.0) > 1e-3:
             time = Column("X_Value", x[:size], along)
     return Column(name, values[:size], unit, time=time, axis=axis if even else None)

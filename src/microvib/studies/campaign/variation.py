@@ -210,7 +210,7 @@ def number(item: Any, quantity: Quantity, where: str) -> float:
             raise ScenarioError(f"{where}: {item!r} {error} ({quantity.meaning})") from None
     if not is_number(item) or not math.isfinite(item):
         raise ScenarioError(f"{where}: {item!r} is not a quantity ({quantity.meaning})")
-    if quantity.unit:
+    if quantity.unit and item != 0:  # nought is nought in every unit
         raise ScenarioError(f"{where}: {item} needs a unit, such as '{item} {quantity.display or quantity.unit}'")
     return float(item)
 
