@@ -41,6 +41,7 @@ def chromium() -> Iterator[Any]:
 def browser(chromium: Any, printed_address: str) -> Any:
     """A window of a browser that was let in; its pages share a cache, cookie and key, and no more."""
     window = chromium.new_context(viewport={"width": 1366, "height": 768}, accept_downloads=True)
+    window.set_default_timeout(240_000)
     page = window.new_page()
     page.goto(printed_address)
     page.wait_for_selector("html[data-ready]")
@@ -60,7 +61,7 @@ def visit(browser: Any, address: str) -> Iterator[Callable[..., Any]]:
 
     def open_page(fragment: str = "") -> Any:
         page = browser.new_page()
-        page.set_default_timeout(30_000)
+        page.set_default_timeout(240_000)
         page.on("console", heard)
         page.on("pageerror", lambda error: trouble.append(str(error)))
         page.on("request", lambda r: None if r.url.startswith((address, "blob:", "data:")) else trouble.append(r.url))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.page import PAGE, api, run
+from support.page import PAGE, api, run, until
 
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
@@ -56,8 +56,7 @@ def test_the_window_is_a_slider_and_its_figures_are_those_of_the_library(
         page.get_by_role("link", name="line of sight (CSV)").click()
     assert download.value.suggested_filename == "pointing.csv"
     page.set_viewport_size({"width": 390, "height": 844})
-    page.wait_for_timeout(1000)  # plots follow the window
-    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    until(page, "document.documentElement.scrollWidth <= 390")  # plots follow the window
 
 
 def test_weights_of_the_page_are_those_of_the_library(visit: Callable[..., Any]) -> None:

@@ -112,7 +112,7 @@ def test_angles_are_swept_with_progress_in_two_windows(visit: Callable[..., Any]
         window.locator("#angles-angles").press("Enter")
     api.expect(page.locator("#angles .error")).to_contain_text("write FIRST:LAST:STEP in degrees")
     api.expect(page.locator("#angles-angles")).to_be_focused()
-    api.expect(other.locator("#angles tbody tr")).to_have_count(4, timeout=120_000)
+    api.expect(other.locator("#angles tbody tr")).to_have_count(4, timeout=240_000)
     with other.expect_download() as coming:
         other.get_by_role("button", name="angles.csv").click()
     coming.value.save_as(tmp_path / "angles.csv")

@@ -27,7 +27,7 @@ def microvib(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 def told(*arguments: str) -> tuple[int, str]:
     """Exit status and what is said of a server that should not start."""
     with microvib(*arguments) as server:
-        said = server.communicate(timeout=60)[1]
+        said = server.communicate(timeout=240)[1]
         return server.returncode, said
 
 
@@ -37,7 +37,7 @@ def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     with microvib("--port", "0") as server:
         url, port, token = re.search(r"(http://127.0.0.1:(\d+))/\?token=(\S+)", server.stdout.readline()).groups()
-        with httpx.Client(base_url=url, timeout=60.0, headers={"authorization": f"Bearer {token}"}) as client:
+        with httpx.Client(base_url=url, timeout=240.0, headers={"authorization": f"Bearer {token}"}) as client:
             assert "<html" in client.get("/").text
             assert client.get("/static/plotly.min.js").headers["content-type"].startswith("text/javascript")
             if end == signal.SIGTERM:
@@ -45,7 +45,7 @@ def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
                 assert told("--port", port) == (1, used)
                 wait(client, start(client, LONG), "running")
             server.send_signal(end)
-            _, said = server.communicate(timeout=60)
+            _, said = server.communicate(timeout=240)
         assert (server.returncode, said) == (0, "")
     assert not list(tmp_path.glob(".page-*"))
 

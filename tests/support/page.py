@@ -16,7 +16,8 @@ import pytest
 
 pytest.importorskip("fastapi", reason="the page's server is not installed (microvib[serve])")
 api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-api.expect.set_options(timeout=20_000)
+PATIENCE = 240  # s that a condition may take to come true, for whoever shares the machine; most take milliseconds
+api.expect.set_options(timeout=1000 * PATIENCE)
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PAGE = [
     pytest.mark.long,
@@ -66,8 +67,8 @@ def run(page: Any) -> None:
 
 
 def drawn(page: Any, runs: int) -> None:
-    page.locator(".chip.done").nth(runs - 1).wait_for(timeout=240_000)
-    end = time.monotonic() + 20
+    page.locator(".chip.done").nth(runs - 1).wait_for(timeout=1000 * PATIENCE)
+    end = time.monotonic() + PATIENCE
     while len((page.locator(".figures[data-drawn]").first.get_attribute("data-drawn") or "").split()) < runs:
         assert time.monotonic() < end
         page.wait_for_timeout(30)
@@ -101,7 +102,7 @@ def limit(page: Any, text: str) -> Any:
 
 def until(page: Any, condition: str) -> None:
     """Wait for a condition of the page, whose policy lets nobody evaluate texts in it."""
-    end = time.monotonic() + 60
+    end = time.monotonic() + PATIENCE
     while not page.evaluate(condition):
         assert time.monotonic() < end
         page.wait_for_timeout(50)

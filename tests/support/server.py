@@ -46,7 +46,7 @@ def start(client: TestClient, changes: dict[str, str], **more) -> str:
     return answer.json()["id"]
 
 
-def wait(client: TestClient, id: str, *states: str, seconds: float = 120.0) -> dict:
+def wait(client: TestClient, id: str, *states: str, seconds: float = 300.0) -> dict:
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         job = client.get(f"/api/jobs/{id}").json()

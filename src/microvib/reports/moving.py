@@ -80,7 +80,7 @@ class Moving:
 
 def markup(data: dict[str, Any], names: Sequence[str]) -> str:
     """The canvas of a report with its script and data: numbers and our own words only."""
-    told = json.dumps({**data, "names": list(names)}, separators=(",", ":"))
+    told = json.dumps({**data, "names": list(names)}, separators=(",", ":")).replace("<", "\\u003c")
     page, script = ((SCRIPT.parent / name).read_text(encoding="utf-8") for name in ("shapes.html", SCRIPT.name))
     return page.replace("__SCRIPT__", script).replace("__DATA__", told)
 
