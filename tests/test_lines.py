@@ -1,5 +1,6 @@
 """Line estimation on made signals, whose truth is known."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from support.coverage import coverage
 import microvib as mv
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.expected import ExpectedLine, expected_lines
+from microvib.model.linear import coupled_modes
 from microvib.signals.line_fit import estimate_lines, figures_at_known_clock, lines_at_known_clock
 from microvib.signals.line_search import _groups
 from microvib.signals.orders import Orders
@@ -371,6 +373,32 @@ def test_a_subharmonic_is_not_an_array_mode():
         2 * np.pi * fifth * T
     )
     assert estimate_lines(ringing, RATE, lines)["array_mode_2"].status == "decaying"
+
+
+def test_a_line_that_lasts_is_not_called_after_a_mode_that_has_died_away(state_1):
+    """At the mode's own frequency, after a hundred of its time constants: not what rings after the start."""
+    scenario = state_1.with_({"record.settle": "1000 s"})
+    mode = next(m for m in coupled_modes(scenario) if m.name == "array_mode_1")
+    t = np.arange(int(16.0 * 4096)) / 4096.0
+    drive = 0.05 * np.cos(2.0 * math.pi * scenario.driving_frequency * t)
+    x = drive + 0.01 * np.cos(2.0 * math.pi * mode.frequency * t)
+    table = lines_of_samples(x, 4096.0, scenario)
+    assert table["array_mode_1"].status == "not separable from other_1"
+    assert table["other_1"].amplitude_n_m == pytest.approx(0.01, rel=1e-3)
+    assert table["other_1"].frequency_hz == pytest.approx(mode.frequency, abs=1e-3)
+    assert "steady, at the frequency of array_mode_1" in table["other_1"].origin
+    assert table["other_1"] in table.notable()
+    begun = lines_of_samples(x, 4096.0, state_1.with_({"record.settle": "1 s"}))
+    assert begun["array_mode_1"].amplitude_n_m == pytest.approx(0.01, rel=1e-3)  # it may still ring
+
+
+def test_every_found_line_as_large_as_a_listed_one_has_a_row():
+    rows = [expect("drive_1", 53.0), expect("drive_2", 106.0)]
+    x = sum(
+        a * np.cos(2 * math.pi * f * np.arange(65536) / 4096) for a, f in ((0.1, 53.0), (0.002, 106.0), (0.003, 13.37))
+    )
+    table = estimate_lines(x, 4096.0, rows)
+    assert {"drive_2", "other_1"} <= {line.line for line in table.notable()}
 
 
 def test_a_sideband_of_a_mode_is_not_another_mode():

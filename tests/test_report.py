@@ -34,6 +34,7 @@ from microvib.reports.document import (
     pairs,
     table,
 )
+from microvib.reports.figures import draw_first_page
 from microvib.reports.parameters import STATUSES, Provenance, parameter_blocks, provenance
 from microvib.reports.rendering import html, pdf, report_files
 from microvib.reports.run.first_page import judged_cells
@@ -86,6 +87,19 @@ def column(found: Table, title: str, unit: str | None = None) -> list[str]:
 
 
 # Margins
+
+
+def test_the_spectrum_names_the_line_that_decides_the_verdict_first(motion_1):
+    """A line that is small beside its neighbours, above its limit, or the one nearest to the limit where none is above."""
+    table = mv.lines(motion_1)
+    small = min((x for x in table if x.seen and x.kind == "full step"), key=lambda x: abs(x.frequency_hz - 53.0))
+    for factor in (0.2, 5.0):
+        limit = limit_of(factor * small.amplitude_n_m, small.frequency_hz - 0.1, small.frequency_hz + 0.1)
+        judged = judge(table, limit, motion_1.scenario)
+        drawing = draw_first_page(motion_1, table, 200.0, judged)
+        texts = [text for text in drawing.axes[0].texts if text.get_text().startswith(f"{small.line}\n")]
+        assert len(texts) == 1
+        assert texts[0].get_fontweight() == "bold"
 
 
 def test_margins_are_limit_over_amplitude(lines_1, motion_1):

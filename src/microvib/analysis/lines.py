@@ -17,15 +17,16 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.spectra import SAMPLED, samples_of
+from microvib.analysis.start import has_calmed
 from microvib.errors import expect_channel, whole_number
 from microvib.model.driven import bin_noise, driven_lines, noise_density
-from microvib.model.expected import ExpectedLine, expected_lines
+from microvib.model.expected import UNLISTED, ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.clock import clock_far_off, near_mains
 from microvib.signals.fourier_lines import lines_of_series
-from microvib.signals.line_fit import estimate_lines, lines_at_known_clock, with_background
+from microvib.signals.line_fit import NOT_APART, estimate_lines, lines_at_known_clock, with_background
 from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable
 from microvib.signals.tones import HannSpectrum
 from microvib.solve.batch import Torque, torque_from_rest
@@ -143,7 +144,10 @@ def lines_of_samples(
     if measured:
         table = while_settling(_at_its_clock(table, x, sample_rate, expected))
     table = replace(table, harmonics=harmonics)
-    return table if scenario is None else with_noise(table, scenario, disturbance)
+    if scenario is None:
+        return table
+    table = with_noise(table, scenario, disturbance)
+    return table if measured else steady_at_modes(table, scenario)
 
 
 def _at_its_clock(table: LineTable, x: np.ndarray, sample_rate: float, expected: tuple[ExpectedLine, ...]) -> LineTable:
@@ -201,6 +205,26 @@ def while_settling(table: LineTable) -> LineTable:
 
     ratio = math.hypot(table.clock_ratio_uncertainty, slower)
     return replace(table, lines=tuple(map(wider, table)), clock_ratio_uncertainty=ratio)
+
+
+def steady_at_modes(table: LineTable, scenario: Scenario) -> LineTable:
+    """Lines of a simulation, of which one that lasts is not called after a mode that has died away by its damping.
+
+    Such a line is a sideband, or what friction keeps going: it is listed as found and not expected.
+    """
+    rows, number = list(table), sum(x.kind == "other" for x in table)
+    for k, x in enumerate(rows[:]):
+        if not (x.is_mode and x.status == "ok" and has_calmed(x, scenario)):
+            continue
+        number += 1
+        name = f"{UNLISTED}{number}"
+        origin = (
+            f"steady, at the frequency of {x.line}, whose ringing has died away: a sideband, or kept going by friction"
+        )
+        rows.append(replace(x, line=name, kind="other", origin=origin, expected_hz=x.frequency_hz))
+        nothing = dict.fromkeys(("frequency_hz", "amplitude_n_m", "phase_rad", "decay_per_s"), math.nan)
+        rows[k] = replace(x, **nothing, status=f"{NOT_APART} {name}")
+    return replace(table, lines=tuple(rows))
 
 
 _MINOR = 0.1

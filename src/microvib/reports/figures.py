@@ -97,9 +97,16 @@ def draw_spectrum(
     ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0, judged: Judgement | None = None
 ) -> None:
     """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10), and the limit."""
-    draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table)
+    first = () if judged is None else _deciding(judged)
+    draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table, first)
     if judged is not None:
         _draw_limit(ax, judged, highest)
+
+
+def _deciding(judged: Judgement) -> tuple[str, ...]:
+    """Names of the lines that decide a verdict, the worst first: those above the limit, or the one nearest to it."""
+    above = tuple(m.line.line for m in judged.margins if m.fails)
+    return above or (() if judged.worst is None else (judged.worst.line.line,))
 
 
 def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
@@ -115,16 +122,20 @@ def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
     ax.legend(loc="upper right", fontsize=7.5, ncols=2)
 
 
-def draw_amplitudes(ax: Axes, s: Spectrum, unit: str, highest: float, table: LineTable | None = None) -> None:
-    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``, lines of ``table`` named."""
+def draw_amplitudes(
+    ax: Axes, s: Spectrum, unit: str, highest: float, table: LineTable | None = None, first: Sequence[str] = ()
+) -> None:
+    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``, lines of ``table`` named, some
+    of them ``first``."""
     highest = min(highest, s.sample_rate / 2)
     keep = (s.frequency <= highest) & (s.frequency > 0)
     ax.semilogy(s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
     shown = [x for x in table or () if np.isfinite(x.amplitude_n_m) and x.frequency_hz <= highest]
     heights = [1e3 * x.amplitude_n_m for x in shown] or [1e3 * float(s.amplitude[keep].max())]
     top = max([a for a in heights if a > 0] or [1.0])
-    ax.set_ylim(top * 1e-4, top * 12)
-    _name_lines(ax, shown, highest)
+    deciding = [1e3 * x.amplitude_n_m for x in shown if x.line in first and x.amplitude_n_m > 0.0]
+    ax.set_ylim(min([top * 1e-4, *(0.5 * a for a in deciding)]), top * 12)
+    _name_lines(ax, shown, highest, first)
     ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [m{unit}]", title=f"Spectrum ({_made_by(s)})")
     ax.set_xlim(0, highest)
 
@@ -138,18 +149,21 @@ _NAME: dict[str, Any] = {"textcoords": "offset points", "xytext": (4, 4), "fonts
 """How names stand on lines."""
 
 
-def _name_lines(ax: Axes, shown: Sequence[Line], highest: float) -> None:
-    """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other, the strongest first."""
+def _name_lines(ax: Axes, shown: Sequence[Line], highest: float, first: Sequence[str] = ()) -> None:
+    """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other: lines that come ``first`` in
+    bold, then modes, then the strongest."""
     bottom = ax.get_ylim()[0]
     visible = [x for x in shown if 1e3 * x.amplitude_n_m > bottom and x.status != FAINT]
     _dots(ax, visible, markersize=4, zorder=5)
     placed: list[float] = []
     top = max((x.amplitude_n_m for x in visible), default=0.0)
-    for x in sorted(visible, key=lambda x: (not x.is_mode, -x.amplitude_n_m)):
+    rank = {name: k for k, name in enumerate(first)}
+    for x in sorted(visible, key=lambda x: (rank.get(x.line, len(rank)), not x.is_mode, -x.amplitude_n_m)):
         clear = all(abs(x.frequency_hz - f) >= 0.055 * highest for f in placed)
-        if clear and x.amplitude_n_m >= 1e-3 * top:
+        if clear and (x.line in rank or x.amplitude_n_m >= 1e-3 * top):
             placed.append(x.frequency_hz)
-            ax.annotate(f"{x.line}\n{x.frequency_hz:.4g} Hz", (x.frequency_hz, 1e3 * x.amplitude_n_m), **_NAME)
+            bold = {"fontweight": "bold"} if x.line in rank else {}
+            ax.annotate(f"{x.line}\n{x.frequency_hz:.4g} Hz", (x.frequency_hz, 1e3 * x.amplitude_n_m), **_NAME, **bold)
 
 
 def _dots(ax: Axes, lines: Sequence[Line], marker: str = "o", **style: Any) -> None:

@@ -264,11 +264,11 @@ class LineTable:
 
     def notable(self) -> tuple[Line, ...]:
         """Lines worth a row in a report: without those below the floor, those below a thousandth of the largest, and
-        sidebands and other lines below a twentieth."""
+        sidebands below a hundredth."""
         top = max((x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0)
 
         def is_notable(x: Line) -> bool:
-            least = 0.05 if x.kind in ("sideband", "other") else 1e-3
+            least = 0.01 if x.kind == "sideband" else 1e-3
             return x.status != FAINT and not x.amplitude_n_m < least * top
 
         return tuple(x for x in self.lines if is_notable(x))

@@ -187,21 +187,32 @@ function scaled(x, y) {
   return { width, height, onX, onY, right, down, sees };
 }
 
-/** Names of the strongest lines that are seen, where there is room. */
+/** Names of the lines that decide a verdict, the worst first: those above the limit, or the one nearest to it. */
+function deciding(limit) {
+  const judged = (limit?.margins ?? []).filter(({ verdict }) => verdict !== "not judged");
+  const above = judged.filter(({ verdict }) => verdict === "fail");
+  return (above.length ? above : judged.slice(0, 1)).map(({ line }) => line);
+}
+
+/** Names of the lines that decide the verdict, and of the strongest that are seen, where there is room. */
 function names(run, axes, limit) {
   const inside = seenLines(run).filter(
     (line) => axes.sees(line.frequency_hz) && axes.down(line.amplitude_n_m) > 0 && axes.down(line.amplitude_n_m) < 0.93 * axes.height,
   );
   const top = Math.max(...inside.map((line) => line.amplitude_n_m));
   const rank = ({ kind }) => ({ "array mode": 0, sideband: 2, other: 2 })[kind] ?? 1;
-  inside.sort((a, b) => rank(a) - rank(b) || b.amplitude_n_m - a.amplitude_n_m);
+  const first = deciding(limit);
+  const turn = ({ line }) => (first.includes(line) ? first.indexOf(line) : first.length);
+  inside.sort((a, b) => turn(a) - turn(b) || rank(a) - rank(b) || b.amplitude_n_m - a.amplitude_n_m);
   const dots = inside.map((line) => about(axes.right(line.frequency_hz), axes.down(line.amplitude_n_m), 4));
   if (limit) {
     const y = axes.down(limit.torque);
     dots.push({ left: axes.width - 100, right: axes.width, top: y - 15, bottom: y }); // its name
     dots.push({ left: 0, right: axes.width, top: y - 2, bottom: y + 2 });
   }
-  const worth = inside.filter((line) => line.amplitude_n_m > WORTH * top || line.kind === "array mode");
+  const worth = inside.filter(
+    (line) => line.amplitude_n_m > WORTH * top || line.kind === "array mode" || first.includes(line.line),
+  );
   const wanted = worth.slice(0, 3 * NAMED).map((line) => ({
     line,
     x: axes.right(line.frequency_hz),
