@@ -222,7 +222,7 @@ def steady_at_modes(table: LineTable, scenario: Scenario) -> LineTable:
             f"steady, at the frequency of {x.line}, whose ringing has died away: a sideband, or kept going by friction"
         )
         rows.append(replace(x, line=name, kind="other", origin=origin, expected_hz=x.frequency_hz))
-        nothing = dict.fromkeys(("frequency_hz", "amplitude_n_m", "phase_rad", "decay_per_s"), math.nan)
+        nothing: dict[str, Any] = dict.fromkeys(("frequency_hz", "amplitude_n_m", "phase_rad", "decay_per_s"), math.nan)
         rows[k] = replace(x, **nothing, status=f"{NOT_APART} {name}")
     return replace(table, lines=tuple(rows))
 

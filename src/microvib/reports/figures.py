@@ -162,7 +162,7 @@ def _name_lines(ax: Axes, shown: Sequence[Line], highest: float, first: Sequence
         clear = all(abs(x.frequency_hz - f) >= 0.055 * highest for f in placed)
         if clear and (x.line in rank or x.amplitude_n_m >= 1e-3 * top):
             placed.append(x.frequency_hz)
-            bold = {"fontweight": "bold"} if x.line in rank else {}
+            bold: dict[str, Any] = {"fontweight": "bold"} if x.line in rank else {}
             ax.annotate(f"{x.line}\n{x.frequency_hz:.4g} Hz", (x.frequency_hz, 1e3 * x.amplitude_n_m), **_NAME, **bold)
 
 
