@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.analysis.lines import clock_doubts
-from microvib.analysis.margins import BEYOND, ONE_DRAW, Margin, Verdict, margin, may_have, when_settled
+from microvib.analysis.margins import BEYOND, ONE_DRAW, Margin, Verdict, frequency_doubt, margin, may_have, when_settled
 from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
 from microvib.analysis.unseen import unseen
 from microvib.errors import OptionError, expect
@@ -155,8 +155,7 @@ def judge(
 
 def _place(line: Line) -> tuple[float, float]:
     """Frequency of a line, found or expected, and to what it is known [Hz]."""
-    spread = line.frequency_uncertainty_hz
-    return line.place_hz, 2.0 * spread if math.isfinite(spread) else 0.0
+    return line.place_hz, float(frequency_doubt(line.place_hz, line.frequency_uncertainty_hz))
 
 
 def _both(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from microvib.analysis.start import CALM, calm_for, rounded_up
 from microvib.model.linear import coupled_modes
@@ -16,6 +18,10 @@ from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable, SeedLine
 Verdict = Literal["pass", "fail", "not judged"]
 OWN_ERROR = 1e-3
 """Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table may know a larger one."""
+CLOCK = 1e-4
+"""Part by which a clock or speed may be off; assumed."""
+FREQUENCY_SIGMAS = 4.0
+"""Standard uncertainties of a frequency within which a line may be on either side of an end of a band: 99.99 %."""
 BEYOND = 10.0
 """Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
 detent torque add there, and on bins that several lines share."""
@@ -26,6 +32,11 @@ _LIMITED = 3.0
 _LEFT = 1.5
 """Times what noise alone gives a mode, above which its mean over draws holds something that decays."""
 ONE_DRAW = "driven by noise, one draw of many"
+
+
+def frequency_doubt(frequency: Any, uncertainty: Any = 0.0) -> Any:
+    """By how much frequencies [Hz] may be off, with standard ``uncertainty`` [Hz] or by their clocks; scalars or arrays."""
+    return np.maximum(FREQUENCY_SIGMAS * np.nan_to_num(uncertainty), CLOCK * np.abs(frequency))
 
 
 @dataclass(frozen=True)

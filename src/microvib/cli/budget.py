@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -34,29 +36,45 @@ from microvib.errors import OptionError
     help="Also go by blocked loads and apparent masses, and state the error against the coupled run.",
 )
 @click.option("--steady", is_flag=True, help="Start in the steady state (record.start=steady), without settling.")
+@click.option(
+    "--angles",
+    metavar="FIRST:LAST:STEP",
+    help="Judge each requirement at the worst of these angles of the array, e.g. 0:330:30 (degrees), or a list, 0,45,90.",
+)
+@click.option(
+    "--orbit",
+    is_flag=True,
+    help="Judge each requirement at the worst angle of a turn of the array; with --angles, from the first to the last.",
+)
 @harmonics_option
 @set_option
 @target_options("Folder for tables, JSON and report [default: print only].")
 @simulates
 def budget(
     scenarios: tuple[str, ...], requirement: Path | None, sources: Path | None, campaign: Path | None, recording: str | None,
-    prepare: Path | None, rule: str, one_clock: bool, short_way: bool, steady: bool, harmonics: int,
+    prepare: Path | None, rule: str, one_clock: bool, short_way: bool, steady: bool, angles: str | None,
+    orbit: bool, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Judge the line of sight of a craft against requirements. SCENARIO is the drive on its craft; further ones are other
     drives on the same craft."""
     from microvib.io.recordings import read_prepared
     from microvib.reports.budget import budget_folder, budget_text
-    from microvib.studies.budget.study import pointing_budget
+    from microvib.studies.angles import angles_in
+    from microvib.studies.budget.angles import budget_over_angles
+    from microvib.studies.budget.study import Budget, pointing_budget
 
     if recording is None and prepare is not None:
         raise OptionError("prepare", "says how a recording is prepared; name one", remedy="recording")
     measured = None if recording is None else read_prepared(Path(recording), preparation(prepare)).recording
     loaded = [load(name, settings) for name in scenarios]
+    turns = None if angles is None else angles_in(angles)
+    several: dict[str, Any] = {} if turns is None and not orbit else {"angles": turns, "orbit": orbit}
+    judge: Callable[..., Budget] = budget_over_angles if several else pointing_budget
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
-        found = pointing_budget(
-            loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, rule=rule,  # type: ignore[arg-type]
+        found = judge(
+            loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, rule=rule,
             one_clock=one_clock, short_way=short_way, steady=steady, harmonics=harmonics,
-            names=[Path(name).stem for name in scenarios], progress=progress,
+            names=[Path(name).stem for name in scenarios], progress=progress, **several,
         )  # fmt: skip
     target.deliver(budget_text(found), budget_folder, found)

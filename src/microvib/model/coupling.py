@@ -65,6 +65,11 @@ class Source(Held):
         """Load that moves the interface by its acceleration at each frequency (m,) [Hz], (m, 6, 6)."""
         return np.asarray(self.mass - self.G @ self._moved(frequency, self.G.T[None]))
 
+    def stirred(self, frequency: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Coordinates, (m, n), by complex accelerations of the interface, (m, 6), at each frequency (m,) [Hz]."""
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None]
+        return self._moved(frequency, -(self.G.T @ acceleration[:, :, None]))[:, :, 0] / -(omega**2)
+
     def blocked(self, frequency: np.ndarray, torque: np.ndarray, by: np.ndarray | None = None) -> np.ndarray:
         """Loads on ground that does not move, (m, 6), of complex torques (m,) [N m].
 

@@ -59,6 +59,11 @@ class Motor(Part):
         return self.rotor_teeth * self.axis_torque_constant * self.axis_current
 
     @property
+    def detent_stiffness(self) -> float:
+        """Largest stiffness of the detent torque [N m/rad], at every other of its zeros; at those between it is as much below 0."""
+        return self.rotor_teeth * self.detent_periods * self.detent_torque
+
+    @property
     def full_steps(self) -> int:
         """Full steps per electrical turn of a motor with so many phases: 4, 6 or 10."""
         return 2 * self.phases

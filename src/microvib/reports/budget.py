@@ -59,12 +59,24 @@ def budget_text(budget: Budget) -> str:
         parts.append(f"What {_name(one)} costs:\n" + text_table(("source", "line", "Hz", f"rms {unit}", share), rows))
     if budget.short_way:
         parts.append(short_way_text(budget))
+    parts.append(_holds(budget))
     if budget.judged:  # last, where a terminal shows it, and what is required in words after the figures
         spread = _spread(budget)
-        head = ["", "limit", "value", "at most", *spread, "dB", "verdict", ""]
+        head = ["", "limit", "value", "at most", *spread, "dB", *(["at deg"] if budget.angles else []), "verdict", ""]
         parts.append(text_table(head, [_row(one, bool(spread)) for one in budget.judged], last_left=True))
         parts += _not_judged(budget)
     return "\n\n".join(parts)
+
+
+def _holds(budget: Budget) -> str:
+    """For which angles of the array the verdict holds, and what to ask for the others, as sentences."""
+    if not budget.angles:
+        return f"This holds {budget.holds_at}; --angles 0:330:30 or --orbit judges the worst."
+    return " ".join([f"Each is {budget.holds_at}.", *budget.notes])
+
+
+def _at(one: Judged) -> list[str]:
+    return [] if one.angle is None else [f"{math.degrees(one.angle):.4g}"]
 
 
 def _spread(budget: Budget) -> list[str]:
@@ -75,7 +87,7 @@ def _spread(budget: Budget) -> list[str]:
 def _row(one: Judged, spread: bool) -> list[str]:
     _, *figures, margin, median, p95, p99 = _cells(one)
     percentiles = (median, p95, p99) if spread else ()
-    return [one.requirement.name, *figures, *percentiles, margin, _WORDS[one.verdict], one.requirement.text]
+    return [one.requirement.name, *figures, *percentiles, margin, *_at(one), _WORDS[one.verdict], one.requirement.text]
 
 
 def _not_judged(budget: Budget) -> list[str]:
@@ -127,7 +139,8 @@ def _ranked(one: Judged) -> tuple[str, list[list[str]]]:
 
 
 def _decision(budget: Budget) -> str:
-    return f"{_WORDS[budget.verdict]} ({_counted(budget)})" if budget.judged else _counted(budget)
+    said = f"{_WORDS[budget.verdict]} ({_counted(budget)})" if budget.judged else _counted(budget)
+    return f"{said}, {budget.holds_at}"
 
 
 def _counted(budget: Budget) -> str:
@@ -140,6 +153,7 @@ def _counted(budget: Budget) -> str:
 
 _BUDGET_CSV = (
     "name requirement limit_rad value_rad least_rad most_rad lines_rad noise_rad median_rad p95_rad p99_rad verdict why"
+    " array_angle_deg"
 )
 
 
@@ -148,7 +162,7 @@ def budget_folder(budget: Budget) -> Contents:
     picture = draw_budget(budget)
     judged = [
         (one.requirement.name, one.requirement.text, one.limit, one.value, one.least, one.most, one.lines, one.noise,
-         *(e.value for e in one.spread or (NONE,) * 3), one.verdict, "; ".join(one.why))
+         *(e.value for e in one.spread or (NONE,) * 3), one.verdict, "; ".join(one.why), budget.angle_of(one))
         for one in budget.judged
     ]  # fmt: skip
     costs = [
@@ -169,7 +183,7 @@ def budget_folder(budget: Budget) -> Contents:
 
 def budget_report(budget: Budget, picture: Figure) -> Document:
     """The report of a budget: decision, requirements and sources on the first page."""
-    notes = [Text(text, note=True) for text in _not_judged(budget)]
+    notes = [Text(text, note=True) for text in (*_not_judged(budget), _holds(budget))]
     caption = (
         "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits one axis, lines about that axis"
         " have a marker of their own, as its legend says. Right, radial rms of all sources over the length"
@@ -252,7 +266,8 @@ def _requirements(budget: Budget) -> Table:
         "margin [dB]",
         *(["median [1]", "P95 [1]", "P99 [1]"] if spread else []),
     ]
-    rows = [[*_cells(one)[: len(head)], _WORDS[one.verdict]] for one in budget.judged]
+    rows = [[*_cells(one)[: len(head)], *_at(one), _WORDS[one.verdict]] for one in budget.judged]
+    head += ["array angle [deg]"] if budget.angles else []
     caption = "At most: with the worst phases, all that still rings, and allowances for what was not examined." + (
         " Percentiles over a campaign." if spread else ""
     )

@@ -10,7 +10,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from microvib.analysis.lines import steady
-from microvib.analysis.margins import may_have
+from microvib.analysis.margins import frequency_doubt, may_have
 from microvib.analysis.start import still_held
 from microvib.errors import OptionError, SimulationError, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
@@ -72,7 +72,11 @@ class RateCase:
 
     def largest(self, band: tuple[float, float], hidden: bool = False) -> RateLine | None:
         """The largest line within ``band`` [Hz], or the largest that is ``hidden``; None if there is none."""
-        inside = [x for x in (self.hidden if hidden else self.lines) if in_band(x.frequency, *band)]
+        inside = [
+            x
+            for x in (self.hidden if hidden else self.lines)
+            if in_band(x.frequency, *band, frequency_doubt(x.frequency))
+        ]
         return max(inside, key=lambda line: line.amplitude, default=None)
 
     def verdict(self, band: tuple[float, float], limit: float) -> str:

@@ -27,10 +27,8 @@ ALONE = -1
 SLOW = 0.01
 """Distance [Hz] from which two lines have mean squares that add; nearer, an observation may see no more than their crest."""
 AXES = {"x": [0], "y": [1], "radial": [0, 1]}
-CLOCK = 1e-4
-"""Part by which a clock may be off; assumed. After many periods it decides where in one of them a window ends."""
 _OFF = np.r_[0.0, np.sin(np.arange(100.0) ** 2)]
-"""Parts of it that are tried, unlike each other."""
+"""Parts of what a frequency may be off that are tried, unlike each other: after many periods they decide where a window ends."""
 RISES = 0.95
 """Confidence from which a level rises with the amplitude of each line; below, a line may also take others from their crests."""
 
@@ -47,6 +45,13 @@ class Tones:
     """Phase of the largest of those of one frequency, exp(j phase), (k, 2)."""
     clock: np.ndarray
     """Its clock, by number, (k, 2): lines of one clock keep their phases to each other; ALONE for those that keep none."""
+    off: np.ndarray
+    """By how much frequencies may be off [Hz], (k,)."""
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Between which frequencies [Hz] lines may be, (2, k)."""
+        return np.array([self.frequency - self.off, self.frequency + self.off])
 
 
 def figure(
@@ -101,7 +106,7 @@ def ends(
     r: Requirement, tones: Tones, gaps: Sequence[Gap], densities: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[float, float]:
     """Between which the figure lies: least and most; infinite where nothing bounds a gap."""
-    lower, upper = (_off_clock(r, tones.frequency, extreme) for extreme in (np.argmin, np.argmax))
+    lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     hidden_at = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
     hidden = np.vstack([np.zeros((0, 2)), *(gap.most for gap in gaps)])
     f, bounded = np.concatenate([upper, hidden_at]), bool(np.all(np.isfinite(hidden)))
@@ -126,23 +131,19 @@ def ends(
     return max(least - reach, 0.0), most + reach
 
 
-def _off_clock(r: Requirement, f: np.ndarray, extreme: Callable[..., np.ndarray]) -> np.ndarray:
-    """Frequencies (k,) of lines whose clock is off by CLOCK at most, such that they count least or most: between the zeros of a
-    weight there may be no more than that, and at an end of the band they may be on either side of it."""
-    off = f[:, None] * (1.0 + CLOCK * _OFF)
+def _shifted(r: Requirement, tones: Tones, extreme: Callable[..., np.ndarray]) -> np.ndarray:
+    """Frequencies (k,) of lines, off by what they may be, such that they count least or most: between the zeros of a weight there
+    may be no more than that, and at an end of the band they may be on either side of it."""
+    f = tones.frequency
+    off = f[:, None] + tones.off[:, None] * _OFF
     at = extreme(weight(r.metric, off, r.window or r.apart or 1.0, r.apart), axis=1)
-    low, high = off_clock(f)
+    low, high = tones.ends
     if extreme is np.argmin:
         shifted = off[np.arange(f.size), at]
         outside = np.where(inside(r, low), np.where(inside(r, high), shifted, high), low)
         return np.where(inside(r, f), outside, f)
     shifted = np.clip(off[np.arange(f.size), at], r.lowest, math.inf if r.highest is None else r.highest)
     return np.where((shifted >= low) & (shifted <= high), shifted, f)
-
-
-def off_clock(f: np.ndarray) -> np.ndarray:
-    """Between which frequencies [Hz] lines may be, (2, k)."""
-    return f * (1.0 + CLOCK * np.array([[-1.0], [1.0]]))
 
 
 def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Contribution]) -> Iterator[Gap]:
@@ -157,9 +158,12 @@ def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Cont
         before = before and other is not moving
         if other is moving or (before and other.alternatives):  # of two that move, the first has told what both add
             continue
-        lines = other.alternatives or (other,)
-        f = np.concatenate([one.frequency for one in lines])
-        A = np.vstack([np.abs(one.los) * one.settled[:, None] for one in lines])
+        if other.sweep is not None:
+            f, A = (np.concatenate(each) for each in zip(*other.sweep.swept(), strict=True))
+        else:
+            lines = other.alternatives or (other,)
+            f = np.concatenate([one.frequency for one in lines])
+            A = np.vstack([np.abs(one.los) * one.settled[:, None] for one in lines])
         why = f"its lines may meet those of {other.source}, in any phase"
         for swept, size in _swept(moving):
             met, a = _meeting(r, swept, size, f)
@@ -191,6 +195,9 @@ def beats(r: Requirement, one: Contribution, others: Iterable[Contribution]) -> 
 
 def _swept(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Of each line of a source with alternatives its frequencies, ascending (n,) [Hz], and amplitudes (n, 2) [rad]."""
+    if moving.sweep is not None:
+        yield from (each for each in moving.sweep.swept() if each[0].size > 1)
+        return
     f = np.array([one.frequency for one in moving.alternatives])
     size = np.abs([one.los for one in moving.alternatives])
     for k in range(f.shape[1]):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from microvib.analysis.margins import frequency_doubt
 from microvib.errors import MicrovibError, error_context, shown
 from microvib.io.file_access import FileAccess
 from microvib.io.tables import dict_rows, finite
@@ -17,12 +17,19 @@ from microvib.model.rigid import motion_of
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
-from microvib.studies.budget.files import AXES, OtherSource, Wheel
-from microvib.studies.budget.sources import Contribution, Gap, below, open_gap, unseen_axes
+from microvib.studies.budget.files import AXES, OtherSource
+from microvib.studies.budget.sources import (
+    Contribution,
+    Gap,
+    below,
+    doubt_by_response,
+    held_anywhere,
+    natural_frequencies,
+    open_gap,
+    unseen_axes,
+)
+from microvib.studies.budget.wheels import WheelOnCraft, in_any_phase
 
-SPEEDS = 101
-"""Speeds that are tried of a wheel with a range of them, besides those at which it meets a mode."""
-_BANDWIDTH = np.array([-0.5, 0.0, 0.5])
 _LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
 _LOS_DENSITIES = ("los_x_rad2_hz", "los_y_rad2_hz")
 _PHASES = (*(f"{name.split('_')[0]}_phase_rad" for name in LOAD_COLUMNS), "los_x_phase_rad", "los_y_phase_rad")
@@ -34,7 +41,7 @@ def of_other(source: OtherSource, scenario: Scenario, files: FileAccess) -> Cont
     """A source of a file of sources, on the hub of ``scenario`` with its drive and array; its tables are taken from ``files``."""
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
-            return _of_wheel(source, source.wheel, scenario)
+            return WheelOnCraft(source.name, source.wheel, scenario, _place(source, scenario)).contribution()
         return _of_lines(source, scenario, files) if source.lines else _of_density(source, scenario, files)
 
 
@@ -54,48 +61,6 @@ def _place(source: OtherSource, scenario: Scenario) -> np.ndarray:
         known = ", ".join(craft.spacecraft.points)
         raise MicrovibError(f"position: a flexible hub moves only where it has points; give point, one of {known}")
     return motion_of(np.array(source.position))
-
-
-def _of_wheel(source: OtherSource, wheel: Wheel, scenario: Scenario) -> Contribution:
-    ends = (wheel.speed, wheel.speed_to or wheel.speed)
-    orders = np.unique([h.order for h in wheel.harmonics])
-    speeds = np.linspace(*ends, SPEEDS if wheel.speed_to else 1)
-    # A resonance lies between two speeds of any grid: those at which an order meets a mode, and at half its bandwidth about it.
-    met = np.outer(2.0 * np.pi * about_modes(scenario, _BANDWIDTH), 1.0 / orders).ravel()
-    speeds = np.union1d(speeds, met[(met > ends[0]) & (met < ends[1])])
-    place, axis = _place(source, scenario), np.array(wheel.axis) / np.linalg.norm(wheel.axis)
-    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    first /= np.linalg.norm(first)
-    turning = first - 1j * np.cross(axis, first)
-    shapes = [("radial_force", np.r_[turning, 0, 0, 0]), ("radial_torque", np.r_[0, 0, 0, turning])]
-    shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
-    frequency = speeds[:, None] * orders / (2.0 * np.pi)
-    by = transfer_from(scenario, frequency.ravel(), place).reshape(speeds.size, orders.size, 2, 6)
-    parts = [[getattr(h, key) * shape * (orders == h.order)[:, None] for key, shape in shapes] for h in wheel.harmonics]
-    sizes = np.abs(np.einsum("sokc,poc->psok", by, np.concatenate(parts))) * speeds[:, None, None] ** 2
-    los, doubt = in_any_phase(sizes)
-    names = tuple(f"order {order:g}" for order in orders)
-    each = tuple(
-        Contribution(
-            source.name, f"wheel at {60.0 * speed / (2.0 * np.pi):.5g} rpm", names, frequency[k], np.nan_to_num(los[k]),
-            gaps=below(bool(np.isnan(los[k]).any())), doubt=doubt[:, k], phased=False,
-        )
-        for k, speed in enumerate(speeds)
-    )  # fmt: skip
-    if len(each) == 1:
-        return each[0]
-    low, high = (60.0 * speed / (2.0 * np.pi) for speed in ends)
-    largest = max(each, key=lambda one: float(np.sum(np.abs(one.los) ** 2)))
-    return replace(largest, how=f"wheel, the worst of {low:.5g} to {high:.5g} rpm", alternatives=each)
-
-
-def in_any_phase(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest amplitudes (...) that parts (p, ...) of a line make whose phases to each other are not known, and by which part of
-    them the line may be smaller and larger, (2, ...)."""
-    most = np.sum(sizes, axis=0)
-    least = np.maximum(2.0 * np.max(sizes, axis=0) - most, 0.0)
-    less = np.divide(most - least, most, out=np.zeros_like(most), where=most > 0.0)
-    return most, np.array([less, 0.0 * less])
 
 
 def _table(
@@ -145,10 +110,24 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
     tones, doubt = sizes * np.exp(1j * np.nan_to_num(phases)), np.zeros((2, f.size, 2))
     lost = np.isnan(sizes).any(axis=1)
     if chosen == LOAD_COLUMNS:
-        parts = np.einsum("fkc,fc->cfk", transfer_from(scenario, f, _place(source, scenario)), tones)
-        most, unsure = in_any_phase(np.abs(parts))
-        tones = np.where(phased[:, None], parts.sum(axis=0), most)
-        doubt = np.where(phased[:, None], 0.0, unsure)
+        loads, place = tones, _place(source, scenario)
+
+        def moved(on: Scenario, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Line of sight by the loads of the lines at frequencies (k n,), and by which part it may be smaller and larger."""
+            each = np.repeat(loads, at.size // f.size, axis=0)
+            parts = np.einsum("fkc,fc->cfk", transfer_from(on, at, place), each)
+            most, unsure = in_any_phase(np.abs(parts))
+            together = np.repeat(phased, at.size // f.size)[:, None]
+            return np.where(together, parts.sum(axis=0), most), np.where(together, 0.0, unsure)
+
+        tones, doubt = moved(scenario, f)
+        stands = held_anywhere(scenario)
+        doubt = doubt + doubt_by_response(
+            [lambda at, on=on: np.abs(moved(on, at)[0]) for on in stands],  # type: ignore[misc]
+            f,
+            np.asarray(frequency_doubt(f)),
+            np.concatenate([natural_frequencies(on) for on in stands]),
+        )
     names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
     gaps = tuple(open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k])) for k in np.flatnonzero(lost))
     gaps += below(bool(np.isnan(tones[~lost]).any())) + _axes_left_out(rows, chosen)

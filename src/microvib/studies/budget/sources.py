@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
-from microvib.analysis.margins import BEYOND, OWN_ERROR, STIRS, may_ring
-from microvib.analysis.pointing import HubLines
+from microvib.analysis.margins import BEYOND, OWN_ERROR, STIRS, frequency_doubt, may_ring
+from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import CALM, calm_for, has_calmed, or_steady, still_held
 from microvib.model.coupling import (
@@ -22,6 +24,7 @@ from microvib.model.coupling import (
     into_hub,
     receiver_of,
     short_way,
+    source_of,
 )
 from microvib.model.driven import noise_bands
 from microvib.model.linear import coupled_modes
@@ -30,13 +33,15 @@ from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable
+from microvib.studies.budget.files import Requirement
 from microvib.testdata.recording import Recording, fault
 
 SHORT_WAY_DOUBT = 0.03
 """Relative doubt of lines that went the short way, for a drive that is not quite the scenario's; assumed. What detent torque,
 friction and current loop change as the hub yields comes on top, from runs of the scenario (``study.with_doubt``)."""
 HELD_DOUBT = 0.03
-"""Relative doubt of lines of a craft on which another drive holds its wing: what its detent torque and friction change; assumed."""
+"""Relative doubt of lines of a craft on which another drive holds its wing, for its friction; assumed. What its detent torque
+changes comes on top, by the angles at which it may stand (``held_anywhere``) or by its steps (``with_mixing``)."""
 _FREE = f"below {MEANINGLESS:g} Hz, where without spacecraft.attitude_control lines mean nothing"
 
 
@@ -81,6 +86,18 @@ def unseen_axes(axes: Sequence[str], why: str) -> tuple[Gap, ...]:
     return (Gap(said, 0.0, math.inf, np.zeros(1), most),) if axes else ()
 
 
+class Sweep(Protocol):
+    """A source whose lines pass ranges of frequencies together, such as a wheel with a range of speeds."""
+
+    def worst(self, r: Requirement, figure: Callable[[Contribution], float]) -> Contribution:
+        """Its lines where they are worst for a requirement, of which ``figure`` is the figure."""
+        ...
+
+    def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each line the frequencies that it passes, ascending (n,) [Hz], and amplitudes (n, 2) [rad]."""
+        ...
+
+
 @dataclass(frozen=True)
 class Contribution:
     """What one source does to the line of sight: lines, complex and 0-to-peak, and a one-sided density."""
@@ -102,6 +119,8 @@ class Contribution:
     gaps: tuple[Gap, ...] = ()
     doubt: float | np.ndarray = 0.0
     """Relative doubt of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where less and more do."""
+    frequency_doubt: np.ndarray | None = None
+    """By how much its frequencies may be off [Hz], (k,), where that is more than clocks are."""
     phased: bool = True
     """Whether its lines have phases; those that have none keep none to each other, whatever is asked for."""
     scenario: Scenario | None = None
@@ -116,6 +135,8 @@ class Contribution:
     """Amplitudes of the recorded loads of its lines on ground that does not move, and floors, array's axes, (k, 6) [N, N m]."""
     alternatives: tuple[Contribution, ...] = ()
     """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most counts."""
+    sweep: Sweep | None = None
+    """What finds the worst between the alternatives, too."""
 
     @property
     def doubts(self) -> np.ndarray:
@@ -123,13 +144,20 @@ class Contribution:
         return np.broadcast_to(self.doubt, (2, len(self.frequency), 2))
 
     @property
+    def off(self) -> np.ndarray:
+        """By how much its frequencies may be off [Hz], (k,)."""
+        return np.asarray(frequency_doubt(self.frequency)) if self.frequency_doubt is None else self.frequency_doubt
+
+    @property
     def settled(self) -> np.ndarray:
         """Which lines belong to the settled motion, (k,)."""
         return np.ones(len(self.names), dtype=bool) if self.rings is None else ~self.rings
 
 
-def of_run(name: str, scenario: Scenario, result: RunResult) -> tuple[Contribution, HubLines]:
-    """A drive by its run on the craft; and all lines of its loads."""
+def of_run(
+    name: str, scenario: Scenario, result: RunResult, *, other_steps: bool = False
+) -> tuple[Contribution, HubLines]:
+    """A drive by its run on the craft, on which that of a second wing holds or, as is said, steps; and all lines of its loads."""
     source = result.state or result.motion
     assert source is not None
     found = hub_lines(source, result.table)
@@ -150,7 +178,10 @@ def of_run(name: str, scenario: Scenario, result: RunResult) -> tuple[Contributi
         rings=rings,
         density=density_of_noise(scenario),
         gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),
-        doubt=_doubt_of_run(scenario, result.table, own),
+        doubt=_doubt_of_run(scenario, result.table, own) + _beside_modes(scenario, own, found.frequency, other_steps),
+        frequency_doubt=frequency_doubt(
+            found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty_hz for x in own])
+        ),
         scenario=scenario,
     ), found  # fmt: skip
 
@@ -165,6 +196,134 @@ def _doubt_of_run(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -
     more = least + np.minimum(rings / size, STIRS) + np.maximum(hidden / size - 1.0, 0.0)
     less = np.where(hidden > 0.0, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
+
+
+def _beside_modes(scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, steps: bool) -> np.ndarray:
+    """Relative doubt of lines of the clock, (2, k, 2), by the response at frequencies that they may have; of a second drive that
+    does not step, also by where it may stand."""
+    each = [scenario] if steps else held_anywhere(scenario)
+    found = _doubt_of_drive(each, frequency)
+    return found * np.array([line.of_clock for line in lines])[:, None]
+
+
+def _doubt_of_drive(each: Sequence[Scenario], frequency: np.ndarray) -> np.ndarray:
+    """Relative doubt of lines that a torque on the rotor makes, (2, k, 2), in the first of several scenarios."""
+    return doubt_by_response(
+        [partial(by_rotor, one) for one in each],
+        frequency,
+        np.asarray(frequency_doubt(frequency)),
+        np.concatenate([natural_frequencies(one) for one in each]),
+    )
+
+
+_STANDS = np.array([-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0])
+"""Parts of its detent torque's stiffness that a drive may have where it stands."""
+
+
+def held_anywhere(scenario: Scenario) -> list[Scenario]:
+    """A scenario, and the same with a second wing's drive that holds wherever it may stand between two zeros of its detent torque.
+
+    There the detent torque is a spring beside the electromagnetic one, of either sign. The angle is not known: all are looked at.
+    """
+    other = scenario.other_wing
+    if other is None or other.motor.detent_torque == 0.0:
+        return [scenario]
+    motor = other.motor
+    part = motor.detent_stiffness / motor.electromagnetic_stiffness
+    key = "spacecraft.second_wing.motor"
+    return [scenario] + [
+        scenario.with_si({key: motor.model_copy(update={"current": motor.current * max(1.0 + x * part, 1e-3)})})
+        for x in _STANDS
+    ]
+
+
+def by_rotor(scenario: Scenario, f: np.ndarray) -> np.ndarray:
+    """Line of sight by a torque on the rotor at frequencies (m,) [Hz], (m, 2) [rad/(N m)]."""
+    los = short_way(scenario, f, source_of(scenario).blocked(f, np.ones(f.size))).los
+    assert los is not None
+    return np.abs(los)
+
+
+def natural_frequencies(scenario: Scenario) -> np.ndarray:
+    """Of drive and craft [Hz]."""
+    return np.array([mode.frequency for mode in coupled_modes(scenario)])
+
+
+_NEAR = np.linspace(-1.0, 1.0, 17)
+"""Parts of what a frequency may be off at which responses are looked at, besides resonances."""
+
+
+def doubt_by_response(
+    responses: Sequence[Callable[[np.ndarray], np.ndarray]], frequency: np.ndarray, off: np.ndarray, modes: np.ndarray
+) -> np.ndarray:
+    """By which part lines may be smaller and larger since they, or the resonance beside them, may lie elsewhere.
+
+    Parameters
+    ----------
+    responses : sequence of callable
+        Sizes (k n, 2) of what lines move at frequencies (k n,) [Hz], n for each line, one line after another: first of what was
+        run, then of what it may be instead.
+    frequency, off : ndarray
+        Frequencies [Hz], (k,), and by how much each may be off [Hz].
+    modes : ndarray
+        Natural frequencies [Hz], where responses are largest.
+
+    Returns
+    -------
+    ndarray
+        Relative doubt, (2, k, 2): less and more.
+    """
+    f = np.asarray(frequency, dtype=float)
+    if not f.size:
+        return np.zeros((2, 0, 2))
+    nearest = modes[np.argmin(np.abs(modes - f[:, None]), axis=1)] if modes.size else f
+    at = np.column_stack([f, f[:, None] + off[:, None] * _NEAR, np.clip(nearest, f - off, f + off)])
+    size = np.concatenate([np.nan_to_num(each(at.ravel())).reshape(*at.shape, 2) for each in responses], axis=1)
+    own = size[:, 0]
+    ratio = np.divide(size, own[:, None], out=np.ones_like(size), where=own[:, None] > 0.0)
+    return np.array([1.0 - ratio.min(axis=1), ratio.max(axis=1) - 1.0])
+
+
+def with_mixing(one: Contribution, scenario: Scenario, other: Scenario) -> Contribution:
+    """Lines of a drive, with what the detent torque of a second drive that steps adds to them.
+
+    The hub's motion by a line turns the second rotor, whose detent torque is then a spring that changes with its steps: it makes
+    torques at the line's frequency less and plus that of the detent. By the linearised drives they are bounded to first order, and
+    by a factor for those of higher order. What falls on a line is its doubt, the rest is a gap.
+
+    Parameters
+    ----------
+    one : Contribution
+        Lines of the first drive.
+    scenario, other : Scenario
+        Of each drive, with the other's wing held.
+    """
+    motor, rate = other.motor, other.rate
+    hub, f, moves = receiver_of(scenario), one.frequency, one.settled & (one.frequency > MEANINGLESS)
+    part = motor.detent_stiffness / motor.electromagnetic_stiffness
+    if not rate or part == 0.0 or not moves.any() or hub.second is None or hub.second_root is None:
+        return one
+    if part >= 1.0:
+        return replace(one, gaps=(*one.gaps, open_gap("the other drive's detent torque is stiffer than its motor")))
+    at = f[moves]
+    free = short_way(scenario, at, source_of(scenario).blocked(at, np.ones(at.size)))
+    moved = np.einsum("mnk,mk->mn", hub.moved(at), free.loads)
+    there = -((2.0 * np.pi * at[:, None]) ** 2) * (moved @ hub.second_root.T)
+    rotor = np.abs(hub.second.stirred(at, there)[:, 0])
+    assert free.los is not None
+    torque = np.linalg.norm(one.los[moves], axis=1) / np.maximum(np.linalg.norm(np.abs(free.los), axis=1), 1e-300)
+    pull = 0.5 * motor.detent_stiffness / (1.0 - part) * rotor * torque
+    detent = motor.detent_periods * motor.rotor_teeth * abs(rate * other.reducer.h) / (2.0 * math.pi)
+    products = np.abs(np.concatenate([at - detent, at + detent]))
+    size = by_rotor(other, np.maximum(products, MEANINGLESS)) * np.tile(pull, 2)[:, None]
+    near = np.abs(products[:, None] - f) <= SAME * np.maximum(f, products[:, None])
+    added = np.array([size[column].sum(axis=0) for column in near.T]).reshape(-1, 2)
+    own = np.abs(one.los)
+    doubt = np.divide(added, own, out=np.zeros_like(own), where=own > 0.0)
+    less, more = one.doubts
+    left = ~near.any(axis=1) & (products > MEANINGLESS)
+    gap = Gap("what the other drive's detent torque mixes", 0.0, math.inf, products[left], size[left])
+    return replace(one, doubt=np.array([np.minimum(less + doubt, 1.0), more + doubt]), gaps=(*one.gaps, gap))
 
 
 def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -> Iterator[Gap]:
@@ -254,8 +413,8 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     turn, f = into_hub(scenario), np.array([x.frequency for x in expected])
     los = short_way(scenario, f, np.nan_to_num(loads) @ turn.T).los
     assert los is not None
-    each = (short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T)
-    by_each = np.abs(np.array([one for one in each if one is not None]))  # (6, k, 2)
+    by_one = (short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T)
+    by_each = np.abs(np.array([one for one in by_one if one is not None]))  # (6, k, 2)
     noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, np.nan_to_num(floors) ** 2))
     most = np.einsum("jka,kj->ka", by_each, np.abs(np.nan_to_num(loads))) + noise
     known = np.all(np.isfinite(los), axis=1)
@@ -280,6 +439,8 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     how = f"clock lines of the recording {recording.title}, the short way"
     # Its lines keep their phases to each other, not to those of a run, which starts at another instant.
     clock = f"{name}, recorded"
+    beside = _doubt_of_drive(held_anywhere(scenario), f[kept])
+    doubt = np.broadcast_to(doubt, beside.shape) + beside
     recorded = np.abs(np.nan_to_num(loads[kept])), np.nan_to_num(floors[kept])
     return Contribution(
         name, how, names, f[kept], los[kept], clock, gaps=tuple(gaps), doubt=doubt, scenario=scenario, recorded=recorded

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microvib.analysis.hub_lines import together
-from microvib.analysis.margins import Verdict
+from microvib.analysis.margins import Verdict, frequency_doubt
 from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import BlockedLines, Difference, differences, short_way_of
@@ -29,7 +29,7 @@ from microvib.solve.integration import Progress
 from microvib.studies.budget.figures import Tones, figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import of_other
-from microvib.studies.budget.sources import Contribution, Gap, of_recording, of_run, open_gap, unseen_axes
+from microvib.studies.budget.sources import Contribution, Gap, of_recording, of_run, open_gap, unseen_axes, with_mixing
 from microvib.studies.budget.sums import Judged, Rule, costliest, judged, merged
 from microvib.studies.campaign.folder import open_campaign
 from microvib.studies.campaign.results import DONE, Results, open_results
@@ -68,10 +68,30 @@ class Budget:
     windows: tuple[Window, ...]
     short_way: tuple[Difference, ...] = ()
     """The short way against the coupled run of the first drive, line by line, where that was asked for."""
+    angles: tuple[float, ...] = ()
+    """Angles of the first drive's array [rad] that were judged, of which each requirement has its worst; empty for one angle."""
+    orbit: bool = False
+    """Whether these stand for all angles between them, too."""
+    notes: tuple[str, ...] = ()
+    """What is to be known of an orbit, in sentences."""
 
     def __repr__(self) -> str:
         names = ", ".join(one.source for one in self.contributions)
         return f"Budget of {self.scenario!r}: {self.verdict}, {len(self.judged)} requirements; sources {names}"
+
+    @property
+    def holds_at(self) -> str:
+        """For which angles of the array this holds, in words."""
+        if not self.angles:
+            return f"at an array angle of {_degrees(craft_in(self.scenario).spacecraft.array_angle)} deg only"
+        first, last = _degrees(self.angles[0]), _degrees(self.angles[-1])
+        if self.orbit:
+            return f"the worst over an orbit, judged at {len(self.angles)} array angles from {first} to {last} deg"
+        return f"the worst of {len(self.angles)} array angles from {first} to {last} deg, and at these only"
+
+    def angle_of(self, one: Judged) -> float:
+        """Angle of the array [deg] at which a requirement was judged."""
+        return math.degrees(craft_in(self.scenario).spacecraft.array_angle if one.angle is None else one.angle)
 
     @property
     def verdict(self) -> Verdict:
@@ -129,9 +149,14 @@ def pointing_budget(
         drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
 
     runs = [
-        of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress))
+        of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress), other_steps=two)
         for name, scenario, _ in drives
     ]
+    if two:
+        runs[:2] = [
+            (with_mixing(lines, drives[k].scenario, drives[1 - k].scenario), hub)
+            for k, (lines, hub) in enumerate(runs[:2])
+        ]
     compared: tuple[Difference, ...] = ()
     if short_way or measured is not None:
         by_short_way = short_way_of(drives[0].scenario, harmonics=harmonics, progress=progress)
@@ -158,6 +183,10 @@ def pointing_budget(
         tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
     )
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.6g}"
 
 
 class _Drive(NamedTuple):
@@ -317,6 +346,19 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
         frequency=lines.frequency,
         los=np.nan_to_num(lines.los),
         rings=np.any(rings > 0.0, axis=1),
+        frequency_doubt=np.array(
+            [
+                max(
+                    (
+                        float(one.off[k])
+                        for one in (first, second)
+                        for k in np.flatnonzero(np.abs(one.frequency - f) <= SAME * f)
+                    ),
+                    default=float(frequency_doubt(f)),
+                )
+                for f in lines.frequency
+            ]
+        ),
         density=replace(lines, scenario=scenario).density,
         gaps=(*first.gaps, *second.gaps),
         doubt=np.divide(doubt, size, out=np.zeros_like(doubt), where=size > 0.0),
@@ -418,8 +460,16 @@ def summary(budget: Budget) -> dict[str, Any]:
     """What ``budget.json`` holds; angles in rad."""
     return {
         "verdict": budget.verdict,
+        "holds": budget.holds_at,
+        "array_angles_deg": [
+            math.degrees(x) for x in budget.angles or (craft_in(budget.scenario).spacecraft.array_angle,)
+        ],
+        "notes": list(budget.notes),
         "sum": budget.rule,
-        "requirements": [_row(one) for one in budget.judged],
+        "requirements": [
+            {**_row(one), "array_angle_deg": budget.angle_of(one)}
+            for one in budget.judged
+        ],
         "sources": [
             {"source": one.source, "how": one.how, "lines": len(one.names), "not_known": [gap.why for gap in one.gaps]}
             for one in budget.contributions

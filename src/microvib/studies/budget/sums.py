@@ -23,7 +23,6 @@ from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_line
 from microvib.studies.budget.figures import (
     ALONE,
     AXES,
-    CLOCK,
     Tones,
     beats,
     crossings,
@@ -31,7 +30,6 @@ from microvib.studies.budget.figures import (
     figure,
     inside,
     of_tones,
-    off_clock,
 )
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution
@@ -76,6 +74,8 @@ class Judged:
     """Lines of all sources, the most costly first."""
     spread: tuple[Estimate, Estimate, Estimate] | None = None
     """Median, P95 and P99 over the cases of a campaign."""
+    angle: float | None = None
+    """Angle of the array [rad] at which this holds, where several were looked at: the worst; None for that of the scenario."""
 
     @property
     def margin(self) -> float:
@@ -83,9 +83,9 @@ class Judged:
         return self.limit / self.value if self.value > 0.0 else math.inf
 
 
-_Part = tuple[float, np.ndarray, str | int, np.ndarray, bool]
-"""A line: frequency, both angles, clock (of a line without one a number of its own), doubts of both (less, more; 2, 2), and whether
-it belongs to the settled motion."""
+_Part = tuple[float, np.ndarray, str | int, np.ndarray, bool, float]
+"""A line: frequency, both angles, clock (of a line without one a number of its own), doubts of both (less, more; 2, 2), whether
+it belongs to the settled motion, and by how much the frequency may be off."""
 
 
 def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
@@ -98,6 +98,7 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
             "all" if rule == "coherent" and one.phased else one.clock or next(own),
             doubts[:, k] if doubtful else 0.0 * doubts[:, k],
             bool(one.settled[k]),
+            float(one.off[k]),
         )
         for one in contributions
         for doubts in (one.doubts,)
@@ -117,7 +118,8 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
     numbers = {clock: k for k, clock in enumerate(dict.fromkeys(x for x in whose if isinstance(x, str)))}
     clock = np.array([numbers.get(x, ALONE) if isinstance(x, str) else ALONE for x in whose], dtype=int).reshape(-1, 2)
     frequency = np.array([group[0][0] for group in groups])
-    return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock)
+    off = np.array([max(part[-1] for part in group) for group in groups])
+    return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock, off)
 
 
 def _of_group(group: Sequence[_Part], rule: Rule) -> tuple[np.ndarray, np.ndarray, list[str | int]]:
@@ -125,7 +127,7 @@ def _of_group(group: Sequence[_Part], rule: Rule) -> tuple[np.ndarray, np.ndarra
     the largest line about each axis that line, (2,), and its name."""
     clocks: dict[str | int, np.ndarray] = {}
     doubt, ringing = np.zeros((2, 2)), np.zeros(2)
-    for _, los, clock, doubts, settled in group:
+    for _, los, clock, doubts, settled, _ in group:
         size = np.abs(los)
         clocks[clock] = clocks.get(clock, 0.0) + (los if settled else 0.0 * los)
         doubt, ringing = doubt + doubts * size, ringing + (0.0 * size if settled else size)
@@ -183,6 +185,8 @@ def costliest(requirement: Requirement, one: Contribution) -> Contribution:
     """Of a source's alternatives the one that costs most."""
     if not one.alternatives or requirement.incomplete:
         return one
+    if one.sweep is not None:
+        return one.sweep.worst(requirement, lambda x: _figure_alone(requirement, x))
     if requirement.curve is not None:
         return max(one.alternatives, key=lambda x: _over(requirement, x.frequency, np.abs(x.los)).max(initial=0.0))
     rms, most = _of_each(requirement, one.alternatives)
@@ -191,6 +195,13 @@ def costliest(requirement: Requirement, one: Contribution) -> Contribution:
     # A level lies between both, and takes long: it is computed of those that come first in either.
     near = {int(k) for sizes in (rms, most) for k in np.argsort(-sizes)[:3]}
     return max((one.alternatives[k] for k in near), key=lambda x: figure(requirement, x.frequency, np.abs(x.los)))
+
+
+def _figure_alone(r: Requirement, one: Contribution) -> float:
+    """What a requirement asks of the lines of one source; of a curve the largest part of what it allows."""
+    if r.curve is not None:
+        return float(_over(r, one.frequency, np.abs(one.los)).max(initial=0.0))
+    return figure(r, one.frequency, np.abs(one.los))
 
 
 def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.ndarray, np.ndarray]:
@@ -230,11 +241,11 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
             bounded = np.all(np.isfinite(gap.most))
             if not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
                 found.append(f"{one.source}: {gap.why}")
-        at_edge = one.settled & (np.diff(inside(r, off_clock(one.frequency)), axis=0)[0])
+        at_edge = one.settled & (inside(r, one.frequency - one.off) != inside(r, one.frequency + one.off))
         size = figure(r.model_copy(update={"lowest": 0.0, "highest": None}), one.frequency[at_edge], one.los[at_edge])
         if size**2 > WORTH * value**2:
             names = ", ".join(np.array(one.names)[at_edge])
-            found.append(f"{one.source}: {names} at an end of the band, by less than clocks are known ({CLOCK:g})")
+            found.append(f"{one.source}: {names} at an end of the band, by less than frequencies are known")
         ringing = ~one.settled & inside(r, one.frequency)
         size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
         if size**2 > WORTH * value**2:
@@ -244,7 +255,7 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
     return found
 
 
-NEAR = "nearer to the limit than phases and amplitudes are known"
+NEAR = "nearer to the limit than phases, amplitudes and frequencies are known"
 
 
 def _costs(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, ...], tuple[Cost, ...]]:
@@ -303,7 +314,7 @@ def _by_curve(
     chosen = _with_gaps(own, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
     edges = np.array([*(point.frequency for point in curve), own.lowest, own.highest])
-    low, high = off_clock(tones.frequency)
+    low, high = tones.ends
     maybe = [tones.frequency, low, high, *np.clip(edges[:, None], low, high)]
     over = [
         np.min([_over(r, f, tones.least, surely=True) for f in maybe], axis=0),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.limits import Limit
-from microvib.analysis.margins import BEYOND
+from microvib.analysis.margins import BEYOND, frequency_doubt
 from microvib.model.expected import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import NOT_APART
@@ -83,9 +83,9 @@ class LineStatistics:
 
 
 def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
-    """Amplitudes of a line (cases,); nan where it is outside of ``band`` [Hz], absent or not computed."""
+    """Amplitudes of a line (cases,); nan where it is outside of ``band`` [Hz] by more than CLOCK, absent or not computed."""
     f = results.of(line, "frequency")  # comparisons with nan are false
-    return np.where(inside(f, *band) & (results.state == DONE), results.of(line), np.nan)
+    return np.where(inside(f, *band, frequency_doubt(f)) & (results.state == DONE), results.of(line), np.nan)
 
 
 def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:

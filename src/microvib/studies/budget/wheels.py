@@ -1,0 +1,392 @@
+"""Reaction wheels: their lines at a speed, and the worst of a range of speeds for each requirement, with a bound on what it may be.
+
+The range is divided at every speed at which something may change at once: where an order passes an end of a band or a point of a
+curve. Of each interval an upper bound is formed, from the largest amplitude of each order in it and the largest weight of the
+metric; intervals whose bound is above the largest figure found are halved until none is left, so that what lies between the speeds
+that were tried is known to ``TOLERANCE``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from microvib.analysis.margins import CLOCK, frequency_doubt
+from microvib.model.coupling import transfer_from
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
+from microvib.signals.pointing import EVERYWHERE, Metric, in_window, weight
+from microvib.studies.budget.files import Requirement, Wheel
+from microvib.studies.budget.sources import (
+    Contribution,
+    Gap,
+    below,
+    doubt_by_response,
+    held_anywhere,
+    natural_frequencies,
+)
+from microvib.units import inside as in_band
+
+SPEEDS = 101
+"""Speeds that tables show of a range, besides those at which an order meets a mode."""
+TOLERANCE = 0.005
+"""Part by which the figure of a range of speeds may be above the largest that was found."""
+_ENVELOPE = 0.002
+"""Part by which amplitudes may be above the larger of two neighbours of the grid on which they are known."""
+_GRID = 2e-3
+"""Relative distance of frequencies of that grid apart from resonances."""
+_ROUNDS = 40
+"""How often intervals are halved, those with the largest bounds first."""
+_AXES = {"x": [0], "y": [1], "radial": [0, 1]}
+_LARGEST: dict[Metric, float] = {
+    "ape": 1.0, "mpe": 1.0, "rpe": 2.0, "smear": 1.31, "jitter": 3.31, "stability": 2.0, "pde": 2.0,
+}  # fmt: skip
+"""No amplitude in a window is larger than the line's own by more than this factor."""
+_LARGEST_WEIGHT: dict[Metric, float] = {
+    "ape": 1.0, "mpe": 1.0, "rpe": 1.0, "smear": 0.5705, "jitter": 1.0, "stability": 4.0, "pde": 4.0,
+}  # fmt: skip
+
+
+def in_any_phase(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest amplitudes (...) that parts (p, ...) of a line make whose phases to each other are not known, and by which part of
+    them the line may be smaller and larger, (2, ...)."""
+    most = np.sum(sizes, axis=0)
+    least = np.maximum(2.0 * np.max(sizes, axis=0) - most, 0.0)
+    less = np.divide(most - least, most, out=np.zeros_like(most), where=most > 0.0)
+    return most, np.array([less, 0.0 * less])
+
+
+@dataclass(frozen=True)
+class WheelOnCraft:
+    """A wheel at its place on the hub of a scenario with drive and array."""
+
+    name: str
+    wheel: Wheel
+    scenario: Scenario
+    place: np.ndarray
+    """Motion of the place by the hub's coordinates, (6, n)."""
+
+    @cached_property
+    def orders(self) -> np.ndarray:
+        """Cycles per turn, ascending, (o,)."""
+        return np.unique([h.order for h in self.wheel.harmonics])
+
+    @cached_property
+    def _parts(self) -> np.ndarray:
+        """Loads by the square of the speed, each with a phase of its own, (p, o, 6)."""
+        axis = np.array(self.wheel.axis) / np.linalg.norm(self.wheel.axis)
+        first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        first /= np.linalg.norm(first)
+        turning = first - 1j * np.cross(axis, first)
+        shapes = [("radial_force", np.r_[turning, 0, 0, 0]), ("radial_torque", np.r_[0, 0, 0, turning])]
+        shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
+        parts = [
+            getattr(h, key) * shape * (self.orders == h.order)[:, None]
+            for h in self.wheel.harmonics
+            for key, shape in shapes
+        ]
+        return np.array([part for part in parts if part.any()] or parts[:1])
+
+    def _sizes(self, frequency: np.ndarray) -> np.ndarray:
+        """Amplitudes [rad] of the parts of each order at its frequencies (o, n) [Hz], (p, o, n, 2)."""
+        by = transfer_from(self.scenario, frequency.ravel(), self.place).reshape(*frequency.shape, 2, 6)
+        speed = 2.0 * np.pi * frequency / self.orders[:, None]
+        return np.asarray(np.abs(np.einsum("onkc,poc->ponk", by, self._parts)) * speed[:, :, None] ** 2)
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Ends of the range [rad/s]."""
+        return self.wheel.speed, self.wheel.speed_to or self.wheel.speed
+
+    def frequencies(self, speeds: np.ndarray) -> np.ndarray:
+        """Of each order [Hz] at speeds (n,) [rad/s], (n, o)."""
+        return np.asarray(speeds[:, None] * self.orders / (2.0 * np.pi))
+
+    def at(self, speeds: np.ndarray) -> tuple[Contribution, ...]:
+        """Its lines at each of the speeds (n,) [rad/s]."""
+        f = self.frequencies(speeds)
+        los, doubt = in_any_phase(self._sizes(f.T).transpose(0, 2, 1, 3))
+        names = tuple(f"order {order:g}" for order in self.orders)
+        return tuple(
+            Contribution(
+                self.name, f"wheel at {_rpm(speed):.5g} rpm", names, f[k], np.nan_to_num(los[k]),
+                gaps=below(bool(np.isnan(los[k]).any())), doubt=np.nan_to_num(doubt[:, k]), phased=False,
+                frequency_doubt=np.zeros(self.orders.size),
+            )
+            for k, speed in enumerate(speeds)
+        )  # fmt: skip
+
+    def contribution(self) -> Contribution:
+        """At its speed, known as well as speeds are; or of a range, of which each requirement takes the worst."""
+        low, high = self.speeds
+        if low == high:
+            (one,) = self.at(np.array([low]))
+            off = np.asarray(frequency_doubt(one.frequency))
+            return replace(one, doubt=one.doubt + self._beside(one.frequency, off), frequency_doubt=off)
+        # what tables and pictures show: a grid, and where an order meets a mode
+        modes = [
+            m.frequency * (1.0 + max(m.damping, 1e-5) * x)
+            for m in coupled_modes(self.scenario)
+            for x in (-0.5, 0.0, 0.5)
+        ]
+        met = np.outer(2.0 * np.pi * np.array(modes), 1.0 / self.orders).ravel()
+        each = self.at(np.union1d(np.linspace(low, high, SPEEDS), met[(met > low) & (met < high)]))
+        largest = max(each, key=lambda one: float(np.sum(np.abs(one.los) ** 2)))
+        how = f"wheel, the worst of {_rpm(low):.5g} to {_rpm(high):.5g} rpm"
+        return replace(largest, how=how, alternatives=each, sweep=self)
+
+    def _beside(self, frequency: np.ndarray, off: np.ndarray) -> np.ndarray:
+        """Relative doubt of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a drive that holds may stand."""
+        each = [replace(self, scenario=one) for one in held_anywhere(self.scenario)]
+        modes = np.concatenate([natural_frequencies(one.scenario) for one in each])
+        return doubt_by_response([one._response for one in each], frequency, off, modes)
+
+    def _response(self, at: np.ndarray) -> np.ndarray:
+        """Amplitudes (o n, 2) at frequencies (o n,) of one order after another."""
+        return np.asarray(in_any_phase(self._sizes(at.reshape(self.orders.size, -1)))[0].reshape(-1, 2))
+
+    # ---- A range of speeds ----
+
+    @cached_property
+    def grid(self) -> np.ndarray:
+        """Frequencies [Hz] that resolve every resonance, ascending, (m,)."""
+        low, high = (float(x) for x in self.frequencies(np.array(self.speeds))[[0, 1], [0, -1]])
+        low, high = low * (1.0 - 2.0 * CLOCK), high * (1.0 + 2.0 * CLOCK)
+        found = [np.geomspace(low, high, int(math.log(high / low) / _GRID) + 3)]
+        for mode in coupled_modes(self.scenario):
+            damping = max(mode.damping, 1e-6)
+            reach = math.asinh(max(30.0, 2.0 * _GRID / damping))
+            found.append(
+                mode.frequency * (1.0 + damping * np.sinh(np.linspace(-reach, reach, 2 * int(10.0 * reach) + 1)))
+            )
+        grid = np.unique(np.concatenate(found))
+        return grid[(grid >= low) & (grid <= high)]
+
+    @cached_property
+    def amplitudes(self) -> np.ndarray:
+        """Amplitudes of each order over the grid [rad], (o, m, 2), 0 where they mean nothing."""
+        by = transfer_from(self.scenario, self.grid, self.place)
+        found = np.zeros((self.orders.size, self.grid.size, 2))
+        for part in self._parts:
+            found += np.abs(np.einsum("mkc,oc->omk", np.nan_to_num(by), part))
+        speed = 2.0 * np.pi * self.grid / self.orders[:, None]
+        return found * speed[:, :, None] ** 2
+
+    def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each order the frequencies that it passes, (n,) [Hz], and its amplitudes there, (n, 2) [rad]."""
+        found = []
+        for order, size in zip(self.orders, self.amplitudes, strict=True):
+            low, high = (speed * order / (2.0 * math.pi) for speed in self.speeds)
+            passed = in_band(self.grid, low, high, frequency_doubt(self.grid))
+            found.append((self.grid[passed], size[passed]))
+        return found
+
+    def worst(self, r: Requirement, figure: Callable[[Contribution], float]) -> Contribution:
+        """The speed that is worst for a requirement, with the doubt of what lies between the speeds that were tried.
+
+        ``figure`` is what the requirement asks of lines, or for a curve their largest part of it.
+        """
+        scores: list[_Score] = []
+        if r.curve is not None:
+            scores = [_OverCurve(self, r)]
+        else:
+            scores = [_Rms(self, r)] if r.statistic != "bound" else []
+            scores += [_Crest(self, r)] if r.statistic != "rms" else []
+        found = [_maximum(self, score) for score in scores]
+        each = self.at(np.unique(np.concatenate([one.speeds for one in found])))
+        sizes = [figure(one) for one in each]
+        best = each[int(np.argmax(sizes))]
+        if max(sizes) == 0.0:
+            best = replace(best, gaps=(*best.gaps, *self._beyond(figure)))
+        ratio = max(one.upper / one.value if one.value > 0.0 else 1.0 + TOLERANCE for one in found)
+        less, more = best.doubts + self._beside(best.frequency, np.zeros(self.orders.size))
+        return replace(best, doubt=np.array([less, (1.0 + more) * max(ratio, 1.0) - 1.0]))
+
+    def _beyond(self, figure: Callable[[Contribution], float]) -> tuple[Gap, ...]:
+        """What lines add that are in the band only at a speed just beyond the range."""
+        low, high = self.speeds
+        each = [one for one in self.at(np.array([low * (1.0 - CLOCK), high * (1.0 + CLOCK)])) if figure(one) > 0.0]
+        why = f"its range of speeds ends nearer to the band than speeds are known ({CLOCK:g})"
+        return tuple(Gap(why, 0.0, math.inf, one.frequency, np.abs(one.los)) for one in each)
+
+
+def _rpm(speed: float) -> float:
+    return 60.0 * speed / (2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class _Found:
+    speeds: np.ndarray
+    """The best that were tried, within the range [rad/s], and others near the best of all."""
+    value: float
+    upper: float
+    """Above which nothing in the range is."""
+
+
+class _Score:
+    """A figure of the lines at a speed, and a bound on it between two."""
+
+    halved = 1024
+    """Intervals that are halved at a time."""
+
+    def __init__(self, wheel: WheelOnCraft, r: Requirement) -> None:
+        self.wheel, self.r = wheel, r
+        self.axes = _AXES[r.axis]
+        self.window = r.window or r.apart or 1.0
+        self.low, self.high = r.lowest, math.inf if r.highest is None else r.highest
+        self.sizes = np.ascontiguousarray(wheel.amplitudes[:, :, self.axes])
+
+    def breaks(self) -> Sequence[float]:
+        """Frequencies [Hz] at which something changes at once."""
+        modes = natural_frequencies(self.wheel.scenario).tolist()
+        return [f for f in (self.low, self.high, *modes) if 0.0 < f < math.inf]
+
+    def amplitude(self, f: np.ndarray) -> np.ndarray:
+        """Of each order at its frequencies (n, o), (n, o, axes); 0 outside of the band."""
+        found = np.empty((*f.shape, len(self.axes)))
+        for k, size in enumerate(self.sizes):
+            for j in range(len(self.axes)):
+                found[:, k, j] = np.interp(f[:, k], self.wheel.grid, size[:, j])
+        return found * in_band(f, self.low, self.high)[:, :, None]
+
+    def largest(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """Bound on the amplitudes of each order between frequencies ``f`` and ``g`` (n, o), (n, o, axes); 0 outside of the band."""
+        last = self.wheel.grid.size - 1
+        found = np.empty((*f.shape, len(self.axes)))
+        first = np.clip(np.searchsorted(self.wheel.grid, f) - 1, 0, last)
+        behind = np.clip(np.searchsorted(self.wheel.grid, g) + 1, first + 1, last + 1)
+        for k, size in enumerate(self.sizes):
+            padded = np.vstack([size, size[-1:]])
+            pairs = np.column_stack([first[:, k], behind[:, k]]).ravel()
+            found[:, k] = np.maximum.reduceat(padded, pairs, axis=0)[::2]
+        touches = (g >= self.low * (1.0 - 1e-9)) & (f <= self.high * (1.0 + 1e-9))
+        return found * (1.0 + _ENVELOPE) * touches[:, :, None]
+
+    def steepest(self, f: np.ndarray, g: np.ndarray, *, crest: bool) -> np.ndarray:
+        """Largest change with frequency [1/Hz], from ``f`` to ``g``, of a line of 1 in a window: of its rms, or at any instant."""
+        last, first = np.pi * g * self.window, np.maximum(np.pi * f * self.window, 1e-12)
+        mean = np.minimum(0.44, 1.0 / first + 1.0 / first**2)  # of the spherical Bessel function j_0, and of 3 j_1
+        slope = np.minimum(1.0, 3.0 / first + 6.0 / first**2 + 6.0 / first**3)
+        by_window, by_change = np.zeros_like(first), np.zeros_like(first)
+        match self.r.metric:
+            case "mpe" | "pde":
+                by_window = mean * (2.0 if self.r.metric == "pde" else 1.0)
+            case "rpe":
+                by_window = np.full_like(first, 1.44 if crest else math.sqrt(1.0 / 3.0))
+            case "smear":
+                by_window = slope * (1.0 if crest else math.sqrt(1.0 / 3.0))
+            case "jitter":
+                by_window = np.minimum(2.44, 0.9 * last) if crest else np.minimum(math.sqrt(1.0 / 3.0), 0.35 * last)
+        if self.r.metric in ("stability", "pde"):
+            by_change = 2.0 * (np.minimum(1.0, 1.0 / first) if self.r.metric == "pde" else np.ones_like(first))
+        return np.asarray(math.pi * (by_window * self.window + by_change * (self.r.apart or self.window)))
+
+    def at(self, f: np.ndarray) -> np.ndarray:
+        """The figure of orders at frequencies (n, o), (n,)."""
+        raise NotImplementedError
+
+    def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """A bound on it between frequencies (n, o), (n,)."""
+        raise NotImplementedError
+
+
+class _Rms(_Score):
+    def at(self, f: np.ndarray) -> np.ndarray:
+        w = weight(self.r.metric, f, self.window, self.r.apart)
+        return np.asarray(np.sqrt(0.5 * np.einsum("no,noa->n", w, self.amplitude(f) ** 2)))
+
+    def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+        middle, half = 0.5 * (f + g), 0.5 * (g - f)
+        # a weight is the mean square of an amplitude: its root changes no faster than that
+        root = np.sqrt(np.maximum(weight(self.r.metric, middle, self.window, self.r.apart), 0.0))
+        w = np.minimum((root + self.steepest(f, g, crest=False) * half) ** 2, _LARGEST_WEIGHT[self.r.metric])
+        return np.asarray(np.sqrt(0.5 * np.einsum("no,noa->n", w, self.largest(f, g) ** 2)))
+
+
+class _Crest(_Score):
+    """All lines at their crests at the worst instant of the window."""
+
+    halved = 192
+
+    def _factors(self, f: np.ndarray) -> np.ndarray:
+        """Amplitudes in the window of lines of 1, at its instants, (t, n, o)."""
+        found = np.abs(in_window(self.r.metric, f.ravel(), np.ones(f.size), self.window, self.r.apart, EVERYWHERE[::5]))
+        return found.reshape(-1, *f.shape)
+
+    def _total(self, factors: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        each = np.einsum("tno,noa->tna", factors, sizes).max(axis=0)
+        return np.asarray(np.linalg.norm(each, axis=1))
+
+    def at(self, f: np.ndarray) -> np.ndarray:
+        return self._total(self._factors(f), self.amplitude(f))
+
+    def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+        factors = self._factors(0.5 * (f + g)) + self.steepest(f, g, crest=True) * 0.5 * (g - f)
+        return self._total(np.minimum(factors, _LARGEST[self.r.metric]), self.largest(f, g))
+
+
+class _OverCurve(_Score):
+    """Largest part of what a curve allows."""
+
+    def __init__(self, wheel: WheelOnCraft, r: Requirement) -> None:
+        super().__init__(wheel, r)
+        curve = r.curve or ()
+        self._f, self._allowed = (np.array([getattr(p, name) for p in curve]) for name in ("frequency", "amplitude"))
+        self.low, self.high = max(self.low, float(self._f[0])), min(self.high, float(self._f[-1]))
+
+    def breaks(self) -> Sequence[float]:
+        return [*super().breaks(), *self._f.tolist()]
+
+    def _over(self, f: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        allowed = np.exp(np.interp(np.log(f), np.log(self._f), np.log(self._allowed)))
+        return np.asarray(np.linalg.norm(sizes, axis=2) / allowed)
+
+    def at(self, f: np.ndarray) -> np.ndarray:
+        return np.asarray(self._over(f, self.amplitude(f)).max(axis=1))
+
+    def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+        sizes = self.largest(f, g)
+        return np.asarray(np.maximum(self._over(f, sizes), self._over(g, sizes)).max(axis=1))
+
+
+def _maximum(wheel: WheelOnCraft, score: _Score) -> _Found:
+    """The largest figure of a range of speeds: where, what was found and a bound above which it is not."""
+    low, high = wheel.speeds
+    ends = np.array([low * (1.0 - CLOCK), low, high, high * (1.0 + CLOCK)])
+    breaks = np.outer(2.0 * np.pi * np.array(score.breaks()), 1.0 / wheel.orders).ravel()
+    edges = np.unique(np.concatenate([ends, np.geomspace(low, high, SPEEDS), breaks]))
+    edges = edges[(edges >= ends[0]) & (edges <= ends[-1])]
+    tried = edges[(edges >= low) & (edges <= high)]
+    values = score.at(wheel.frequencies(tried))
+    starts, stops = edges[:-1], edges[1:]
+    bounds = score.between(wheel.frequencies(starts), wheel.frequencies(stops))
+    # just beyond the range, where speeds may be off, nothing is chosen, but halving what is known there would gain nothing
+    beyond = float(score.at(wheel.frequencies(ends[[0, -1]])).max())
+    closed = 0.0  # largest bound of intervals that need no halving
+    for _ in range(_ROUNDS):
+        best = max(float(values.max()), beyond)
+        open_ = bounds > best * (1.0 + TOLERANCE)
+        closed = max(closed, float(bounds[~open_].max(initial=0.0)))
+        starts, stops, bounds = starts[open_], stops[open_], bounds[open_]
+        if not bounds.size:
+            break
+        order = np.argsort(-bounds)
+        first, later = order[: score.halved], order[score.halved :]
+        middles = 0.5 * (starts[first] + stops[first])
+        within = middles[(middles >= low) & (middles <= high)]
+        if within.size:
+            tried, values = np.r_[tried, within], np.r_[values, score.at(wheel.frequencies(within))]
+        new = np.r_[starts[first], middles], np.r_[middles, stops[first]]
+        halved = score.between(*(wheel.frequencies(x) for x in new))
+        starts, stops = np.r_[starts[later], new[0]], np.r_[stops[later], new[1]]
+        bounds = np.r_[bounds[later], halved]
+    value = float(values.max())
+    upper = max(closed, float(bounds.max(initial=0.0)), value)
+    order, place = np.sort(tried), np.argsort(-values)
+    k = int(np.searchsorted(order, tried[place[0]]))
+    near = np.linspace(order[max(k - 1, 0)], order[min(k + 1, order.size - 1)], 25)
+    return _Found(np.r_[tried[place[:8]], near], value, upper)
