@@ -312,12 +312,16 @@ def test_a_steady_run_starts_in_its_steady_state(tmp_path):
 
 
 def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
-    uneven = ["--set", "reducer.transmission_error=[{order: 2, amplitude: 10 arcsec}]"]
+    uneven = ["--set", "friction.position={harmonics: [{order: 1, amplitude: 0.05}]}"]
     done = microvib("run", "state-1", *SHORT, *uneven, "--steady", "--lines-only", "--out", "lines", cwd=tmp_path)
     assert done.exit_code == 0, done.stderr
-    assert "No steady state: the transmission error repeats with the command only every 1600 microsteps" in done.stdout
+    assert (
+        "No steady state: friction that varies with the angle repeats only with each turn of the array" in done.stdout
+    )
+    assert "friction.position: null leaves it out" in done.stdout
+    assert "record.start" not in done.stdout
     summary = json.loads((tmp_path / "lines" / "summary.json").read_text())
-    assert summary["solver"]["steady"].startswith("not used: the transmission error")
+    assert summary["solver"]["steady"].startswith("not used: friction that varies")
     assert rows(tmp_path / "lines")["array_mode_1"]["status"] == "decaying"
 
 

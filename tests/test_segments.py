@@ -31,15 +31,13 @@ def chain(period, segments, x):
     """Starts of all segments and the end of the last, one after the other; and all that is known of each segment."""
     states, known = [x], []
     for j in range(segments.bounds.size - 1):
-        known.append(
-            segments.advance(states[-1][None], segments.bounds[j : j + 1], segments.bounds[j + 1 : j + 2], True)
-        )
+        known.append(segments.advance(states[-1][None], segments.bounds[j : j + 1], segments.bounds[j + 1 : j + 2], 20))
         states.append(known[-1].x[0])
     return np.array(states), known
 
 
 def test_segments_in_a_row_are_the_period(period):
-    segments = Segments(period, rows=20)
+    segments = Segments(period)
     assert segments.bounds[0] == 0
     assert segments.bounds[-1] == period.microsteps
     assert np.all(np.diff(segments.bounds) > 0)
@@ -62,9 +60,9 @@ def test_segments_in_a_row_are_the_period(period):
 
 
 def test_all_segments_at_once_are_those_one_by_one(period):
-    segments = Segments(period, rows=20)
+    segments = Segments(period)
     states, known = chain(period, segments, period.advance(period.guess()))
-    together = segments.advance(states[:-1], segments.bounds[:-1], segments.bounds[1:], True)
+    together = segments.advance(states[:-1], segments.bounds[:-1], segments.bounds[1:], 20)
     assert np.array_equal(together.x, states[1:])
     assert np.array_equal(together.T_d, np.concatenate([ends.T_d for ends in known]))
     assert np.array_equal(together.stuck, np.concatenate([ends.stuck for ends in known]))
@@ -76,7 +74,7 @@ def test_all_segments_at_once_are_those_one_by_one(period):
 
 def test_a_segment_that_fails_says_so(state_1):
     period = PeriodMap(state_1, 16)
-    segments = Segments(period, rows=20)
+    segments = Segments(period)
     x = np.tile(period.guess(), (8, 1))
     x[3, kernel.WM] = 1e4
     with pytest.raises(NotPeriodic, match="synchronism"):
