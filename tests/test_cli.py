@@ -315,9 +315,7 @@ def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
     uneven = ["--set", "friction.position={harmonics: [{order: 1, amplitude: 0.05}]}"]
     done = microvib("run", "state-1", *SHORT, *uneven, "--steady", "--lines-only", "--out", "lines", cwd=tmp_path)
     assert done.exit_code == 0, done.stderr
-    assert (
-        "No steady state: friction that varies with the angle repeats only with each turn of the array" in done.stdout
-    )
+    assert "No steady state: friction that varies with the angle does not repeat with the command" in done.stdout
     assert "friction.position: null leaves it out" in done.stdout
     assert "record.start" not in done.stdout
     summary = json.loads((tmp_path / "lines" / "summary.json").read_text())

@@ -295,6 +295,8 @@ def test_a_rigid_reducer_mixes_a_friction_that_sticks_with_one_that_remembers(st
     assert np.std(fine["T_d"] - motion["T_d"]) < 0.02 * np.std(fine["T_d"])
 
 
-def test_steady_states_are_left_to_a_run_in_time(presliding):
-    with pytest.raises(mv.SimulationError, match="memory"):
-        steady_state(presliding)
+def test_a_steady_state_goes_on_with_what_the_elements_remember(presliding):
+    state = steady_state(presliding)
+    record = mv.lines(state.motion(channels=("T_d",)))
+    for name in ("drive_1", "drive_2"):
+        assert record[name].amplitude_n_m == pytest.approx(mv.lines(state)[name].amplitude_n_m, rel=0.01)

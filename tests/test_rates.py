@@ -136,7 +136,7 @@ def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
         }
     )
     case = full_case(uneven, Si(0.06 * DEG), 16)
-    assert "each turn of the array" in case.reason
+    assert "does not repeat with the command" in case.reason
     assert case.lines
     both = plan_rates(weak, rate_grid("0.29 deg/s", "0.3 deg/s", 2), (16,), limit="10 mN*m")
     assert both.best() is None
@@ -259,7 +259,7 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
     with (out / "rates.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert {row["microsteps"] for row in rows} == {"16", "32"}
-    assert all(row["status"] == "steady" or row["status"].startswith("in time: several motions") for row in rows)
+    assert all(row["status"] == "steady" or row["status"].startswith("in time: a run from rest") for row in rows)
     assert sum(row["status"] == "steady" for row in rows) > 0.8 * len(rows)
     drive = next(row for row in rows if row["line"] == "drive_2")
     assert float(drive["order"]) == pytest.approx(2.0)

@@ -150,7 +150,7 @@ def test_a_mode_without_damping_has_a_steady_state_all_the_same(state_1):
             {"tracking": {"profile": [{"rate": 0.001, "ramp": 5.0, "hold": 1.0}, {"rate": 0.002, "ramp": 4.0}]}},
             "the rate changes in the record",
         ),
-        ({"friction.position": {"harmonics": [{"order": 1, "amplitude": 0.05}]}}, "repeats only with each turn of the array"),
+        ({"friction.position": {"harmonics": [{"order": 1, "amplitude": 0.05}]}}, "does not repeat with the command"),
     ],
 )  # fmt: skip
 def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, changes, why):

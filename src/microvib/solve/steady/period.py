@@ -60,8 +60,7 @@ class PeriodMap:
             )
         if scenario.friction.position is not None and scenario.friction.position.acts:
             raise NotPeriodic(
-                "friction that varies with the angle repeats only with each turn of the array (friction.position: null leaves"
-                " it out)"
+                "friction that varies with the angle does not repeat with the command (friction.position: null leaves it out)"
             )
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
