@@ -1,5 +1,7 @@
 """Recordings of another sign, unit or axis: no model explains them, and what would is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,21 @@ def test_a_fit_to_a_reversed_recording_says_so(short, torque):
     )
     assert not fit.goodness.explained
     assert "with its sign reversed the model explains it" in fit.notes[1]
+
+
+def test_the_least_misfit_and_the_error_that_would_explain_are_told(short, torque):
+    """Of amplitudes that are wrong by 3 % where 0.4 % was stated."""
+    one = evidence_of(Recording({"Mz": torque}, 4096.0, {"Mz": "N*m"}, title="made"), short)
+    random = np.random.default_rng(4)
+    wrong = [
+        o if o.form != "amplitude" else replace(o, value=o.value * random.lognormal(0.0, 0.03))
+        for o in one.observations
+    ]
+    fit = identify(short, [replace(one, observations=tuple(wrong))], ["reducer.stiffness"], starts=8)
+    assert not fit.goodness.explained
+    assert fit.converged
+    assert fit.estimates[0].estimate == pytest.approx(5300.0, rel=0.03)
+    (told,) = (note for note in fit.notes if "model_error" in note)
+    error = float(told.removeprefix("At a model_error of ").split(" percent")[0])
+    assert 0.4 < error < 4.0
+    assert ", in place of 0.4 percent, it would explain them" in told

@@ -351,9 +351,10 @@ def _fit(found: Findings, wholes: Sequence[WholeKey], seed: int, interrupted: bo
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
     fit, off = goodness(problem, best.r), deviations(problem, best.x)
+    errors = () if found.misread else needed_error(problem, best.r)
     notes += (
-        *needed_error(problem, best.r),
         *found.misread,
+        *errors,
         *hints(problem.tests, after, off),
         *((found.note,) if found.note else ()),
     )
