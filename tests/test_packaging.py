@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from support.commands import SHORT
 
 from microvib.errors import missing_library
 
@@ -102,7 +103,7 @@ def test_a_module_that_no_installation_brings_is_a_bug(module):
         ("typst", "report", ["run", "state-1", "--pdf", "--out", "x"]),
         ("pyfe3d", "fem", ["modes", "reference-array"]),
         ("pyyeti", "fem", ["modes", "model.op4", "--units", "SI", "--interface", "0,0,0", "--drive-axis", "z"]),
-        ("pyuff", "test-data", ["analyse", "recording.uff"]),
+        ("pyuff", "test-data", ["measure", "state-1", "-o", "new.uff", *SHORT]),
         ("nptdms", "test-data", ["analyse", "recording.tdms"]),
         ("distributed", "dask", ["campaign", "run", "cases", "--on", "dask"]),
     ],

@@ -326,13 +326,13 @@ def test_pdf_of_a_run(document):
     content = pdf(document)
     assert content.startswith(b"%PDF")
     found = pages(content)
-    assert len(found) == 6
+    assert len(found) == 7
     assert document.title in found[0]
     assert "FAIL" in found[0]
     assert "All lines" not in found[0]  # the first page is a page
     assert "All lines" in found[1]
     for k, text in enumerate(found, 1):
-        assert f"page {k} of 6" in text
+        assert f"page {k} of 7" in text
         assert document.made.split("…")[0] in text
 
 

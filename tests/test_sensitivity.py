@@ -96,7 +96,7 @@ def test_the_command_prints_a_table_or_json(tmp_path):
     data = json.loads(microvib("sensitivity", "my.yaml", "--json", *brief, cwd=tmp_path).stdout)
     drive = next(line for line in data["lines"] if line["line"] == "drive_1")
     assert {e["key"] for e in drive["effects"]} == {
-        "reducer.stiffness", "reducer.damping", "reducer.transmission_error.0.amplitude"
+        "reducer.stiffness", "reducer.damping", "reducer.transmission_error.0.amplitude", "reducer.wave_generator_inertia"
     }  # fmt: skip
 
 

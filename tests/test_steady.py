@@ -187,10 +187,7 @@ def test_of_several_motions_the_one_that_a_start_from_rest_leads_to_is_found(sce
 @pytest.mark.parametrize(
     ("seed", "why"),
     [
-        (
-            51,
-            "a run from rest of .* s does not settle",
-        ),  # small deviations grow, though its derivative does not show it
+        (51, "a run from rest .*does not settle"),  # small deviations grow, though its derivative does not show it
         (18, r"friction that falls with the rate keeps it ringing: .* 3\d\d s .*, 1\d\.\d s by the modes' own damping"),
     ],
 )

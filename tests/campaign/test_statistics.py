@@ -151,8 +151,10 @@ def test_points_with_draws_of_their_own_scatter_as_seeds_do(tmp_path):
     assert (row.mean, row.deviation) == pytest.approx((seeds.mean_n_m, seeds.deviation_n_m), rel=1e-3)
     alike = study(set=record | noise, vary={"motor.current": ["0.6 A"]}, sampling=sampling)
     assert design(alike).scenario(0).friction.torque_noise.seed == 7
-    assert "Every point has its own draw" in _sampling(results.campaign)
-    assert "All cases have one draw" in _sampling(replace(results.campaign, design=design(alike)))
+    assert "Every point has its own draw" in _sampling(results.campaign, summarise(results, None, EVERYTHING))
+    assert "All cases have one draw" in _sampling(
+        replace(results.campaign, design=design(alike)), summarise(results, None, EVERYTHING)
+    )
 
 
 def test_a_percentile_needs_draws_that_bound_it():
